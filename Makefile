@@ -1,0 +1,29 @@
+# Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
+.DEFAULT_GOAL := help
+.PHONY: help setup render test lint bench clean
+
+OUT ?= out/cornell_box
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## create .venv, install the package, find or install LLVM
+	@sh .ci/setup
+
+render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
+	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
+
+test: setup ## run all tests; ARGS='-m "not slow and not statistical"' runs the fast ones
+	.venv/bin/python -m pytest $(ARGS)
+
+lint: setup ## check style and types
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/pyright
+
+bench: setup ## time the renderer against Mitsuba's steady path tracer and mitransient
+	.venv/bin/python -m benchmarks $(ARGS)
+
+clean: ## remove out/, caches and builds (not .venv)
+	rm -rf out build dist .pytest_cache .ruff_cache .hypothesis
+	find . -path ./.venv -prune -o -name __pycache__ -type d -exec rm -rf {} +

@@ -1,0 +1,253 @@
+"""The command line: quick help, one line for whatever is wrong, a folder that appears whole."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import tofrender
+from tofrender.cli import main
+
+ROOT = Path(__file__).parents[1]
+XML = ROOT / "scenes" / "cornell_box.xml"
+TINY = ["--size", "8x6", "--bins", "20", "--bin-width", "0.3", "--spp", "4"]
+COMMAND = [sys.executable, "-m", "tofrender"]
+HEAVY = ("mitsuba", "drjit", "numpy", "xarray", "matplotlib", "OpenEXR")
+
+
+def run(capsys, *arguments: object) -> tuple[int, str, str]:
+    """Exit status, stdout and stderr of the command, in this process."""
+    status = main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def refused(capsys, *arguments: object) -> str:
+    """The one line with which bad input is refused."""
+    status, out, err = run(capsys, *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    return err[len("error: ") : -1]
+
+
+# ------------------------------------------------------------------------------------ help
+
+
+@pytest.mark.parametrize("arguments", [[], ["render"], ["scenes"], ["doctor"]])
+def test_help_is_quick(arguments):
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = subprocess.run(
+            [*COMMAND, *arguments, "--help"], capture_output=True, text=True, cwd=ROOT, check=True
+        )
+        seconds.append(time.perf_counter() - start)
+        assert "Usage: tofrender" in done.stdout
+    assert min(seconds) < 0.5
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; sys.argv = ['tofrender']; from tofrender.cli import main; "
+        f"main(['render', '--help']); print([m for m in {HEAVY} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "[]", done.stderr
+
+
+def test_bare_command_shows_help(capsys):
+    status, out, _ = run(capsys)
+    assert status == 0
+    for command in ("render", "scenes", "doctor"):
+        assert command in out
+
+
+def test_version(capsys):
+    assert run(capsys, "--version") == (0, f"tofrender {tofrender.__version__}\n", "")
+
+
+def test_scenes(capsys):
+    status, out, _ = run(capsys, "scenes")
+    assert status == 0
+    assert len(out.splitlines()) >= 5
+    assert all(len(line) <= 100 for line in out.splitlines())
+    assert "cornell_box_glass  " in out
+
+
+# -------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--spp", "0"], "--spp = 0: must be an integer from 1 to 16777216"),
+        (["--spp", "-4"], "--spp = -4: must be an integer"),
+        (["--spp", "4.5"], "--spp = 4.5: must be an integer"),
+        (["--spp", "1_000"], "--spp = '1_000': must be an integer"),
+        (["--bins", "many"], "--bins = 'many': must be an integer"),
+        (["--bins", "0"], "--bins = 0: must be an integer"),
+        (["--bins", "nan"], "--bins = nan: must be an integer"),
+        (["--size", "64"], "--size = '64': must be width x height in pixels, like 256x256"),
+        (["--size", "0x64"], "--size = 0: must be an integer from 1 to 65536"),
+        (["--size", "64x"], "--size = '': must be an integer"),
+        (["--bin-width", "0"], "--bin-width = 0: must be a finite number of metres above 0"),
+        (["--bin-width", "-0.1"], "--bin-width = -0.1: must be a finite number"),
+        (["--bin-width", "inf"], "--bin-width = inf: must be a finite number"),
+        (["--start-opl", "nan"], "--start-opl = nan: must be a finite number of metres"),
+        (["--pulse-width", "wide"], "--pulse-width = 'wide': must be a finite number"),
+        (["--max-depth", "0"], "--max-depth = 0: must be an integer"),
+        (["--seed", "-1"], "--seed = -1: must be an integer from 0 to 4294967295"),
+        (["--sampler", "halton"], "--sampler = 'halton': must be one of"),
+        (["--sampler", "multijiter"], "--sampler = 'multijiter': did you mean 'multijitter'?"),
+        (["--integrator", "path"], "--integrator = 'path': must be one of"),
+        (["--variant", "llvm_ad_rgbb"], "variant = 'llvm_ad_rgbb': did you mean 'llvm_ad_rgb'?"),
+        (["--format", "exr"], "--format = 'exr': must be one of frames, multipart, npz"),
+        (["--precision", "double"], "--precision = 'double': must be one of half, float"),
+        (["--window", "all"], "--window = 'all': must be one of auto"),
+        (["-D", "spp"], "-D spp: must be name=value"),
+        (["-D", "spp=3"], "parameter spp = '3': only XML files have parameters"),
+        (["--sp", "3"], "No such option: --sp"),
+        (["--spp"], "Option '--spp' requires an argument."),
+    ],
+)
+def test_bad_option_is_one_line(capsys, tmp_path, arguments, text):
+    folder = tmp_path / "out"
+    assert text in refused(capsys, "render", "cornell_box", "--out", folder, *arguments)
+    assert not folder.exists()
+
+
+def test_bad_scene_is_one_line(capsys, tmp_path):
+    out = ["--out", tmp_path / "out"]
+    assert "did you mean cornell_box" in refused(capsys, "render", "cornel-box", *out)
+    assert "no.xml" in refused(capsys, "render", "no.xml", *out)
+    broken = tmp_path / "broken.xml"
+    broken.write_text('<scene version="3.0.0">\n<shape>\n')
+    assert "broken.xml" in refused(capsys, "render", broken, *out)
+    assert "its parameters are: width, height" in refused(capsys, "render", XML, *out, "-D", "w=3")
+    assert "Missing option '--out'" in refused(capsys, "render", "cornell_box")
+    assert "did you mean 'render'" in refused(capsys, "rendr").lower()
+
+
+def test_folder_with_other_content_is_refused(capsys, tmp_path):
+    (tmp_path / "thesis.tex").write_text("dear")
+    line = refused(capsys, "render", "cornell_box", "--out", tmp_path)
+    assert line.startswith(f"--out = {tmp_path}: ")
+    assert "thesis.tex" in line
+    assert (tmp_path / "thesis.tex").read_text() == "dear"
+    assert "--out" in refused(capsys, "render", "cornell_box", "--out", tmp_path / "thesis.tex")
+    assert "--out" in refused(capsys, "render", "cornell_box", "--out", "/proc/out")
+
+
+def test_failure_is_one_line_and_status_one(capsys, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("the lamp\n  broke")
+
+    monkeypatch.setattr("tofrender.rendering.render", fail)
+    arguments = ["render", "cornell_box", "--out", str(tmp_path / "out"), *TINY]
+    assert run(capsys, *arguments) == (1, "", "error: the lamp broke\n")
+    monkeypatch.setenv("TOFRENDER_DEBUG", "1")
+    with pytest.raises(RuntimeError):
+        main(arguments)
+
+
+# --------------------------------------------------------------------------------- renders
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+FRAMES = {f"frame_{k:04d}.exr" for k in range(20)} | {"steady.exr", "summary.png"}
+
+
+def test_render_and_render_again(capsys, tmp_path):
+    folder = tmp_path / "box"
+    arguments = ["render", "cornell-box", "--out", folder, *TINY, "--no-video"]
+    for _ in range(2):
+        status, out, err = run(capsys, *arguments)
+        assert status == 0, err
+        assert names(folder) == FRAMES
+        assert "frame_0000.exr ... frame_0019.exr, steady.exr, summary.png" in out
+        assert "samples per second" in out
+        assert "% of the energy outside the window" in out
+    assert names(tmp_path) == {"box"}
+    dataset = tofrender.load_exr_stack(folder)
+    assert dataset.attrs["scene"] == "cornell_box"
+    assert dataset.attrs["spp"] == 4
+    assert dict(dataset.sizes) == {"y": 6, "x": 8, "opl": 20, "channel": 3}
+
+
+@pytest.mark.parametrize(("layout", "file"), [("multipart", "stack.exr"), ("npz", "transient.npz")])
+def test_formats(capsys, tmp_path, layout, file):
+    folder = tmp_path / "box"
+    arguments = ["render", XML, "--out", folder, *TINY, "--no-video", "--format", layout]
+    status, _, err = run(capsys, *arguments, "-D", "max_depth=2")
+    assert status == 0, err
+    assert names(folder) == {file, "summary.png"}
+
+
+def test_video(capsys, tmp_path):
+    folder = tmp_path / "box"
+    assert run(capsys, "render", "cornell_box", "--out", folder, *TINY)[0] == 0
+    assert names(folder) == FRAMES | {"video.mp4"}
+
+
+def test_settings_arrive(capsys, tmp_path):
+    status, _, err = run(
+        capsys, "render", "cornell_box_steady_state", "--out", tmp_path / "box", *TINY,
+        "--start-opl", "3.0", "--pulse-width", "0.05", "--max-depth", "2", "--seed", "7",
+        "--sampler", "multijitter", "--format", "npz", "--no-video",
+    )  # fmt: skip
+    assert status == 0, err
+    dataset = tofrender.load_npz(tmp_path / "box" / "transient.npz")
+    assert dataset.attrs["start_opl"] == pytest.approx(3.0)
+    assert dataset.attrs["bin_width_opl"] == pytest.approx(0.3)
+    assert dataset.attrs["sampler"] == "multijitter"
+    assert dataset.attrs["seed"] == 7
+    assert "0.05" in dataset.attrs["pulse"]
+
+
+def test_interrupted_render_is_saved(capsys, tmp_path, monkeypatch):
+    import tofrender.rendering
+
+    whole = tofrender.rendering.render
+
+    def half(*arguments, **options):
+        dataset = whole(*arguments, **options)
+        dataset.attrs["complete"] = 0
+        return dataset
+
+    monkeypatch.setattr("tofrender.rendering.render", half)
+    folder = tmp_path / "box"
+    arguments = ["render", "cornell_box", "--out", folder, *TINY, "--no-video"]
+    status, _, err = run(capsys, *arguments)
+    assert status == 130
+    assert "interrupted" in err
+    assert names(folder) == FRAMES
+
+
+@pytest.mark.slow
+def test_ctrl_c(tmp_path):
+    folder = tmp_path / "box"
+    process = subprocess.Popen(
+        [*COMMAND, "render", "cornell_box", "--out", folder, "--spp", "65536", "--no-video"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    time.sleep(15)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert "interrupted" in err
+    assert names(tmp_path) in ({"box"}, set())

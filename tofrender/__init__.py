@@ -1,0 +1,69 @@
+"""tofrender: light in flight on Mitsuba 3 and Dr.Jit.
+
+Importing the package makes a Mitsuba variant active if none is: `cuda_ad_rgb` where CUDA works,
+else `llvm_ad_rgb`. A variant that is set stays, and switching later works.
+
+    import tofrender
+    dataset = tofrender.render("cornell_box", spp=64)
+    tofrender.save_exr_stack(dataset, "out")
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import PurePath
+from typing import Any
+
+from . import backend
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "units": ("SPEED_OF_LIGHT", "ns_to_opl", "opl_to_ns"),
+    "pulses": ("GaussianPulse", "SampledPulse"),
+    "walk": ("walk",),
+    "lights": ("EmitterHits", "SceneLights"),
+    "loading": ("load_scene",),
+    "rendering": ("render",),
+    "scenes": (
+        "cornell_box",
+        "cornell_box_flash",
+        "cornell_box_glass",
+        "cornell_box_mirror",
+        "cornell_box_steady_state",
+    ),
+    "io": (
+        "load_exr_stack",
+        "load_npz",
+        "save_exr_stack",
+        "save_npz",
+        "save_png_frames",
+        "save_video",
+    ),
+    "vis": ("plot_pixel_transient", "summary_figure", "tonemap", "visualize_transient"),
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = sorted({*_MODULE_OF, *backend.PLUGINS, "__version__", "backend"})
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for when it is asked for; plugin classes follow the active variant."""
+    if name in backend.PLUGINS:
+        return backend.plugin(name)
+    if name in _MODULE_OF:
+        value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names, loaded or not."""
+    return sorted({*globals(), *__all__})
+
+
+# The command answers --help without Mitsuba and activates a variant when it needs one.
+if PurePath(sys.argv[0] if sys.argv else "").stem != "tofrender" and sys.argv[:1] != ["-m"]:
+    backend.activate()

@@ -1,0 +1,7 @@
+"""`python -m tofrender` is the `tofrender` command."""
+
+import sys
+
+from tofrender.cli import main
+
+sys.exit(main())

@@ -1,0 +1,168 @@
+"""Choosing the Mitsuba variant, and keeping our plugins registered when it changes.
+
+Classes that derive from Mitsuba's (films, integrators, samplers) belong to the variant that was
+active when their module ran. `PLUGIN_MODULES` therefore run once more for every variant that is
+switched to, as Mitsuba's own Python integrators do, and `plugin` finds the class that belongs to
+the active variant. Everything else in the package works in any vectorised variant as it is.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any
+
+from . import checks, llvm
+
+PLUGIN_MODULES = (
+    "tofrender.sampling.owen_sobol",
+    "tofrender.films.transient",
+    "tofrender.integrators.base",
+    "tofrender.integrators.transient_path",
+)
+"""Modules that define Mitsuba plugins, each after those that it builds on."""
+
+PLUGINS = {
+    "OwenSobolSampler": "tofrender.sampling.owen_sobol",
+    "TransientHDRFilm": "tofrender.films.transient",
+    "TransientPath": "tofrender.integrators.transient_path",
+}
+"""Public plugin classes and the modules that define them."""
+
+_classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
+
+
+class BackendError(RuntimeError):
+    """No variant can render here; the message is one line with the command that mends it."""
+
+
+def activate(variant: str | None = None) -> str:
+    """Make sure that a usable Mitsuba variant is active and our plugins are registered in it.
+
+    Args:
+        variant: The variant to switch to. None keeps the one that is active; if there is none,
+            picks `cuda_ad_rgb` if CUDA works, else `llvm_ad_rgb`.
+
+    Returns:
+        The name of the active variant.
+
+    Raises:
+        ValueError: Mitsuba has no such variant.
+        BackendError: The variant cannot render on this machine.
+
+    Example:
+        >>> activate() in ("cuda_ad_rgb", "llvm_ad_rgb")
+        True
+    """
+    _offer_llvm()
+    import mitsuba as mi
+
+    if variant is not None:
+        checks.one_of("variant", variant, mi.variants())
+    if _on_variant_change not in _callbacks:
+        _callbacks.append(_on_variant_change)
+        mi.detail.add_variant_callback(_on_variant_change)
+    if variant is None and mi.variant() is None:
+        variant = "cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb"
+    if variant is not None and variant.startswith("llvm"):
+        require_llvm()
+    if variant is not None and variant.startswith("cuda") and not cuda_works():
+        raise BackendError(
+            f"variant = {variant!r}: no CUDA device or driver found; use an llvm_* variant"
+        )
+    if variant is not None and variant != mi.variant():
+        mi.set_variant(variant)
+    active = mi.variant()
+    if active.startswith("llvm"):
+        require_llvm()
+    _register(active)
+    return active
+
+
+def require_vectorised() -> None:
+    """Refuse to render under a scalar variant, or under none.
+
+    Raises:
+        BackendError: One line that says which call helps.
+    """
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if variant is None or variant.startswith("scalar"):
+        raise BackendError(
+            f"variant = {variant!r}: cannot render in time, must be an llvm_* or cuda_* variant; "
+            "call mi.set_variant('llvm_ad_rgb') first"
+        )
+
+
+def cuda_works() -> bool:
+    """Whether Dr.Jit can use a CUDA device on this machine."""
+    import drjit as dr
+
+    return dr.has_backend(dr.JitBackend.CUDA)
+
+
+def require_llvm() -> None:
+    """Refuse an LLVM that would abort the process at the first kernel.
+
+    Raises:
+        BackendError: One line: what was found and the command that mends it.
+    """
+    import drjit as dr
+
+    if llvm.choose() is None:
+        raise BackendError(llvm.refusal())
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        raise BackendError(f"{llvm.choose().path}: Dr.Jit cannot load it; try `tofrender doctor`")
+    major = dr.detail.llvm_version()[0]
+    if major < llvm.MINIMUM_MAJOR:
+        raise BackendError(
+            f"Dr.Jit has loaded LLVM {major}, which aborts the process: must be "
+            f"{llvm.MINIMUM_MAJOR} or newer; import tofrender before you set a Mitsuba variant, "
+            f"or set {llvm.VARIABLE}={llvm.choose().path}"
+        )
+
+
+def plugin(name: str) -> Any:
+    """The plugin class `name` of the active variant.
+
+    Raises:
+        AttributeError: There is no such class, or the active variant cannot have it.
+    """
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if name not in PLUGINS or variant is None or variant.startswith("scalar"):
+        raise AttributeError(
+            f"tofrender.{name} needs an llvm_* or cuda_* variant; the active one is {variant!r}"
+        )
+    _register(variant)
+    return _classes[variant][name]
+
+
+_callbacks: list = []
+
+
+def _offer_llvm() -> None:
+    """Name the LLVM that Dr.Jit shall load; it reads the variable when it first needs LLVM."""
+    if not os.environ.get(llvm.VARIABLE):
+        library = llvm.choose()
+        if library is not None:
+            os.environ[llvm.VARIABLE] = str(library.path)
+
+
+def _on_variant_change(_old: str | None, new: str | None) -> None:
+    if new is not None:
+        _register(new)
+
+
+def _register(variant: str) -> None:
+    """Register our plugins in `variant`, once: another package's later ones stay in place."""
+    if variant in _classes or variant.startswith("scalar"):
+        return
+    modules = {}
+    for name in PLUGIN_MODULES:
+        loaded = sys.modules.get(name)
+        modules[name] = importlib.reload(loaded) if loaded else importlib.import_module(name)
+    _classes[variant] = {name: getattr(modules[path], name) for name, path in PLUGINS.items()}

@@ -1,0 +1,103 @@
+"""Camera rays with the point that path lengths are measured from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+
+@dataclass
+class CameraSample:
+    """Rays through random points of given pixels, an array of any width.
+
+    Attributes:
+        ray: Rays in world space; they start at the near plane.
+        origin: Where lengths start: the sensor's position, or the point on its lens [m].
+        weight: Importance of each ray over its density, of type `mi.UnpolarizedSpectrum`.
+        position: Position on the film [pixels], crop offset included; the pixel's corner if the
+            film has a box filter, so that rounding cannot move a sample to the next pixel.
+    """
+
+    ray: Any
+    origin: mi.Point3f
+    weight: Any
+    position: mi.Point2f
+
+
+def sampled_size(film: mi.Film) -> tuple[int, int]:
+    """Width and height [pixels] of the area that camera rays must cover."""
+    border = 2 * film.rfilter().border_size() if film.sample_border() else 0
+    width, height = film.crop_size()
+    return int(width) + border, int(height) + border
+
+
+def sample_camera(
+    sensor: mi.Sensor, film: mi.Film, sampler: mi.Sampler, pixel: mi.UInt32
+) -> CameraSample:
+    """Sample one ray through each of the given pixels.
+
+    Args:
+        sensor: The camera.
+        film: The film that is rendered to: the sensor's own, or one of the same size.
+        sampler: Random numbers.
+        pixel: Index into the sampled area, row by row.
+
+    Returns:
+        Rays, their origins, weights and film positions.
+    """
+    corner = pixel_corner(film, pixel)
+    position = corner + sampler.next_2d()
+    crop_size = mi.ScalarVector2f(film.crop_size())
+    crop_offset = mi.ScalarPoint2f(film.crop_offset())
+    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
+    time = sensor.shutter_open()
+    if sensor.shutter_open_time() > 0:
+        time += sampler.next_1d() * sensor.shutter_open_time()
+    wavelength = sampler.next_1d() if mi.is_spectral else mi.Float(0)
+
+    ray, weight = sensor.sample_ray(
+        time, wavelength, (position - crop_offset) / crop_size, aperture
+    )
+    return CameraSample(
+        ray=ray,
+        origin=ray_origin(sensor, ray),
+        weight=mi.unpolarized_spectrum(weight),
+        position=corner if film.rfilter().is_box_filter() else position,
+    )
+
+
+def pixel_corner(film: mi.Film, pixel: mi.UInt32) -> mi.Point2f:
+    """Position of the upper left corner of pixels, numbered row by row in the sampled area."""
+    width, _ = sampled_size(film)
+    y = pixel // width
+    x = pixel - y * width
+    border = film.rfilter().border_size() if film.sample_border() else 0
+    return mi.Point2f(x, y) + mi.Vector2f(film.crop_offset()) - border
+
+
+def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
+    """The point on the sensor that a camera ray comes from.
+
+    Mitsuba starts the rays of its projective cameras at the near plane, so that `si.t` is short by
+    near_clip / cos(angle to the axis): 10 mm and more with the default near clip.
+    """
+    if not isinstance(sensor, mi.ProjectiveCamera):
+        return mi.Point3f(ray.o)
+    forward = sensor.world_transform() @ mi.Vector3f(0, 0, 1)
+    near_clip = mi.traverse(sensor)["near_clip"]
+    return ray.o - ray.d * (near_clip / dr.dot(ray.d, dr.normalize(forward)))
+
+
+@dr.syntax
+def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
+    """Let rays pass through all area lights that they meet before any other surface."""
+    ray = mi.Ray3f(ray)
+    passing = mi.Bool(True)
+    while passing:
+        si = scene.ray_intersect(ray, passing)
+        passing &= si.is_valid() & (si.shape.emitter() != None)  # noqa: E711 (a Dr.Jit mask)
+        ray[passing] = si.spawn_ray(ray.d)
+    return ray

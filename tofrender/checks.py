@@ -1,0 +1,85 @@
+"""Checks of arguments: each refuses a bad value in one line, `name = value: must be ...`."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Collection
+from difflib import get_close_matches
+from typing import Any
+
+MAX_SPP = 1 << 24
+MAX_SIZE = 1 << 16
+MAX_BINS = 1 << 20
+MAX_DEPTH = 1 << 16
+MAX_SEED = (1 << 32) - 1
+
+
+def integer(name: str, value: Any, low: int, high: int) -> int:
+    """Return `value` as an int in [low, high].
+
+    Args:
+        name: The parameter's name, for the message.
+        value: An int or NumPy integer; a bool, a float or text is refused.
+        low: Smallest value that is allowed.
+        high: Largest value that is allowed.
+
+    Raises:
+        ValueError: One line with name, value and the range.
+
+    Example:
+        >>> integer("spp", 0, 1, MAX_SPP)
+        Traceback (most recent call last):
+        ValueError: spp = 0: must be an integer from 1 to 16777216
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or isinstance(value, bool) or not low <= number <= high:
+        raise ValueError(f"{name} = {value!r}: must be an integer from {low} to {high}")
+    return number
+
+
+def metres(name: str, value: Any, *, positive: bool = False) -> float:
+    """Return `value`, a length in metres, as a finite float.
+
+    Args:
+        name: The parameter's name, for the message.
+        value: A number; NaN, infinities, bools and text are refused.
+        positive: Whether the length must be above 0 (a width) or may be any (a position).
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> metres("bin_width_opl", -0.02, positive=True)
+        Traceback (most recent call last):
+        ValueError: bin_width_opl = -0.02: must be a finite number of metres above 0
+    """
+    try:
+        number = math.nan if isinstance(value, bool | str | bytes) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number) or (positive and number <= 0):
+        above = " above 0" if positive else ""
+        raise ValueError(f"{name} = {value!r}: must be a finite number of metres{above}")
+    return number
+
+
+def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
+    """Return `value` if it is one of the `allowed` names.
+
+    Raises:
+        ValueError: One line with name, value, the nearest name if one is close, and all of them.
+
+    Example:
+        >>> one_of("light", "aera", ("area", "flash"))
+        Traceback (most recent call last):
+        ValueError: light = 'aera': did you mean 'area'? Must be one of area, flash
+    """
+    if isinstance(value, str) and value in allowed:
+        return value
+    close = get_close_matches(value, allowed, 1) if isinstance(value, str) else []
+    hint = f"did you mean {close[0]!r}? Must" if close else "must"
+    raise ValueError(f"{name} = {value!r}: {hint} be one of {', '.join(allowed)}")

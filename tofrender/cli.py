@@ -1,0 +1,302 @@
+"""The `tofrender` command.
+
+Only the standard library and Typer are imported here, so that `--help` answers at once; each
+command imports what it needs, after its options are checked.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
+FILES = {"frames": "", "multipart": "stack.exr", "npz": "transient.npz"}
+"""What holds the transient in the output folder, by --format."""
+PRECISIONS = ("half", "float")
+WINDOWS = ("auto",)
+
+app = typer.Typer(
+    help="Renders light in flight: transient images of Mitsuba scenes.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit status.
+
+    Args:
+        arguments: What follows the command's name; by default those of the process.
+
+    Returns:
+        0 on success, 2 for bad input, 1 for a failure and 130 after Ctrl-C. All but the first
+        leave one line on stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
+
+    Example:
+        >>> main(["--version"]) == 0
+        tofrender ...
+        True
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    try:
+        status = app(args=arguments, prog_name="tofrender", standalone_mode=False)
+        return status or 0
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted", INTERRUPTED)
+    except Exception as error:
+        explain = getattr(error, "format_message", None)  # Typer's errors about the command line
+        if explain is not None:
+            return _complain(explain(), BAD_INPUT)
+        if os.environ.get("TOFRENDER_DEBUG", "0") not in ("", "0"):
+            raise
+        bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
+        message = str(error) or type(error).__name__
+        return _complain(message, BAD_INPUT if isinstance(error, bad) else FAILURE)
+
+
+def _complain(message: str, status: int) -> int:
+    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    return status
+
+
+# ---------------------------------------------------------------------------------- commands
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from tofrender import __version__
+
+        typer.echo(f"tofrender {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def scenes() -> None:
+    """List the built-in scenes."""
+    from tofrender.scenes import BUILT_IN, describe
+
+    width = max(map(len, BUILT_IN))
+    for name in BUILT_IN:
+        typer.echo(f"{name:{width}}  {describe(name)}")
+
+
+@app.command()
+def doctor() -> None:
+    """Check whether rendering works here, and say what to do if not."""
+    from tofrender.doctor import main as diagnose
+
+    raise typer.Exit(diagnose())
+
+
+Text = str | None
+_option = typer.Option
+
+
+@app.command()
+def render(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help="Built-in name (see `tofrender scenes`) or Mitsuba XML file."
+        ),
+    ],
+    out: Annotated[Path, _option("--out", metavar="DIR", help="Folder to write, made whole.")],
+    spp: Annotated[Text, _option("--spp", metavar="N", help="Samples per pixel.")] = None,
+    size: Annotated[Text, _option("--size", metavar="WxH", help="Picture's size, pixels.")] = None,
+    bins: Annotated[Text, _option("--bins", metavar="N", help="Number of time bins.")] = None,
+    start_opl: Annotated[
+        Text, _option("--start-opl", metavar="M", help="Path length where bins start, metres.")
+    ] = None,
+    bin_width: Annotated[
+        Text, _option("--bin-width", metavar="M", help="Width of a bin, metres of path length.")
+    ] = None,
+    window: Annotated[
+        Text, _option("--window", metavar="auto", help="Find the window that holds the light.")
+    ] = None,
+    pulse_width: Annotated[
+        Text,
+        _option("--pulse-width", metavar="M", help="Gaussian pulse's standard deviation, metres."),
+    ] = None,
+    max_depth: Annotated[
+        Text, _option("--max-depth", metavar="N", help="Longest path, in segments.")
+    ] = None,
+    integrator: Annotated[
+        Text, _option("--integrator", metavar="NAME", help="For example transient_path.")
+    ] = None,
+    sampler: Annotated[
+        Text,
+        _option(
+            "--sampler",
+            metavar="NAME",
+            help="Mitsuba's sampler, or owen_sobol.",
+        ),
+    ] = None,
+    variant: Annotated[
+        Text, _option("--variant", metavar="NAME", help="Mitsuba variant, e.g. llvm_ad_rgb.")
+    ] = None,
+    seed: Annotated[str, _option("--seed", metavar="N", help="Random seed.")] = "0",
+    format: Annotated[
+        str, _option("--format", metavar="frames|multipart|npz", help="How to store the transient.")
+    ] = "frames",
+    precision: Annotated[
+        str, _option("--precision", metavar="half|float", help="Numbers in the EXR files.")
+    ] = "float",
+    defines: Annotated[
+        list[str] | None,
+        _option("-D", metavar="NAME=VALUE", help="A parameter of the XML file; repeatable."),
+    ] = None,
+    video: Annotated[bool, _option("--video/--no-video", help="Write video.mp4 as well.")] = True,
+) -> None:
+    """Render SCENE in time.
+
+    What is left out stays as the scene has it. DIR gets the transient image, its sum over time
+    (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
+    earlier run made is replaced. Ctrl-C saves the passes that are finished.
+    """
+    from tofrender import backend, checks
+    from tofrender.settings import CHECKS
+
+    # -------------------------------------------------------- check everything, start nothing
+    width, height = (None, None) if size is None else _size(size)
+    texts = {
+        "width": ("--size", width),
+        "height": ("--size", height),
+        "temporal_bins": ("--bins", bins),
+        "start_opl": ("--start-opl", start_opl),
+        "bin_width_opl": ("--bin-width", bin_width),
+        "spp": ("--spp", spp),
+        "sampler": ("--sampler", sampler),
+        "max_depth": ("--max-depth", max_depth),
+        "integrator": ("--integrator", integrator),
+        "pulse_width_opl": ("--pulse-width", pulse_width),
+    }
+    settings = {
+        name: CHECKS[name](option, _number(text))
+        for name, (option, text) in texts.items()
+        if text is not None
+    }
+    seed_number = checks.integer("--seed", _number(seed), 0, checks.MAX_SEED)
+    checks.one_of("--format", format, FILES)
+    checks.one_of("--precision", precision, PRECISIONS)
+    if window is not None:
+        checks.one_of("--window", window, WINDOWS)
+    parameters = _parameters(defines or [])
+    _check_out(out)
+    backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
+
+    from tofrender.loading import find_scene, load_scene, require_sensor
+    from tofrender.rendering import render as render_scene
+
+    found = find_scene(scene)
+    loaded = load_scene(found, parameters=parameters, **settings)
+    require_sensor(loaded)
+    film = loaded.sensors()[0].film()
+    _check_out(out, film, "float" if format == "npz" else precision)
+
+    # ---------------------------------------------------------------------- render and write
+    dataset = render_scene(loaded, seed=seed_number, window=window)
+    dataset.attrs["scene"] = str(found)
+    files = _write(dataset, out, format, precision, video)
+    _report(dataset, out, files)
+    if not dataset.attrs["complete"]:
+        typer.echo("interrupted: saved what was finished", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+# ----------------------------------------------------------------------------------- options
+
+
+def _number(text: str) -> int | float | str:
+    """The number that `text` spells, NaN and infinities too, or `text` for a check to refuse."""
+    if re.fullmatch(r"[+-]?\d+", text, re.ASCII):
+        return int(text)
+    try:
+        return text if "_" in text else float(text)
+    except ValueError:
+        return text
+
+
+def _size(text: str) -> tuple[str, str]:
+    """Width and height of `64x48`."""
+    width, separator, height = text.lower().partition("x")
+    if not separator:
+        raise ValueError(f"--size = {text!r}: must be width x height in pixels, like 256x256")
+    return width, height
+
+
+def _parameters(defines: Sequence[str]) -> dict[str, str]:
+    """Names and values of `-D name=value`."""
+    pairs = {}
+    for define in defines:
+        name, separator, value = define.partition("=")
+        if not separator or not name:
+            raise ValueError(f"-D {define}: must be name=value, like -D spp=64")
+        pairs[name] = value
+    return pairs
+
+
+# ------------------------------------------------------------------------------------ output
+
+
+def _check_out(out: Path, film: Any = None, precision: str = "float") -> None:
+    """Refuse a folder that cannot be written, or a disk too small for what `film` collects."""
+    from tofrender.io import check_output
+
+    shape = getattr(film, "shape", None)
+    try:
+        check_output(out, shape, precision=precision, overwrite=True)
+    except OSError as error:
+        raise ValueError(str(error).replace("path =", "--out =", 1)) from None
+
+
+def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:
+    """Write all files into `out`, which appears whole; returns their names."""
+    from tofrender import io, vis
+
+    with io.output_folder(out, overwrite=True) as folder:
+        if format == "npz":
+            io.save_npz(dataset, folder / FILES[format])
+        else:
+            io.save_exr_stack(
+                dataset, folder / FILES[format], layout=format, precision=precision, overwrite=True
+            )
+        if video:
+            io.save_video(dataset, folder / "video.mp4")
+        vis.summary_figure(dataset).savefig(folder / "summary.png")
+        return sorted(path.name for path in folder.iterdir())
+
+
+def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> None:
+    """Say what was written, how long it took, and what the window missed."""
+    frames = [name for name in files if name.startswith("frame_")]
+    names = [name for name in files if name not in frames]
+    if frames:
+        names.insert(0, f"{frames[0]} ... {frames[-1]}")
+    attrs = dataset.attrs
+    seconds = attrs["render_seconds"]
+    samples = dataset.sizes["y"] * dataset.sizes["x"] * attrs["spp"]
+    typer.echo(f"{out}: {', '.join(names)}")
+    typer.echo(
+        f"{seconds:.1f} s, {samples / seconds / 1e6:.2f} million samples per second, "
+        f"{100 * attrs['energy_outside_window']:.2g} % of the energy outside the window"
+    )

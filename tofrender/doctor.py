@@ -1,0 +1,245 @@
+"""`tofrender doctor`: will rendering work on this machine, and if not, which command helps.
+
+A wrong LLVM ends the process that loads it, so Mitsuba and Dr.Jit are imported and used in
+processes of their own, and whatever happens to them becomes a line of the report.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import llvm
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LEAST_MEMORY = 2**30
+"""Bytes below which little more than the smallest picture can be rendered."""
+
+_ASK_DRJIT = """
+import json, drjit as dr
+cuda = dr.has_backend(dr.JitBackend.CUDA)
+print(json.dumps({"cuda": cuda, "threads": dr.thread_count()}))
+"""
+
+_TEST_RENDER = """
+import json, math, time
+import tofrender
+import drjit as dr, mitsuba as mi
+scene = mi.cornell_box()
+scene["sensor"]["film"] |= {"width": 64, "height": 64}
+scene = mi.load_dict(scene)
+mean = dr.mean(mi.render(scene, spp=64), axis=None).array[0]  # compiles the kernel, too
+assert math.isfinite(mean) and mean > 0, f"the picture's mean is {mean}"
+start, passes = time.perf_counter(), 0
+while time.perf_counter() - start < 0.7:
+    passes += 1
+    dr.eval(mi.render(scene, spp=64, seed=passes))
+    dr.sync_thread()
+rate = passes * 64**3 / (time.perf_counter() - start)
+print(json.dumps({"variant": mi.variant(), "rate": rate}))
+"""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the report.
+
+    Attributes:
+        name: What was looked at.
+        ok: Whether it is as it should be.
+        detail: What was found.
+        remedy: The command, or the change, that mends it; empty if nothing is wrong.
+        required: Whether rendering fails without it.
+    """
+
+    name: str
+    ok: bool
+    detail: str
+    remedy: str = ""
+    required: bool = True
+
+
+def diagnose() -> list[Check]:
+    """Look at everything that rendering depends on; takes a few seconds and never raises."""
+    answer, _ = _in_process(_ASK_DRJIT)
+    cuda = bool(answer.get("cuda"))
+    return [
+        Check("Python", True, f"{platform.python_version()} at {sys.executable}"),
+        _package("Mitsuba", "mitsuba", "tofrender"),
+        _package("Dr.Jit", "drjit", "mitsuba"),
+        _check_llvm(required=not cuda),
+        _check_cuda(cuda),
+        _check_threads(answer.get("threads")),
+        _check_memory(),
+        _check_ffmpeg(),
+        _check_render(),
+    ]
+
+
+def report(checks: list[Check], console: Console | None = None) -> int:
+    """Print the checks as a table, and after it what to do about each problem.
+
+    Returns:
+        The exit status: 0 if rendering will work, 1 if not.
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = console or Console()
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for check in checks:
+        mark = ("FAILED", "red") if check.required else ("missing", "yellow")
+        mark = ("ok", "green") if check.ok else mark
+        table.add_row(Text(*mark), check.name, Text(check.detail, overflow="fold"))
+    console.print(table)
+    for check in checks:
+        if check.remedy:
+            text = Text.assemble("\n", (f"{check.name}: ", "bold"), check.remedy)
+            console.print(text, soft_wrap=True)
+    works = all(check.ok or not check.required for check in checks)
+    console.print("\nRendering will work." if works else "\nRendering will not work.")
+    return 0 if works else 1
+
+
+def main() -> int:
+    """Diagnose and report; returns the exit status of `tofrender doctor`."""
+    from rich.console import Console
+
+    console = Console()
+    with console.status("Checking ..."):
+        checks = diagnose()
+    return report(checks, console)
+
+
+def _package(name: str, package: str, required_by: str) -> Check:
+    """Whether a package is installed in a version that `required_by` accepts."""
+    from packaging.requirements import Requirement
+
+    try:
+        requirements = map(Requirement, metadata.requires(required_by) or [])
+        wanted = next((str(r) for r in requirements if r.name == package), package)
+    except metadata.PackageNotFoundError:  # run from a checkout that was not installed
+        wanted = package
+    remedy = f'{sys.executable} -m pip install "{wanted}"'
+    try:
+        version = metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return Check(name, False, "not installed", remedy)
+    if not Requirement(wanted).specifier.contains(version, prereleases=True):
+        return Check(name, False, f"{version}, but {required_by} needs {wanted}", remedy)
+    return Check(name, True, version)
+
+
+def _check_llvm(required: bool) -> Check:
+    chosen = llvm.choose()
+    others = [
+        f"{library.path} {library.problem or f'is LLVM {library.major}'}"
+        for library in llvm.candidates()
+        if chosen is None or library.path != chosen.path
+    ]
+    also = f"; found too: {', '.join(others)}" if others else ""
+    if chosen is None:
+        found = f"none that is usable{also.replace(' too', '')}"
+        return Check("LLVM", False, found, llvm.refusal(), required)
+    detail = f"{chosen.major} at {chosen.path}{also}"
+    if error := llvm.loading_error(chosen.path):
+        return Check("LLVM", False, f"{detail}; {error}", llvm.install_command(), required)
+    return Check("LLVM", True, detail)
+
+
+def _check_cuda(works: bool) -> Check:
+    if works:
+        return Check("CUDA", True, "works, and is used unless you name another variant")
+    if Path("/proc/driver/nvidia/version").exists() or shutil.which("nvidia-smi"):
+        remedy = "update the NVIDIA driver (see `nvidia-smi`), or render with llvm_* variants"
+        return Check("CUDA", False, "there is a driver that Dr.Jit cannot use", remedy, False)
+    return Check("CUDA", True, "no NVIDIA driver; rendering on the CPU")
+
+
+def _check_threads(threads: int | None) -> Check:
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    used = f", Dr.Jit uses {threads}" if threads else ""
+    return Check("Threads", True, f"{cores} for this process{used}")
+
+
+def _check_memory() -> Check:
+    try:
+        import psutil
+    except ImportError:
+        remedy = f"{sys.executable} -m pip install psutil"
+        return Check("Memory", False, "cannot be measured without psutil", remedy)
+    memory = psutil.virtual_memory()
+    detail = f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GiB free"
+    if memory.available < LEAST_MEMORY:
+        remedy = "close other programs, or render with fewer pixels and bins (--size, --bins)"
+        return Check("Memory", False, detail, remedy, required=False)
+    return Check("Memory", True, detail)
+
+
+def _check_ffmpeg() -> Check:
+    try:
+        import imageio_ffmpeg
+
+        path = imageio_ffmpeg.get_ffmpeg_exe()
+        version = imageio_ffmpeg.get_ffmpeg_version()
+    except (ImportError, RuntimeError, OSError, subprocess.SubprocessError) as error:
+        remedy = f"{sys.executable} -m pip install --force-reinstall imageio-ffmpeg"
+        if os.environ.get("IMAGEIO_FFMPEG_EXE"):
+            remedy = "unset IMAGEIO_FFMPEG_EXE"
+        return Check("ffmpeg", False, f"no videos: {_last_line(str(error))}", remedy, False)
+    return Check("ffmpeg", True, f"{version} at {path}")
+
+
+def _check_render() -> Check:
+    answer, error = _in_process(_TEST_RENDER)
+    if not error:
+        rate = answer["rate"] / 1e6
+        return Check("Test render", True, f"{rate:.2g} million samples/s with {answer['variant']}")
+    if llvm.choose() is None:
+        error, remedy = "no usable LLVM", ""  # which stands at LLVM
+    elif error.startswith("ended by"):
+        remedy = f"try another LLVM: `unset {llvm.VARIABLE}`, or run: {llvm.install_command()}"
+    else:
+        remedy = f"{sys.executable} -m pip install --force-reinstall mitsuba"
+    return Check("Test render", False, re.sub(r"^(\w+\.)+\w+: ", "", error), remedy)
+
+
+def _in_process(code: str) -> tuple[dict, str]:
+    """Run Python code in a process of its own: the JSON object it prints, or what went wrong."""
+    try:
+        result = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return {}, "not finished after 120 seconds"
+    except OSError as error:
+        return {}, str(error)
+    if result.returncode < 0:
+        last = _last_line(result.stderr)
+        name = signal.Signals(-result.returncode).name
+        return {}, f"ended by {name}" + (f" ({last})" if last else "")
+    if result.returncode > 0:
+        return {}, _last_line(result.stderr) or f"exit status {result.returncode}"
+    return json.loads(_last_line(result.stdout)), ""
+
+
+def _last_line(text: str) -> str:
+    """The last line of an output, which is where Python names the exception."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    return lines[-1].strip() if lines else ""

@@ -1,0 +1,157 @@
+"""Putting settings into a scene that Mitsuba's parser has read, before it is built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import mitsuba as mi
+
+from .settings import INTEGRATORS
+
+parser: Any = mi.parser
+
+STEADY_FILM, TRANSIENT_FILM = "hdrfilm", "transient_hdr_film"
+FILM_SETTINGS = ("width", "height", "temporal_bins", "start_opl", "bin_width_opl")
+WINDOW_SETTINGS = FILM_SETTINGS[2:]
+
+# What survives when a node becomes another plugin.
+FILM_KEPT = (
+    "width",
+    "height",
+    "crop_width",
+    "crop_height",
+    "crop_offset_x",
+    "crop_offset_y",
+    "sample_border",
+)
+INTEGRATOR_KEPT = ("max_depth", "rr_depth", "hide_emitters")
+SAMPLER_KEPT = ("sample_count", "seed")
+
+
+def change(state: Any, settings: Mapping[str, Any]) -> None:
+    """Put settings into a scene that Mitsuba's parser has read.
+
+    A film `hdrfilm` that gets a whole window becomes a `transient_hdr_film`, and the integrator
+    `path` then a `transient_path`. Parts that the scene leaves to Mitsuba's defaults are added.
+
+    Args:
+        state: The `mi.parser.ParserState`, with its references resolved.
+        settings: As `check_settings` returns them.
+
+    Raises:
+        ValueError: The scene cannot take a setting; one line.
+    """
+    _Nodes(state).change(settings)
+
+
+class _Nodes:
+    """The parsed scene: a list of nodes whose properties refer to each other by index.
+
+    Here too nodes are named by index, because the list moves in memory when one is added.
+    """
+
+    def __init__(self, state: Any) -> None:
+        self.nodes = state.nodes
+
+    def change(self, settings: Mapping[str, Any]) -> None:
+        """Put `settings`, all checked, into the nodes."""
+        film_settings = {k: settings[k] for k in FILM_SETTINGS if k in settings}
+        sensors = [i for i, node in enumerate(self.nodes) if _is(node, mi.ObjectType.Sensor)]
+        if not sensors and settings:
+            raise ValueError("scene: has no sensor that could take settings; describe it by a dict")
+        turned_transient = False
+        for sensor in sensors:
+            if film_settings:
+                film = self.nodes[self.child(sensor, mi.ObjectType.Film, STEADY_FILM)]
+                turned_transient |= _change_film(film, film_settings)
+            if "sampler" in settings or "spp" in settings:
+                sampler = self.nodes[self.child(sensor, mi.ObjectType.Sampler, "independent")]
+                if "sampler" in settings:
+                    _become(sampler, settings["sampler"], SAMPLER_KEPT)
+                if "spp" in settings:
+                    sampler.props["sample_count"] = settings["spp"]
+        if turned_transient or settings.keys() & {"integrator", "max_depth", "pulse_width_opl"}:
+            integrator = self.nodes[self.child(0, mi.ObjectType.Integrator, "path")]
+            _change_integrator(integrator, settings, turned_transient)
+
+    def child(self, parent: int, kind: mi.ObjectType, default: str) -> int:
+        """The child of `parent` that is of this kind; if there is none, Mitsuba's default is added.
+
+        Raises:
+            ValueError: The child is a ready-made object, whose settings are fixed.
+        """
+        for _, value in self.nodes[parent].props.items():
+            if isinstance(value, mi.Properties.ResolvedReference):
+                if _is(self.nodes[value.index()], kind):
+                    return value.index()
+            elif isinstance(value, getattr(mi, kind.name)):
+                raise ValueError(
+                    f"scene: its {kind.name.lower()} is a ready-made object, whose settings "
+                    "cannot be changed; describe it by a dict"
+                )
+        added = parser.SceneNode()
+        added.type, added.props = kind, mi.Properties(default)
+        self.nodes.append(added)
+        index = len(self.nodes) - 1
+        reference = mi.Properties.ResolvedReference(index)
+        self.nodes[parent].props[f"added_{kind.name.lower()}"] = reference
+        return index
+
+
+def _is(node: Any, kind: mi.ObjectType) -> bool:
+    """Whether a node is of this kind; for a Python plugin in a dict only its name can tell."""
+    if node.type != mi.ObjectType.Unknown:
+        return node.type == kind
+    endings = {
+        mi.ObjectType.Film: "film",
+        mi.ObjectType.Integrator: ("path", "integrator"),
+        mi.ObjectType.Sensor: ("meter", "camera"),
+    }
+    return kind in endings and node.props.plugin_name().endswith(endings[kind])
+
+
+def _become(node: Any, plugin: str, kept: Iterable[str]) -> None:
+    """Make a node another plugin, which keeps its id, its children and the properties `kept`."""
+    old, new = node.props, mi.Properties(plugin)
+    new.set_id(old.id())
+    for name, value in old.items():
+        if name in kept or isinstance(value, mi.Properties.ResolvedReference):
+            new[name] = value
+    node.props = new
+
+
+def _change_film(film: Any, settings: Mapping[str, Any]) -> bool:
+    """Change a film node; returns whether it turned from steady to transient."""
+    name = film.props.plugin_name()
+    window = [setting for setting in WINDOW_SETTINGS if setting in settings]
+    turns = bool(window) and name == STEADY_FILM
+    if turns:
+        missing = [setting for setting in WINDOW_SETTINGS if setting not in settings]
+        if missing:
+            raise ValueError(
+                f"{window[0]} = {settings[window[0]]!r}: the scene's film is steady; to make it "
+                f"transient, give {' and '.join(missing)} too"
+            )
+        _become(film, TRANSIENT_FILM, FILM_KEPT)
+    for setting, value in settings.items():
+        film.props[setting] = value
+    return turns
+
+
+def _change_integrator(integrator: Any, settings: Mapping[str, Any], turns: bool) -> None:
+    """Change the integrator's node; `turns` says that the film turned transient."""
+    name = integrator.props.plugin_name()
+    if "integrator" in settings:
+        if settings["integrator"] != name:
+            _become(integrator, settings["integrator"], INTEGRATOR_KEPT)
+    elif turns and name not in INTEGRATORS:
+        if name != "path":
+            raise ValueError(
+                f"integrator = {name!r}: a transient film needs another one; "
+                f"must be one of {', '.join(INTEGRATORS)}"
+            )
+        _become(integrator, "transient_path", INTEGRATOR_KEPT)
+    for setting in ("max_depth", "pulse_width_opl"):
+        if setting in settings:
+            integrator.props[setting] = settings[setting]

@@ -1,0 +1,1 @@
+"""Films: where contributions land."""

@@ -1,0 +1,341 @@
+"""Film plugin `transient_hdr_film`: a steady image and a histogram of arrival times per pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .. import checks, memory
+
+
+class TransientHDRFilm(mi.Film):
+    r"""A film with time bins (plugin `transient_hdr_film`), interchangeable with mitransient's.
+
+    Bin k collects the light that arrives with an optical path length in
+    [start_opl + k w, start_opl + (k + 1) w). Its value is the radiance that arrives within the bin:
+    the sum over bins plus what falls outside the window is the steady image.
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `temporal_bins` | 2048 | number of bins |
+    | `bin_width_opl` | 0.003 | width w of a bin [m] |
+    | `start_opl` | 0 | start of the first bin [m] |
+    | `width`, `height` | 768, 576 | size [pixels] |
+    | `crop_width` ... `crop_offset_y` | whole film | crop window [pixels] |
+    | `sample_border` | false | sample beyond the border, by the filter's radius |
+    | `rfilter` | box | reconstruction filter, in space; others than box cost time |
+
+    `develop()` returns `(steady, transient)`: tensors of shape (height, width, channels) and
+    (height, width, temporal_bins, channels), of the crop's size, where channels is 1 in
+    monochromatic variants and 3 (RGB) otherwise.
+
+    Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan.
+
+    Example:
+        >>> film = mi.load_dict({"type": "transient_hdr_film", "width": 4, "height": 2,
+        ...                      "temporal_bins": 8, "start_opl": 1.0, "bin_width_opl": 0.25})
+        >>> float(film.end_opl())
+        3.0
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        if not any(isinstance(value, mi.ReconstructionFilter) for _, value in props.objects()):
+            props["rfilter"] = mi.load_dict({"type": "box"})
+        bins = props.get("temporal_bins", 2048)
+        width = props.get("bin_width_opl", 0.003)
+        start = props.get("start_opl", 0.0)
+        if props.get("exhaustive_scan", False):
+            raise ValueError("exhaustive_scan = True: must be False, this film has no laser axes")
+        for name in ("laser_scan_width", "laser_scan_height"):
+            if props.get(name, 0):
+                raise ValueError(f"{name} = {props.get(name)}: must be 0, this film has no laser axes")
+        for name in ("width", "height", "crop_width", "crop_height"):
+            if name in props:
+                checks.integer(name, props[name], 1, checks.MAX_SIZE)
+        super().__init__(props)
+        self.temporal_bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
+        self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
+        self.start_opl = checks.metres("start_opl", start)
+        self.steady: mi.Film | None = None
+        self.samples_per_pixel: float | None = None
+        self.one_writer_per_pixel = False
+        self._bins: mi.Float | None = None
+        self._folded: mi.Float | None = None
+
+    # ------------------------------------------------------------------ what integrators call
+
+    def end_opl(self) -> float:
+        """End of the last bin [m]."""
+        return self.start_opl + self.bin_width_opl * self.temporal_bins
+
+    def base_channels_count(self) -> int:
+        """Channels of a bin: 1 in monochromatic variants, otherwise 3."""
+        return 1 if mi.is_monochromatic else 3
+
+    def prepare(self, aovs: Sequence[str]) -> int:
+        """Make an empty steady image and empty bins.
+
+        Args:
+            aovs: Names of extra channels of the steady image.
+
+        Returns:
+            Channels of the steady image, weight included.
+
+        Raises:
+            MemoryError: The bins do not fit into memory; one line with their size and what fits.
+        """
+        height, width, bins, channels = self.shape
+        memory.require_film(height, width, bins, channels)
+        self.steady = mi.load_dict(
+            {
+                "type": "hdrfilm",
+                "width": self.size().x,
+                "height": self.size().y,
+                "crop_offset_x": self.crop_offset().x,
+                "crop_offset_y": self.crop_offset().y,
+                "crop_width": width,
+                "crop_height": height,
+                "sample_border": self.sample_border(),
+                "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
+                "component_format": "float32",
+                "rfilter": self.rfilter(),
+            }
+        )
+        self.samples_per_pixel = None
+        self.one_writer_per_pixel = False
+        self._bins = dr.zeros(mi.Float, height * width * bins * memory.stride(channels))
+        self._folded = None
+        return self.steady.prepare(aovs)
+
+    def clear(self) -> None:
+        """Empty all bins and the steady image."""
+        if self.steady is not None:
+            self.steady.clear()
+            self._bins = dr.zeros(mi.Float, dr.width(self._bins))
+            self._folded = None
+
+    def fold(self) -> None:
+        """Put the bins aside and go on with empty ones.
+
+        Many small numbers added to one large one are lost in single precision. Integrators call
+        this every 2^16 samples per pixel; `develop` and `numpy` return the sum.
+        """
+        self._folded = self._sums
+        self._bins = dr.zeros(mi.Float, dr.width(self._bins))
+        dr.eval(self._folded, self._bins)
+
+    def add_transient_data(
+        self,
+        pos: mi.Point2f,
+        distance: mi.Float,
+        wavelengths: mi.Spectrum,
+        spec: mi.Spectrum,
+        ray_weight: mi.Float,
+        active: mi.Bool,
+        **_laser,
+    ) -> None:
+        """Deposit a contribution in the bin that its length falls into.
+
+        Args:
+            pos: Position on the film [pixels], crop offset included.
+            distance: Optical path length [m]. Outside the window it leaves no trace.
+            wavelengths: Sampled wavelengths [nm], for spectral variants.
+            spec: Radiance over the number of samples per pixel.
+            ray_weight: Factor of `spec`, from the camera.
+            active: Lanes that deposit.
+        """
+        k = (distance - self.start_opl) / self.bin_width_opl
+        active = active & (k >= 0) & (k < self.temporal_bins)
+        bin_index = mi.UInt32(dr.select(active, k, 0))
+        values = self._channels(mi.unpolarized_spectrum(spec * ray_weight), wavelengths, active)
+        for x, y, weight in self._footprint(pos):
+            inside = active & (x >= 0) & (y >= 0)
+            inside &= (x < self.shape[1]) & (y < self.shape[0])
+            index = mi.UInt32(y * self.shape[1] + x) * self.temporal_bins + bin_index
+            self._scatter([value * weight for value in values], index, inside)
+
+    def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
+        """The steady image and the bins.
+
+        Args:
+            raw: Return the sums as they are, without the division by the filter's weights.
+
+        Raises:
+            RuntimeError: `prepare` was not called, or a filter's weights cannot be told because
+                the integrator did not set `samples_per_pixel`.
+        """
+        if self.steady is None:
+            raise RuntimeError("transient_hdr_film: develop() before prepare(): nothing rendered")
+        channels = self.shape[3]
+        stride = memory.stride(channels)
+        index = dr.arange(mi.UInt32, int(np.prod(self.shape)))
+        if stride != channels:
+            cell = index // channels
+            index += cell * (stride - channels)
+        values = dr.gather(mi.Float, self._sums, index)
+        if not raw and not self.rfilter().is_box_filter():
+            pixel = dr.arange(mi.UInt32, dr.width(values)) // (self.temporal_bins * channels)
+            values *= dr.gather(mi.Float, self._filter_scale(), pixel)
+        return self.steady.develop(raw=raw), mi.TensorXf(values, self.shape)
+
+    # --------------------------------------------------------------------- operations on films
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """(height, width, temporal_bins, channels), of the crop window."""
+        width, height = self.crop_size()
+        return (int(height), int(width), self.temporal_bins, self.base_channels_count())
+
+    def numpy(self) -> np.ndarray:
+        """The bins as an array of its own, shape (height, width, temporal_bins, channels), float32.
+
+        As `develop()[1]`, with less memory on the way.
+        """
+        height, width, bins, channels = self.shape
+        cells = np.asarray(self._sums).reshape(height, width, bins, memory.stride(channels))
+        values = cells[..., :channels].copy()
+        if not self.rfilter().is_box_filter():
+            values *= np.asarray(self._filter_scale()).reshape(height, width, 1, 1)
+        return values
+
+    def time_slice(self, k: int) -> mi.TensorXf:
+        """One time bin as an image, shape (height, width, channels).
+
+        Raises:
+            ValueError: There is no bin `k`.
+        """
+        k = checks.integer("k", k, 0, self.temporal_bins - 1)
+        height, width, bins, channels = self.shape
+        lane = dr.arange(mi.UInt32, height * width * channels)
+        pixel = lane // channels
+        index = (pixel * bins + k) * memory.stride(channels) + (lane - pixel * channels)
+        values = dr.gather(mi.Float, self._sums, index)
+        if not self.rfilter().is_box_filter():
+            values *= dr.gather(mi.Float, self._filter_scale(), pixel)
+        return mi.TensorXf(values, (height, width, channels))
+
+    def merge_tile(self, tile: TransientHDRFilm) -> None:
+        """Add the bins of a film that covers a part of this one, as its crop window tells.
+
+        Args:
+            tile: A film of the same `size`, bins and filter, both prepared. Its steady image is
+                added too.
+
+        Raises:
+            ValueError: The tile's bins differ or it does not lie within this film's window.
+        """
+        for name in ("temporal_bins", "start_opl", "bin_width_opl"):
+            mine, its = getattr(self, name), getattr(tile, name)
+            if mine != its:
+                raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
+        x, y = (int(v) for v in tile.crop_offset() - self.crop_offset())
+        height, width, bins, channels = tile.shape
+        if x < 0 or y < 0 or x + width > self.shape[1] or y + height > self.shape[0]:
+            raise ValueError(
+                f"tile.crop_offset = {tile.crop_offset()}, size {width} x {height}: "
+                f"must lie within the film's window of {self.shape[1]} x {self.shape[0]} pixels"
+            )
+        row = bins * memory.stride(channels) * width
+        index = dr.arange(mi.UInt32, row * height)
+        line = index // row
+        target = (line + y) * (row // width * self.shape[1]) + x * (row // width)
+        dr.scatter_add(self._bins, tile._sums, target + index - line * row)
+        block = tile.steady.create_block()
+        block.set_offset(tile.crop_offset())
+        raw = tile.steady.develop(raw=True)
+        lane = dr.arange(mi.UInt32, height * width)
+        pixel_y = lane // width
+        position = mi.Point2f(lane - pixel_y * width, pixel_y) + mi.Point2f(tile.crop_offset())
+        count = raw.shape[2]
+        block.put(
+            position + 0.5,
+            [dr.gather(mi.Float, raw.array, lane * count + c) for c in range(count)],
+        )
+        self.steady.put_block(block)
+
+    def scale(self, factor: float) -> None:
+        """Multiply all bins by a number; the steady image, a mean over samples, stays."""
+        self._bins = self._sums * factor
+        self._folded = None
+
+    # ---------------------------------------------------------------------------- details
+
+    def schedule_storage(self) -> None:
+        """Schedule the bins and the steady image for the next evaluation."""
+        dr.schedule(self._bins)
+        self.steady.schedule_storage()
+
+    def to_string(self) -> str:
+        """The film's parameters."""
+        return (
+            f"TransientHDRFilm[\n  size = {self.size()},\n  crop_size = {self.crop_size()},\n"
+            f"  crop_offset = {self.crop_offset()},\n  temporal_bins = {self.temporal_bins},\n"
+            f"  bin_width_opl = {self.bin_width_opl},\n  start_opl = {self.start_opl},\n"
+            f"  filter = {self.rfilter()}\n]"
+        )
+
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        """Expose the window to `mi.traverse`."""
+        super().traverse(callback)
+        for name in ("temporal_bins", "bin_width_opl", "start_opl"):
+            callback.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
+
+    @property
+    def _sums(self) -> mi.Float:
+        return self._bins if self._folded is None else self._bins + self._folded
+
+    def _channels(self, spectrum, wavelengths, active) -> list[mi.Float]:
+        """The values that a bin stores."""
+        if mi.is_monochromatic:
+            return [spectrum[0]]
+        if mi.is_spectral:
+            spectrum = mi.spectrum_to_srgb(spectrum, wavelengths, active)
+        return list(spectrum)
+
+    def _footprint(self, pos):
+        """Pixels (relative to the crop) that a sample at `pos` reaches, and its weight in each."""
+        rfilter = self.rfilter()
+        offset = mi.Vector2f(self.crop_offset())
+        if rfilter.is_box_filter():
+            pixel = mi.Point2i(dr.floor(mi.Point2f(pos) - offset))
+            return [(pixel.x, pixel.y, 1)]
+        radius = rfilter.radius()
+        centre = mi.Point2f(pos) - offset - 0.5
+        first = mi.Point2i(dr.ceil(centre - radius))
+        count = int(np.floor(2 * radius)) + 1
+        xs = [(first.x + i, rfilter.eval(first.x + i - centre.x)) for i in range(count)]
+        ys = [(first.y + i, rfilter.eval(first.y + i - centre.y)) for i in range(count)]
+        return [(x, y, wx * wy) for y, wy in ys for x, wx in xs]
+
+    def _scatter(self, values, index, active) -> None:
+        """Add to a bin.
+
+        Where every pixel has one writer, nothing needs to be atomic: RGB is added as one packet
+        of four, lane by lane, so that neighbours in a vector cannot lose each other's light.
+        """
+        stride = memory.stride(len(values))
+        mode = dr.ReduceMode.NoConflicts if self.one_writer_per_pixel else dr.ReduceMode.Auto
+        if stride == 4 and self.one_writer_per_pixel:
+            packet = mi.ArrayXf(values + [0.0] * (stride - len(values)))
+            dr.scatter_reduce(dr.ReduceOp.Add, self._bins, packet, index, active, mode)
+        else:
+            for c, value in enumerate(values):
+                dr.scatter_reduce(dr.ReduceOp.Add, self._bins, value, index * stride + c, active, mode)
+
+    def _filter_scale(self) -> mi.Float:
+        """Per pixel, samples over the sum of the filter's weights (1 with a box filter)."""
+        if self.samples_per_pixel is None:
+            raise RuntimeError(
+                "transient_hdr_film: samples_per_pixel is not set, which a film with a filter "
+                f"other than box needs to develop; its filter is {self.rfilter()}"
+            )
+        raw = self.steady.develop(raw=True)
+        count = raw.shape[2]
+        weight = dr.gather(mi.Float, raw.array, dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1]) * count + count - 1)
+        return dr.select(weight != 0, self.samples_per_pixel / weight, 0)
+
+
+mi.register_film("transient_hdr_film", TransientHDRFilm)

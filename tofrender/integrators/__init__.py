@@ -1,0 +1,1 @@
+"""Integrators: each picks a light strategy and a measurement for `walk`."""

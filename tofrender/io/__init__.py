@@ -1,0 +1,19 @@
+"""Files: EXR stacks, NumPy archives, PNG frames and videos, each written whole or not at all."""
+
+from .atomic import replacing
+from .exr import load_exr_stack, save_exr_stack
+from .npz import load_npz, save_npz
+from .output import check_output, output_folder
+from .pictures import save_png_frames, save_video
+
+__all__ = [
+    "check_output",
+    "load_exr_stack",
+    "load_npz",
+    "output_folder",
+    "replacing",
+    "save_exr_stack",
+    "save_npz",
+    "save_png_frames",
+    "save_video",
+]

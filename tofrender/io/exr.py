@@ -1,0 +1,273 @@
+"""EXR stacks: one image for each time bin and the steady image, in a folder or one file."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import checks
+from .atomic import replacing
+from .description import DIMS, check_dataset, describe, plain, restore
+from .multipart import MultipartWriter
+from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
+from .parallel import for_each
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORMAT = "tofrender transient stack 1"
+#: EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
+_EXR_CHANNELS = {("R", "G", "B"): "RGB", ("L",): "Y"}
+#: Header names with a meaning of their own, which attributes of a Dataset must not take.
+_RESERVED = {
+    *("channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "name"),
+    *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "type", "version"),
+}
+
+
+def save_exr_stack(
+    dataset: xr.Dataset,
+    path: str | os.PathLike,
+    *,
+    layout: str = "frames",
+    precision: str = "float",
+    overwrite: bool = False,
+    progress: bool = True,
+) -> Path:
+    """Write a rendered Dataset as OpenEXR images that any viewer opens.
+
+    Each header holds the Dataset's attributes and, for a frame, `bin_index` and the bin's
+    `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). A cropped render keeps its
+    place: the data window is the crop, the display window the film as far as it is known (the
+    attributes `film_width` and `film_height`, else up to the crop's last pixel). Monochrome
+    Datasets use the channel Y. ZIP compression; the output appears whole or not at all.
+
+    Args:
+        dataset: The result of `render`: `transient` (y, x, opl, channel), `steady`.
+        path: Folder for `frame_0000.exr`, ..., `steady.exr` (`"frames"`), or the name of
+            one .exr file whose parts have these names, the steady image first (`"multipart"`).
+        layout: `"frames"` or `"multipart"`.
+        precision: `"float"` keeps every bit, NaN of unfinished pixels included. `"half"` takes
+            about 40 % of the space, rounds to 11 bits (relative error up to 2^-11), and loses
+            what is below 6e-8; a bin of a few millimetres holds little light, so it is not the
+            default.
+        overwrite: Replace an earlier output of this package. Other content never is.
+        progress: Show a bar if it takes more than two seconds.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ValueError: Not such a Dataset, an unknown layout or precision, or a finite value above
+            65504 in half precision.
+        FileExistsError: `path` holds something that may not be replaced.
+        PermissionError: The place is not writable.
+        OSError: The disk is full; nothing half-written remains.
+
+    Example:
+        >>> save_exr_stack(dataset, "cornell_box")  # doctest: +SKIP
+        >>> save_exr_stack(dataset, "cornell_box.exr", layout="multipart")  # doctest: +SKIP
+    """
+    checks.one_of("layout", layout, ("frames", "multipart"))
+    checks.one_of("precision", precision, BYTES_PER_VALUE)
+    stack = _Stack(dataset, precision)
+    check_output(path, layout=layout, overwrite=overwrite)
+    needed = stack_bytes(dataset["transient"].shape, precision)
+    if layout == "multipart":
+        with replacing(path, needed_bytes=needed) as temporary:
+            stack.write_parts(temporary, progress)
+    else:
+        with output_folder(path, overwrite=overwrite, needed_bytes=needed) as temporary:
+            stack.write_frames(temporary, progress)
+    return Path(path)
+
+
+def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
+    """Read what `save_exr_stack` wrote, folder or multi-part file.
+
+    Args:
+        path: The folder or the .exr file.
+
+    Returns:
+        The Dataset, with all attributes and coordinates. Values are float32, equal to the saved
+        ones bit by bit, or rounded if the stack is in half precision.
+
+    Raises:
+        FileNotFoundError: There is nothing at `path`.
+        ValueError: Not a stack of this package, or frames are missing or unreadable.
+
+    Example:
+        >>> load_exr_stack("cornell_box").transient.dims  # doctest: +SKIP
+        ('y', 'x', 'opl', 'channel')
+    """
+    folder = Path(path)
+    if not folder.exists():
+        raise FileNotFoundError(f"path = {path}: does not exist; must be a saved stack")
+    if folder.is_dir():
+        if not (folder / "steady.exr").is_file():
+            raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
+        files = sorted(folder.glob("frame_*.exr"))
+        return _assemble(
+            path,
+            _read(folder / "steady.exr")[0],
+            len(files),
+            lambda number: _read(files[number])[0],
+        )
+    steady, *frames = _read(folder)
+    return _assemble(path, steady, len(frames), frames.__getitem__)
+
+
+class _Stack:
+    """A Dataset as EXR parts: headers and pixels at the chosen precision."""
+
+    def __init__(self, dataset: xr.Dataset, precision: str):
+        check_dataset(dataset)
+        self.dataset = dataset
+        self.dtype = np.float16 if precision == "half" else np.float32
+        names = tuple(map(str, dataset["channel"].values))
+        checks.one_of("channel", "".join(names), ["".join(key) for key in _EXR_CHANNELS])
+        self.channel = _EXR_CHANNELS[names]
+        self.bins = dataset.sizes["opl"]
+        self.digits = max(4, len(str(self.bins - 1)))
+        self.windows = _windows(dataset)
+        self.attributes = {
+            key: _native(value)
+            for key, value in plain(dataset.attrs).items()
+            if key not in _RESERVED
+        }
+
+    def name(self, index: int) -> str:
+        return "steady" if index < 0 else f"frame_{index:0{self.digits}d}"
+
+    def part(self, index: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Header and channels of frame `index`, or of the steady image (-1)."""
+        import OpenEXR
+
+        header = {**self.attributes, **self.windows, "format": FORMAT}
+        header["compression"] = OpenEXR.ZIP_COMPRESSION
+        header["type"] = OpenEXR.scanlineimage
+        if index < 0:
+            values = self.dataset["steady"].values
+            header["dataset"] = json.dumps(describe(self.dataset))
+        else:
+            values = self.dataset["transient"].values[:, :, index]
+            start, width = (self.dataset.attrs[key] for key in ("start_opl", "bin_width_opl"))
+            header["bin_index"] = index
+            header["opl_center"] = _double(self.dataset["opl"].values[index])
+            header["opl_start"] = _double(start + index * width)
+            header["opl_stop"] = _double(start + (index + 1) * width)
+        # OpenEXR writes strided arrays wrongly, so the copy is needed.
+        pixels = np.ascontiguousarray(self._round(values))
+        return header, {self.channel: pixels[..., 0] if self.channel == "Y" else pixels}
+
+    def encode(self, index: int) -> bytes:
+        """Frame `index` (-1: the steady image) as the bytes of an EXR file.
+
+        Made in memory because OpenEXR hides errors, such as a full disk, while it closes a file.
+        """
+        import OpenEXR
+
+        stream = io.BytesIO()
+        OpenEXR.File(*self.part(index), num_threads=0).write(stream)
+        return stream.getvalue()
+
+    def write_frames(self, folder: Path, progress: bool) -> None:
+        def write(index: int) -> None:
+            (folder / f"{self.name(index)}.exr").write_bytes(self.encode(index))
+
+        for_each(write, range(-1, self.bins), "Writing EXR", progress=progress)
+
+    def write_parts(self, path: Path, progress: bool) -> None:
+        with open(path, "wb") as file:
+            names = [self.name(index) for index in range(-1, self.bins)]
+            parts = MultipartWriter(file, names, self.encode(-1), self.encode(0))
+            numbers = range(len(names))
+            for_each(
+                lambda number: parts.add(number, self.encode(number - 1)),
+                numbers,
+                "Writing EXR",
+                progress=progress,
+            )
+            parts.finish()
+
+    def _round(self, values: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore"):
+            rounded = values.astype(self.dtype)
+        lost = np.isinf(rounded) & np.isfinite(values)
+        if lost.any():
+            raise ValueError(
+                f"precision = 'half': {values[lost].flat[0]:g} is beyond the range of half, "
+                "+-65504; must be 'float' for these values"
+            )
+        return rounded
+
+
+def _native(value: str | int | float) -> Any:
+    """`value` as an EXR attribute: int (32 bits), double or text."""
+    if isinstance(value, float):
+        return _double(value)
+    return value if isinstance(value, int) and abs(value) < 1 << 31 else str(value)
+
+
+def _double(value: float) -> np.ndarray:
+    return np.array([value], dtype=np.float64)  # a plain float would become a 32-bit attribute
+
+
+def _windows(dataset: xr.Dataset) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    first, last = ([int(dataset[axis].values[end]) for axis in "xy"] for end in (0, -1))
+    film = [dataset.attrs.get(f"film_{side}", 0) - 1 for side in ("width", "height")]
+    origin = np.minimum(first, 0)
+    return {
+        "dataWindow": (np.array(first, dtype=np.int32), np.array(last, dtype=np.int32)),
+        "displayWindow": (origin.astype(np.int32), np.maximum(last, film).astype(np.int32)),
+    }
+
+
+def _read(file: Path) -> list[Any]:
+    """The parts of an EXR file."""
+    import OpenEXR
+
+    try:
+        return OpenEXR.File(str(file), num_threads=0).parts
+    except Exception as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"path = {file}: not a readable EXR file ({reason})") from None
+
+
+def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
+    if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
+        raise ValueError(f"path = {path}: holds other EXR images; must be a saved stack")
+    about = json.loads(steady.header["dataset"])
+    bins = about["sizes"]["opl"]
+    if count != bins:
+        raise ValueError(f"path = {path}: {count} frames of {bins} are there; must be complete")
+    image = _pixels(steady)
+    transient = np.empty([about["sizes"][axis] for axis in DIMS["transient"]], np.float32)
+    opl = np.full(bins, np.nan)
+
+    def place(number: int) -> None:
+        part = frame(number)
+        pixels, index = _pixels(part), part.header.get("bin_index", -1)
+        if not 0 <= index < bins or pixels.shape != image.shape:
+            raise ValueError(f"path = {path}: frame {number} does not belong to this stack")
+        transient[:, :, index] = pixels
+        opl[index] = part.header["opl_center"][0]
+
+    for_each(place, range(bins), "Reading EXR", progress=True)
+    if np.isnan(opl).any():
+        raise ValueError(f"path = {path}: two frames have the same bin_index")
+    x, y = (int(first) for first in steady.header["dataWindow"][0])
+    pixels = {"y": y + np.arange(image.shape[0]), "x": x + np.arange(image.shape[1])}
+    return restore(about, {"transient": transient, "steady": image, "opl": opl, **pixels})
+
+
+def _pixels(part: Any) -> np.ndarray:
+    channels = part.channels
+    pixels = channels["Y"].pixels[..., None] if "Y" in channels else channels["RGB"].pixels
+    return pixels.astype(np.float32, copy=False)

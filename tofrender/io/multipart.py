@@ -1,0 +1,86 @@
+"""One multi-part EXR file out of many single-part ones.
+
+OpenEXR's Python writer wants all parts in memory at once, copies them, and compresses them one
+after the other. Compressed chunks are the same in both kinds of file, so parts that threads have
+encoded are put together here as they come ("OpenEXR File Layout", openexr.com).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from threading import Lock
+from typing import BinaryIO
+
+_MULTIPART_FLAG = 0x1000
+
+
+class MultipartWriter:
+    """Writes parts that all have the same size and, apart from the first, headers of equal length.
+
+    Args:
+        file: Empty file, open for writing.
+        names: Name of every part; those after the first have the same length.
+        first: The first part as a single-part EXR file.
+        second: Any other part, likewise.
+    """
+
+    def __init__(self, file: BinaryIO, names: Sequence[str], first: bytes, second: bytes):
+        self.file = file
+        self.names = names
+        self.lock = Lock()
+        self.headers = [b""] * len(names)
+        self.offsets = [b""] * len(names)
+        self.version = struct.unpack_from("<i", first, 4)[0] | _MULTIPART_FLAG
+        headers = len(self._header(first, names[0]))
+        headers += len(self._header(second, names[1])) * (len(names) - 1)
+        file.seek(8 + headers + 1 + 8 * _chunk_count(first) * len(names))
+
+    def add(self, number: int, part: bytes) -> None:
+        """Append the chunks of a part; threads may call this in any order."""
+        self.headers[number] = self._header(part, self.names[number])
+        position = _header_end(part) + 8 * _chunk_count(part)
+        chunks, lengths = [], []
+        while position < len(part):
+            size = 8 + struct.unpack_from("<i", part, position + 4)[0]  # row, size, data
+            chunks.append(struct.pack("<i", number) + part[position : position + size])
+            lengths.append(4 + size)
+            position += size
+        with self.lock:
+            start = self.file.tell()
+            self.file.write(b"".join(chunks))
+        offsets = [start + sum(lengths[:index]) for index in range(len(lengths))]
+        self.offsets[number] = struct.pack(f"<{len(offsets)}q", *offsets)
+
+    def finish(self) -> None:
+        """Write the headers and the tables of chunk offsets."""
+        self.file.seek(0)
+        self.file.write(struct.pack("<2i", 20000630, self.version))
+        self.file.write(b"".join(self.headers) + b"\0" + b"".join(self.offsets))
+
+    def _header(self, part: bytes, name: str) -> bytes:
+        """The part's header with the attributes that a multi-part file needs."""
+        attributes = part[8 : _header_end(part) - 1]
+        label = name.encode()
+        return b"".join(
+            [
+                attributes,
+                b"name\0string\0" + struct.pack("<i", len(label)) + label,
+                b"chunkCount\0int\0" + struct.pack("<2i", 4, _chunk_count(part)),
+                b"\0",
+            ]
+        )
+
+
+def _header_end(part: bytes) -> int:
+    """Where the table of chunk offsets begins."""
+    position = 8  # magic number, version
+    while part[position]:  # name, type, size, value; an empty name ends the header
+        position = part.index(b"\0", part.index(b"\0", position) + 1) + 1
+        position += 4 + struct.unpack_from("<i", part, position)[0]
+    return position + 1
+
+
+def _chunk_count(part: bytes) -> int:
+    table = _header_end(part)
+    return (struct.unpack_from("<q", part, table)[0] - table) // 8

@@ -1,0 +1,73 @@
+"""The Dataset in one NumPy archive, without pickles."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from .atomic import replacing
+from .description import check_dataset, describe, restore
+from .output import check_output, stack_bytes
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_ARRAYS = ("transient", "steady", "y", "x", "opl")
+
+
+def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
+    """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
+
+    The arrays have the Dataset's names; `tofrender` is a JSON text with sizes, channels and all
+    attributes. Nothing is compressed: zlib would take eight times as long. The
+    file appears whole or not at all.
+
+    Args:
+        dataset: The result of `render`.
+        path: A file name that ends in .npz.
+        overwrite: Replace a file that is there.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ValueError: Not such a Dataset, or another suffix.
+        FileExistsError: The file exists.
+        PermissionError: The place is not writable.
+        OSError: The disk is full; nothing half-written remains.
+
+    Example:
+        >>> save_npz(dataset, "cornell_box.npz")  # doctest: +SKIP
+    """
+    check_dataset(dataset)
+    check_output(path, layout="npz", overwrite=overwrite)
+    about = np.array(json.dumps(describe(dataset)))
+    arrays: dict[str, Any] = {name: dataset[name].values for name in _ARRAYS}
+    needed = stack_bytes(dataset["transient"].shape)
+    with replacing(path, needed_bytes=needed) as temporary, open(temporary, "wb") as file:
+        np.savez(file, tofrender=about, **arrays)
+    return Path(path)
+
+
+def load_npz(path: str | os.PathLike) -> xr.Dataset:
+    """Read what `save_npz` wrote: the same Dataset, bit by bit.
+
+    Raises:
+        FileNotFoundError: There is nothing at `path`.
+        ValueError: Not a file of `save_npz`.
+
+    Example:
+        >>> load_npz("cornell_box.npz").transient.dims  # doctest: +SKIP
+        ('y', 'x', 'opl', 'channel')
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            about = json.loads(str(archive["tofrender"]))
+            return restore(about, {name: archive[name] for name in _ARRAYS})
+    except (KeyError, TypeError, ValueError, EOFError, BadZipFile):
+        raise ValueError(f"path = {path}: must be a file that save_npz wrote") from None

@@ -1,0 +1,157 @@
+"""Where output may go: checked before a render starts and again before anything is replaced."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from .. import checks
+from .atomic import TEMPORARY_PREFIX, disk_full, nearest_folder, replacing
+
+LAYOUTS = ("frames", "multipart", "npz")
+BYTES_PER_VALUE = {"half": 2, "float": 4}
+#: Files that carry our mark in their first bytes; an output folder of ours holds at least one ...
+_MARKED = re.compile(r"(frame_\d{4,}|steady)\.(exr|png)|stack\.exr|transient\.npz")
+#: ... and beside them only these. Nothing but such a folder is ever replaced.
+_UNMARKED = re.compile(r"video\.(mp4|gif)|summary\.(png|pdf|svg)")
+_MARK = b"tofrender"
+
+
+def check_output(
+    path: str | os.PathLike,
+    shape: Sequence[int] | None = None,
+    *,
+    layout: str = "frames",
+    precision: str = "float",
+    overwrite: bool = False,
+) -> Path:
+    """Refuse, before any work starts, an output that could not be written in the end.
+
+    Args:
+        path: Folder (`layout="frames"`) or file (`"multipart"`: .exr, `"npz"`: .npz).
+        shape: (height, width, bins, channels) of the transient; with it the free space is
+            compared with the uncompressed size, which is the most that the output can need.
+        layout: `"frames"`, `"multipart"` or `"npz"`.
+        precision: `"half"` or `"float"`.
+        overwrite: Allow an earlier output of this package at `path`.
+
+    Returns:
+        `path` as a `Path`.
+
+    Raises:
+        ValueError: Unknown layout or precision, or a file name with another suffix.
+        FileExistsError: `path` holds something that may not be replaced.
+        PermissionError: The place is not writable.
+        OSError: The disk has too little room.
+
+    Example:
+        >>> check_output("new_folder", (64, 64, 300, 3)).name
+        'new_folder'
+    """
+    checks.one_of("layout", layout, LAYOUTS)
+    checks.one_of("precision", precision, BYTES_PER_VALUE)
+    if layout == "frames":
+        _check_folder(path, overwrite)
+    else:
+        check_file(path, ".npz" if layout == "npz" else ".exr", overwrite=overwrite)
+    check_writable(path)
+    if shape is not None:
+        needed = stack_bytes(shape, "float" if layout == "npz" else precision)
+        if shutil.disk_usage(nearest_folder(path)).free < needed:
+            raise disk_full(path, needed)
+    return Path(path)
+
+
+def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
+    """The most bytes that a stack of `shape` (height, width, bins, channels) takes on disk."""
+    height, width, bins, channels = shape
+    values = height * width * (bins + 1) * channels
+    return values * BYTES_PER_VALUE[precision] + (bins + 1) * (4096 + 8 * height)
+
+
+def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path:
+    """Refuse a file name with another suffix, a folder, or a file that may not be replaced."""
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise ValueError(f"path = {path}: must be a file name that ends in {' or '.join(suffixes)}")
+    if target.is_dir():
+        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
+    if target.exists() and not overwrite:
+        raise FileExistsError(f"path = {path}: exists; pass overwrite=True to replace it")
+    return target
+
+
+def check_writable(path: str | os.PathLike) -> None:
+    """Refuse a place where nothing can be made, by trying (modes say nothing to root)."""
+    parent = nearest_folder(path)
+    probe = parent / f"{TEMPORARY_PREFIX}{os.getpid()}.probe"
+    try:
+        probe.mkdir()
+        probe.rmdir()
+    except OSError as error:
+        raise PermissionError(
+            f"path = {path}: cannot write in {parent} ({error.strerror}); "
+            "must lie in a folder that you may write to"
+        ) from None
+
+
+@contextmanager
+def output_folder(
+    path: str | os.PathLike, *, overwrite: bool = False, needed_bytes: int | None = None
+) -> Iterator[Path]:
+    """Yield an empty temporary folder that becomes `path` when the block succeeds.
+
+    Use it to put several outputs (a stack, a video, a figure) into one folder whole. `path` may
+    not exist, may be empty, or, with `overwrite`, may hold an earlier output of this package;
+    that is checked once more right before it is replaced.
+
+    Args:
+        path: The folder to make.
+        overwrite: Replace an earlier output of this package.
+        needed_bytes: Size to name when the disk is full [bytes].
+
+    Raises:
+        FileExistsError: `path` holds something that may not be replaced.
+        PermissionError: The place is not writable.
+        OSError: The disk is full.
+    """
+    _check_folder(path, overwrite)
+    check_writable(path)
+    with replacing(path, folder=True, needed_bytes=needed_bytes) as temporary:
+        yield temporary
+        _check_folder(path, overwrite)
+
+
+def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
+    allowed = "must be a new or empty folder, or one that holds only an earlier output of tofrender"
+    target = Path(os.path.realpath(path))
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise FileExistsError(f"path = {path}: is a file; {allowed}")
+    if target == Path.cwd() or os.path.ismount(target):
+        what = "the current folder" if target == Path.cwd() else "a mount point"
+        raise FileExistsError(
+            f"path = {path}: is {what}, which cannot be replaced whole; must be a folder inside it"
+        )
+    files = [file for file in target.iterdir() if not file.name.startswith(TEMPORARY_PREFIX)]
+    marked = {f.name for f in files if _MARKED.fullmatch(f.name) and _has_mark(f)}
+    unmarked = sorted(f.name for f in files if f.name not in marked)
+    foreign = [name for name in unmarked if not _UNMARKED.fullmatch(name) or not marked]
+    if foreign:
+        raise FileExistsError(f"path = {path}: holds other content ({foreign[0]}); {allowed}")
+    if files and not overwrite:
+        raise FileExistsError(
+            f"path = {path}: holds an earlier output; pass overwrite=True to replace it"
+        )
+
+
+def _has_mark(file: Path) -> bool:
+    if not file.is_file():
+        return False
+    with open(file, "rb") as stream:
+        return _MARK in stream.read(1 << 16)

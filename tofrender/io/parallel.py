@@ -1,0 +1,45 @@
+"""Threads and a progress bar for work on many frames."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from typing import Any
+
+#: A bar appears only for work that takes longer than this [s].
+PROGRESS_DELAY_S = 2.0
+
+
+def progress_bar(description: str, total: int | None, *, unit: str = "frame", enabled: bool = True):
+    """A tqdm bar, for terminal or notebook, that shows up after two seconds."""
+    from tqdm.auto import tqdm
+
+    return tqdm(
+        desc=description,
+        total=total,
+        unit=unit,
+        unit_scale=unit == "B",
+        delay=PROGRESS_DELAY_S,
+        disable=not enabled,
+        leave=False,
+    )
+
+
+def for_each(
+    function: Callable[[int], Any], items: Iterable[int], description: str, *, progress: bool
+) -> None:
+    """Call `function` on every item in threads; the first error or Ctrl-C cancels the rest.
+
+    Worth it for work that releases the GIL: OpenEXR and Pillow do while they (de)compress.
+    """
+    with ThreadPoolExecutor(min(16, os.cpu_count() or 1)) as pool:
+        futures = [pool.submit(function, item) for item in items]
+        try:
+            with progress_bar(description, len(futures), enabled=progress) as bar:
+                for future in as_completed(futures):
+                    future.result()
+                    bar.update()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise

@@ -1,0 +1,205 @@
+"""PNG frames and videos of light in flight, with the time written below each picture."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, cast
+
+import numpy as np
+
+from .. import checks
+from ..vis import Transient, auto_exposure, check_exposure, tonemap
+from .atomic import replacing
+from .output import check_file, check_writable, output_folder
+from .parallel import for_each, progress_bar
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_LONGEST_SIDE = 4096
+_INK, _PAPER = (235, 235, 235), (16, 16, 16)
+
+
+def save_png_frames(
+    dataset: xr.Dataset,
+    path: str | os.PathLike,
+    *,
+    exposure: float | None = None,
+    min_size: int = 384,
+    overwrite: bool = False,
+    progress: bool = True,
+) -> Path:
+    """Write a folder of tone-mapped pictures, `frame_0000.png` ..., one for each bin.
+
+    Args:
+        dataset: The result of `render`.
+        path: The folder; it appears whole or not at all.
+        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white.
+        min_size: Smaller images are enlarged until their shorter side has so many pixels.
+        overwrite: Replace an earlier output of this package. Other content never is.
+        progress: Show a bar if it takes more than two seconds.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ValueError: A bad exposure or size.
+        FileExistsError: `path` holds something that may not be replaced.
+        PermissionError: The place is not writable.
+        OSError: The disk is full; nothing half-written remains.
+
+    Example:
+        >>> save_png_frames(dataset, "pictures")  # doctest: +SKIP
+    """
+    from PIL import Image, PngImagePlugin
+
+    frames = _Frames(dataset, exposure, min_size)
+    mark = PngImagePlugin.PngInfo()
+    mark.add_text("Software", "tofrender")
+    digits = max(4, len(str(frames.count - 1)))
+    with output_folder(path, overwrite=overwrite) as folder:
+
+        def write(index: int) -> None:
+            image = Image.fromarray(frames.draw(index))
+            image.save(folder / f"frame_{index:0{digits}d}.png", pnginfo=mark)
+
+        for_each(write, range(frames.count), "Writing PNG", progress=progress)
+    return Path(path)
+
+
+def save_video(
+    dataset: xr.Dataset,
+    path: str | os.PathLike,
+    *,
+    fps: float = 30,
+    exposure: float | None = None,
+    min_size: int = 384,
+    progress: bool = True,
+) -> Path:
+    """Write a video of one frame for each bin: H.264 in .mp4, or an animated .gif.
+
+    Args:
+        dataset: The result of `render`.
+        path: A file name that ends in .mp4 or .gif. A file that is there is replaced when the
+            new one is complete.
+        fps: Frames per second, above 0 and at most 120; at most 50 for a .gif.
+        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white.
+        min_size: Smaller images are enlarged until their shorter side has so many pixels.
+        progress: Show a bar if it takes more than two seconds.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ValueError: A bad exposure, size, rate or suffix.
+        PermissionError: The place is not writable.
+        OSError: The disk is full; nothing half-written remains.
+
+    Example:
+        >>> save_video(dataset, "light.mp4")  # doctest: +SKIP
+    """
+    target = check_file(path, ".mp4", ".gif", overwrite=True)
+    kind = target.suffix.lower()
+    fastest = 50 if kind == ".gif" else 120
+    if not (isinstance(fps, int | float) and 0 < fps <= fastest):
+        raise ValueError(f"fps = {fps!r}: must be a number above 0 and at most {fastest}")
+    frames = _Frames(dataset, exposure, min_size)
+    check_writable(path)
+    with replacing(path) as temporary:
+        _encode(frames, temporary, kind, fps, progress)
+    return target
+
+
+class _Frames:
+    """Draws the picture of a bin: tone-mapped, enlarged, its time in a strip below."""
+
+    def __init__(self, dataset: xr.Dataset, exposure: float | None, min_size: int):
+        from PIL import ImageFont
+
+        checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
+        self.sequence = Transient.of(dataset)
+        values = self.sequence.values
+        self.exposure = auto_exposure(values) if exposure is None else exposure
+        check_exposure(self.exposure)
+        height, width, self.count = values.shape[:3]
+        wanted = -(-min_size // min(height, width))
+        self.scale = max(1, min(wanted, _LONGEST_SIDE // max(height, width)))
+        self.height, self.width = height * self.scale, width * self.scale
+        size = max(15, min(self.height, self.width) // 22)
+        label = max((self.sequence.label(index) for index in (0, self.count - 1)), key=len)
+        font = ImageFont.load_default(size)
+        self.canvas_width = _even(max(self.width, int(font.getlength(label)) + size))
+        self.canvas_height = _even(self.height + 2 * size)
+        self.font = font
+
+    def draw(self, index: int) -> np.ndarray:
+        """Frame `index`, uint8 (height, width, 3), both sides even."""
+        from PIL import Image, ImageDraw
+
+        picture = tonemap(self.sequence.values[:, :, index], exposure=self.exposure)
+        picture = picture.repeat(self.scale, axis=0).repeat(self.scale, axis=1)
+        image = Image.new("RGB", (self.canvas_width, self.canvas_height), _PAPER)
+        image.paste(Image.fromarray(picture), ((self.canvas_width - self.width) // 2, 0))
+        middle = (self.canvas_width // 2, (self.height + self.canvas_height) // 2)
+        label = self.sequence.label(index)
+        ImageDraw.Draw(image).text(middle, label, fill=_INK, font=self.font, anchor="mm")
+        return np.asarray(image)
+
+
+def _even(length: int) -> int:
+    return length + length % 2
+
+
+def _encode(frames: _Frames, target: Path, kind: str, fps: float, progress: bool) -> None:
+    """Pipe the frames to ffmpeg."""
+    import imageio_ffmpeg
+
+    size = f"{frames.canvas_width}x{frames.canvas_height}"
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-nostdin"]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "pipe:0"]
+    command += _FORMATS[kind] + ["-y", str(target)]
+    with tempfile.TemporaryFile() as log:
+        # In a session of its own, so that Ctrl-C reaches us and not ffmpeg.
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
+        )
+        pipe = cast(BinaryIO, process.stdin)
+        try:
+            with progress_bar("Writing video", frames.count, enabled=progress) as bar:
+                for index in range(frames.count):
+                    pipe.write(frames.draw(index).tobytes())
+                    bar.update()
+        except BrokenPipeError:
+            pass  # ffmpeg gave up; its log says why
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            with suppress(BrokenPipeError):
+                pipe.close()
+            status = process.wait()
+        log.seek(0)
+        said = " ".join(log.read().decode(errors="replace").split())
+    if status:
+        if os.strerror(errno.ENOSPC) in said:
+            raise OSError(errno.ENOSPC, "disk full")
+        raise RuntimeError(f"ffmpeg failed with status {status}: {said}")
+
+
+_FORMATS: dict[str, list[str]] = {
+    ".mp4": [
+        *("-c:v", "libx264", "-preset", "medium", "-crf", "18", "-pix_fmt", "yuv420p"),
+        *("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-movflags", "+faststart"),
+        *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1"),
+        *("-f", "mp4"),
+    ],
+    ".gif": [
+        *("-filter_complex", "split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=sierra2_4a"),
+        *("-loop", "0", "-f", "gif"),
+    ],
+}

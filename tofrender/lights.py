@@ -1,0 +1,113 @@
+"""What a path can connect to: the light strategies of `walk`.
+
+A strategy offers
+
+    connects                          whether next-event estimation happens at all
+    connect(si, sample, active)       -> Connection from a surface point
+    hit(si, previous, ray, active)    -> (radiance, solid-angle density of `connect`, length)
+
+`SceneLights` connects to the scene's emitters. `EmitterHits` never connects: paths see light only
+where they run into it.
+
+Lengths end at the point that emits. An environment or directional light has none; its light starts
+on the plane that touches the sphere around scene and sensor and faces the light, so that each
+direction's wavefront is plane, all of it starts at OPL 0, and no length is negative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+
+@dataclass
+class Connection:
+    """One sample of next-event estimation, shadow ray included.
+
+    Attributes:
+        direction: Unit vector from the surface towards the light, world space.
+        weight: Radiance over density; 0 where the light cannot be seen.
+        pdf: Density of `direction` [1/sr].
+        delta: Whether no other technique can find this light (point lights, lasers).
+        length: Geometric length of the connection [m].
+        active: Lanes in which there is a connection.
+    """
+
+    direction: mi.Vector3f
+    weight: mi.Spectrum
+    pdf: mi.Float
+    delta: mi.Bool
+    length: mi.Float
+    active: mi.Bool
+
+
+class SceneLights:
+    """All emitters of a scene, by next-event estimation and by hits.
+
+    Args:
+        scene: The scene.
+        origin: A point that lengths to distant lights must not be negative from, the sensor's
+            position [m], or None.
+    """
+
+    connects = True
+
+    def __init__(self, scene: mi.Scene, origin: mi.ScalarPoint3f | None = None) -> None:
+        self.scene = scene
+        infinite = mi.EmitterFlags.Infinite
+        self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
+        if self.has_distant:
+            box = scene.bbox()
+            if origin is not None:
+                box.expand(origin)
+            sphere = box.bounding_sphere()
+            self.centre = dr.opaque(mi.Point3f, sphere.center)
+            self.radius = dr.opaque(mi.Float, sphere.radius)
+
+    def connect(self, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool) -> Any:
+        """Sample an emitter as seen from `si`."""
+        ds, weight = self.scene.sample_emitter_direction(si, sample, True, active)
+        length = dr.norm(ds.p - si.p)
+        if self.has_distant:
+            distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
+            length = dr.select(distant, self.distant_length(si.p, ds.d), length)
+        weight = mi.unpolarized_spectrum(weight)
+        return Connection(ds.d, weight, ds.pdf, ds.delta, length, active & (ds.pdf != 0))
+
+    def hit(
+        self,
+        si: mi.SurfaceInteraction3f,
+        previous: mi.Interaction3f,
+        ray: mi.Ray3f,
+        active: mi.Bool,
+    ) -> tuple[mi.Spectrum, mi.Float, mi.Float]:
+        """Radiance of the emitter at `si` (or behind the scene) towards the previous vertex."""
+        ds = mi.DirectionSample3f(self.scene, si=si, ref=previous)
+        radiance = mi.unpolarized_spectrum(ds.emitter.eval(si, active))
+        pdf = self.scene.pdf_emitter_direction(previous, ds, active)
+        length = dr.norm(si.p - previous.p)
+        if self.has_distant:
+            length = dr.select(si.is_valid(), length, self.distant_length(previous.p, ray.d))
+        return radiance, pdf, length
+
+    def distant_length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
+        """Length from `p` along `d` to the plane where a distant light starts [m]."""
+        return self.radius - dr.dot(d, p - self.centre)
+
+
+class EmitterHits(SceneLights):
+    """Emitters by hits alone, without next-event estimation.
+
+    The algorithm of a first transient path tracer: noisier than `SceneLights` by far with small
+    lights, equal in expectation, and blind to point lights.
+    """
+
+    connects = False
+
+    def hit(self, si, previous, ray, active):
+        """As in `SceneLights`; nothing competes with the hit, so the density is 0."""
+        radiance, _, length = super().hit(si, previous, ray, active)
+        return radiance, mi.Float(0), length

@@ -1,0 +1,194 @@
+"""The path loop, the only one of the package.
+
+`walk` follows paths from the sensor and hands every connection to a light to a measurement, as
+(spectrum, opl, active). It knows how long each path is and nothing of pulses, films or frequencies.
+
+A measurement is any object with `add(spectrum, opl, active)`. One that accumulates in variables is
+a dataclass of Dr.Jit arrays, which the loop carries as its state; one that scatters into a film
+has none. `Radiance` is the simplest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import drjit as dr
+import mitsuba as mi
+
+from .lights import SceneLights
+
+
+class Measurement(Protocol):
+    """What is done with light that arrives."""
+
+    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+        """Take in a contribution.
+
+        Args:
+            spectrum: Radiance that this path carries to the sensor.
+            opl: Optical path length from the emitter to the sensor [m].
+            active: Lanes that have such a contribution.
+        """
+        ...
+
+
+@dataclass
+class Radiance:
+    """The plain sum, as a steady camera measures it.
+
+    Attributes:
+        total: Sum of all contributions, of type `mi.UnpolarizedSpectrum`.
+    """
+
+    total: Any
+
+    @classmethod
+    def zero(cls) -> Radiance:
+        """Nothing measured yet."""
+        return cls(mi.UnpolarizedSpectrum(0))
+
+    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+        """Add a contribution."""
+        self.total += dr.select(active, spectrum, 0)
+
+
+M = TypeVar("M", bound=Measurement)
+
+
+def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
+    """Power heuristic a^2 / (a^2 + b^2) of a sample drawn from the first density (Veach 1997, 9.13)."""
+    a2 = pdf_a * pdf_a
+    return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
+
+
+@dr.syntax
+def walk(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    measurement: M,
+    lights: SceneLights,
+    *,
+    max_depth: int,
+    rr_depth: int = 5,
+    origin: mi.Point3f | None = None,
+    unwarp: bool = False,
+    first_emission: bool = True,
+    hide_emitters: bool = False,
+    active: mi.Bool = True,
+) -> tuple[M, mi.Bool]:
+    """Trace paths and hand each of their connections to a light to `measurement`.
+
+    Unidirectional path tracing with next-event estimation and multiple importance sampling. The
+    length of a path is the sum of index of refraction times distance between its vertices, taken
+    point to point: rays start a little off the surface, and camera rays at the near plane.
+
+    Args:
+        scene: The scene.
+        sampler: Random numbers; every vertex draws six.
+        ray: Camera rays, of any number.
+        measurement: Receives (spectrum, opl, active) of every connection.
+        lights: What connections are made to.
+        max_depth: Longest path in segments, camera's included: 1 shows emitters only, 2 adds
+            direct light; -1 means no limit.
+        rr_depth: Number of bounces after which Russian roulette may end a path.
+        origin: Points from which lengths are measured, the sensor's lens; by default where the
+            rays start.
+        unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
+            scene's own ("camera unwarping").
+        first_emission: Whether light that comes straight from an emitter counts.
+        hide_emitters: Whether the environment is invisible to the camera, as in Mitsuba. (Area
+            lights are hidden before the walk, by `camera.behind_emitters`.)
+        active: Lanes to trace.
+
+    Returns:
+        The measurement, and the lanes whose camera ray met a surface.
+    """
+    bsdf_ctx = mi.BSDFContext()
+    bounded = max_depth >= 0
+
+    # --------------------- Configure loop state ----------------------
+
+    ray = mi.Ray3f(ray)                                # Current ray
+    depth = mi.UInt32(0)                               # Bounces so far
+    β = mi.UnpolarizedSpectrum(1)                      # Path throughput
+    η = mi.Float(1)                                    # Index of refraction around the ray
+    opl = mi.Float(0)                                  # Optical length up to the last vertex
+    valid = mi.Bool(False)                             # Has the camera ray met a surface?
+    active = mi.Bool(active)                           # Lanes that still walk
+
+    # The vertex before this one, and how its BSDF was sampled
+    prev = dr.zeros(mi.Interaction3f)
+    prev.p = mi.Point3f(ray.o if origin is None else origin)
+    prev_pdf = mi.Float(1)
+    prev_delta = mi.Bool(True)
+
+    while dr.hint(active, max_iterations=max_depth if bounded else -1, label="walk"):
+        si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0),
+                                 active=active)
+        active_next = active & si.is_valid()
+
+        # ------------------ Light that the ray runs into -----------------
+
+        Le, em_pdf, length = lights.hit(si, prev, ray, active)
+        if dr.hint(unwarp, mode="scalar"):
+            length = dr.select(depth == 0, 0, length)
+        visible = active & dr.any(Le != 0)
+        if dr.hint(hide_emitters, mode="scalar"):
+            visible &= (depth > 0) | si.is_valid()
+        if dr.hint(not first_emission, mode="scalar"):
+            visible &= depth > 0
+
+        opl = dr.fma(η, length, opl)
+        mis_hit = dr.select(prev_delta, 1, mis_weight(prev_pdf, em_pdf))
+        measurement.add(β * mis_hit * Le, opl, visible)
+
+        # ----------------- Stop at the last surface vertex ---------------
+
+        valid |= active_next & (depth == 0)
+        if dr.hint(bounded, mode="scalar"):
+            active_next &= depth + 1 < max_depth
+
+        # ---------- Connect to a light and sample the next ray -----------
+
+        bsdf = si.bsdf()
+        if dr.hint(lights.connects, mode="scalar"):
+            # Connections to a smooth BSDF only: a delta lobe reflects none of them
+            active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+            em = lights.connect(si, sampler.next_2d(), active_em)
+            f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
+                bsdf_ctx, si, si.to_local(em.direction), sampler.next_1d(), sampler.next_2d(),
+                active_next
+            )
+            mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
+            measurement.add(β * mis_em * mi.unpolarized_spectrum(f) * em.weight,
+                            dr.fma(η, em.length, opl), em.active)
+        else:
+            bs, bsdf_weight = bsdf.sample(bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(),
+                                          active_next)
+
+        # ------------------- Move to the next vertex ---------------------
+
+        ray = si.spawn_ray(si.to_world(bs.wo))
+        β *= mi.unpolarized_spectrum(bsdf_weight)
+        η *= bs.eta
+        prev = mi.Interaction3f(si)
+        prev_pdf = bs.pdf
+        prev_delta = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+
+        # ---------------------- Russian roulette -------------------------
+
+        # η² undoes the compression of radiance at refraction, which the throughput contains
+        survival = dr.minimum(dr.max(β) * η * η, 0.95)
+        roulette = depth >= rr_depth
+        β[roulette] *= dr.rcp(survival)
+        active_next &= ~roulette | (sampler.next_1d() < survival)
+
+        # Do not go on once the throughput is zero
+        active_next &= dr.any(β != 0)
+
+        depth[si.is_valid()] += 1
+        active = active_next
+
+    return measurement, valid
