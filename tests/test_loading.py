@@ -259,6 +259,12 @@ def test_ready_made_film_refuses_settings():
     assert "its film is a ready-made object" in refusal(source, width=8)
 
 
+def test_nobody_can_tell_what_a_python_plugin_in_a_dict_is():
+    mi.register_sampler("dice", lambda props: mi.load_dict({"type": "independent"}))
+    camera = {"type": "perspective", "random": {"type": "dice"}}
+    assert "'dice' may be its sampler" in refusal({"type": "scene", "camera": camera}, spp=4)
+
+
 def test_half_a_window_for_a_steady_scene():
     line = refusal("cornell_box_steady_state", temporal_bins=30)
     assert "give start_opl and bin_width_opl too" in line

@@ -10,6 +10,7 @@ import mitsuba as mi
 from .settings import INTEGRATORS
 
 parser: Any = mi.parser
+UNKNOWN = mi.ObjectType.Unknown
 
 STEADY_FILM, TRANSIENT_FILM = "hdrfilm", "transient_hdr_film"
 FILM_SETTINGS = ("width", "height", "temporal_bins", "start_opl", "bin_width_opl")
@@ -25,6 +26,14 @@ FILM_KEPT = (
     "crop_offset_y",
     "sample_border",
 )
+# Python plugins in a dict have no type before they are built; their names end like this.
+ENDINGS = {
+    mi.ObjectType.Film: ("film",),
+    mi.ObjectType.Sampler: ("sampler", "sobol"),
+    mi.ObjectType.Integrator: ("path", "integrator"),
+    mi.ObjectType.Sensor: ("camera", "meter"),
+}
+
 INTEGRATOR_KEPT = ("max_depth", "rr_depth", "hide_emitters")
 SAMPLER_KEPT = ("sample_count", "seed")
 
@@ -79,36 +88,41 @@ class _Nodes:
         """The child of `parent` that is of this kind; if there is none, Mitsuba's default is added.
 
         Raises:
-            ValueError: The child is a ready-made object, whose settings are fixed.
+            ValueError: The child is a ready-made object, or nobody can tell which one it is.
         """
+        what = kind.name.lower()
+        unknown = None
         for _, value in self.nodes[parent].props.items():
             if isinstance(value, mi.Properties.ResolvedReference):
-                if _is(self.nodes[value.index()], kind):
+                node = self.nodes[value.index()]
+                if _is(node, kind):
                     return value.index()
+                if not any(_is(node, each) for each in mi.ObjectType if each != UNKNOWN):
+                    unknown = node.props.plugin_name()
             elif isinstance(value, getattr(mi, kind.name)):
                 raise ValueError(
-                    f"scene: its {kind.name.lower()} is a ready-made object, whose settings "
-                    "cannot be changed; describe it by a dict"
+                    f"scene: its {what} is a ready-made object, whose settings cannot be changed; "
+                    "describe it by a dict"
                 )
+        if unknown:
+            raise ValueError(
+                f"scene: {unknown!r} may be its {what}; to change it, use an XML file, which says, "
+                f"or a plugin's name that ends in {' or '.join(ENDINGS[kind])}"
+            )
         added = parser.SceneNode()
         added.type, added.props = kind, mi.Properties(default)
         self.nodes.append(added)
         index = len(self.nodes) - 1
         reference = mi.Properties.ResolvedReference(index)
-        self.nodes[parent].props[f"added_{kind.name.lower()}"] = reference
+        self.nodes[parent].props[f"added_{what}"] = reference
         return index
 
 
 def _is(node: Any, kind: mi.ObjectType) -> bool:
     """Whether a node is of this kind; for a Python plugin in a dict only its name can tell."""
-    if node.type != mi.ObjectType.Unknown:
+    if node.type != UNKNOWN:
         return node.type == kind
-    endings = {
-        mi.ObjectType.Film: "film",
-        mi.ObjectType.Integrator: ("path", "integrator"),
-        mi.ObjectType.Sensor: ("meter", "camera"),
-    }
-    return kind in endings and node.props.plugin_name().endswith(endings[kind])
+    return node.props.plugin_name().endswith(ENDINGS.get(kind, ()))
 
 
 def _become(node: Any, plugin: str, kept: Iterable[str]) -> None:

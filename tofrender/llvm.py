@@ -235,7 +235,7 @@ def install(system: System | None = None) -> None:
                 run("apt-get", "update")
                 package, _ = _apt_package(system)
             options = ("-y", "--no-install-recommends", "-o", "DPkg::Lock::Timeout=120")
-            if package:
+            if package and not attempt:
                 print(f"Installing {package} with apt-get ...", flush=True)
             if package and run("apt-get", "install", *options, package):
                 os.unlink(log)

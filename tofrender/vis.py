@@ -219,8 +219,7 @@ def visualize_transient(
 
     image = axes.imshow(picture(0), extent=sequence.extent, interpolation="nearest")
     title = axes.set_title(sequence.label(0))
-    axes.set_xlabel("x [pixel]")
-    axes.set_ylabel("y [pixel]")
+    _pixel_axes(axes)
 
     def update(index: int) -> list[Any]:
         image.set_data(picture(index))
@@ -312,8 +311,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     peak.set_title("time of the brightest bin")
     figure.colorbar(shown, ax=peak, label="time [ns]")
     for axes in (steady, peak):
-        axes.set_xlabel("x [pixel]")
-        axes.set_ylabel("y [pixel]")
+        _pixel_axes(axes)
     for index, ((x, y), response) in enumerate(zip(pixels, responses, strict=True)):
         color = f"C{index % 10}"
         plot.plot(opl_to_ns(sequence.opl), response, color=color, lw=1.2, label=f"({x}, {y})")
@@ -353,6 +351,12 @@ def _telling_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient
     return [
         (int(x) + sequence.x0, int(y) + sequence.y0) for x, y in zip(columns, rows, strict=True)
     ]
+
+
+def _pixel_axes(axes: Axes) -> None:
+    axes.set_xlabel("x [pixel]")
+    axes.set_ylabel("y [pixel]")
+    axes.locator_params(integer=True)
 
 
 def _time_axes(axes: Axes, sequence: Transient) -> None:

@@ -92,7 +92,7 @@ def walk(
         lights: What connections are made to.
         max_depth: Longest path in segments, camera's included: 1 shows emitters only, 2 adds
             direct light; -1 means no limit.
-        rr_depth: Number of bounces after which Russian roulette may end a path.
+        rr_depth: Number of surface vertices from which on Russian roulette may end a path.
         origin: Points from which lengths are measured, the sensor's lens; by default where the
             rays start.
         unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
@@ -162,8 +162,8 @@ def walk(
                 active_next
             )
             mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
-            measurement.add(β * mis_em * mi.unpolarized_spectrum(f) * em.weight,
-                            dr.fma(η, em.length, opl), em.active)
+            Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
+            measurement.add(Lr, dr.fma(η, em.length, opl), em.active & dr.any(Lr != 0))
         else:
             bs, bsdf_weight = bsdf.sample(bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(),
                                           active_next)
@@ -177,6 +177,8 @@ def walk(
         prev_pdf = bs.pdf
         prev_delta = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
 
+        depth[si.is_valid()] += 1
+
         # ---------------------- Russian roulette -------------------------
 
         # η² undoes the compression of radiance at refraction, which the throughput contains
@@ -187,8 +189,6 @@ def walk(
 
         # Do not go on once the throughput is zero
         active_next &= dr.any(β != 0)
-
-        depth[si.is_valid()] += 1
         active = active_next
 
     return measurement, valid

@@ -121,7 +121,7 @@ class TransientHDRFilm(mi.Film):
         """Put the bins aside and go on with empty ones.
 
         Many small numbers added to one large one are lost in single precision. Integrators call
-        this every 2^16 samples per pixel; `develop` and `numpy` return the sum.
+        this every 2^16 samples per pixel; `develop` returns the sum.
         """
         self._folded = self._sums
         self._bins = dr.zeros(mi.Float, dr.width(self._bins))
@@ -169,15 +169,9 @@ class TransientHDRFilm(mi.Film):
         """
         if self.steady is None:
             raise RuntimeError("transient_hdr_film: develop() before prepare(): nothing rendered")
-        channels = self.shape[3]
-        stride = memory.stride(channels)
-        index = dr.arange(mi.UInt32, int(np.prod(self.shape)))
-        if stride != channels:
-            cell = index // channels
-            index += cell * (stride - channels)
-        values = dr.gather(mi.Float, self._sums, index)
+        values = self._gather(dr.arange(mi.UInt32, int(np.prod(self.shape[:3]))))
         if not raw and not self.rfilter().is_box_filter():
-            pixel = dr.arange(mi.UInt32, dr.width(values)) // (self.temporal_bins * channels)
+            pixel = dr.arange(mi.UInt32, dr.width(values)) // (self.temporal_bins * self.shape[3])
             values *= dr.gather(mi.Float, self._filter_scale(), pixel)
         return self.steady.develop(raw=raw), mi.TensorXf(values, self.shape)
 
@@ -189,18 +183,6 @@ class TransientHDRFilm(mi.Film):
         width, height = self.crop_size()
         return (int(height), int(width), self.temporal_bins, self.base_channels_count())
 
-    def numpy(self) -> np.ndarray:
-        """The bins as an array of its own, shape (height, width, temporal_bins, channels), float32.
-
-        As `develop()[1]`, with less memory on the way.
-        """
-        height, width, bins, channels = self.shape
-        cells = np.asarray(self._sums).reshape(height, width, bins, memory.stride(channels))
-        values = cells[..., :channels].copy()
-        if not self.rfilter().is_box_filter():
-            values *= np.asarray(self._filter_scale()).reshape(height, width, 1, 1)
-        return values
-
     def time_slice(self, k: int) -> mi.TensorXf:
         """One time bin as an image, shape (height, width, channels).
 
@@ -209,11 +191,9 @@ class TransientHDRFilm(mi.Film):
         """
         k = checks.integer("k", k, 0, self.temporal_bins - 1)
         height, width, bins, channels = self.shape
-        lane = dr.arange(mi.UInt32, height * width * channels)
-        pixel = lane // channels
-        index = (pixel * bins + k) * memory.stride(channels) + (lane - pixel * channels)
-        values = dr.gather(mi.Float, self._sums, index)
+        values = self._gather(dr.arange(mi.UInt32, height * width) * bins + k)
         if not self.rfilter().is_box_filter():
+            pixel = dr.arange(mi.UInt32, height * width * channels) // channels
             values *= dr.gather(mi.Float, self._filter_scale(), pixel)
         return mi.TensorXf(values, (height, width, channels))
 
@@ -287,6 +267,13 @@ class TransientHDRFilm(mi.Film):
     def _sums(self) -> mi.Float:
         return self._bins if self._folded is None else self._bins + self._folded
 
+    def _gather(self, cell: mi.UInt32) -> mi.Float:
+        """The channels of the given bins, one after the other."""
+        if self.shape[3] == 1:
+            return dr.gather(mi.Float, self._sums, cell)
+        padded = dr.gather(mi.Vector4f, self._sums, cell)
+        return dr.ravel(mi.Color3f(padded.x, padded.y, padded.z))
+
     def _channels(self, spectrum, wavelengths, active) -> list[mi.Float]:
         """The values that a bin stores."""
         if mi.is_monochromatic:
@@ -313,8 +300,9 @@ class TransientHDRFilm(mi.Film):
     def _scatter(self, values, index, active) -> None:
         """Add to a bin.
 
-        Where every pixel has one writer, nothing needs to be atomic: RGB is added as one packet
-        of four, lane by lane, so that neighbours in a vector cannot lose each other's light.
+        Where one thread writes to each pixel, nothing needs to be atomic. RGB is added as a packet
+        of four floats, lane by lane, so that lanes of one vector cannot lose each other's light; a
+        single channel is added by the whole vector at once, whose lanes must be of other pixels.
         """
         stride = memory.stride(len(values))
         mode = dr.ReduceMode.NoConflicts if self.one_writer_per_pixel else dr.ReduceMode.Auto
@@ -334,7 +322,8 @@ class TransientHDRFilm(mi.Film):
             )
         raw = self.steady.develop(raw=True)
         count = raw.shape[2]
-        weight = dr.gather(mi.Float, raw.array, dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1]) * count + count - 1)
+        pixel = dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1])
+        weight = dr.gather(mi.Float, raw.array, pixel * count + (count - 1))
         return dr.select(weight != 0, self.samples_per_pixel / weight, 0)
 
 

@@ -1,4 +1,4 @@
-"""What all transient integrators share: parameters, passes over the pixels, the way into a film."""
+"""What all transient integrators share: parameters, steps over the pixels, the way into a film."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ MAX_STEP_SPP = 1 << 16
 """Samples of one pixel that may be added up in single precision: 2^20 would be 0.4 % low."""
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
-"""Lanes that keep a device busy; in films with fewer pixels, several lanes share one."""
+"""Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
+
+PRIVATE_LANES = 4
+"""Lanes of a pixel that never run on two threads: the narrowest vector of the LLVM backend."""
 
 LOOPING_SAMPLERS = ("IndependentSampler", "OwenSobolSampler")
 """Samplers that can go on to their next sample within a symbolic loop."""
@@ -30,9 +33,9 @@ LOOPING_SAMPLERS = ("IndependentSampler", "OwenSobolSampler")
 class TransientIntegrator(mi.SamplingIntegrator):
     """Base of the integrators that render into a transient film.
 
-    One lane follows one pixel through all samples of a step. Given enough pixels, each pixel
-    therefore has a single writer, so that deposits need not be atomic, and memory does not depend
-    on the number of samples.
+    A few lanes follow each pixel through all samples of a step. On a CPU, the lanes of a pixel are
+    neighbours in one vector, which one thread works on: each pixel has a single writer, and deposits
+    need not be atomic. Memory does not depend on the number of samples.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -156,9 +159,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
         film.prepare([])
         width, height = sampled_size(film)
         spp = sampler.sample_count()
-        lanes, per_step = _plan(sampler, width * height, spp)
+        lanes, per_step, private = _plan(film, sampler, width * height, spp)
         film.samples_per_pixel = spp
-        film.one_writer_per_pixel = lanes == 1 and film.rfilter().is_box_filter()
+        film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
         sampler.set_samples_per_wavefront(lanes)
         sampler.seed(seed, width * height * lanes)
         origin = sensor.world_transform() @ mi.Point3f(0)
@@ -185,14 +188,20 @@ class TransientIntegrator(mi.SamplingIntegrator):
             yield done
 
 
-def _plan(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int]:
-    """Lanes per pixel, and samples that each lane takes in a step."""
-    cells = max(1, STEP_SAMPLES // pixels)
-    if sampler.class_name() in LOOPING_SAMPLERS or type(sampler).__name__ in LOOPING_SAMPLERS:
-        device = "cuda" if mi.variant().startswith("cuda") else "llvm"
-        lanes = _divisor(spp, LANES[device] // pixels)
-        return lanes, max(1, min(cells, MAX_STEP_SPP) // lanes)
-    return _divisor(spp, min(cells, MAX_STEP_SPP)), 1
+def _plan(film, sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
+    """Lanes per pixel, samples that each lane takes in a step, and whether pixels are private."""
+    most = max(1, min(STEP_SAMPLES // pixels, MAX_STEP_SPP))
+    if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
+        return _divisor(spp, most), 1, False
+    if mi.variant().startswith("cuda"):
+        lanes, private = _divisor(spp, LANES["cuda"] // pixels), False
+    elif pixels * PRIVATE_LANES < LANES["llvm"]:
+        lanes, private = _divisor(spp, LANES["llvm"] // pixels), False
+    else:
+        # A vector adds to its lanes' pixels one after the other only if bins are packets
+        lanes, private = _divisor(spp, PRIVATE_LANES if not mi.is_monochromatic else 1), True
+        private = PRIVATE_LANES % lanes == 0
+    return lanes, max(1, most // lanes), private
 
 
 def _divisor(number: int, bound: int) -> int:

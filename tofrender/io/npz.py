@@ -66,7 +66,7 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         ('y', 'x', 'opl', 'channel')
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             about = json.loads(str(archive["tofrender"]))
             return restore(about, {name: archive[name] for name in _ARRAYS})
     except (KeyError, TypeError, ValueError, EOFError, BadZipFile):

@@ -1,0 +1,559 @@
+"""Output: exact round trips, headers, other readers, what may be replaced, failing writes."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections import namedtuple
+from itertools import pairwise
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import OpenEXR
+import pytest
+import xarray as xr
+from PIL import Image, ImageSequence
+
+from tofrender import io
+from tofrender.io import atomic, exr, pictures
+
+START, WIDTH = 3.5, 0.02
+
+
+def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs) -> xr.Dataset:
+    """A Dataset like the ones that `render` returns: a bright spot that moves to the right."""
+    rng = np.random.default_rng(1)
+    transient = rng.gamma(0.5, 1e-3, (height, width, bins, len(channels))).astype(np.float32)
+    for index in range(bins):
+        transient[height // 3, (2 * index) % width, index] = 0.1
+    standard = {
+        "quantity": "radiance per bin",
+        "units": "W m^-2 sr^-1",
+        "start_opl": START,
+        "bin_width_opl": WIDTH,
+        "pulse": "GaussianPulse(width_opl=0.03)",
+        "scene": "bördér",
+        "integrator": "transient_path",
+        "sampler": "multijitter",
+        "spp": 64,
+        "seed": 2**32 - 1,
+        "variant": "llvm_ad_rgb",
+        "versions": json.dumps({"tofrender": "0.1.0", "mitsuba": "3.9.1"}),
+        "energy_outside_window": 1 / 3,
+        "complete": 1,
+        "render_seconds": 0.1,
+    }
+    return xr.Dataset(
+        {
+            "transient": (("y", "x", "opl", "channel"), transient, {"long_name": "radiance"}),
+            "steady": (("y", "x", "channel"), transient.sum(axis=2)),
+        },
+        coords={
+            "y": y0 + np.arange(height),
+            "x": x0 + np.arange(width),
+            "opl": ("opl", START + (np.arange(bins) + 0.5) * WIDTH, {"units": "m"}),
+            "channel": list(channels),
+        },
+        attrs=standard | attrs,
+    )
+
+
+def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
+    """Equal bit by bit, with equal types of everything."""
+    assert a.identical(b)
+    assert {k: type(v) for k, v in a.attrs.items()} == {k: type(v) for k, v in b.attrs.items()}
+    for name in a.variables:
+        assert a[name].dtype == b[name].dtype
+        assert a[name].values.tobytes() == b[name].values.tobytes()
+
+
+def target(tmp_path: Path, layout: str) -> Path:
+    return tmp_path / {"frames": "stack", "multipart": "stack.exr", "npz": "stack.npz"}[layout]
+
+
+def save(dataset, path, layout, **options):
+    if layout == "npz":
+        return io.save_npz(dataset, path, **options)
+    return io.save_exr_stack(dataset, path, layout=layout, **options)
+
+
+def load(path, layout):
+    return io.load_npz(path) if layout == "npz" else io.load_exr_stack(path)
+
+
+layouts = pytest.mark.parametrize("layout", ["frames", "multipart", "npz"])
+exr_layouts = pytest.mark.parametrize("layout", ["frames", "multipart"])
+
+# -------------------------------------------------------------------------------- round trip
+
+
+@layouts
+@pytest.mark.parametrize("channels", ["RGB", "L"])
+def test_round_trip_is_exact(tmp_path, layout, channels):
+    dataset = make_dataset(height=37, width=21, channels=channels, x0=5, y0=7)
+    values = dataset["transient"].values
+    values[3, 4] = np.nan  # unfinished pixel
+    values[0, 0, 0], values[0, 1, 0], values[0, 2, 0] = -0.0, 1e-42, np.inf
+    path = target(tmp_path, layout)
+    assert save(dataset, path, layout) == path
+    assert_same(load(path, layout), dataset)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+@exr_layouts
+def test_half_rounds_to_11_bits(tmp_path, layout):
+    dataset = make_dataset()
+    dataset["transient"].values[0, 0] = np.nan
+    io.save_exr_stack(dataset, target(tmp_path, layout), layout=layout, precision="half")
+    loaded = io.load_exr_stack(target(tmp_path, layout))
+    assert loaded["transient"].dtype == np.float32
+    np.testing.assert_allclose(
+        loaded["transient"], dataset["transient"], rtol=2**-11, atol=2**-25, equal_nan=True
+    )
+    assert loaded.attrs == dataset.attrs
+
+
+@exr_layouts
+def test_half_refuses_what_would_become_infinite(tmp_path, layout):
+    dataset = make_dataset()
+    dataset["transient"].values[1, 2, 3] = np.inf  # is infinite already: fine
+    dataset["transient"].values[1, 2, 4, 0] = 7e4
+    path = target(tmp_path, layout)
+    with pytest.raises(ValueError, match=r"^precision = 'half': 70000 .*must be 'float'"):
+        io.save_exr_stack(dataset, path, layout=layout, precision="half")
+    assert not os.listdir(tmp_path)
+    dataset["transient"].values[1, 2, 4, 0] = 65504
+    io.save_exr_stack(dataset, path, layout=layout, precision="half")
+
+
+def test_frame_names_have_four_digits_or_more():
+    names = {
+        bins: exr._Stack(make_dataset(1, 1, bins), "float").name(12)
+        for bins in (20, 10_000, 10_001)
+    }
+    assert names == {20: "frame_0012", 10_000: "frame_0012", 10_001: "frame_00012"}
+
+
+@pytest.mark.slow
+def test_frame_names_sort_beyond_9999(tmp_path):
+    dataset = make_dataset(height=1, width=1, bins=10_001, channels="L")
+    io.save_exr_stack(dataset, tmp_path / "stack")
+    names = sorted(file.name for file in (tmp_path / "stack").glob("frame_*"))
+    assert names[0] == "frame_00000.exr"
+    assert names[9_999:] == ["frame_09999.exr", "frame_10000.exr"]
+    assert_same(io.load_exr_stack(tmp_path / "stack"), dataset)
+
+
+# ----------------------------------------------------------------- headers and other readers
+
+
+@exr_layouts
+def test_headers_say_what_a_frame_is(tmp_path, layout):
+    dataset = make_dataset(x0=5, y0=7, film_width=64, film_height=48)
+    path = target(tmp_path, layout)
+    io.save_exr_stack(dataset, path, layout=layout)
+    if layout == "frames":
+        header = OpenEXR.File(str(path / "frame_0003.exr"), header_only=True).header()
+    else:
+        part = OpenEXR.File(str(path), header_only=True).parts[4]
+        assert part.name() == "frame_0003"
+        header = part.header
+    assert header["bin_index"] == 3
+    for key, bins in (("opl_start", 3), ("opl_center", 3.5), ("opl_stop", 4)):
+        assert header[key].dtype == np.float64
+        np.testing.assert_allclose(header[key], START + bins * WIDTH, rtol=1e-15)
+    expected = {"spp": 64, "seed": str(2**32 - 1), "complete": 1}
+    for key in ("quantity", "units", "pulse", "scene", "versions", "sampler"):
+        expected[key] = dataset.attrs[key]
+    assert {key: header[key] for key in expected} == expected
+    assert header["energy_outside_window"][0] == 1 / 3
+    assert [list(corner) for corner in header["dataWindow"]] == [[5, 7], [14, 12]]
+    assert [list(corner) for corner in header["displayWindow"]] == [[0, 0], [63, 47]]
+    assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+
+
+def test_display_window_reaches_the_crop_if_the_film_is_unknown(tmp_path):
+    io.save_exr_stack(make_dataset(x0=5, y0=7), tmp_path / "stack")
+    header = OpenEXR.File(str(tmp_path / "stack" / "steady.exr")).header()
+    assert [list(corner) for corner in header["displayWindow"]] == [[0, 0], [14, 12]]
+
+
+@pytest.mark.parametrize("precision", ["half", "float"])
+def test_mitsuba_reads_the_same_values(tmp_path, precision):
+    color = make_dataset(height=37, x0=5, y0=7)
+    mono = make_dataset(height=37, channels="L")
+    io.save_exr_stack(color, tmp_path / "color", precision=precision)
+    io.save_exr_stack(mono, tmp_path / "mono", precision=precision)
+    io.save_exr_stack(color, tmp_path / "parts.exr", layout="multipart", precision=precision)
+    # Mitsuba shows a multi-part file's first part.
+    files = ["color/frame_0002.exr", "mono/frame_0002.exr", "parts.exr"]
+    program = (
+        "import sys, numpy as np, mitsuba as mi; mi.set_variant('scalar_rgb')\n"
+        "np.savez('read.npz', *[np.array(mi.Bitmap(f)) for f in sys.argv[1:]])"
+    )
+    subprocess.run([sys.executable, "-c", program, *files], cwd=tmp_path, check=True)
+    read = list(np.load(tmp_path / "read.npz").values())
+    dtype = np.float16 if precision == "half" else np.float32
+    np.testing.assert_array_equal(read[0], color["transient"].values[:, :, 2].astype(dtype))
+    np.testing.assert_array_equal(
+        read[1].reshape(37, 10), mono["transient"].values[:, :, 2, 0].astype(dtype)
+    )
+    np.testing.assert_array_equal(read[2], color["steady"].values.astype(dtype))
+
+
+def test_npz_opens_with_plain_numpy(tmp_path):
+    dataset = make_dataset()
+    io.save_npz(dataset, tmp_path / "stack.npz")
+    with np.load(tmp_path / "stack.npz") as archive:  # no pickles
+        np.testing.assert_array_equal(archive["transient"], dataset["transient"])
+        assert json.loads(str(archive["tofrender"]))["attrs"] == dataset.attrs
+
+
+# ------------------------------------------------------------------------------- bad loading
+
+
+def test_load_refuses_in_one_line(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing: does not exist"):
+        io.load_exr_stack(tmp_path / "nothing")
+    with pytest.raises(ValueError, match=r"no steady\.exr"):
+        io.load_exr_stack(tmp_path)
+    foreign = tmp_path / "foreign.exr"
+    OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
+    with pytest.raises(ValueError, match=r"foreign.exr: holds other EXR images"):
+        io.load_exr_stack(foreign)
+    stack = io.save_exr_stack(make_dataset(), tmp_path / "stack")
+    frame = stack / "frame_0003.exr"
+    content = frame.read_bytes()
+    frame.write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match=r"frame_0003.exr: not a readable EXR file"):
+        io.load_exr_stack(stack)
+    shutil.copy(stack / "frame_0002.exr", frame)
+    with pytest.raises(ValueError, match="same bin_index"):
+        io.load_exr_stack(stack)
+    frame.unlink()
+    with pytest.raises(ValueError, match="4 frames of 5"):
+        io.load_exr_stack(stack)
+    for content in (b"", b"text", b"PK\x03\x04"):
+        (tmp_path / "bad.npz").write_bytes(content)
+        with pytest.raises(ValueError, match=r"bad.npz: must be a file that save_npz wrote"):
+            io.load_npz(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["transient"], "dataset = DataArray"),
+        (lambda d: d.drop_vars("steady"), "must hold"),
+        (lambda d: d.astype("float64"), "float32"),
+        (lambda d: d.isel(x=[0, 2]), "coordinate x"),
+        (lambda d: d.assign_attrs(bin_width_opl=0.0), "bin_width_opl = 0.0"),
+        (lambda d: d.assign_attrs(extra=[1]), "attribute extra"),
+        (lambda d: d.isel(opl=slice(0)), "must have coordinates on all axes"),
+    ],
+)
+@layouts
+def test_other_datasets_are_refused(tmp_path, layout, change, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        save(change(make_dataset()), target(tmp_path, layout), layout)
+    assert "\n" not in str(caught.value)
+    assert not os.listdir(tmp_path)
+
+
+# ------------------------------------------------------------------------- what is replaced
+
+
+@layouts
+def test_earlier_output_is_replaced_only_when_asked(tmp_path, layout):
+    path = target(tmp_path, layout)
+    first, second = make_dataset(bins=7), make_dataset(bins=4, spp=3)
+    save(first, path, layout)
+    with pytest.raises(FileExistsError, match="pass overwrite=True"):
+        save(second, path, layout)
+    assert_same(load(path, layout), first)
+    save(second, path, layout, overwrite=True)
+    assert_same(load(path, layout), second)
+    if layout == "frames":
+        assert len(os.listdir(path)) == 5
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_other_content_is_never_replaced(tmp_path):
+    def refused(match: str) -> None:
+        with pytest.raises(FileExistsError, match=match) as caught:
+            io.save_exr_stack(make_dataset(), folder, overwrite=True)
+        assert str(folder) in str(caught.value)
+        assert "must be a new or empty folder" in str(caught.value)
+
+    folder = tmp_path / "out"
+    folder.write_text("a file")
+    refused("is a file")
+    folder.unlink()
+    folder.mkdir()
+    io.save_exr_stack(make_dataset(), folder)  # empty: fine
+    (folder / "notes.txt").write_text("mine")
+    refused(r"holds other content \(notes.txt\)")
+    (folder / "notes.txt").unlink()
+    (folder / "video.mp4").write_text("beside a stack it is ours")
+    io.save_exr_stack(make_dataset(), folder, overwrite=True)
+    assert not (folder / "video.mp4").exists()
+    # Another program's frames under the same name.
+    OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(folder / "frame_0001.exr"))
+    refused(r"\(frame_0001.exr\)")
+    (folder / "frame_0001.exr").unlink()
+    for file in folder.iterdir():
+        file.unlink()
+    (folder / "summary.png").write_text("alone it proves nothing")
+    refused(r"\(summary.png\)")
+    with pytest.raises(FileExistsError, match="is a folder; must be the name of a file"):
+        io.save_npz(make_dataset(), tmp_path.rename(tmp_path.with_suffix(".npz")), overwrite=True)
+
+
+def test_current_folder_and_links(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileExistsError, match="is the current folder"):
+        io.save_exr_stack(make_dataset(), ".")
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    io.save_exr_stack(make_dataset(), "link")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real" / "steady.exr").exists()
+
+
+def test_several_outputs_appear_as_one_folder(tmp_path):
+    dataset, out = make_dataset(), tmp_path / "deep" / "out"
+    with io.output_folder(out) as folder:
+        io.save_exr_stack(dataset, folder)
+        io.save_video(dataset, folder / "video.mp4")
+        assert not out.exists()
+    assert_same(io.load_exr_stack(out), dataset)
+    with pytest.raises(KeyError), io.output_folder(out, overwrite=True) as folder:
+        raise KeyError
+    assert (out / "video.mp4").exists()
+    with io.output_folder(out, overwrite=True) as folder:
+        io.save_npz(dataset, folder / "transient.npz")
+    assert os.listdir(out) == ["transient.npz"]
+    assert os.listdir(out.parent) == ["out"]
+
+
+def test_content_that_appears_meanwhile_is_kept(tmp_path):
+    out = tmp_path / "out"
+
+    def write_while_another_program_does():
+        with io.output_folder(out):
+            out.mkdir()
+            (out / "thesis.txt").write_text("precious")
+
+    with pytest.raises(FileExistsError, match=r"thesis\.txt"):
+        write_while_another_program_does()
+    assert (out / "thesis.txt").read_text() == "precious"
+    assert os.listdir(tmp_path) == ["out"]
+
+
+# ---------------------------------------------------------------------------- check_output
+
+
+def test_check_output_sees_a_small_disk(tmp_path, monkeypatch):
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(9, 9, 1000))
+    io.check_output(tmp_path / "out")
+    with pytest.raises(OSError, match=r"out: the disk is full; needs up to \d+ bytes, 1000 bytes"):
+        io.check_output(tmp_path / "out", (6, 10, 5, 3))
+
+
+@exr_layouts
+def test_estimate_is_an_upper_bound(tmp_path, layout):
+    dataset = make_dataset(height=64, width=64)
+    noise = np.random.default_rng(2).integers(0, 2**30, dataset["transient"].shape, np.uint32)
+    dataset["transient"].values[:] = noise.view(np.float32)  # does not compress
+    path = io.save_exr_stack(dataset, target(tmp_path, layout), layout=layout)
+    files = list(path.iterdir()) if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files)
+    bound = io.output.stack_bytes(dataset["transient"].shape)
+    assert 0.5 * bound < size <= bound
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"layout": "zip"}, "layout = 'zip': must be one of frames, multipart, npz"),
+        ({"precision": "double"}, "precision = 'double': must be one of half, float"),
+        ({"layout": "multipart"}, "must be a file name that ends in .exr"),
+        ({"layout": "npz"}, "must be a file name that ends in .npz"),
+    ],
+)
+def test_check_output_refuses_options(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        io.check_output(tmp_path / "out", **options)
+
+
+def test_unwritable_places(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PermissionError, match=r"out: cannot write in .*file \(Not a directory\)"):
+        io.check_output(tmp_path / "file" / "out")
+    (tmp_path / "locked").mkdir(mode=0o555)
+    if os.access(tmp_path / "locked", os.W_OK):
+        pytest.skip("root may write anywhere")
+    with pytest.raises(PermissionError, match="must lie in a folder that you may write to"):
+        io.check_output(tmp_path / "locked" / "out")
+
+
+# -------------------------------------------------------------------------- failing writes
+
+WRITERS = {
+    "frames": lambda dataset, folder: io.save_exr_stack(dataset, folder / "s", overwrite=True),
+    "multipart": lambda dataset, folder: io.save_exr_stack(
+        dataset, folder / "s.exr", layout="multipart", overwrite=True
+    ),
+    "npz": lambda dataset, folder: io.save_npz(dataset, folder / "s.npz", overwrite=True),
+    "png": lambda dataset, folder: io.save_png_frames(dataset, folder / "s", overwrite=True),
+    "mp4": lambda dataset, folder: io.save_video(dataset, folder / "s.mp4"),
+    "gif": lambda dataset, folder: io.save_video(dataset, folder / "s.gif"),
+}
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(f): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize(
+    "failure", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()]
+)
+def test_failing_writes_leave_nothing(tmp_path, monkeypatch, writer, earlier, failure):
+    if earlier:
+        WRITERS[writer](make_dataset(bins=3), tmp_path)
+    before = content(tmp_path)
+    calls = []
+
+    def fail(*args, **kwargs):
+        calls.append(args)
+        if len(calls) > 2 or writer == "npz":
+            raise failure
+        return original(*args, **kwargs)
+
+    owner, name = {
+        "frames": (Path, "write_bytes"),
+        "multipart": (exr.MultipartWriter, "add"),
+        "npz": (np, "savez"),
+        "png": (Image.Image, "save"),
+    }.get(writer, (pictures._Frames, "draw"))
+    original = getattr(owner, name)
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, fail)
+        with pytest.raises(type(failure)) as caught:
+            WRITERS[writer](make_dataset(), tmp_path)
+    assert content(tmp_path) == before
+    assert len(os.listdir(tmp_path)) == earlier
+    if isinstance(failure, OSError):
+        assert str(caught.value).startswith(f"path = {tmp_path}")
+        assert "the disk is full; needs" in str(caught.value)
+        assert caught.value.errno == errno.ENOSPC
+
+
+def test_interrupt_while_taking_the_place(tmp_path, monkeypatch):
+    stack = io.save_exr_stack(make_dataset(), tmp_path / "s")
+    before = content(tmp_path)
+    rename, calls = os.rename, []
+
+    def interrupted(source, destination):
+        calls.append(source)
+        if len(calls) == 2:  # the old stack is aside, the new one not yet in place
+            raise KeyboardInterrupt
+        rename(source, destination)
+
+    monkeypatch.setattr(atomic.os, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        io.save_exr_stack(make_dataset(bins=3), stack, overwrite=True)
+    assert content(tmp_path) == before
+    assert os.listdir(tmp_path) == ["s"]
+
+
+def test_broken_ffmpeg_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(pictures._FORMATS, ".mp4", ["-c:v", "nonsense"])
+    with pytest.raises(RuntimeError, match=r"ffmpeg failed with status .*nonsense") as caught:
+        io.save_video(make_dataset(), tmp_path / "v.mp4")
+    assert "\n" not in str(caught.value)
+    assert not os.listdir(tmp_path)
+
+
+# -------------------------------------------------------------------------------- pictures
+
+
+def decode(path: Path) -> np.ndarray:
+    if path.suffix == ".gif":
+        with Image.open(path) as image:
+            frames = ImageSequence.Iterator(image)
+            return np.stack([np.asarray(frame.convert("RGB")) for frame in frames])
+    pattern = path.with_name("decoded_%04d.bmp")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), str(pattern)]
+    subprocess.run(command, check=True)
+    return np.stack([np.asarray(Image.open(f)) for f in sorted(path.parent.glob("*.bmp"))])
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+@pytest.mark.parametrize("channels", ["RGB", "L"])
+def test_video_shows_every_bin_with_its_time(tmp_path, suffix, channels):
+    dataset = make_dataset(height=7, width=9, bins=8, channels=channels)
+    dataset["transient"].values[:2] = np.nan
+    path = io.save_video(dataset, tmp_path / f"v{suffix}", fps=25)
+    frames = decode(path)
+    assert len(frames) == 8
+    height, width = frames.shape[1:3]
+    assert height % 2 == width % 2 == 0
+    scale = 55  # 7 pixels become at least 384
+    assert width >= 9 * scale
+    assert height > 7 * scale
+    labels = frames[:, 7 * scale :].astype(int)
+    assert labels.max() > 180  # bright ink on dark paper, in the middle and not at the edges
+    assert labels[:, :, :10].max() < 80
+    for before, after in pairwise(labels):
+        assert np.abs(before - after).max() > 80
+
+
+def test_video_colors_survive(tmp_path):
+    dataset = make_dataset(height=400, width=400, bins=3)
+    dataset["transient"].values[:] = np.float32([0.5, 0.1, 0.02])
+    frames = decode(io.save_video(dataset, tmp_path / "v.mp4", exposure=1))
+    np.testing.assert_allclose(frames[1, 50:350, 50:350].mean((0, 1)), [188, 89, 39], atol=4)
+
+
+def test_png_frames(tmp_path):
+    dataset = make_dataset(height=200, width=100, bins=3)
+    path = io.save_png_frames(dataset, tmp_path / "frames")
+    files = sorted(path.iterdir())
+    assert [file.name for file in files] == [f"frame_000{index}.png" for index in range(3)]
+    pictures = [np.asarray(Image.open(file)) for file in files]
+    assert pictures[0].shape[1] == 400
+    assert pictures[0].shape[0] > 800
+    assert not np.array_equal(pictures[0], pictures[1])
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        io.save_png_frames(dataset, path)
+    io.save_png_frames(dataset, path, overwrite=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fps": 0}, "fps = 0: must be a number above 0"),
+        ({"fps": float("nan")}, "fps = nan"),
+        ({"exposure": -1.0}, "exposure = -1.0: must be a finite number above 0"),
+        ({"min_size": 0}, "min_size = 0: must be an integer from 1"),
+    ],
+)
+def test_bad_video_options(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        io.save_video(make_dataset(), tmp_path / "v.mp4", **options)
+    assert not os.listdir(tmp_path)
+
+
+def test_bad_video_names(tmp_path):
+    with pytest.raises(ValueError, match=r"v.avi: must be a file name that ends in .mp4 or .gif"):
+        io.save_video(make_dataset(), tmp_path / "v.avi")
+    with pytest.raises(ValueError, match=r"fps = 60: .*at most 50"):
+        io.save_video(make_dataset(), tmp_path / "v.gif", fps=60)

@@ -1,0 +1,213 @@
+"""Tone mapping of difficult data, animations, plots and the summary."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.animation import FuncAnimation
+from test_io import make_dataset
+
+from tofrender import vis
+
+SPEED_M_PER_NS = 0.299792458
+
+# ------------------------------------------------------------------------------ tone mapping
+
+
+def test_srgb_curve():
+    values = np.array([[0, 0.001, 0.0031308, 0.18, 0.5, 1.0, 2.0]])
+    expected = [0, 3, 10, 118, 188, 255, 255]  # IEC 61966-2-1
+    assert vis.tonemap(values, exposure=1)[0, :, 0].tolist() == expected
+
+
+def test_exposure_is_a_gain():
+    values = np.random.default_rng(0).random((4, 5, 3), dtype=np.float32)
+    np.testing.assert_array_equal(
+        vis.tonemap(values, exposure=0.5), vis.tonemap(values * 0.5, exposure=1)
+    )
+
+
+@pytest.mark.parametrize("fill", [0.0, -1.0, np.nan, np.inf, -np.inf])
+def test_images_without_usable_light(fill):
+    picture = vis.tonemap(np.full((8, 8, 3), fill, np.float32))
+    assert picture.dtype == np.uint8
+    assert picture.shape == (8, 8, 3)
+    if fill == np.inf:
+        assert (picture == 255).all()
+    else:
+        assert picture.max() < 80
+
+
+def test_one_bright_pixel_in_the_dark():
+    values = np.zeros((1500, 1500), np.float32)  # more values than auto_exposure samples
+    values[700, 3] = 1e-20
+    assert vis.auto_exposure(values) == pytest.approx(1e20)
+    picture = vis.tonemap(values)
+    assert (picture[700, 3] == 255).all()
+    assert picture.sum() == 3 * 255
+
+
+def test_sampled_exposure_is_close():
+    values = np.random.default_rng(3).gamma(0.3, 1, 5_000_000).astype(np.float32)
+    exact = 1 / np.percentile(values[values > 0], 99.5)
+    assert vis.auto_exposure(values) == pytest.approx(exact, rel=0.02)
+
+
+def test_callers_array_stays():
+    values = np.array([[[-1, np.nan, np.inf], [0.1, 0.2, 0.3]]], np.float32)
+    copy = values.copy()
+    values.setflags(write=False)
+    vis.tonemap(values)
+    np.testing.assert_array_equal(values, copy)
+
+
+def test_unfinished_pixels_are_hatched():
+    values = np.ones((16, 16, 3), np.float32)
+    values[:8, :, 1] = np.nan
+    picture = vis.tonemap(values)
+    assert (picture[8:] == 255).all()
+    hatch = picture[:8].reshape(-1, 3)
+    assert len(np.unique(hatch, axis=0)) == 2
+    assert hatch.max() < 80
+    assert (hatch == hatch[:, :1]).all()
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 5, 2), (4, 5, 6, 3)])
+def test_tonemap_shapes(shape):
+    with pytest.raises(ValueError, match=r"must be \(height, width\) or"):
+        vis.tonemap(np.zeros(shape))
+
+
+@pytest.mark.parametrize("exposure", [0, -1.0, np.nan, np.inf, "auto"])
+def test_bad_exposure(exposure):
+    with pytest.raises(ValueError, match=r"exposure = .*must be a finite number above 0"):
+        vis.tonemap(np.ones((2, 2)), exposure=exposure)
+
+
+@pytest.mark.parametrize("percentile", [0, 101, np.nan])
+def test_bad_percentile(percentile):
+    with pytest.raises(ValueError, match=r"percentile = .*: must be above 0 and at most 100"):
+        vis.tonemap(np.ones((2, 2)), percentile=percentile)
+
+
+# ------------------------------------------------------------------- animation and one pixel
+
+
+def test_animation_title_is_the_time_of_bin_centers():
+    data = make_dataset(bins=4)
+    animation = vis.visualize_transient(data["transient"].values, 3.5, 0.02)
+    assert isinstance(animation, FuncAnimation)
+    titles = []
+    for image, title in map(animation._func, range(4)):
+        titles.append(title.get_text())
+        assert image.get_array().shape == (6, 10, 3)
+    for index, title in enumerate(titles):
+        time = float(title.split()[2])
+        assert time == pytest.approx((3.5 + (index + 0.5) * 0.02) / SPEED_M_PER_NS, abs=5e-4)
+    assert titles[0] == "t = 11.708 ns   OPL = 3.510 m"
+    assert animation.to_jshtml().count("data:image/png") == 4
+
+
+@pytest.mark.parametrize("kind", ["dataset", "rgb", "mono", "without channels"])
+def test_all_kinds_of_data(kind):
+    dataset = make_dataset(channels="L" if kind in ("mono", "without channels") else "RGB")
+    values = dataset["transient"].values
+    data = {"dataset": dataset, "without channels": values[..., 0]}.get(kind, values)
+    axis = () if kind == "dataset" else (3.5, 0.02)
+    vis.visualize_transient(data, *axis).to_jshtml()
+    lines = vis.plot_pixel_transient(data, 4, 2, *axis).axes[0].lines
+    assert len(lines) == dataset.sizes["channel"]
+    for channel, line in enumerate(lines):
+        np.testing.assert_allclose(line.get_xdata(), dataset["opl"] / SPEED_M_PER_NS)
+        np.testing.assert_array_equal(line.get_ydata(), values[2, 4, :, channel])
+
+
+def test_pixel_of_a_crop_has_the_films_indices():
+    dataset = make_dataset(x0=20, y0=30)
+    line = vis.plot_pixel_transient(dataset, 24, 32).axes[0].lines[0]
+    np.testing.assert_array_equal(line.get_ydata(), dataset["transient"].values[2, 4, :, 0])
+    with pytest.raises(ValueError, match="x = 4: must be an integer from 20 to 29"):
+        vis.plot_pixel_transient(dataset, 4, 32)
+
+
+@pytest.mark.parametrize("x", [-1, 10, 2.5, "3"])
+def test_pixel_outside(x):
+    with pytest.raises(ValueError, match=r"x = .*: must be an integer from 0 to 9"):
+        vis.plot_pixel_transient(make_dataset(), x, 0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "start", "width", "message"),
+    [
+        ((6, 10, 3, 50), 3.5, 0.02, r"\(6, 10, 3, 50\): must be \(height, width, bins\) or"),
+        ((6, 10), 3.5, 0.02, "must be"),
+        ((6, 10, 0), 3.5, 0.02, "must be"),
+        ((6, 10, 5), 3.5, 0, "bin_width_opl = 0: must be a finite number of metres above 0"),
+        ((6, 10, 5), 3.5, None, "bin_width_opl = None"),
+        ((6, 10, 5), np.nan, 0.02, "start_opl = nan: must be a finite number of metres"),
+    ],
+)
+def test_bad_data(shape, start, width, message):
+    for function in (
+        lambda: vis.visualize_transient(np.zeros(shape), start, width),
+        lambda: vis.plot_pixel_transient(np.zeros(shape), 0, 0, start, width),
+    ):
+        with pytest.raises(ValueError, match=message) as caught:
+            function()
+        assert "\n" not in str(caught.value)
+
+
+def test_complex_data_are_refused():
+    with pytest.raises(ValueError, match="complex128: must hold real numbers"):
+        vis.visualize_transient(np.zeros((2, 2, 2), complex), 0, 1)
+
+
+# ----------------------------------------------------------------------------------- summary
+
+
+def drawn(figure):
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())
+
+
+def test_summary_shows_title_and_axes_with_units(tmp_path):
+    dataset = make_dataset(height=20, width=30, bins=40, energy_outside_window=0.0123)
+    dataset["transient"].values[:, :2] = 0
+    figure = vis.summary_figure(dataset)
+    steady, peak, plot, bar = figure.axes
+    assert figure.get_suptitle() == "bördér, 64 spp, 1.2 % of the energy outside the window"
+    assert {axes.get_xlabel() for axes in (steady, peak)} == {"x [pixel]"}
+    assert plot.get_xlabel() == bar.get_ylabel() == "time [ns]"
+    assert plot.get_ylabel() == "radiance per bin [W m$^{-2}$ sr$^{-1}$]"
+    assert len(plot.lines) == 3
+    shown = peak.images[0].get_array()
+    assert np.ma.getmaskarray(np.ma.masked_invalid(shown))[:, :2].all()
+    energy = vis.luminance(dataset["transient"].values)
+    expected = dataset["opl"].values[energy.argmax(axis=2)] / SPEED_M_PER_NS
+    np.testing.assert_allclose(shown[:, 2:], expected[:, 2:])
+    figure.savefig(tmp_path / "summary.png")
+    assert not plt.get_fignums()
+
+
+def test_summary_of_chosen_pixels_and_an_unfinished_crop():
+    dataset = make_dataset(height=20, width=30, x0=20, y0=30, channels="L", complete=0)
+    dataset["transient"].values[:5] = np.nan
+    dataset["steady"].values[:5] = np.nan
+    figure = vis.summary_figure(dataset, pixels=[(22, 40), (25, 31)])
+    labels = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
+    assert labels == ["(22, 40)", "(25, 31)"]
+    assert figure.get_suptitle().endswith("(interrupted)")
+    assert drawn(figure).std() > 0
+    with pytest.raises(ValueError, match="y = 3: must be an integer from 30 to 49"):
+        vis.summary_figure(dataset, pixels=[(22, 3)])
+
+
+@pytest.mark.parametrize("size", [(1, 1, 1), (1, 40, 3), (40, 1, 3)])
+@pytest.mark.parametrize("fill", [None, 0.0, np.nan])
+def test_summary_of_extreme_data(size, fill):
+    dataset = make_dataset(*size)
+    if fill is not None:
+        dataset["transient"].values[:] = fill
+        dataset["steady"].values[:] = fill
+    assert drawn(vis.summary_figure(dataset)).shape[2] == 4
