@@ -24,11 +24,11 @@ PLUGIN_MODULES = (
 """Modules that define Mitsuba plugins, each after those that it builds on."""
 
 PLUGINS = {
-    "OwenSobolSampler": "tofrender.sampling.owen_sobol",
-    "TransientHDRFilm": "tofrender.films.transient",
-    "TransientPath": "tofrender.integrators.transient_path",
+    "OwenSobolSampler": ("owen_sobol", "tofrender.sampling.owen_sobol"),
+    "TransientHDRFilm": ("transient_hdr_film", "tofrender.films.transient"),
+    "TransientPath": ("transient_path", "tofrender.integrators.transient_path"),
 }
-"""Public plugin classes and the modules that define them."""
+"""Public plugin classes: the plugin's name, and the module that defines it."""
 
 _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
 
@@ -141,6 +141,22 @@ def plugin(name: str) -> Any:
     return _classes[variant][name]
 
 
+def create(plugin_name: str, **parameters: Any) -> Any:
+    """Make one of our plugins, whichever package its name is registered to at the moment.
+
+    Args:
+        plugin_name: For example "transient_path".
+        **parameters: The plugin's parameters, child objects included.
+    """
+    import mitsuba as mi
+
+    props = mi.Properties(plugin_name)
+    for name, value in parameters.items():
+        props[name] = value
+    class_name = next(name for name, (its, _) in PLUGINS.items() if its == plugin_name)
+    return plugin(class_name)(props)
+
+
 _callbacks: list = []
 
 
@@ -165,4 +181,4 @@ def _register(variant: str) -> None:
     for name in PLUGIN_MODULES:
         loaded = sys.modules.get(name)
         modules[name] = importlib.reload(loaded) if loaded else importlib.import_module(name)
-    _classes[variant] = {name: getattr(modules[path], name) for name, path in PLUGINS.items()}
+    _classes[variant] = {name: getattr(modules[home], name) for name, (_, home) in PLUGINS.items()}

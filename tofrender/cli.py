@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -49,19 +50,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        status = app(args=arguments, prog_name="tofrender", standalone_mode=False)
-        return status or 0
-    except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted", INTERRUPTED)
-    except Exception as error:
-        explain = getattr(error, "format_message", None)  # Typer's errors about the command line
-        if explain is not None:
-            return _complain(explain(), BAD_INPUT)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = _warn
+            return app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
+    except (Exception, KeyboardInterrupt) as error:
         if os.environ.get("TOFRENDER_DEBUG", "0") not in ("", "0"):
             raise
-        bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
-        message = str(error) or type(error).__name__
-        return _complain(message, BAD_INPUT if isinstance(error, bad) else FAILURE)
+        return _explain(error)
+
+
+def _explain(error: BaseException) -> int:
+    """Put an error into one line on stderr; returns the exit status."""
+    while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
+        error = error.__cause__
+    if isinstance(error, KeyboardInterrupt | typer.Abort):
+        return _complain("interrupted", INTERRUPTED)
+    explain = getattr(error, "format_message", None)  # Typer's errors about the command line
+    if explain is not None:
+        return _complain(explain(), BAD_INPUT)
+    bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
+    status = BAD_INPUT if isinstance(error, bad) else FAILURE
+    return _complain(str(error) or type(error).__name__, status)
+
+
+def _warn(message: Warning | str, *_: Any) -> None:
+    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _complain(message: str, status: int) -> int:
@@ -195,11 +209,17 @@ def render(
         for name, (option, text) in texts.items()
         if text is not None
     }
+    points = {name: settings.pop(name, None) for name in ("spp", "sampler")}
     seed_number = checks.integer("--seed", _number(seed), 0, checks.MAX_SEED)
     checks.one_of("--format", format, FILES)
     checks.one_of("--precision", precision, PRECISIONS)
     if window is not None:
         checks.one_of("--window", window, WINDOWS)
+        for option, text in (("--start-opl", start_opl), ("--bin-width", bin_width)):
+            if text is not None:
+                raise ValueError(f"{option} = {text}: must be left out, --window auto finds it")
+        if bins is not None:  # lets a steady scene turn transient; the window found replaces it
+            settings |= {"start_opl": 0.0, "bin_width_opl": 1.0}
     parameters = _parameters(defines or [])
     _check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
@@ -214,13 +234,13 @@ def render(
     _check_out(out, film, "float" if format == "npz" else precision)
 
     # ---------------------------------------------------------------------- render and write
-    dataset = render_scene(loaded, seed=seed_number, window=window)
+    dataset = render_scene(loaded, seed=seed_number, window=window, **points)
     dataset.attrs["scene"] = str(found)
     files = _write(dataset, out, format, precision, video)
     _report(dataset, out, files)
     if not dataset.attrs["complete"]:
-        typer.echo("interrupted: saved what was finished", err=True)
-        raise typer.Exit(INTERRUPTED)
+        spp_done = dataset.attrs["spp"]
+        raise typer.Exit(_complain(f"interrupted after {spp_done} samples a pixel", INTERRUPTED))
 
 
 # ----------------------------------------------------------------------------------- options
@@ -297,6 +317,6 @@ def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> None:
     samples = dataset.sizes["y"] * dataset.sizes["x"] * attrs["spp"]
     typer.echo(f"{out}: {', '.join(names)}")
     typer.echo(
-        f"{seconds:.1f} s, {samples / seconds / 1e6:.2f} million samples per second, "
+        f"{seconds:.1f} s, {samples / seconds:,.0f} samples per second, "
         f"{100 * attrs['energy_outside_window']:.2g} % of the energy outside the window"
     )

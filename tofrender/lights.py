@@ -49,20 +49,20 @@ class SceneLights:
 
     Args:
         scene: The scene.
-        origin: A point that lengths to distant lights must not be negative from, the sensor's
-            position [m], or None.
+        sensor: The sensor, whose position the sphere contains where distant lights start, or None.
     """
 
     connects = True
 
-    def __init__(self, scene: mi.Scene, origin: mi.ScalarPoint3f | None = None) -> None:
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         self.scene = scene
         infinite = mi.EmitterFlags.Infinite
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
         if self.has_distant:
             box = scene.bbox()
-            if origin is not None:
-                box.expand(origin)
+            if sensor is not None:
+                position = sensor.world_transform() @ mi.Point3f(0)
+                box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
             sphere = box.bounding_sphere()
             self.centre = dr.opaque(mi.Point3f, sphere.center)
             self.radius = dr.opaque(mi.Float, sphere.radius)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,64 +11,70 @@ import mitsuba as mi
 
 from ..pulses import Pulse
 
+Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
+"""Takes (spectrum, opl, active)."""
+
 
 @dataclass
 class FilmDeposit:
     """Adds each contribution to a transient film, and sums them as a steady camera does.
 
-    A pulse is convolved by its exact energy in each bin, which adds no noise.
-
     Attributes:
         total: Radiance over all time, of type `mi.UnpolarizedSpectrum`.
-        film: Anything with mitransient's `add_transient_data`, `temporal_bins`, `start_opl` and
-            `bin_width_opl`.
-        position: Position on the film [pixels].
-        wavelengths: Sampled wavelengths of the rays [nm]; empty unless the variant is spectral.
-        weight: Factor of every deposit: the camera ray's weight over the samples per pixel.
-        pulse: Temporal profile of the light, None for an instant.
+        put: What deposits a contribution. A function hides the film from the path loop, which
+            would otherwise carry a copy of all bins as its state.
     """
 
     total: Any
-    film: Any
-    position: mi.Point2f
-    wavelengths: Any
-    weight: Any
-    pulse: Pulse | None
+    put: Put
 
     @classmethod
-    def empty(cls, film, position, wavelengths, weight, pulse) -> FilmDeposit:
-        """Nothing deposited yet."""
-        return cls(mi.UnpolarizedSpectrum(0), film, position, wavelengths, weight, pulse)
+    def into(
+        cls, film: Any, position: mi.Point2f, wavelengths: Any, weight: Any, pulse: Pulse | None
+    ) -> FilmDeposit:
+        """Nothing deposited yet.
+
+        Args:
+            film: Anything with mitransient's `add_transient_data`, `temporal_bins`, `start_opl`
+                and `bin_width_opl`.
+            position: Position on the film [pixels].
+            wavelengths: Sampled wavelengths of the rays [nm]; empty unless the variant is spectral.
+            weight: Factor of every deposit: the camera ray's weight over the samples per pixel.
+            pulse: Temporal profile of the light, None for an instant. It is convolved by its exact
+                energy in each bin, which adds no noise.
+        """
+
+        def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+            one = mi.Float(1)
+            film.add_transient_data(position, opl, wavelengths, spectrum * weight, one, active)
+
+        def put_pulse(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+            spread(film, pulse, put, spectrum, opl, active)
+
+        return cls(mi.UnpolarizedSpectrum(0), put if pulse is None else put_pulse)
 
     def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
         """Deposit a contribution."""
         self.total += dr.select(active, spectrum, 0)
-        spectrum = spectrum * self.weight
-        if self.pulse is None:
-            self._put(spectrum, opl, active)
-        else:
-            self._spread(spectrum, opl, active)
+        self.put(spectrum, opl, active)
 
-    def _put(self, spectrum, opl, active):
-        self.film.add_transient_data(
-            self.position, opl, self.wavelengths, spectrum, mi.Float(1), active
-        )
 
-    @dr.syntax
-    def _spread(self, spectrum, opl, active):
-        """Deposit the pulse's energy in each bin that it reaches."""
-        bins, start = int(self.film.temporal_bins), float(self.film.start_opl)
-        width = float(self.film.bin_width_opl)
-        low, high = self.pulse.support
-        opl = opl - start
-        k = mi.Int32(dr.clip(dr.floor((opl + low) / width), 0, bins))
-        last = mi.Int32(dr.clip(dr.floor((opl + high) / width), -1, bins - 1))
+@dr.syntax
+def spread(
+    film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
+) -> None:
+    """Deposit a pulse's energy in each bin that it reaches: a difference of its cdf."""
+    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
+    low, high = pulse.support
+    opl = opl - start
+    k = mi.Int32(dr.clip(dr.floor((opl + low) / width), 0, bins))
+    last = mi.Int32(dr.clip(dr.floor((opl + high) / width), -1, bins - 1))
 
-        before = self.pulse.cdf(k * width - opl)   # Energy before bin k
-        filling = active & (k <= last)
-        while filling:
-            after = self.pulse.cdf((k + 1) * width - opl)
-            self._put(spectrum * (after - before), start + (k + 0.5) * width, filling)
-            before = mi.Float(after)
-            k += 1
-            filling &= k <= last
+    before = pulse.cdf(k * width - opl)  # Energy before bin k
+    filling = active & (k <= last)
+    while filling:
+        after = pulse.cdf((k + 1) * width - opl)
+        put(spectrum * (after - before), start + (k + 0.5) * width, filling)
+        before = mi.Float(after)
+        k += 1
+        filling &= k <= last

@@ -68,9 +68,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------------- paths
 
-    def lights(self, scene: mi.Scene, origin: Any = None) -> SceneLights:
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
         """What paths connect to."""
-        return (SceneLights if self.emitter_sampling else EmitterHits)(scene, origin)
+        return (SceneLights if self.emitter_sampling else EmitterHits)(scene, sensor)
 
     def trace(self, scene, sampler, ray, origin, measurement, lights, active=True):
         """Follow camera rays; returns the measurement and the lanes that met a surface."""
@@ -164,15 +164,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
         film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
         sampler.set_samples_per_wavefront(lanes)
         sampler.seed(seed, width * height * lanes)
-        origin = sensor.world_transform() @ mi.Point3f(0)
-        lights = self.lights(scene, mi.ScalarPoint3f(*(float(x[0]) for x in origin)))
+        lights = self.lights(scene, sensor)
 
         def shot(pixel):
             """One sample of each pixel, deposited; returns its position, colour and coverage."""
             camera = sample_camera(sensor, film, sampler, pixel)
             wavelengths = camera.ray.wavelengths
             weight = camera.weight / spp
-            deposit = FilmDeposit.empty(film, camera.position, wavelengths, weight, profile)
+            deposit = FilmDeposit.into(film, camera.position, wavelengths, weight, profile)
             deposit, valid = self.trace(scene, sampler, camera.ray, camera.origin, deposit, lights)
             return camera.position, _rgb(deposit.total * camera.weight, wavelengths), valid
 

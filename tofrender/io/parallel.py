@@ -1,4 +1,4 @@
-"""Threads and a progress bar for work on many frames."""
+"""Threads for work on many frames."""
 
 from __future__ import annotations
 
@@ -7,24 +7,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
-#: A bar appears only for work that takes longer than this [s].
-PROGRESS_DELAY_S = 2.0
-
-
-def progress_bar(description: str, total: int | None, *, unit: str = "frame", enabled: bool = True):
-    """A tqdm bar, for terminal or notebook, that shows up after two seconds."""
-    from tqdm.auto import tqdm
-
-    return tqdm(
-        desc=description,
-        total=total,
-        unit=unit,
-        unit_scale=unit == "B",
-        delay=PROGRESS_DELAY_S,
-        disable=not enabled,
-        leave=False,
-    )
-
+from ..progress import progress_bar
 
 def for_each(
     function: Callable[[int], Any], items: Iterable[int], description: str, *, progress: bool

@@ -16,7 +16,8 @@ from .. import checks
 from ..vis import Transient, auto_exposure, check_exposure, tonemap
 from .atomic import replacing
 from .output import check_file, check_writable, output_folder
-from .parallel import for_each, progress_bar
+from ..progress import progress_bar
+from .parallel import for_each
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,0 +1,163 @@
+"""What is measured. Each case prints its rows and returns them as (name, value, target)."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+
+from .timing import in_turn
+
+Row = tuple[str, float, float | None]
+
+
+def _transient(size: int, bins: int, spp: int, plugin_of: Any = None) -> mi.Scene:
+    """The Cornell box with `bins` bins; `plugin_of` builds it with another package's plugins."""
+    scene = tofrender.cornell_box(width=size, height=size, temporal_bins=bins, spp=spp)
+    return mi.load_dict(scene)
+
+
+def _peer(size: int, bins: int) -> mi.Scene | None:
+    """mitransient's own Cornell box, None where it is not installed."""
+    try:
+        import mitransient
+    except ImportError:
+        return None
+    scene = mitransient.cornell_box()
+    scene["sensor"]["film"] |= {"width": size, "height": size, "temporal_bins": bins}
+    return mi.load_dict(scene)
+
+
+def _path(size: int, spp: int) -> mi.Scene:
+    scene = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
+    scene["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}
+    return mi.load_dict(scene)
+
+
+def _draw(scene: mi.Scene, spp: int) -> Callable[[], None]:
+    return lambda: dr.eval(mi.render(scene, spp=spp))
+
+
+def speed(runs: int, quick: bool) -> list[Row]:
+    """Time of the transient render over that of Mitsuba's `path`, at equal samples per pixel."""
+    size, spp = (64, 16) if quick else (256, 64)
+    functions = {"path": _draw(_path(size, spp), spp)}
+    functions["tofrender"] = _draw(_transient(size, 300, spp), spp)
+    peer = _peer(size, 300)
+    if peer is not None:
+        functions["mitransient"] = _draw(peer, spp)
+    times = in_turn(functions, runs)
+    what = f"{size}x{size} x 300 bins, {spp} spp, over path"
+    rows: list[Row] = []
+    for name in list(functions)[1:]:
+        wall, cpu = times[name].ratio(times["path"])
+        target = 1.25 if name == "tofrender" else None
+        rows += [(f"{name}, {what}: wall", wall, target), (f"{name}, {what}: cpu", cpu, target)]
+    return rows
+
+
+def bins(runs: int, quick: bool) -> list[Row]:
+    """Time over that of `path` with few and many bins."""
+    size, spp = (32, 16) if quick else (64, 256)
+    counts = (30, 300, 3000)
+    functions = {"path": _draw(_path(size, spp), spp)}
+    functions |= {str(n): _draw(_transient(size, n, spp), spp) for n in counts}
+    times = in_turn(functions, runs)
+    rows: list[Row] = []
+    for n in counts:
+        wall, cpu = times[str(n)].ratio(times["path"])
+        rows.append((f"{size}x{size} x {n} bins, {spp} spp, over path: wall", wall, None))
+        rows.append((f"{size}x{size} x {n} bins, {spp} spp, over path: cpu", cpu, None))
+    flat = [times[str(n)].cpu / times[str(counts[0])].cpu for n in counts]
+    worst = max(float(np.median(ratio)) for ratio in flat)
+    return [*rows, (f"slowest over {counts[0]} bins: cpu", worst, 1.2)]
+
+
+def error(runs: int, quick: bool) -> list[Row]:
+    """Variance times time of the cube: mitransient's defaults over `render`'s."""
+    size, spp, seeds = (16, 16, 4) if quick else (64, 256, 8)
+    # Our scene first: the plugin names belong to the package that is imported last
+    ours = _transient(size, 300, spp)
+    peer = _peer(size, 300)
+    if peer is None:
+        return []
+    cubes: dict[str, list[np.ndarray]] = {"tofrender": [], "mitransient": []}
+    counter = iter(range(1, 1 << 20))
+
+    def draw_ours() -> None:
+        dataset = tofrender.render(ours, spp=spp, seed=next(counter), progress=False)
+        cubes["tofrender"].append(dataset["transient"].values)
+
+    def draw_peer() -> None:
+        _, transient = mi.render(peer, spp=spp, seed=next(counter))
+        cubes["mitransient"].append(np.array(transient))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        times = in_turn({"tofrender": draw_ours, "mitransient": draw_peer}, max(runs, seeds))
+    variance = {name: float(np.var(stack[1:], axis=0, ddof=1).mean()) for name, stack in cubes.items()}
+    gain = variance["mitransient"] / variance["tofrender"]
+    wall, cpu = times["mitransient"].ratio(times["tofrender"])
+    what = f"{size}x{size} x 300 bins, {spp} spp"
+    return [
+        (f"{what}: variance of mitransient over ours", gain, None),
+        (f"{what}: variance x wall time", gain * wall, 30.0),
+        (f"{what}: variance x cpu time", gain * cpu, 30.0),
+    ]
+
+
+_MEMORY = """
+import resource, sys, warnings
+warnings.simplefilter("ignore")
+import tofrender
+size, bins, spp = map(int, sys.argv[1:])
+scene = tofrender.cornell_box(width=size, height=size, temporal_bins=bins)
+dataset = tofrender.render(scene, spp=spp, progress=False)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+print(peak / 2**20, dataset["transient"].nbytes / 2**20)
+"""
+
+
+def memory(runs: int, quick: bool) -> list[Row]:
+    """Peak memory of a process that renders, less twice the result [MiB]."""
+    rows: list[Row] = []
+    for size, bins_, spp in [(64, 300, 4)] if quick else [(256, 300, 64), (128, 3000, 64)]:
+        command = [sys.executable, "-c", _MEMORY, str(size), str(bins_), str(spp)]
+        output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        peak, result = map(float, output.split())
+        name = f"{size}x{size} x {bins_} bins: peak less 2 x result of {result:.0f} MiB [MiB]"
+        rows.append((name, peak - 2 * result, 300.0))
+    return rows
+
+
+_IMPORT = """
+import time
+start = time.perf_counter()
+{statement}
+print(time.perf_counter() - start)
+"""
+
+
+def importing(runs: int, quick: bool) -> list[Row]:
+    """Time of `import tofrender` beyond that of Mitsuba with the same variant [s]."""
+    mitsuba = f"import mitsuba; mitsuba.set_variant({mi.variant()!r})"
+    statements = (mitsuba, "import tofrender")
+    seconds: list[list[float]] = [[], []]
+    for _ in range(max(runs, 3)):
+        for statement, taken in zip(statements, seconds, strict=True):
+            command = [sys.executable, "-c", _IMPORT.format(statement=statement)]
+            output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+            taken.append(float(output))
+    extra = np.median(np.array(seconds[1]) - np.array(seconds[0]))
+    return [("import tofrender, beyond Mitsuba [s]", float(extra), 0.3)]
+
+
+CASES = {"speed": speed, "bins": bins, "error": error, "memory": memory, "import": importing}

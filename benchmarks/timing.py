@@ -1,0 +1,44 @@
+"""Run functions in turn and compare their times pair by pair."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+
+@dataclass
+class Times:
+    """Times of one function [s], one entry a run.
+
+    Attributes:
+        wall: Wall-clock times.
+        cpu: Times of all threads of the process; steadier on a shared machine.
+    """
+
+    wall: np.ndarray
+    cpu: np.ndarray
+
+    def ratio(self, other: Times) -> tuple[float, float]:
+        """Median over the runs of this time over the other's: wall, cpu."""
+        return float(np.median(self.wall / other.wall)), float(np.median(self.cpu / other.cpu))
+
+
+def in_turn(functions: Mapping[str, Callable[[], object]], runs: int) -> dict[str, Times]:
+    """Call all functions once to warm up, then all of them `runs` times, A B C A B C ..."""
+    for function in functions.values():
+        function()
+        dr.sync_thread()
+    wall = {name: [] for name in functions}
+    cpu = {name: [] for name in functions}
+    for _ in range(runs):
+        for name, function in functions.items():
+            start = time.perf_counter(), time.process_time()
+            function()
+            dr.sync_thread()
+            wall[name].append(time.perf_counter() - start[0])
+            cpu[name].append(time.process_time() - start[1])
+    return {name: Times(np.array(wall[name]), np.array(cpu[name])) for name in functions}

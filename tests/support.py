@@ -1,0 +1,238 @@
+"""What the tests of light transport share: small scenes, path lengths one by one, comparisons."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+
+from tofrender.analysis.statistics import p_values, smallest_allowed
+from tofrender.camera import sample_camera
+from tofrender.lights import SceneLights
+from tofrender.walk import walk
+
+ALPHA = 1e-3
+"""Chance that right code fails anywhere in the suite, had its seeds not been fixed."""
+
+COMPARISONS = 100
+"""Statistical comparisons that ALPHA is split over; the suite has fewer."""
+
+TIME = ("temporal_bins", "start_opl", "bin_width_opl")
+
+
+# -------------------------------------------------------------------------------- scene parts
+
+
+def film(width: int = 1, height: int = 1, bins: int = 100, start: float = 0.0, bin_width: float = 0.1,
+         **more: Any) -> dict:
+    return {"type": "transient_hdr_film", "width": width, "height": height, "temporal_bins": bins,
+            "start_opl": start, "bin_width_opl": bin_width, "rfilter": {"type": "box"}, **more}
+
+
+def camera(origin, target, the_film: dict, *, kind: str = "perspective", up=(0, 1, 0), spp: int = 16,
+           sampler: str = "independent", **more: Any) -> dict:
+    return {"type": kind, "film": the_film, **more,
+            "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), list(up)),
+            "sampler": {"type": sampler, "sample_count": spp}}
+
+
+def grey(value: float) -> dict:
+    """The same in red, green and blue. (A flat spectrum of an emitter would look pink.)"""
+    return {"type": "rgb", "value": [value] * 3}
+
+
+def diffuse(albedo: float) -> dict:
+    return {"type": "diffuse", "reflectance": grey(albedo)}
+
+
+def plane(to_world=None, size: float = 10.0, **more: Any) -> dict:
+    """A large square in z = 0 that faces +z, then moved by `to_world`."""
+    to_world = mi.ScalarTransform4f() if to_world is None else to_world
+    return {"type": "rectangle", "to_world": to_world @ mi.ScalarTransform4f().scale(size), **more}
+
+
+def translate(x: float, y: float, z: float):
+    return mi.ScalarTransform4f().translate([x, y, z])
+
+
+def rotate(axis, angle: float):
+    return mi.ScalarTransform4f().rotate(list(axis), angle)
+
+
+def point_light(position, intensity: float) -> dict:
+    return {"type": "point", "position": list(position),
+            "intensity": grey(intensity)}
+
+
+def area_light(radiance: float) -> dict:
+    return {"type": "area", "radiance": grey(radiance)}
+
+
+def scene(parts: dict, sensor: dict, **integrator: Any) -> dict:
+    return {"type": "scene", "integrator": {"type": "transient_path", **integrator},
+            "sensor": sensor, **parts}
+
+
+def load(description: dict) -> mi.Scene:
+    return mi.load_dict(description, parallel=False, optimize=False)
+
+
+def with_integrator(description: dict, **changes: Any) -> dict:
+    """The same scene with other integrator parameters."""
+    return description | {"integrator": description["integrator"] | changes}
+
+
+def with_film(description: dict, **changes: Any) -> dict:
+    """The same scene with other film parameters."""
+    result = copy.copy(description)
+    result["sensor"] = description["sensor"] | {"film": description["sensor"]["film"] | changes}
+    return result
+
+
+def with_sampler(description: dict, kind: str = "independent") -> dict:
+    result = copy.copy(description)
+    result["sensor"] = description["sensor"] | {"sampler": {"type": kind, "sample_count": 16}}
+    return result
+
+
+def steady_twin(description: dict, **changes: Any) -> dict:
+    """The same scene for Mitsuba's `path` and `hdrfilm`."""
+    ours = {k: v for k, v in description["integrator"].items()
+            if k in ("max_depth", "rr_depth", "hide_emitters")}
+    result = dict(description)
+    result["integrator"] = ours | changes | {"type": "path"}
+    steady = {k: v for k, v in description["sensor"]["film"].items() if k not in TIME}
+    pixels = "luminance" if mi.is_monochromatic else "rgb"
+    steady |= {"type": "hdrfilm", "pixel_format": pixels, "component_format": "float32"}
+    result["sensor"] = description["sensor"] | {"film": steady}
+    return result
+
+
+# ---------------------------------------------------------------------------------- rendering
+
+
+def rendered(description: dict | mi.Scene, spp: int = 16, seed: int = 0) -> tuple:
+    """(steady, transient) as float64 arrays."""
+    loaded = load(description) if isinstance(description, dict) else description
+    steady, transient = mi.render(loaded, spp=spp, seed=seed)
+    return np.array(steady, dtype=np.float64), np.array(transient, dtype=np.float64)
+
+
+def path_image(description: dict, spp: int = 16, seed: int = 0, **changes: Any) -> np.ndarray:
+    """What Mitsuba's own path tracer renders of the scene."""
+    twin = load(steady_twin(description, **changes))
+    return np.array(mi.render(twin, spp=spp, seed=seed), dtype=np.float64)
+
+
+@dataclass
+class Arrivals:
+    """A measurement that writes down every contribution of every path.
+
+    Attributes:
+        count: Contributions of each lane so far.
+        store: Where they are written.
+    """
+
+    count: Any
+    store: Store
+
+    @classmethod
+    def of(cls, lanes: int, slots: int) -> Arrivals:
+        return cls(dr.zeros(mi.UInt32, lanes), Store(lanes, slots))
+
+    def add(self, spectrum, opl, active):
+        index = self.store.lane * self.store.slots + self.count
+        active = active & (self.count < self.store.slots)
+        for name, what in (("opl", opl), ("value", spectrum[0]), ("filled", mi.Float(1))):
+            dr.scatter(self.store.arrays[name], what, index, active)
+        self.count[active] += 1
+
+
+class Store:
+    """Arrays of `slots` entries for each lane; not a dataclass, so no loop carries them."""
+
+    def __init__(self, lanes: int, slots: int) -> None:
+        self.slots = slots
+        self.lane = dr.arange(mi.UInt32, lanes)
+        self.arrays = {k: dr.zeros(mi.Float, lanes * slots) for k in ("opl", "value", "filled")}
+        dr.eval(self.lane, self.arrays)
+
+
+@dataclass
+class Light:
+    """Contributions of paths: `opl`, `value` of shape (lanes, slots), NaN where there is none."""
+
+    opl: np.ndarray
+    value: np.ndarray
+
+    def all(self) -> tuple[np.ndarray, np.ndarray]:
+        there = np.isfinite(self.opl)
+        return self.opl[there], self.value[there]
+
+    def histogram(self, edges: np.ndarray) -> np.ndarray:
+        """Energy per bin, a mean over lanes."""
+        opl, value = self.all()
+        return np.histogram(opl, edges, weights=value)[0] / self.opl.shape[0]
+
+
+def follow(loaded: mi.Scene, ray, *, slots: int = 8, seed: int = 0, sampler: str = "independent",
+           lights: Callable = SceneLights, **options: Any) -> Light:
+    """Walk along the given rays and write down what arrives."""
+    lanes = dr.width(ray)
+    source = mi.load_dict({"type": sampler, "sample_count": lanes})
+    source.set_samples_per_wavefront(lanes)
+    source.seed(seed, lanes)
+    record = Arrivals.of(lanes, slots)
+    defaults = {"max_depth": 2, "rr_depth": 5, "origin": None, "unwarp": False,
+                "first_emission": True, "hide_emitters": False, "active": mi.Bool(True)}
+    walk(loaded, source, ray, record, lights(loaded), **defaults | options)
+    arrays = record.store.arrays
+    dr.eval(arrays)
+    opl, value, filled = (
+        np.array(arrays[k], dtype=np.float64).reshape(lanes, slots) for k in ("opl", "value", "filled")
+    )
+    there = filled > 0
+    return Light(np.where(there, opl, np.nan), np.where(there, value, np.nan))
+
+
+def beam(origin, target, lanes: int = 1) -> mi.Ray3f:
+    """The same ray in every lane, from `origin` to `target`."""
+    d = unit(np.subtract(target, origin))
+    zero = dr.zeros(mi.Float, lanes)
+    return mi.Ray3f(mi.Point3f(list(origin)) + zero, mi.Vector3f(d.tolist()) + zero)
+
+
+def camera_rays(loaded: mi.Scene, lanes: int, seed: int = 0):
+    """Random rays of the scene's camera, all through its first pixel."""
+    sensor = loaded.sensors()[0]
+    sampler = mi.load_dict({"type": "independent", "sample_count": lanes})
+    sampler.seed(seed, lanes)
+    return sample_camera(sensor, sensor.film(), sampler, dr.zeros(mi.UInt32, lanes))
+
+
+# -------------------------------------------------------------------------------- comparisons
+
+
+def over_seeds(estimate: Callable[[int], np.ndarray], seeds: Iterable[int]) -> np.ndarray:
+    """Estimates for several seeds, shape (seeds, ...)."""
+    return np.stack([np.asarray(estimate(seed)) for seed in seeds])
+
+
+def agree(samples: np.ndarray, reference: np.ndarray, *, rounding: float = 1e-5) -> bool:
+    """Whether means agree, by the suite's one alpha. A reference must exist and hold light."""
+    if reference is None or not np.any(np.nan_to_num(reference)):
+        raise AssertionError("the reference is missing, or black")
+    p = p_values(samples, reference, rounding=rounding)
+    each = smallest_allowed(ALPHA, COMPARISONS)
+    return bool(np.min(p) >= smallest_allowed(each, p.size))
+
+
+def unit(vector) -> np.ndarray:
+    vector = np.asarray(vector, dtype=np.float64)
+    return vector / np.linalg.norm(vector)

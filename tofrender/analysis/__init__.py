@@ -1,0 +1,1 @@
+"""What is computed from rendered light: statistics of estimates."""
