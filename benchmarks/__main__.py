@@ -22,13 +22,18 @@ def main() -> None:
     options = parser.parse_args()
     unknown = [name for name in options.cases if name not in CASES]
     if unknown or options.runs < 1:
-        what = f"CASE = {unknown[0]!r}: must be one of {', '.join(CASES)}" if unknown else (
-            f"--runs = {options.runs}: must be 1 or more")
+        what = (
+            f"CASE = {unknown[0]!r}: must be one of {', '.join(CASES)}"
+            if unknown
+            else (f"--runs = {options.runs}: must be 1 or more")
+        )
         parser.error(what)
     logging.getLogger().setLevel(logging.ERROR)
     mi.set_log_level(mi.LogLevel.Error)
-    print(f"tofrender {tofrender.__version__}, Mitsuba {mi.__version__}, {mi.variant()}, "
-          f"{dr.thread_count() + 1} threads, medians of {options.runs} runs")
+    print(
+        f"tofrender {tofrender.__version__}, Mitsuba {mi.__version__}, {mi.variant()}, "
+        f"{dr.thread_count() + 1} threads, medians of {options.runs} runs"
+    )
     for name in options.cases or CASES:
         for what, value, target in CASES[name](options.runs, options.quick):
             bound = "" if target is None else f"   target {target:g}"

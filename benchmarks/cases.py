@@ -103,7 +103,9 @@ def error(runs: int, quick: bool) -> list[Row]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         times = in_turn({"tofrender": draw_ours, "mitransient": draw_peer}, max(runs, seeds))
-    variance = {name: float(np.var(stack[1:], axis=0, ddof=1).mean()) for name, stack in cubes.items()}
+    variance = {
+        name: float(np.var(stack[1:], axis=0, ddof=1).mean()) for name, stack in cubes.items()
+    }
     gain = variance["mitransient"] / variance["tofrender"]
     wall, cpu = times["mitransient"].ratio(times["tofrender"])
     what = f"{size}x{size} x 300 bins, {spp} spp"

@@ -111,7 +111,9 @@ def sphere_bounce_masses(n, edges, radius, fine: int = 20000) -> np.ndarray:
     masses = chord
     for _ in range(n - 1):
         size = masses.size + fine
-        masses = np.fft.irfft(np.fft.rfft(masses, 2 * size) * np.fft.rfft(chord, 2 * size), 2 * size)
+        masses = np.fft.irfft(
+            np.fft.rfft(masses, 2 * size) * np.fft.rfft(chord, 2 * size), 2 * size
+        )
         masses = masses[:size]
     # n cells of a step each add up to a spread of n steps: their middle is n/2 steps further
     position = 2 * radius + (np.arange(masses.size) + 0.5 * n) * step

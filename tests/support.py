@@ -11,7 +11,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-
 from tofrender.analysis.statistics import p_values, smallest_allowed
 from tofrender.camera import sample_camera
 from tofrender.lights import SceneLights
@@ -29,17 +28,44 @@ TIME = ("temporal_bins", "start_opl", "bin_width_opl")
 # -------------------------------------------------------------------------------- scene parts
 
 
-def film(width: int = 1, height: int = 1, bins: int = 100, start: float = 0.0, bin_width: float = 0.1,
-         **more: Any) -> dict:
-    return {"type": "transient_hdr_film", "width": width, "height": height, "temporal_bins": bins,
-            "start_opl": start, "bin_width_opl": bin_width, "rfilter": {"type": "box"}, **more}
+def film(
+    width: int = 1,
+    height: int = 1,
+    bins: int = 100,
+    start: float = 0.0,
+    bin_width: float = 0.1,
+    **more: Any,
+) -> dict:
+    return {
+        "type": "transient_hdr_film",
+        "width": width,
+        "height": height,
+        "temporal_bins": bins,
+        "start_opl": start,
+        "bin_width_opl": bin_width,
+        "rfilter": {"type": "box"},
+        **more,
+    }
 
 
-def camera(origin, target, the_film: dict, *, kind: str = "perspective", up=(0, 1, 0), spp: int = 16,
-           sampler: str = "independent", **more: Any) -> dict:
-    return {"type": kind, "film": the_film, **more,
-            "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), list(up)),
-            "sampler": {"type": sampler, "sample_count": spp}}
+def camera(
+    origin,
+    target,
+    the_film: dict,
+    *,
+    kind: str = "perspective",
+    up=(0, 1, 0),
+    spp: int = 16,
+    sampler: str = "independent",
+    **more: Any,
+) -> dict:
+    return {
+        "type": kind,
+        "film": the_film,
+        **more,
+        "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), list(up)),
+        "sampler": {"type": sampler, "sample_count": spp},
+    }
 
 
 def grey(value: float) -> dict:
@@ -66,8 +92,7 @@ def rotate(axis, angle: float):
 
 
 def point_light(position, intensity: float) -> dict:
-    return {"type": "point", "position": list(position),
-            "intensity": grey(intensity)}
+    return {"type": "point", "position": list(position), "intensity": grey(intensity)}
 
 
 def area_light(radiance: float) -> dict:
@@ -75,8 +100,12 @@ def area_light(radiance: float) -> dict:
 
 
 def scene(parts: dict, sensor: dict, **integrator: Any) -> dict:
-    return {"type": "scene", "integrator": {"type": "transient_path", **integrator},
-            "sensor": sensor, **parts}
+    return {
+        "type": "scene",
+        "integrator": {"type": "transient_path", **integrator},
+        "sensor": sensor,
+        **parts,
+    }
 
 
 def load(description: dict) -> mi.Scene:
@@ -103,8 +132,11 @@ def with_sampler(description: dict, kind: str = "independent") -> dict:
 
 def steady_twin(description: dict, **changes: Any) -> dict:
     """The same scene for Mitsuba's `path` and `hdrfilm`."""
-    ours = {k: v for k, v in description["integrator"].items()
-            if k in ("max_depth", "rr_depth", "hide_emitters")}
+    ours = {
+        k: v
+        for k, v in description["integrator"].items()
+        if k in ("max_depth", "rr_depth", "hide_emitters")
+    }
     result = dict(description)
     result["integrator"] = ours | changes | {"type": "path"}
     steady = {k: v for k, v in description["sensor"]["film"].items() if k not in TIME}
@@ -181,21 +213,37 @@ class Light:
         return np.histogram(opl, edges, weights=value)[0] / self.opl.shape[0]
 
 
-def follow(loaded: mi.Scene, ray, *, slots: int = 8, seed: int = 0, sampler: str = "independent",
-           lights: Callable = SceneLights, **options: Any) -> Light:
+def follow(
+    loaded: mi.Scene,
+    ray,
+    *,
+    slots: int = 8,
+    seed: int = 0,
+    sampler: str = "independent",
+    lights: Callable = SceneLights,
+    **options: Any,
+) -> Light:
     """Walk along the given rays and write down what arrives."""
     lanes = dr.width(ray)
     source = mi.load_dict({"type": sampler, "sample_count": lanes})
     source.set_samples_per_wavefront(lanes)
     source.seed(seed, lanes)
     record = Arrivals.of(lanes, slots)
-    defaults = {"max_depth": 2, "rr_depth": 5, "origin": None, "unwarp": False,
-                "first_emission": True, "hide_emitters": False, "active": mi.Bool(True)}
+    defaults = {
+        "max_depth": 2,
+        "rr_depth": 5,
+        "origin": None,
+        "unwarp": False,
+        "first_emission": True,
+        "hide_emitters": False,
+        "active": mi.Bool(True),
+    }
     walk(loaded, source, ray, record, lights(loaded), **defaults | options)
     arrays = record.store.arrays
     dr.eval(arrays)
     opl, value, filled = (
-        np.array(arrays[k], dtype=np.float64).reshape(lanes, slots) for k in ("opl", "value", "filled")
+        np.array(arrays[k], dtype=np.float64).reshape(lanes, slots)
+        for k in ("opl", "value", "filled")
     )
     there = filled > 0
     return Light(np.where(there, opl, np.nan), np.where(there, value, np.nan))

@@ -86,7 +86,9 @@ def test_camera_unwarp_leaves_the_first_segment_out():
 
 
 def test_camera_unwarp_sets_an_emitter_in_view_to_zero():
-    lamp = load(scene({"lamp": plane(emitter=area_light(2.0))}, camera((0, 0, 3), (0, 0, 0), film())))
+    lamp = load(
+        scene({"lamp": plane(emitter=area_light(2.0))}, camera((0, 0, 3), (0, 0, 0), film()))
+    )
     assert follow(lamp, beam((0, 0, 3), (0, 0, 0)), unwarp=True).all()[0].tolist() == [0.0]
     assert follow(lamp, beam((0, 0, 3), (0, 0, 0))).all()[0] == pytest.approx([3.0])
 
@@ -100,8 +102,13 @@ def disk_over_receiver(*, lanes: int = 2048, **options):
     eye = (2.5, 0.0, 1.5)
     parts = {
         "floor": plane(bsdf=diffuse(ALBEDO)),
-        "disk": {"type": "disk", "emitter": area_light(radiance), "to_world":
-                 translate(0, 0, h) @ rotate((1, 0, 0), 180) @ mi.ScalarTransform4f().scale(radius)},
+        "disk": {
+            "type": "disk",
+            "emitter": area_light(radiance),
+            "to_world": translate(0, 0, h)
+            @ rotate((1, 0, 0), 180)
+            @ mi.ScalarTransform4f().scale(radius),
+        },
     }
     loaded = load(scene(parts, camera(eye, (0, 0, 0), film())))
     edges = np.linspace(h, math.hypot(h, radius), 17)
@@ -242,7 +249,9 @@ def test_sphere_all_bounces():
     """Without roulette, the sum over 60 bounces; the rest is below 1e-9 of it."""
     found = in_sphere(max_depth=62, lanes=64)
     total = np.nansum(found.value, axis=1)
-    assert total == pytest.approx(np.full(64, oracles.sphere_total(RADIUS, 0.6, INTENSITY)), rel=5e-4)
+    assert total == pytest.approx(
+        np.full(64, oracles.sphere_total(RADIUS, 0.6, INTENSITY)), rel=5e-4
+    )
 
 
 @pytest.mark.statistical
@@ -264,9 +273,12 @@ def test_sphere_all_bounces_with_roulette():
 @pytest.mark.parametrize("index", [1.5, 3.0])
 def test_glass_slab(index):
     thickness, eye, radiance = 0.25, (0.3, 0.2, 2.0), 2.0
-    slab = {"type": "cube", "to_world": translate(0, 0, 0.5 * thickness) @
-            mi.ScalarTransform4f().scale([5, 5, 0.5 * thickness]),
-            "bsdf": {"type": "dielectric", "int_ior": index, "ext_ior": 1.0}}
+    slab = {
+        "type": "cube",
+        "to_world": translate(0, 0, 0.5 * thickness)
+        @ mi.ScalarTransform4f().scale([5, 5, 0.5 * thickness]),
+        "bsdf": {"type": "dielectric", "int_ior": index, "ext_ior": 1.0},
+    }
     lamp = plane(translate(0, 0, -1.0), emitter=area_light(radiance))
     loaded = load(scene({"slab": slab, "lamp": lamp}, camera(eye, (0.3, 0.2, 0), film())))
     air = eye[2] - thickness + 1.0
@@ -301,8 +313,9 @@ def test_glass_slab(index):
 def test_mirror():
     """Camera, mirror at z = 2 that faces down, floor at z = 0, lamp."""
     eye, lamp, x = (-1.0, 0.2, 0.7), (1.0, 0.6, 1.6), (0.8, -0.3, 0.0)
-    mirror = plane(translate(0, 0, 2) @ rotate((1, 0, 0), 180), bsdf={"type": "conductor",
-                                                                      "material": "none"})
+    mirror = plane(
+        translate(0, 0, 2) @ rotate((1, 0, 0), 180), bsdf={"type": "conductor", "material": "none"}
+    )
     parts = {"mirror": mirror, "floor": plane(bsdf=diffuse(ALBEDO)), "lamp": point_light(lamp, 3.0)}
     loaded = load(scene(parts, camera(eye, x, film())))
     image = oracles.mirrored(eye, (0, 0, 2), UP)
@@ -322,8 +335,11 @@ TO_LIGHT = unit((0.3, -0.5, 0.8))
 def test_directional_light():
     """Light starts on the plane that touches the sphere around the scene and the camera."""
     eye, x = (0.5, 0.2, 3.0), (0.5, 0.2, 0.0)
-    lamp = {"type": "directional", "direction": (-TO_LIGHT).tolist(),
-            "irradiance": {"type": "rgb", "value": [2.0, 2.0, 2.0]}}
+    lamp = {
+        "type": "directional",
+        "direction": (-TO_LIGHT).tolist(),
+        "irradiance": {"type": "rgb", "value": [2.0, 2.0, 2.0]},
+    }
     parts = {"floor": plane(size=1.0, bsdf=diffuse(ALBEDO)), "lamp": lamp}
     sensor = camera(eye, x, film(bins=2048, bin_width=2**-7), fov=0.001)
     centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
@@ -338,8 +354,10 @@ def test_directional_light():
 def test_environment_in_view():
     """A ray that leaves the scene runs on to the touching plane; none has a negative length."""
     eye = (0.5, 0.2, 3.0)
-    parts = {"floor": plane(size=1.0, bsdf=diffuse(ALBEDO)),
-             "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [2.0] * 3}}}
+    parts = {
+        "floor": plane(size=1.0, bsdf=diffuse(ALBEDO)),
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [2.0] * 3}},
+    }
     loaded = load(scene(parts, camera(eye, (0, 0, 0), film())))
     sensor = loaded.sensors()[0]
     centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
@@ -360,8 +378,10 @@ def test_environment_over_a_diffuse_floor():
     radius + z c; radiance in a bin of c is ρ Le (c2² - c1²).
     """
     eye, x = (0.0, 0.0, 3.0), (0.0, 0.0, 0.0)
-    parts = {"floor": plane(size=1.0, bsdf=diffuse(ALBEDO)),
-             "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [2.0] * 3}}}
+    parts = {
+        "floor": plane(size=1.0, bsdf=diffuse(ALBEDO)),
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [2.0] * 3}},
+    }
     sensor = camera(eye, x, film(bins=64, start=3.0, bin_width=2**-4), fov=1e-4, up=(0, 1, 0))
     centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
     edges = 3.0 + np.arange(65) * 2**-4

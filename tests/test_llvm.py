@@ -221,7 +221,7 @@ class TestInstallCommand:
         ("os_release", "euid", "packages", "command"),
         [
             (DEBIAN, 0, ["libllvm15", "libllvm19"], "apt-get install -y libllvm19"),
-            (DEBIAN, 1, ["libllvm19", "libllvm22"], "sudo apt-get install -y libllvm22"),
+            (DEBIAN, 1, ["libllvm19", "libllvm22"], "sudo apt-get install -y libllvm19"),
             (DEBIAN, 1, ["libllvm19", "libllvm98"], "sudo apt-get install -y libllvm19"),
             (UBUNTU, 1, ["libllvm17t64"], "sudo apt-get install -y libllvm17t64"),
             (MINT, 1, ["libllvm18", "libllvm20"], "sudo apt-get install -y libllvm20"),

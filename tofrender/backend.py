@@ -28,7 +28,11 @@ PLUGINS = {
     "TransientHDRFilm": ("transient_hdr_film", "tofrender.films.transient"),
     "TransientPath": ("transient_path", "tofrender.integrators.transient_path"),
 }
-"""Public plugin classes: the plugin's name, and the module that defines it."""
+"""Public plugin classes: the plugin's name, and the module that defines it.
+
+Another package may register a plugin of the same name; the last one to do so has it. Ours are
+therefore registered as "tofrender_..." too, and `own_name` says which name is safe.
+"""
 
 _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
 
@@ -73,7 +77,7 @@ def activate(variant: str | None = None) -> str:
         )
     if variant is not None and variant != mi.variant():
         mi.set_variant(variant)
-    active = mi.variant()
+    active = str(mi.variant())
     if active.startswith("llvm"):
         require_llvm()
     _register(active)
@@ -111,16 +115,20 @@ def require_llvm() -> None:
     """
     import drjit as dr
 
-    if llvm.choose() is None:
-        raise BackendError(llvm.refusal())
+    library = llvm.choose()
     if not dr.has_backend(dr.JitBackend.LLVM):
-        raise BackendError(f"{llvm.choose().path}: Dr.Jit cannot load it; try `tofrender doctor`")
+        raise BackendError(
+            llvm.refusal()
+            if library is None
+            else f"{library.path}: Dr.Jit cannot load this LLVM; run `tofrender doctor`"
+        )
     major = dr.detail.llvm_version()[0]
     if major < llvm.MINIMUM_MAJOR:
         raise BackendError(
-            f"Dr.Jit has loaded LLVM {major}, which aborts the process: must be "
-            f"{llvm.MINIMUM_MAJOR} or newer; import tofrender before you set a Mitsuba variant, "
-            f"or set {llvm.VARIABLE}={llvm.choose().path}"
+            llvm.refusal()
+            if library is None
+            else f"Dr.Jit has loaded LLVM {major}, must be {llvm.MINIMUM_MAJOR} or newer: import "
+            f"tofrender before mitsuba and drjit, or set {llvm.VARIABLE}={library.path}"
         )
 
 
@@ -141,27 +149,22 @@ def plugin(name: str) -> Any:
     return _classes[variant][name]
 
 
-def create(plugin_name: str, **parameters: Any) -> Any:
-    """Make one of our plugins, whichever package its name is registered to at the moment.
+def own_name(plugin_name: str) -> str:
+    """The name by which a plugin of ours is found, whatever other packages have registered.
 
-    Args:
-        plugin_name: For example "transient_path".
-        **parameters: The plugin's parameters, child objects included.
+    Example:
+        >>> own_name("transient_path"), own_name("path")
+        ('tofrender_transient_path', 'path')
     """
-    import mitsuba as mi
-
-    props = mi.Properties(plugin_name)
-    for name, value in parameters.items():
-        props[name] = value
-    class_name = next(name for name, (its, _) in PLUGINS.items() if its == plugin_name)
-    return plugin(class_name)(props)
+    ours = any(plugin_name == name for name, _ in PLUGINS.values())
+    return f"tofrender_{plugin_name}" if ours else plugin_name
 
 
 _callbacks: list = []
 
 
 def _offer_llvm() -> None:
-    """Name the LLVM that Dr.Jit shall load; it reads the variable when it first needs LLVM."""
+    """Name the LLVM that Dr.Jit shall load; it reads the variable when it is imported."""
     if not os.environ.get(llvm.VARIABLE):
         library = llvm.choose()
         if library is not None:

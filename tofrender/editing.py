@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
+from . import backend
 from .settings import INTEGRATORS
 
 parser: Any = mi.parser
@@ -36,6 +37,12 @@ ENDINGS = {
 
 INTEGRATOR_KEPT = ("max_depth", "rr_depth", "hide_emitters")
 SAMPLER_KEPT = ("sample_count", "seed")
+
+
+def use_own_plugins(state: Any) -> None:
+    """Let names that other packages may have taken mean our own plugins."""
+    for node in state.nodes:
+        node.props.set_plugin_name(backend.own_name(node.props.plugin_name()))
 
 
 def change(state: Any, settings: Mapping[str, Any]) -> None:

@@ -32,6 +32,9 @@ NEWEST_TRIED = 22
 
 VARIABLE = "DRJIT_LIBLLVM_PATH"
 
+PREFERRED_PACKAGE = 19
+"""The LLVM to install where several can be: all published figures were measured with it."""
+
 _FILE_NAME = re.compile(r"libLLVM(?:[-.]\d[\d.]*)?\.(?:so|dylib)[\d.]*|LLVM-C\.dll")
 _MAJOR = re.compile(r"libLLVM(?:-|\.so\.|\.)(\d+)")
 _APT_PACKAGE = re.compile(r"libllvm(\d+)(?:t64)?")
@@ -382,7 +385,8 @@ def _apt_package(system: System) -> tuple[str, bool]:
     names = query("pkgnames", "libllvm").split()
     majors = {name: int(match[1]) for name in names if (match := _APT_PACKAGE.fullmatch(name))}
     new = [name for name, major in majors.items() if major >= MINIMUM_MAJOR]
-    for name in sorted(new, key=lambda name: _preference(majors[name]), reverse=True):
+    new.sort(key=lambda name: (majors[name] == PREFERRED_PACKAGE, _preference(majors[name])))
+    for name in reversed(new):
         policy = re.search(r"Candidate: (\S+)", query("policy", name))
         if policy and policy[1] != "(none)":
             return name, True

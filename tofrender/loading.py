@@ -16,7 +16,7 @@ from typing import Any, Unpack
 
 import mitsuba as mi
 
-from .editing import change
+from .editing import change, use_own_plugins
 from .scenes import BUILT_IN
 from .settings import Settings, check_settings
 
@@ -78,6 +78,7 @@ def load_scene(
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
             change(state, given)
+            use_own_plugins(state)
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
     except RuntimeError as error:

@@ -1,6 +1,12 @@
-"""Progress bars for terminal and notebook."""
+"""Progress bars, and stopping long work between two of its steps."""
 
 from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 DELAY_S = 2.0
 """A bar appears only for work that takes longer than this [s]."""
@@ -26,3 +32,42 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
         disable=not enabled,
         leave=False,
     )
+
+
+@dataclass
+class Stop:
+    """Whether the user wants to stop.
+
+    Attributes:
+        requested: Ctrl-C was pressed.
+    """
+
+    requested: bool = False
+
+
+@contextmanager
+def deferred_stop() -> Iterator[Stop]:
+    """Turn the first Ctrl-C into a request to stop after the step under way.
+
+    A second Ctrl-C interrupts at once. In a thread other than the main one, nothing changes.
+
+    Example:
+        >>> with deferred_stop() as stop:
+        ...     stop.requested
+        False
+    """
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def request(number, frame):
+        stop.requested = True
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, request)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)

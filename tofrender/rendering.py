@@ -15,7 +15,7 @@ import numpy as np
 from . import backend, checks, memory
 from .arrivals import Arrivals, find_arrivals
 from .loading import load_scene, require_light, require_sensor
-from .progress import progress_bar
+from .progress import deferred_stop, progress_bar
 from .settings import INTEGRATORS, SAMPLERS
 
 if TYPE_CHECKING:
@@ -138,8 +138,8 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     """The integrator to use."""
     if isinstance(integrator, str):
         checks.one_of("integrator", integrator, INTEGRATORS)
-        integrator = backend.create(integrator)
-    elif isinstance(integrator, Mapping):
+        integrator = {"type": backend.own_name(integrator)}
+    if isinstance(integrator, Mapping):
         integrator = mi.load_dict(dict(integrator))
     found = scene.integrator() if integrator is None else integrator
     if not hasattr(found, "steps"):
@@ -159,9 +159,7 @@ def _sampler(camera: mi.Sensor, sampler: Any, spp: int | None) -> mi.Sampler:
         points.set_sample_count(count)
         return points
     kind = DEFAULT_SAMPLER if sampler is None else checks.one_of("sampler", sampler, SAMPLERS)
-    if kind == DEFAULT_SAMPLER:
-        return backend.create(kind, sample_count=count)
-    return mi.load_dict({"type": kind, "sample_count": count})
+    return mi.load_dict({"type": backend.own_name(kind), "sample_count": count})
 
 
 def _sampler_name(sampler: mi.Sampler) -> str:
@@ -185,19 +183,21 @@ def _film(film: Any, window: Any, temporal_bins: int | None) -> Any:
     else:
         start, width = float(film.start_opl), float(film.bin_width_opl)
     size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
-    return backend.create(
-        "transient_hdr_film",
-        width=size.x,
-        height=size.y,
-        crop_width=crop.x,
-        crop_height=crop.y,
-        crop_offset_x=offset.x,
-        crop_offset_y=offset.y,
-        sample_border=film.sample_border(),
-        rfilter=film.rfilter(),
-        temporal_bins=bins,
-        start_opl=start,
-        bin_width_opl=width,
+    return mi.load_dict(
+        {
+            "type": backend.own_name("transient_hdr_film"),
+            "width": size.x,
+            "height": size.y,
+            "crop_width": crop.x,
+            "crop_height": crop.y,
+            "crop_offset_x": offset.x,
+            "crop_offset_y": offset.y,
+            "sample_border": film.sample_border(),
+            "rfilter": film.rfilter(),
+            "temporal_bins": bins,
+            "start_opl": start,
+            "bin_width_opl": width,
+        }
     )
 
 
@@ -239,18 +239,18 @@ def _check_window(film: Any, arrivals: Arrivals) -> None:
 
 def _run(tracer, scene, camera, film, points, seed, progress) -> int:
     """Take all steps; returns the samples per pixel that the film holds, fewer after Ctrl-C."""
+    spp = points.sample_count()
     done = 0
-    with progress_bar("Rendering", points.sample_count(), unit="spp", enabled=progress) as bar:
-        try:
-            for done in tracer.steps(scene, camera, film, points, seed):
-                bar.update(done - bar.n)
-        except KeyboardInterrupt:
-            if not done:
-                raise
-            warnings.warn(
-                f"interrupted: returning {done} of {points.sample_count()} samples per pixel",
-                stacklevel=3,
-            )
+    with (
+        progress_bar("Rendering", spp, unit="spp", enabled=progress) as bar,
+        deferred_stop() as stop,
+    ):
+        for done in tracer.steps(scene, camera, film, points, seed):
+            bar.update(done - bar.n)
+            if stop.requested:
+                break
+    if done < spp:
+        warnings.warn(f"interrupted: returning {done} of {spp} samples per pixel", stacklevel=3)
     return done
 
 
@@ -267,11 +267,11 @@ def _warn_of_losses(film: Any, arrivals: Arrivals, outside: float) -> None:
 
 def _versions() -> str:
     """Versions of what made the picture, as JSON."""
-    import drjit as dr
+    from importlib.metadata import version
 
     from . import __version__
 
-    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": dr.__version__}
+    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
     return json.dumps(found)
 
 

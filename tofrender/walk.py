@@ -57,7 +57,7 @@ M = TypeVar("M", bound=Measurement)
 
 
 def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
-    """Power heuristic a^2 / (a^2 + b^2) of a sample drawn from the first density (Veach 1997, 9.13)."""
+    """Power heuristic a^2 / (a^2 + b^2) of a sample from the first density (Veach 1997, 9.13)."""
     a2 = pdf_a * pdf_a
     return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
 
@@ -110,13 +110,15 @@ def walk(
 
     # --------------------- Configure loop state ----------------------
 
-    ray = mi.Ray3f(ray)                                # Current ray
-    depth = mi.UInt32(0)                               # Bounces so far
-    β = mi.UnpolarizedSpectrum(1)                      # Path throughput
-    η = mi.Float(1)                                    # Index of refraction around the ray
-    opl = mi.Float(0)                                  # Optical length up to the last vertex
-    valid = mi.Bool(False)                             # Has the camera ray met a surface?
-    active = mi.Bool(active)                           # Lanes that still walk
+    # fmt: off
+    ray = mi.Ray3f(ray)              # Current ray
+    depth = mi.UInt32(0)             # Surface vertices so far
+    β = mi.UnpolarizedSpectrum(1)    # Path throughput
+    η = mi.Float(1)                  # Index of refraction around the ray
+    opl = mi.Float(0)                # Optical length up to the last vertex [m]
+    valid = mi.Bool(False)           # Has the camera ray met a surface?
+    active = mi.Bool(active)         # Lanes that still walk
+    # fmt: on
 
     # The vertex before this one, and how its BSDF was sampled
     prev = dr.zeros(mi.Interaction3f)
@@ -125,8 +127,9 @@ def walk(
     prev_delta = mi.Bool(True)
 
     while dr.hint(active, max_iterations=max_depth if bounded else -1, label="walk"):
-        si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0),
-                                 active=active)
+        si = scene.ray_intersect(
+            ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0), active=active
+        )
         active_next = active & si.is_valid()
 
         # ------------------ Light that the ray runs into -----------------
@@ -158,15 +161,20 @@ def walk(
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             em = lights.connect(si, sampler.next_2d(), active_em)
             f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
-                bsdf_ctx, si, si.to_local(em.direction), sampler.next_1d(), sampler.next_2d(),
-                active_next
+                bsdf_ctx,
+                si,
+                si.to_local(em.direction),
+                sampler.next_1d(),
+                sampler.next_2d(),
+                active_next,
             )
             mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
             Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
             measurement.add(Lr, dr.fma(η, em.length, opl), em.active & dr.any(Lr != 0))
         else:
-            bs, bsdf_weight = bsdf.sample(bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(),
-                                          active_next)
+            bs, bsdf_weight = bsdf.sample(
+                bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(), active_next
+            )
 
         # ------------------- Move to the next vertex ---------------------
 

@@ -105,8 +105,9 @@ def student_tail(t: np.ndarray | float, freedom: np.ndarray | float) -> np.ndarr
     """
     t, freedom = np.broadcast_arrays(np.asarray(t, np.float64), np.asarray(freedom, np.float64))
     square = t * t
-    return _incomplete_beta(0.5 * freedom, 0.5, freedom / (freedom + square),
-                            square / (freedom + square))
+    return _incomplete_beta(
+        0.5 * freedom, 0.5, freedom / (freedom + square), square / (freedom + square)
+    )
 
 
 def _incomplete_beta(a: np.ndarray, b: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -35,8 +36,16 @@ class TransientHDRFilm(mi.Film):
     Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan.
 
     Example:
-        >>> film = mi.load_dict({"type": "transient_hdr_film", "width": 4, "height": 2,
-        ...                      "temporal_bins": 8, "start_opl": 1.0, "bin_width_opl": 0.25})
+        >>> film = mi.load_dict(
+        ...     {
+        ...         "type": "transient_hdr_film",
+        ...         "width": 4,
+        ...         "height": 2,
+        ...         "temporal_bins": 8,
+        ...         "start_opl": 1.0,
+        ...         "bin_width_opl": 0.25,
+        ...     }
+        ... )
         >>> float(film.end_opl())
         3.0
     """
@@ -51,7 +60,9 @@ class TransientHDRFilm(mi.Film):
             raise ValueError("exhaustive_scan = True: must be False, this film has no laser axes")
         for name in ("laser_scan_width", "laser_scan_height"):
             if props.get(name, 0):
-                raise ValueError(f"{name} = {props.get(name)}: must be 0, this film has no laser axes")
+                raise ValueError(
+                    f"{name} = {props.get(name)}: must be 0, this film has no laser axes"
+                )
         for name in ("width", "height", "crop_width", "crop_height"):
             if name in props:
                 checks.integer(name, props[name], 1, checks.MAX_SIZE)
@@ -59,11 +70,11 @@ class TransientHDRFilm(mi.Film):
         self.temporal_bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
         self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
         self.start_opl = checks.metres("start_opl", start)
-        self.steady: mi.Film | None = None
+        self.steady: Any = None
         self.samples_per_pixel: float | None = None
         self.one_writer_per_pixel = False
-        self._bins: mi.Float | None = None
-        self._folded: mi.Float | None = None
+        self._bins: Any = None
+        self._folded: Any = None
 
     # ------------------------------------------------------------------ what integrators call
 
@@ -311,7 +322,9 @@ class TransientHDRFilm(mi.Film):
             dr.scatter_reduce(dr.ReduceOp.Add, self._bins, packet, index, active, mode)
         else:
             for c, value in enumerate(values):
-                dr.scatter_reduce(dr.ReduceOp.Add, self._bins, value, index * stride + c, active, mode)
+                dr.scatter_reduce(
+                    dr.ReduceOp.Add, self._bins, value, index * stride + c, active, mode
+                )
 
     def _filter_scale(self) -> mi.Float:
         """Per pixel, samples over the sum of the filter's weights (1 with a box filter)."""
@@ -327,4 +340,5 @@ class TransientHDRFilm(mi.Film):
         return dr.select(weight != 0, self.samples_per_pixel / weight, 0)
 
 
-mi.register_film("transient_hdr_film", TransientHDRFilm)
+for name in ("transient_hdr_film", "tofrender_transient_hdr_film"):
+    mi.register_film(name, TransientHDRFilm)

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .. import backend, checks
-from ..camera import behind_emitters, pixel_corner, ray_origin, sample_camera, sampled_size
+from ..camera import behind_emitters, pixel_corner, sample_camera, sampled_size
 from ..films.deposit import FilmDeposit
 from ..lights import EmitterHits, SceneLights
 from ..walk import Radiance, walk
@@ -34,8 +34,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
     """Base of the integrators that render into a transient film.
 
     A few lanes follow each pixel through all samples of a step. On a CPU, the lanes of a pixel are
-    neighbours in one vector, which one thread works on: each pixel has a single writer, and deposits
-    need not be atomic. Memory does not depend on the number of samples.
+    neighbours in one vector, which one thread works on: each pixel has a single writer, and what
+    it deposits need not be atomic. Memory does not depend on the number of samples.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -192,7 +192,7 @@ def _plan(film, sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, b
     most = max(1, min(STEP_SAMPLES // pixels, MAX_STEP_SPP))
     if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
         return _divisor(spp, most), 1, False
-    if mi.variant().startswith("cuda"):
+    if (mi.variant() or "").startswith("cuda"):
         lanes, private = _divisor(spp, LANES["cuda"] // pixels), False
     elif pixels * PRIVATE_LANES < LANES["llvm"]:
         lanes, private = _divisor(spp, LANES["llvm"] // pixels), False

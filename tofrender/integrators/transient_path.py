@@ -83,4 +83,5 @@ class TransientPath(TransientIntegrator):
         )
 
 
-mi.register_integrator("transient_path", TransientPath)
+for name in ("transient_path", "tofrender_transient_path"):
+    mi.register_integrator(name, TransientPath)

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..progress import progress_bar
 
+
 def for_each(
     function: Callable[[int], Any], items: Iterable[int], description: str, *, progress: bool
 ) -> None:

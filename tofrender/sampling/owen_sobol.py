@@ -86,7 +86,8 @@ class OwenSobolSampler(mi.Sampler):
         pixel = lane // dr.opaque(mi.UInt32, self.lanes_per_pixel)
         self.index = lane - pixel * self.lanes_per_pixel
         self.dimension = mi.UInt32(0)
-        self.pixel_hash = mix(mi.UInt32(pixel), dr.opaque(mi.UInt32, seed))
+        seed = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
+        self.pixel_hash = mix(pixel, seed)
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
         """Let this many neighbouring lanes share a pixel and its point set."""
@@ -139,4 +140,5 @@ class OwenSobolSampler(mi.Sampler):
         return pair
 
 
-mi.register_sampler("owen_sobol", OwenSobolSampler)
+for name in ("owen_sobol", "tofrender_owen_sobol"):
+    mi.register_sampler(name, OwenSobolSampler)
