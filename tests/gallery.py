@@ -1,0 +1,112 @@
+"""Small scenes with every kind of light and material, for tests that compare two renderers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from support import area_light, camera, diffuse, film, grey, plane, point_light, translate, with_sampler
+
+from tofrender.scenes import (
+    cornell_box,
+    cornell_box_flash,
+    cornell_box_glass,
+    cornell_box_mirror,
+)
+
+SIZE = {"width": 8, "height": 8, "temporal_bins": 2000, "start_opl": 0.0, "max_depth": 12}
+
+
+def _cornell(builder, **parts: Any) -> dict:
+    return with_sampler(builder(**SIZE)) | parts
+
+
+def _without_light(**parts: Any) -> dict:
+    described = _cornell(cornell_box, **parts)
+    del described["light"]
+    del described["ceiling"]
+    return described
+
+
+def _small_box(bsdf: dict) -> dict:
+    described = _cornell(cornell_box)
+    described["small-box"] = described["small-box"] | {"bsdf": bsdf}
+    return described
+
+
+def _ball_in_ball() -> dict:
+    def ball(radius, inside, outside):
+        glass = {"type": "dielectric", "int_ior": inside, "ext_ior": outside}
+        return {"type": "sphere", "center": [0.3, -0.5, 0.4], "radius": radius, "bsdf": glass}
+
+    described = _cornell(cornell_box, glass=ball(0.45, 1.5, 1.0), water=ball(0.3, 1.33, 1.5))
+    del described["small-box"]
+    return described
+
+
+def _sky() -> dict:
+    sky = np.linspace(0.1, 2.0, 8 * 16 * 3).reshape(8, 16, 3).astype(np.float32)
+    return {"type": "envmap", "bitmap": mi.Bitmap(sky)}
+
+
+def _checkers() -> dict:
+    return {"type": "diffuse", "reflectance": {"type": "checkerboard", "color0": grey(0.1),
+            "color1": grey(0.9), "to_uv": mi.ScalarTransform4f().scale([6, 6, 1])}}
+
+
+def _lamps() -> dict:
+    """Several lights of different kinds at once."""
+    spot = {"type": "spot", "intensity": grey(20.0), "cutoff_angle": 30.0,
+            "to_world": mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, -1, 0], [0, 1, 0])}
+    ball = {"type": "sphere", "center": [-0.5, 0.3, 0.6], "radius": 0.15, "emitter": area_light(6.0)}
+    return _cornell(cornell_box, spot=spot, ball=ball, lamp=point_light((0.4, 0.2, 0.7), 0.5))
+
+
+SCENES = {
+    "cornell": lambda: _cornell(cornell_box),
+    "flash": lambda: _cornell(cornell_box_flash),
+    "glass": lambda: _cornell(cornell_box_glass),
+    "mirror": lambda: _cornell(cornell_box_mirror),
+    "nested dielectrics": _ball_in_ball,
+    "constant environment": lambda: _without_light(sky={"type": "constant", "radiance": grey(1.0)}),
+    "environment map": lambda: _without_light(sky=_sky()),
+    "directional": lambda: _without_light(
+        sun={"type": "directional", "direction": [0.2, -0.9, -0.3], "irradiance": grey(3.0)}),
+    "many lights": _lamps,
+    "texture": lambda: _small_box(_checkers()),
+    "rough conductor": lambda: _small_box({"type": "roughconductor", "material": "Au", "alpha": 0.1}),
+    "rough plastic": lambda: _small_box({"type": "roughplastic", "alpha": 0.15}),
+    "rough glass": lambda: _small_box({"type": "roughdielectric", "alpha": 0.2}),
+    "principled": lambda: _small_box({"type": "principled", "metallic": 0.3, "roughness": 0.4}),
+    "mask": lambda: _small_box({"type": "mask", "opacity": 0.4, "nested": diffuse(0.8)}),
+}
+"""Scenes of 8 x 8 pixels and 12 segments, which ends most paths by roulette; the window holds all."""
+
+
+def emitter_grid(width: int, height: int) -> tuple[dict, np.ndarray]:
+    """A picture without noise in space and time: (scene, transient without channels).
+
+    An orthographic camera looks along -z at a glowing picture in a tilted plane: the light of
+    pixel (x, y) has the value of its texel, and comes from a depth that grows by one bin (1/8 m)
+    for each column.
+    """
+    values = (1 + np.arange(width * height).reshape(height, width)).astype(np.float32)
+    texture = {"type": "bitmap", "data": mi.TensorXf(values[:, :, None]), "raw": True,
+               "filter_type": "nearest", "wrap_mode": "clamp"}
+    # Column 0 is on the camera's left; look_at's camera has its x axis to the left
+    shear = np.eye(4)
+    shear[2, 0] = -1 / 8 * width / 2
+    half = mi.ScalarTransform4f().scale([1, height / width, 1])
+    picture = {"type": "rectangle", "to_world": translate(0, 0, 0) @ mi.ScalarTransform4f(shear) @ half,
+               "emitter": {"type": "area", "radiance": texture}}
+    screen = mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
+    sensor = camera((0, 0, 2), (0, 0, 0), film(width, height, bins=width, bin_width=1 / 8,
+                    start=2 - width / 16), kind="orthographic", near_clip=0.1)
+    sensor["to_world"] = screen @ mi.ScalarTransform4f().scale([1, 1, 1])
+    transient = np.zeros((height, width, width))
+    for x in range(width):
+        transient[:, x, x] = values[:, x]
+    described = {"type": "scene", "integrator": {"type": "transient_path", "max_depth": 1},
+                 "sensor": sensor, "picture": picture, "floor": plane(translate(0, 0, -50))}
+    return described, transient
