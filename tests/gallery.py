@@ -6,7 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from support import area_light, camera, diffuse, film, grey, plane, point_light, translate, with_sampler
+from support import area_light, camera, diffuse, film, grey, point_light, with_sampler
 
 from tofrender.scenes import (
     cornell_box,
@@ -51,15 +51,31 @@ def _sky() -> dict:
 
 
 def _checkers() -> dict:
-    return {"type": "diffuse", "reflectance": {"type": "checkerboard", "color0": grey(0.1),
-            "color1": grey(0.9), "to_uv": mi.ScalarTransform4f().scale([6, 6, 1])}}
+    return {
+        "type": "diffuse",
+        "reflectance": {
+            "type": "checkerboard",
+            "color0": grey(0.1),
+            "color1": grey(0.9),
+            "to_uv": mi.ScalarTransform4f().scale([6, 6, 1]),
+        },
+    }
 
 
 def _lamps() -> dict:
     """Several lights of different kinds at once."""
-    spot = {"type": "spot", "intensity": grey(20.0), "cutoff_angle": 30.0,
-            "to_world": mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, -1, 0], [0, 1, 0])}
-    ball = {"type": "sphere", "center": [-0.5, 0.3, 0.6], "radius": 0.15, "emitter": area_light(6.0)}
+    spot = {
+        "type": "spot",
+        "intensity": grey(20.0),
+        "cutoff_angle": 30.0,
+        "to_world": mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, -1, 0], [0, 1, 0]),
+    }
+    ball = {
+        "type": "sphere",
+        "center": [-0.5, 0.3, 0.6],
+        "radius": 0.15,
+        "emitter": area_light(6.0),
+    }
     return _cornell(cornell_box, spot=spot, ball=ball, lamp=point_light((0.4, 0.2, 0.7), 0.5))
 
 
@@ -72,10 +88,13 @@ SCENES = {
     "constant environment": lambda: _without_light(sky={"type": "constant", "radiance": grey(1.0)}),
     "environment map": lambda: _without_light(sky=_sky()),
     "directional": lambda: _without_light(
-        sun={"type": "directional", "direction": [0.2, -0.9, -0.3], "irradiance": grey(3.0)}),
+        sun={"type": "directional", "direction": [0.2, -0.9, -0.3], "irradiance": grey(3.0)}
+    ),
     "many lights": _lamps,
     "texture": lambda: _small_box(_checkers()),
-    "rough conductor": lambda: _small_box({"type": "roughconductor", "material": "Au", "alpha": 0.1}),
+    "rough conductor": lambda: _small_box(
+        {"type": "roughconductor", "material": "Au", "alpha": 0.1}
+    ),
     "rough plastic": lambda: _small_box({"type": "roughplastic", "alpha": 0.15}),
     "rough glass": lambda: _small_box({"type": "roughdielectric", "alpha": 0.2}),
     "principled": lambda: _small_box({"type": "principled", "metallic": 0.3, "roughness": 0.4}),
@@ -92,21 +111,28 @@ def emitter_grid(width: int, height: int) -> tuple[dict, np.ndarray]:
     for each column.
     """
     values = (1 + np.arange(width * height).reshape(height, width)).astype(np.float32)
-    texture = {"type": "bitmap", "data": mi.TensorXf(values[:, :, None]), "raw": True,
-               "filter_type": "nearest", "wrap_mode": "clamp"}
-    # Column 0 is on the camera's left; look_at's camera has its x axis to the left
-    shear = np.eye(4)
-    shear[2, 0] = -1 / 8 * width / 2
+    texture = {
+        "type": "bitmap",
+        "data": mi.TensorXf(values[::-1, :, None].copy()),
+        "raw": True,
+        "filter_type": "nearest",
+        "wrap_mode": "clamp",
+    }
+    # The camera's view is two units wide; columns go along +x, and the plane falls along +x
+    tilt = np.eye(4)
+    tilt[2, 0] = -width / 16
     half = mi.ScalarTransform4f().scale([1, height / width, 1])
-    picture = {"type": "rectangle", "to_world": translate(0, 0, 0) @ mi.ScalarTransform4f(shear) @ half,
-               "emitter": {"type": "area", "radiance": texture}}
-    screen = mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
-    sensor = camera((0, 0, 2), (0, 0, 0), film(width, height, bins=width, bin_width=1 / 8,
-                    start=2 - width / 16), kind="orthographic", near_clip=0.1)
-    sensor["to_world"] = screen @ mi.ScalarTransform4f().scale([1, 1, 1])
-    transient = np.zeros((height, width, width))
-    for x in range(width):
-        transient[:, x, x] = values[:, x]
-    described = {"type": "scene", "integrator": {"type": "transient_path", "max_depth": 1},
-                 "sensor": sensor, "picture": picture, "floor": plane(translate(0, 0, -50))}
-    return described, transient
+    picture = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f(tilt) @ half,
+        "emitter": {"type": "area", "radiance": texture},
+    }
+    window = film(width, height, bins=width, bin_width=1 / 8, start=2 - width / 16)
+    sensor = camera((0, 0, 2), (0, 0, 0), window, kind="orthographic", near_clip=0.1)
+    described = {
+        "type": "scene",
+        "integrator": {"type": "transient_path", "max_depth": 1},
+        "sensor": sensor,
+        "picture": picture,
+    }
+    return described, values[:, :, None] * np.eye(width)

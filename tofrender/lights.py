@@ -64,8 +64,8 @@ class SceneLights:
                 position = sensor.world_transform() @ mi.Point3f(0)
                 box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
             sphere = box.bounding_sphere()
-            self.centre = dr.opaque(mi.Point3f, sphere.center)
-            self.radius = dr.opaque(mi.Float, sphere.radius)
+            self.centre, self.radius = mi.Point3f(sphere.center), mi.Float(sphere.radius)
+            dr.make_opaque(self.centre, self.radius)
 
     def connect(self, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool) -> Any:
         """Sample an emitter as seen from `si`."""

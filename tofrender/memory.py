@@ -8,6 +8,9 @@ from pathlib import Path
 RESERVE = 300 << 20
 """What a render takes besides its film [bytes]: Mitsuba, kernels, rays."""
 
+MAX_CELLS = 1 << 32
+"""Bins of all pixels together that a 32-bit index can tell apart."""
+
 
 def stride(channels: int) -> int:
     """Floats that a bin occupies: RGB is padded to four, which can be added as one packet."""
@@ -32,9 +35,7 @@ def available() -> int:
     return min(free, limit - used) if limit is not None and used is not None else free
 
 
-def require_film(
-    height: int, width: int, temporal_bins: int, channels: int, copies: float = 1.0
-) -> None:
+def require_film(height: int, width: int, temporal_bins: int, channels: int) -> None:
     """Refuse a film that does not fit.
 
     Args:
@@ -42,32 +43,32 @@ def require_film(
         width: Columns of pixels.
         temporal_bins: Bins of a pixel.
         channels: Channels of a bin.
-        copies: How often the film's size is needed at the peak.
 
     Raises:
         MemoryError: One line with the film's size and what would fit.
     """
     size = film_bytes(height, width, temporal_bins, channels)
-    free = available() - RESERVE
+    free = max(0, available() - RESERVE)
     cells = height * width * temporal_bins
-    if copies * size <= free and cells < 1 << 32:
+    part = min(free / size, MAX_CELLS / cells)  # Of the film, that fits
+    if part >= 1:
         return
-    bins = max(0, min(int(temporal_bins * free / (copies * size)), (1 << 32) // (height * width)))
-    side = math.sqrt(max(0.0, min(free / (copies * size), (1 << 32) / cells)))
+    side = math.sqrt(part)
     raise MemoryError(
-        f"film of {width} x {height} pixels x {temporal_bins} bins: takes "
-        f"{copies * size / 2**30:.1f} GiB, must be at most {max(free, 0) / 2**30:.1f} GiB; "
-        f"{bins} bins would fit, or {int(width * side)} x {int(height * side)} pixels"
+        f"film of {width} x {height} pixels x {temporal_bins} bins: takes {size / 2**30:.1f} GiB, "
+        f"must be at most {min(free, part * size) / 2**30:.1f} GiB; {int(part * temporal_bins)} "
+        f"bins would fit, or {int(width * side)} x {int(height * side)} pixels"
     )
 
 
 def _cuda_free() -> int:
     """Free memory of the CUDA device [bytes], from the driver."""
     import ctypes
+    import os
 
     free, total = ctypes.c_size_t(), ctypes.c_size_t()
     try:
-        driver = ctypes.CDLL("nvcuda.dll" if __import__("os").name == "nt" else "libcuda.so.1")
+        driver = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
         status = driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total))
     except OSError:
         status = -1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +22,9 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
         unit: What is counted; "B" counts bytes with prefixes.
         enabled: False makes a bar that shows nothing.
     """
-    from tqdm.auto import tqdm
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
+        from tqdm.auto import tqdm
 
     return tqdm(
         desc=description,

@@ -92,15 +92,13 @@ def render(
     if window == "auto":
         film = _film(camera.film(), _auto_window(arrivals), temporal_bins)
     _check_window(film, arrivals)
-    height, width, bins, channels = film.shape
-    copies = 1 + channels / memory.stride(channels)  # The bins, and what is returned
-    memory.require_film(height, width, bins, channels, copies)
+    memory.require_film(*film.shape)
 
     start = time.perf_counter()
     done = _run(tracer, scene, camera, film, points, seed, progress)
     seconds = time.perf_counter() - start
 
-    steady, transient = (np.asarray(tensor) for tensor in film.develop())
+    steady, transient = film.take()
     complete = done == points.sample_count()
     if not complete:
         transient *= points.sample_count() / max(done, 1)

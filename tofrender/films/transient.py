@@ -11,6 +11,8 @@ import numpy as np
 
 from .. import checks, memory
 
+_CHUNK = 1 << 16  # Cells that `take` moves at a time
+
 
 class TransientHDRFilm(mi.Film):
     r"""A film with time bins (plugin `transient_hdr_film`), interchangeable with mitransient's.
@@ -185,6 +187,29 @@ class TransientHDRFilm(mi.Film):
             pixel = dr.arange(mi.UInt32, dr.width(values)) // (self.temporal_bins * self.shape[3])
             values *= dr.gather(mi.Float, self._filter_scale(), pixel)
         return self.steady.develop(raw=raw), mi.TensorXf(values, self.shape)
+
+    def take(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `develop`, but hands over the bins instead of copying them; the film is then empty.
+
+        Returns:
+            NumPy arrays of type float32, shapes as in `develop`.
+        """
+        steady = np.array(self.steady.develop())
+        height, width, bins, channels = self.shape
+        values = np.asarray(self._sums)
+        if not values.flags.writeable:  # The bins are on another device
+            values = values.copy()
+        cells = values.reshape(-1, memory.stride(channels))
+        if channels < cells.shape[1]:
+            for first in range(0, len(cells), _CHUNK):
+                colours = cells[first : first + _CHUNK, :channels].ravel()
+                values[channels * first :][: colours.size] = colours
+        transient = values[: channels * len(cells)].reshape(self.shape)
+        if not self.rfilter().is_box_filter():
+            transient *= np.array(self._filter_scale()).reshape(height, width, 1, 1)
+        self._bins = self._folded = self.steady = None
+        dr.flush_malloc_cache()
+        return steady, transient
 
     # --------------------------------------------------------------------- operations on films
 

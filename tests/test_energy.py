@@ -1,0 +1,337 @@
+"""No light is lost or counted twice: bins against the steady image, ours against Mitsuba's `path`.
+
+Given the same random numbers, our steady image and Mitsuba's are equal to float rounding, because
+both draw the same numbers in the same order. These tests see a change of 1e-6 and need no
+statistics. Those marked `statistical` hold for any order.
+"""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from gallery import SCENES, emitter_grid
+from support import (
+    agree,
+    camera,
+    diffuse,
+    film,
+    grey,
+    load,
+    over_seeds,
+    path_image,
+    plane,
+    point_light,
+    rendered,
+    scene,
+    steady_twin,
+    with_film,
+    with_integrator,
+    with_sampler,
+)
+
+from tofrender.scenes import cornell_box
+
+FILTERS = ["gaussian", "tent", "mitchell", "catmullrom", "lanczos"]
+SEEDS = range(16)
+OTHER_SEEDS = range(1000, 1016)
+
+
+def largest(a, b) -> float:
+    """Largest difference, relative to the brightest value. NaN counts as 1."""
+    difference = np.abs(np.asarray(a) - np.asarray(b)).max() / np.abs(b).max()
+    return float(difference) if np.isfinite(difference) else 1.0
+
+
+# ----------------------------------------------------------- same random numbers, same picture
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scene_has_all_its_light(name):
+    described = SCENES[name]()
+    steady, transient = rendered(described, spp=64, seed=1)
+    assert steady.max() > 0.05
+    assert largest(steady, path_image(described, spp=64, seed=1)) < 1e-5
+    assert largest(transient.sum(axis=2), steady) < 1e-5
+
+
+@pytest.mark.parametrize("name", ["cornell", "constant environment", "many lights", "mask"])
+def test_hide_emitters(name):
+    described = with_integrator(SCENES[name](), hide_emitters=True)
+    steady, transient = rendered(described, spp=64, seed=1)
+    assert largest(steady, path_image(described, spp=64, seed=1)) < 1e-5
+    assert largest(transient.sum(axis=2), steady) < 1e-5
+    shown = path_image(with_integrator(described, hide_emitters=False), spp=64, seed=1)
+    assert largest(steady, shown) > 0.01
+
+
+@pytest.mark.parametrize("name", ["cornell", "constant environment", "many lights", "glass"])
+def test_discard_direct_light_drops_direct_emission_only(name):
+    described = SCENES[name]()
+    emission = path_image(described, spp=64, seed=1, max_depth=1)
+    whole = path_image(described, spp=64, seed=1)
+    steady, transient = rendered(with_integrator(described, discard_direct_light=True), 64, seed=1)
+    assert emission.max() > 0.1
+    assert largest(steady, whole - emission) < 1e-5
+    assert largest(transient.sum(axis=2), steady) < 1e-5
+
+
+@pytest.mark.parametrize("max_depth", [1, 2, 3, -1])
+@pytest.mark.parametrize("rr_depth", [1, 5])
+def test_depths(max_depth, rr_depth):
+    described = with_integrator(SCENES["glass"](), max_depth=max_depth, rr_depth=rr_depth)
+    steady, _ = rendered(described, spp=16, seed=2)
+    assert largest(steady, path_image(described, spp=16, seed=2)) < 1e-5
+
+
+@pytest.mark.parametrize("border", [False, True])
+@pytest.mark.parametrize("rfilter", FILTERS)
+def test_spatial_filters(rfilter, border):
+    described = with_film(SCENES["cornell"](), rfilter={"type": rfilter}, sample_border=border)
+    described = with_integrator(described, temporal_filter="box")
+    steady, transient = rendered(described, spp=16, seed=3)
+    assert largest(steady, path_image(described, spp=16, seed=3)) < 1e-5
+    assert largest(transient.sum(axis=2), steady) < 1e-5
+
+
+CROP = {"crop_width": 3, "crop_height": 2, "crop_offset_x": 4, "crop_offset_y": 5}
+
+
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+@pytest.mark.parametrize("border", [False, True])
+def test_crop_window(rfilter, border):
+    described = with_film(
+        SCENES["cornell"](), rfilter={"type": rfilter}, sample_border=border, **CROP
+    )
+    described = with_integrator(described, temporal_filter="box")
+    steady, transient = rendered(described, spp=64, seed=4)
+    assert steady.shape == (2, 3, 3)
+    assert transient.shape == (2, 3, 2000, 3)
+    assert largest(steady, path_image(described, spp=64, seed=4)) < 1e-5
+    assert largest(transient.sum(axis=2), steady) < 1e-5
+
+
+def test_crop_is_the_crop_of_the_whole():
+    """Without noise, a crop equals the full picture's part: every pixel, every bin."""
+    whole_scene, expected = emitter_grid(8, 6)
+    part_scene, _ = emitter_grid(8, 6)  # Mitsuba empties a bitmap's data when it loads it
+    _, whole = rendered(whole_scene, spp=4)
+    steady, part = rendered(with_film(part_scene, **CROP | {"crop_offset_y": 3}), spp=4)
+    assert whole[..., 0] == pytest.approx(expected, rel=1e-6)
+    assert part == pytest.approx(whole[3:5, 4:7], rel=1e-6)
+    assert steady == pytest.approx(whole[3:5, 4:7].sum(axis=2), rel=1e-6)
+
+
+@pytest.mark.statistical
+def test_crop_in_expectation():
+    described = with_film(SCENES["cornell"](), temporal_bins=40, bin_width_opl=0.5)
+    whole = load(described)
+    part = load(with_film(described, **CROP))
+    ours = over_seeds(lambda s: rendered(part, 64, s)[1].sum(axis=(0, 1)), SEEDS)
+    full = over_seeds(lambda s: rendered(whole, 64, s)[1][5:7, 4:7].sum(axis=(0, 1)), OTHER_SEEDS)
+    beside = over_seeds(lambda s: rendered(whole, 64, s)[1][4:6, 4:7].sum(axis=(0, 1)), OTHER_SEEDS)
+    assert agree(ours, full)
+    assert not agree(ours, beside)
+
+
+# ---------------------------------------------------------------- bins against the steady image
+
+
+@pytest.mark.parametrize("spp", [1, 2, 3, 4, 6, 7, 64])
+@pytest.mark.parametrize("bins", [2, 400])
+def test_no_deposit_is_lost_where_pixels_are_private(spp, bins):
+    """Films of 1024 pixels or more add without atomics; the steady sum is kept in registers."""
+    described = cornell_box(
+        width=64,
+        height=64,
+        temporal_bins=bins,
+        start_opl=0.0,
+        bin_width_opl=40.0 / bins,
+        max_depth=8,
+    )
+    steady, transient = rendered(with_sampler(described), spp=spp, seed=5)
+    # Each bin of a pixel is rounded once per deposit
+    assert np.abs(transient.sum(axis=2) - steady).max() < 2e-6 * steady.max()
+    assert transient[:, :, :, 0].sum() == pytest.approx(steady[:, :, 0].sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (31, 33), (40, 30), (129, 8)])
+def test_no_deposit_is_lost_in_films_of_odd_sizes(size):
+    described = cornell_box(
+        width=size[0], height=size[1], temporal_bins=2, start_opl=0.0, bin_width_opl=20.0
+    )
+    steady, transient = rendered(with_sampler(described), spp=24, seed=6)
+    assert largest(transient.sum(axis=2), steady) < 3e-6
+
+
+def test_no_deposit_is_lost_in_a_single_channel():
+    mi.set_variant("llvm_ad_mono")
+    for spp in (1, 3, 4, 16):
+        described = cornell_box(
+            width=64, height=64, temporal_bins=2, start_opl=0.0, bin_width_opl=20.0
+        )
+        steady, transient = rendered(with_sampler(described), spp=spp, seed=5)
+        assert largest(transient.sum(axis=2), steady) < 3e-6
+
+
+@pytest.mark.parametrize(
+    "kind", ["independent", "owen_sobol", "stratified", "multijitter", "orthogonal", "ldsampler"]
+)
+def test_every_sampler(kind):
+    described = with_sampler(SCENES["glass"](), kind)
+    steady, transient = rendered(described, spp=16, seed=7)
+    assert largest(transient.sum(axis=2), steady) < 3e-6
+    if kind != "owen_sobol":  # Mitsuba rounds the sample count in the same way
+        assert largest(steady, path_image(described, spp=16, seed=7)) < 1e-5
+
+
+def test_windows_side_by_side_hold_everything():
+    """What falls outside of one window is in the next; nothing is in both."""
+    described = SCENES["glass"]()
+    steady, _ = rendered(described, spp=32, seed=8)
+    parts = []
+    for start, bins in [(0.0, 200), (4.0, 150), (7.0, 1500)]:
+        window = {"start_opl": start, "temporal_bins": bins, "bin_width_opl": 0.02}
+        parts.append(rendered(with_film(described, **window), spp=32, seed=8)[1].sum(axis=2))
+    assert all(part.max() > 0 for part in parts)
+    assert largest(sum(parts), steady) < 1e-5
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"temporal_filter": "gaussian"},
+        {"temporal_filter": "gaussian", "gaussian_stddev": 0.3},
+        {"pulse_width_opl": 0.1},
+        {"pulse_width_opl": 0.1, "temporal_filter": "gaussian"},
+    ],
+)
+def test_pulse_and_temporal_filter_keep_the_energy(options):
+    described = SCENES["glass"]()
+    plain, bins = rendered(described, spp=16, seed=9)
+    steady, spread = rendered(with_integrator(described, **options), spp=16, seed=9)
+    assert largest(steady, plain) < 1e-6
+    assert largest(spread.sum(axis=2), steady) < 1e-5
+    assert largest(spread, bins) > 0.01
+
+
+def test_same_seed_same_picture():
+    described = load(SCENES["cornell"]())
+    first, second, other = (rendered(described, spp=4, seed=seed) for seed in (3, 3, 4))
+    assert largest(first[0], second[0]) < 1e-6
+    assert largest(first[1], second[1]) < 1e-6
+    assert largest(first[1], other[1]) > 0.1
+
+
+def test_a_million_samples_in_one_pixel_are_not_low():
+    """Added to one number in single precision, 2^20 lose 0.4 % of it."""
+    lamp = plane(emitter={"type": "area", "radiance": grey(0.7)})
+    described = scene({"lamp": lamp}, camera((0, 0, 3), (0, 0, 0), film(bins=8, bin_width=1.0)))
+    steady, transient = rendered(described, spp=1 << 20)
+    assert transient[0, 0, 3] == pytest.approx([0.7] * 3, rel=2e-4)
+    assert steady[0, 0] == pytest.approx([0.7] * 3, rel=1e-4)
+
+
+# --------------------------------------------------------------------------- in expectation
+
+
+def picture(described: dict, spp: int = 16):
+    """Steady image by ours, averaged in blocks of 8 x 8 pixels, and by Mitsuba."""
+    ours, path = load(described), load(steady_twin(described))
+
+    def blocks(image):
+        return image.reshape(4, 8, 4, 8, 3).mean(axis=(1, 3))
+
+    return (
+        over_seeds(lambda s: blocks(rendered(ours, spp, s)[1].sum(axis=2)), SEEDS),
+        over_seeds(
+            lambda s: blocks(np.array(mi.render(path, spp=spp, seed=s), float)), OTHER_SEEDS
+        ),
+    )
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", ["cornell", "glass", "many lights", "environment map"])
+def test_scene_in_expectation(name):
+    """With private pixels and several samples to a lane: 32 x 32 pixels."""
+    ours, path = picture(
+        with_film(SCENES[name](), width=32, height=32, temporal_bins=100, bin_width_opl=0.4)
+    )
+    assert agree(ours, path)
+
+
+@pytest.mark.statistical
+def test_scene_in_expectation_finds_a_tenth():
+    ours, path = picture(
+        with_film(SCENES["cornell"](), width=32, height=32, temporal_bins=100, bin_width_opl=0.4)
+    )
+    assert not agree(ours * 1.1, path)
+    assert not agree(ours[:, ::-1], path)
+    assert not agree(np.where(path == path.max(), np.nan, ours), path)
+
+
+def cube(described: dict, spp: int = 64, seeds=SEEDS, **integrator):
+    """Arrival times, summed over pixels, for several seeds."""
+    loaded = load(with_integrator(described, **integrator))
+    return over_seeds(lambda s: rendered(loaded, spp, s)[1].sum(axis=(0, 1))[:, 0], seeds)
+
+
+def large_light() -> dict:
+    """The Cornell box with a light that paths run into often."""
+    described = with_film(
+        with_sampler(SCENES["cornell"](), "owen_sobol"),
+        start_opl=3.5,
+        temporal_bins=40,
+        bin_width_opl=0.2,
+    )
+    described["light"] = described["light"] | {
+        "to_world": mi.ScalarTransform4f()
+        .translate([0, 0.95, 0])
+        .rotate([1, 0, 0], 90)
+        .scale([0.8, 0.8, 0.8])
+    }
+    return described
+
+
+@pytest.mark.statistical
+def test_emitter_hits_alone_equal_emitter_sampling():
+    described = large_light()
+    sampled = cube(described)
+    hits = cube(described, 256, OTHER_SEEDS, emitter_sampling=False)
+    assert not np.array_equal(sampled[0], hits[0])
+    assert agree(sampled, hits)
+    assert not agree(1.1 * sampled, hits)
+    assert not agree(np.roll(sampled, 1, axis=1), hits)
+
+
+@pytest.mark.statistical
+def test_roulette_changes_no_arrival_time():
+    described = large_light()
+    early = cube(described, rr_depth=1, max_depth=-1)
+    late = cube(described, 64, OTHER_SEEDS, rr_depth=100, max_depth=60)
+    assert agree(early, late)
+    assert not agree(np.roll(early, 1, axis=1), late)
+    assert not agree(1.1 * early, late)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("kind", ["owen_sobol", "multijitter"])
+def test_samplers_agree_in_time(kind):
+    points = cube(with_sampler(large_light(), kind))
+    independent = cube(with_sampler(large_light()), 256, OTHER_SEEDS)
+    assert agree(points, independent)
+    assert not agree(np.roll(points, 1, axis=1), independent)
+
+
+@pytest.mark.statistical
+def test_two_lamps_add_up():
+    """Light is linear: both lamps at once are the sum of each alone, bin by bin."""
+
+    def lit(**lamps):
+        parts = {"floor": plane(bsdf=diffuse(0.5)), **lamps}
+        window = film(4, 4, bins=32, bin_width=0.2)
+        return cube(scene(parts, camera((0, 0, 2), (0, 0, 0), window, sampler="owen_sobol")))
+
+    a, b = point_light((1, 0, 1), 2.0), point_light((-1, 1, 2), 3.0)
+    assert agree(lit(a=a, b=b), lit(a=a) + lit(b=b))
+    assert not agree(lit(a=a, b=b), lit(a=a) + 1.1 * lit(b=b))
