@@ -281,6 +281,12 @@ def agree(samples: np.ndarray, reference: np.ndarray, *, rounding: float = 1e-5)
     return bool(np.min(p) >= smallest_allowed(each, p.size))
 
 
+def largest(a, b) -> float:
+    """Largest difference, relative to the brightest value. NaN counts as 1."""
+    difference = np.abs(np.asarray(a) - np.asarray(b)).max() / np.abs(b).max()
+    return float(difference) if np.isfinite(difference) else 1.0
+
+
 def unit(vector) -> np.ndarray:
     vector = np.asarray(vector, dtype=np.float64)
     return vector / np.linalg.norm(vector)

@@ -17,6 +17,7 @@ from support import (
     diffuse,
     film,
     grey,
+    largest,
     load,
     over_seeds,
     path_image,
@@ -35,12 +36,6 @@ from tofrender.scenes import cornell_box
 FILTERS = ["gaussian", "tent", "mitchell", "catmullrom", "lanczos"]
 SEEDS = range(16)
 OTHER_SEEDS = range(1000, 1016)
-
-
-def largest(a, b) -> float:
-    """Largest difference, relative to the brightest value. NaN counts as 1."""
-    difference = np.abs(np.asarray(a) - np.asarray(b)).max() / np.abs(b).max()
-    return float(difference) if np.isfinite(difference) else 1.0
 
 
 # ----------------------------------------------------------- same random numbers, same picture

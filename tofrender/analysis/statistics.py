@@ -65,12 +65,14 @@ def p_values(
             f"reference: shape {reference.shape}; must be {samples.shape[1:]} (exact values) or "
             f"(m, *{samples.shape[1:]})"
         )
+    finite = spread & np.isfinite(other)
+    other = np.where(finite, other, 0.0)
     difference = np.abs(mean - other)
     difference = np.maximum(difference - rounding * np.maximum(np.abs(mean), np.abs(other)), 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         p = student_tail(difference / np.sqrt(variance), freedom)
     p = np.where(variance > 0, p, np.where(difference > 0, 0.0, 1.0))
-    return np.where(spread & np.isfinite(other) & np.isfinite(mean), p, 0.0)
+    return np.where(finite, p, 0.0)
 
 
 def _mean(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,9 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import checks, memory
-
-_CHUNK = 1 << 16  # Cells that `take` moves at a time
+from .. import checks
+from .cells import Cells
 
 
 class TransientHDRFilm(mi.Film):
@@ -73,10 +72,9 @@ class TransientHDRFilm(mi.Film):
         self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
         self.start_opl = checks.metres("start_opl", start)
         self.steady: Any = None
+        self.bins: Any = None
         self.samples_per_pixel: float | None = None
         self.one_writer_per_pixel = False
-        self._bins: Any = None
-        self._folded: Any = None
 
     # ------------------------------------------------------------------ what integrators call
 
@@ -100,8 +98,8 @@ class TransientHDRFilm(mi.Film):
         Raises:
             MemoryError: The bins do not fit into memory; one line with their size and what fits.
         """
-        height, width, bins, channels = self.shape
-        memory.require_film(height, width, bins, channels)
+        height, width, _, _ = self.shape
+        self.bins = Cells(*self.shape)
         self.steady = mi.load_dict(
             {
                 "type": "hdrfilm",
@@ -119,26 +117,21 @@ class TransientHDRFilm(mi.Film):
         )
         self.samples_per_pixel = None
         self.one_writer_per_pixel = False
-        self._bins = dr.zeros(mi.Float, height * width * bins * memory.stride(channels))
-        self._folded = None
         return self.steady.prepare(aovs)
 
     def clear(self) -> None:
         """Empty all bins and the steady image."""
         if self.steady is not None:
             self.steady.clear()
-            self._bins = dr.zeros(mi.Float, dr.width(self._bins))
-            self._folded = None
+            self.bins = Cells(*self.shape)
 
     def fold(self) -> None:
-        """Put the bins aside and go on with empty ones.
+        """Put the bins aside and go on with empty ones; `develop` returns the sum.
 
-        Many small numbers added to one large one are lost in single precision. Integrators call
-        this every 2^16 samples per pixel; `develop` returns the sum.
+        Many small numbers added to one large one are lost in single precision: integrators call
+        this every 2^16 samples per pixel.
         """
-        self._folded = self._sums
-        self._bins = dr.zeros(mi.Float, dr.width(self._bins))
-        dr.eval(self._folded, self._bins)
+        self.bins.fold()
 
     def add_transient_data(
         self,
@@ -160,15 +153,13 @@ class TransientHDRFilm(mi.Film):
             ray_weight: Factor of `spec`, from the camera.
             active: Lanes that deposit.
         """
-        k = (distance - self.start_opl) / self.bin_width_opl
-        active = active & (k >= 0) & (k < self.temporal_bins)
-        bin_index = mi.UInt32(dr.select(active, k, 0))
+        position = (distance - self.start_opl) / self.bin_width_opl
+        active = active & (position >= 0) & (position < self.temporal_bins)
+        k = mi.UInt32(dr.select(active, position, 0))
         values = self._channels(mi.unpolarized_spectrum(spec * ray_weight), wavelengths, active)
         for x, y, weight in self._footprint(pos):
-            inside = active & (x >= 0) & (y >= 0)
-            inside &= (x < self.shape[1]) & (y < self.shape[0])
-            index = mi.UInt32(y * self.shape[1] + x) * self.temporal_bins + bin_index
-            self._scatter([value * weight for value in values], index, inside)
+            weighted = [value * weight for value in values]
+            self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
 
     def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
         """The steady image and the bins.
@@ -182,11 +173,8 @@ class TransientHDRFilm(mi.Film):
         """
         if self.steady is None:
             raise RuntimeError("transient_hdr_film: develop() before prepare(): nothing rendered")
-        values = self._gather(dr.arange(mi.UInt32, int(np.prod(self.shape[:3]))))
-        if not raw and not self.rfilter().is_box_filter():
-            pixel = dr.arange(mi.UInt32, dr.width(values)) // (self.temporal_bins * self.shape[3])
-            values *= dr.gather(mi.Float, self._filter_scale(), pixel)
-        return self.steady.develop(raw=raw), mi.TensorXf(values, self.shape)
+        scale = None if raw else self._pixel_scale()
+        return self.steady.develop(raw=raw), self.bins.tensor(scale)
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
         """As `develop`, but hands over the bins instead of copying them; the film is then empty.
@@ -194,21 +182,9 @@ class TransientHDRFilm(mi.Film):
         Returns:
             NumPy arrays of type float32, shapes as in `develop`.
         """
-        steady = np.array(self.steady.develop())
-        height, width, bins, channels = self.shape
-        values = np.asarray(self._sums)
-        if not values.flags.writeable:  # The bins are on another device
-            values = values.copy()
-        cells = values.reshape(-1, memory.stride(channels))
-        if channels < cells.shape[1]:
-            for first in range(0, len(cells), _CHUNK):
-                colours = cells[first : first + _CHUNK, :channels].ravel()
-                values[channels * first :][: colours.size] = colours
-        transient = values[: channels * len(cells)].reshape(self.shape)
-        if not self.rfilter().is_box_filter():
-            transient *= np.array(self._filter_scale()).reshape(height, width, 1, 1)
-        self._bins = self._folded = self.steady = None
-        dr.flush_malloc_cache()
+        scale = self._pixel_scale()
+        steady, transient = np.array(self.steady.develop()), self.bins.take(scale)
+        self.steady = self.bins = None
         return steady, transient
 
     # --------------------------------------------------------------------- operations on films
@@ -226,12 +202,7 @@ class TransientHDRFilm(mi.Film):
             ValueError: There is no bin `k`.
         """
         k = checks.integer("k", k, 0, self.temporal_bins - 1)
-        height, width, bins, channels = self.shape
-        values = self._gather(dr.arange(mi.UInt32, height * width) * bins + k)
-        if not self.rfilter().is_box_filter():
-            pixel = dr.arange(mi.UInt32, height * width * channels) // channels
-            values *= dr.gather(mi.Float, self._filter_scale(), pixel)
-        return mi.TensorXf(values, (height, width, channels))
+        return self.bins.slice(k, self._pixel_scale())
 
     def merge_tile(self, tile: TransientHDRFilm) -> None:
         """Add the bins of a film that covers a part of this one, as its crop window tells.
@@ -248,40 +219,25 @@ class TransientHDRFilm(mi.Film):
             if mine != its:
                 raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
         x, y = (int(v) for v in tile.crop_offset() - self.crop_offset())
-        height, width, bins, channels = tile.shape
+        height, width, _, _ = tile.shape
         if x < 0 or y < 0 or x + width > self.shape[1] or y + height > self.shape[0]:
             raise ValueError(
                 f"tile.crop_offset = {tile.crop_offset()}, size {width} x {height}: "
                 f"must lie within the film's window of {self.shape[1]} x {self.shape[0]} pixels"
             )
-        row = bins * memory.stride(channels) * width
-        index = dr.arange(mi.UInt32, row * height)
-        line = index // row
-        target = (line + y) * (row // width * self.shape[1]) + x * (row // width)
-        dr.scatter_add(self._bins, tile._sums, target + index - line * row)
-        block = tile.steady.create_block()
-        block.set_offset(tile.crop_offset())
+        self.bins.merge(tile.bins, x, y)
         raw = tile.steady.develop(raw=True)
-        lane = dr.arange(mi.UInt32, height * width)
-        pixel_y = lane // width
-        position = mi.Point2f(lane - pixel_y * width, pixel_y) + mi.Point2f(tile.crop_offset())
-        count = raw.shape[2]
-        block.put(
-            position + 0.5,
-            [dr.gather(mi.Float, raw.array, lane * count + c) for c in range(count)],
-        )
-        self.steady.put_block(block)
+        self.steady.put_block(mi.ImageBlock(raw, tile.crop_offset()))
 
     def scale(self, factor: float) -> None:
         """Multiply all bins by a number; the steady image, a mean over samples, stays."""
-        self._bins = self._sums * factor
-        self._folded = None
+        self.bins.scale(factor)
 
     # ---------------------------------------------------------------------------- details
 
     def schedule_storage(self) -> None:
         """Schedule the bins and the steady image for the next evaluation."""
-        dr.schedule(self._bins)
+        self.bins.schedule()
         self.steady.schedule_storage()
 
     def to_string(self) -> str:
@@ -298,17 +254,6 @@ class TransientHDRFilm(mi.Film):
         super().traverse(callback)
         for name in ("temporal_bins", "bin_width_opl", "start_opl"):
             callback.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
-
-    @property
-    def _sums(self) -> mi.Float:
-        return self._bins if self._folded is None else self._bins + self._folded
-
-    def _gather(self, cell: mi.UInt32) -> mi.Float:
-        """The channels of the given bins, one after the other."""
-        if self.shape[3] == 1:
-            return dr.gather(mi.Float, self._sums, cell)
-        padded = dr.gather(mi.Vector4f, self._sums, cell)
-        return dr.ravel(mi.Color3f(padded.x, padded.y, padded.z))
 
     def _channels(self, spectrum, wavelengths, active) -> list[mi.Float]:
         """The values that a bin stores."""
@@ -333,35 +278,18 @@ class TransientHDRFilm(mi.Film):
         ys = [(first.y + i, rfilter.eval(first.y + i - centre.y)) for i in range(count)]
         return [(x, y, wx * wy) for y, wy in ys for x, wx in xs]
 
-    def _scatter(self, values, index, active) -> None:
-        """Add to a bin.
-
-        Where one thread writes to each pixel, nothing needs to be atomic. RGB is added as a packet
-        of four floats, lane by lane, so that lanes of one vector cannot lose each other's light; a
-        single channel is added by the whole vector at once, whose lanes must be of other pixels.
-        """
-        stride = memory.stride(len(values))
-        mode = dr.ReduceMode.NoConflicts if self.one_writer_per_pixel else dr.ReduceMode.Auto
-        if stride == 4 and self.one_writer_per_pixel:
-            packet = mi.ArrayXf(values + [0.0] * (stride - len(values)))
-            dr.scatter_reduce(dr.ReduceOp.Add, self._bins, packet, index, active, mode)
-        else:
-            for c, value in enumerate(values):
-                dr.scatter_reduce(
-                    dr.ReduceOp.Add, self._bins, value, index * stride + c, active, mode
-                )
-
-    def _filter_scale(self) -> mi.Float:
-        """Per pixel, samples over the sum of the filter's weights (1 with a box filter)."""
+    def _pixel_scale(self) -> mi.Float | None:
+        """Per pixel, samples over the sum of the filter's weights; None with a box: always 1."""
+        if self.rfilter().is_box_filter():
+            return None
         if self.samples_per_pixel is None:
             raise RuntimeError(
                 "transient_hdr_film: samples_per_pixel is not set, which a film with a filter "
                 f"other than box needs to develop; its filter is {self.rfilter()}"
             )
         raw = self.steady.develop(raw=True)
-        count = raw.shape[2]
         pixel = dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1])
-        weight = dr.gather(mi.Float, raw.array, pixel * count + (count - 1))
+        weight = dr.gather(mi.Float, raw.array, (pixel + 1) * raw.shape[2] - 1)
         return dr.select(weight != 0, self.samples_per_pixel / weight, 0)
 
 

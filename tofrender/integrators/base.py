@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -159,7 +160,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         film.prepare([])
         width, height = sampled_size(film)
         spp = sampler.sample_count()
-        lanes, per_step, private = _plan(film, sampler, width * height, spp)
+        lanes, per_step, private = _plan(sampler, width * height, spp)
         film.samples_per_pixel = spp
         film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
         sampler.set_samples_per_wavefront(lanes)
@@ -181,13 +182,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
             lane = dr.arange(mi.UInt32, width * height * lanes)
             _step(film, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count)
             done += count * lanes
-            if done - folded >= MAX_STEP_SPP and hasattr(film, "fold"):
+            if spp > done >= folded + MAX_STEP_SPP and hasattr(film, "fold"):
                 film.fold()
                 folded = done
             yield done
 
 
-def _plan(film, sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
+def _plan(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
     """Lanes per pixel, samples that each lane takes in a step, and whether pixels are private."""
     most = max(1, min(STEP_SAMPLES // pixels, MAX_STEP_SPP))
     if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
@@ -197,9 +198,8 @@ def _plan(film, sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, b
     elif pixels * PRIVATE_LANES < LANES["llvm"]:
         lanes, private = _divisor(spp, LANES["llvm"] // pixels), False
     else:
-        # A vector adds to its lanes' pixels one after the other only if bins are packets
-        lanes, private = _divisor(spp, PRIVATE_LANES if not mi.is_monochromatic else 1), True
-        private = PRIVATE_LANES % lanes == 0
+        # One channel is added by a whole vector at once, whose lanes must be of different pixels
+        lanes, private = 1 if mi.is_monochromatic else math.gcd(spp, PRIVATE_LANES), True
     return lanes, max(1, most // lanes), private
 
 

@@ -1,0 +1,149 @@
+"""The storage of a film that has an axis besides the picture's two: time, or frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .. import memory
+
+CHUNK = 1 << 16
+"""Cells that `take` moves at a time."""
+
+
+class Cells:
+    """A row of cells for every pixel, each with the channels of a picture.
+
+    RGB is padded to four floats, so that a cell can be added to as one packet.
+
+    Args:
+        height: Rows of pixels.
+        width: Columns of pixels.
+        count: Cells of a pixel.
+        channels: Channels of a cell, 1 or 3.
+
+    Attributes:
+        shape: (height, width, count, channels).
+
+    Raises:
+        MemoryError: The cells do not fit into memory; one line with their size and what fits.
+    """
+
+    def __init__(self, height: int, width: int, count: int, channels: int) -> None:
+        memory.require_film(height, width, count, channels)
+        self.shape = (height, width, count, channels)
+        self.stride = memory.stride(channels)
+        self._sums = dr.zeros(mi.Float, height * width * count * self.stride)
+        self._folded: mi.Float | None = None
+
+    def add(
+        self,
+        values: Sequence[mi.Float],
+        x: mi.Int32,
+        y: mi.Int32,
+        k: mi.UInt32,
+        active: mi.Bool,
+        *,
+        private: bool,
+    ) -> None:
+        """Add to cell `k` of pixel (x, y); pixels outside are skipped.
+
+        Args:
+            values: One for each channel.
+            x: Column.
+            y: Row.
+            k: Cell, below `count`.
+            active: Lanes that add.
+            private: Whether one thread alone adds to each pixel, so that nothing has to be atomic.
+                A packet is then added lane by lane, and lanes of one vector may share a pixel; a
+                single channel is added by the whole vector at once, and they must not.
+        """
+        height, width, count, _ = self.shape
+        active = active & (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        cell = mi.UInt32(y * width + x) * count + k
+        add, target = dr.ReduceOp.Add, self._sums
+        mode = dr.ReduceMode.NoConflicts if private else dr.ReduceMode.Auto
+        if private and self.stride > 1:
+            packet = mi.ArrayXf([*values, *[0.0] * (self.stride - len(values))])
+            dr.scatter_reduce(add, target, packet, cell, active, mode)
+        else:
+            for c, value in enumerate(values):
+                dr.scatter_reduce(add, target, value, cell * self.stride + c, active, mode)
+
+    def fold(self) -> None:
+        """Put the sums aside and go on with zeros, since single precision loses small addends."""
+        self._folded = self.sums
+        self._sums = dr.zeros(mi.Float, dr.width(self._sums))
+        dr.eval(self._folded, self._sums)
+
+    @property
+    def sums(self) -> mi.Float:
+        """All sums, padding included."""
+        return self._sums if self._folded is None else self._sums + self._folded
+
+    def scale(self, factor: float) -> None:
+        """Multiply all cells by a number."""
+        self._sums, self._folded = self.sums * factor, None
+
+    def merge(self, tile: Cells, x: int, y: int) -> None:
+        """Add the cells of a smaller film, whose first pixel is (x, y) of this one."""
+        height, width, _, _ = tile.shape
+        pixel = self.shape[2] * self.stride
+        index = dr.arange(mi.UInt32, height * width * pixel)
+        line = index // (width * pixel)
+        column = index - line * (width * pixel)
+        dr.scatter_add(self._sums, tile.sums, ((line + y) * self.shape[1] + x) * pixel + column)
+
+    def schedule(self) -> None:
+        """Schedule the sums for the next evaluation."""
+        dr.schedule(self._sums)
+
+    # ----------------------------------------------------------------------------- results
+
+    def tensor(self, pixel_scale: mi.Float | None = None) -> mi.TensorXf:
+        """All cells without padding, a tensor of `shape`, each pixel times its scale."""
+        height, width, count, channels = self.shape
+        values = self._gather(dr.arange(mi.UInt32, height * width * count))
+        return mi.TensorXf(self._scaled(values, count * channels, pixel_scale), self.shape)
+
+    def slice(self, k: int, pixel_scale: mi.Float | None = None) -> mi.TensorXf:
+        """Cell `k` of all pixels, a tensor of shape (height, width, channels)."""
+        height, width, count, channels = self.shape
+        values = self._gather(dr.arange(mi.UInt32, height * width) * count + k)
+        values = self._scaled(values, channels, pixel_scale)
+        return mi.TensorXf(values, (height, width, channels))
+
+    def take(self, pixel_scale: mi.Float | None = None) -> np.ndarray:
+        """As `tensor`, but a NumPy array in the memory of the cells, which are gone afterwards."""
+        height, width, _, channels = self.shape
+        values = np.asarray(self.sums)
+        if not values.flags.writeable:  # The cells are on another device
+            values = values.copy()
+        cells = values.reshape(-1, self.stride)
+        if channels < self.stride:
+            for first in range(0, len(cells), CHUNK):
+                packed = cells[first : first + CHUNK, :channels].ravel()
+                values[channels * first :][: packed.size] = packed
+        result = values[: channels * len(cells)].reshape(self.shape)
+        if pixel_scale is not None:
+            result *= np.asarray(pixel_scale).reshape(height, width, 1, 1)
+        del self._sums, self._folded
+        dr.flush_malloc_cache()
+        return result
+
+    def _gather(self, cell: mi.UInt32) -> mi.Float:
+        """The channels of some cells, one after the other."""
+        if self.stride == 1:
+            return dr.gather(mi.Float, self.sums, cell)
+        padded = dr.gather(mi.Vector4f, self.sums, cell)
+        return dr.ravel(mi.Color3f(padded.x, padded.y, padded.z))
+
+    @staticmethod
+    def _scaled(values: mi.Float, per_pixel: int, pixel_scale: mi.Float | None) -> mi.Float:
+        if pixel_scale is None:
+            return values
+        pixel = dr.arange(mi.UInt32, dr.width(values)) // per_pixel
+        return values * dr.gather(mi.Float, pixel_scale, pixel)
