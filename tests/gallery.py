@@ -100,7 +100,7 @@ SCENES = {
     "principled": lambda: _small_box({"type": "principled", "metallic": 0.3, "roughness": 0.4}),
     "mask": lambda: _small_box({"type": "mask", "opacity": 0.4, "nested": diffuse(0.8)}),
 }
-"""Scenes of 8 x 8 pixels and 12 segments, which ends most paths by roulette; the window holds all."""
+"""Scenes of 8 x 8 pixels and 12 segments, most paths end by roulette; the window holds all."""
 
 
 def emitter_grid(width: int, height: int) -> tuple[dict, np.ndarray]:

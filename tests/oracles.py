@@ -6,6 +6,7 @@ Lengths are in metres, radiances in W / (m² sr). Nothing here knows the rendere
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def rectangle_light_masses(edges, h, x_range, y_range, radiance, fine: int = 400
     integral over each bin is a sum over `fine` points of it.
     """
     masses = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         r = low + (high - low) * (np.arange(fine) + 0.5) / fine
         s = np.sqrt(np.maximum(0, r**2 - h**2))
         density = radiance * h**2 / r**3 * angle_in_rectangle(s, x_range, y_range) * (r > h)

@@ -198,7 +198,6 @@ def test_tiles_merge_into_the_whole():
     assert steady[..., 0] == pytest.approx(expected.sum(axis=2), rel=1e-6)
 
 
-@pytest.mark.xfail(reason="merge_tile spreads the tile's steady image by the filter once more")
 def test_tiles_merge_with_a_spatial_filter():
     """A tile as large as the film is the film."""
     described = with_film(SCENES["cornell"](), rfilter={"type": "gaussian"})
@@ -307,7 +306,7 @@ def test_pulse_has_exact_bin_masses():
 
 
 def test_pulse_of_the_table():
-    """PHYSICS: at s = .03 and w = .02, the peak bin's mean is 1.86 % below the centre's value."""
+    """At s = .03 and w = .02, the peak bin's mean is 1.86 % below the centre's value."""
     lamp = empty(bins=101, start=-1.01, bin_width=0.02)
     measure = FilmDeposit.into(
         lamp, mi.Point2f(0.5), mi.Color0f(), mi.Spectrum(1), GaussianPulse(0.03)

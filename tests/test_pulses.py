@@ -109,7 +109,7 @@ def test_convolution_of_bins():
 
 @pytest.mark.parametrize("width", [0, -0.1, math.nan, math.inf, "0.1", None, True])
 def test_bad_width(width):
-    with pytest.raises(ValueError, match="width_opl = .*: must be a finite number") as error:
+    with pytest.raises(ValueError, match=r"width_opl = .*: must be a finite number") as error:
         GaussianPulse(width)
     assert "\n" not in str(error.value)
 

@@ -86,10 +86,10 @@ def test_public_names_are_what_they_say():
 
 def test_scalar_variant_is_refused_in_one_line():
     mi.set_variant("scalar_rgb")
-    with pytest.raises(AttributeError, match="needs an llvm_.* or cuda_.* variant") as error:
+    with pytest.raises(AttributeError, match=r"needs an llvm_.* or cuda_.* variant") as error:
         tofrender.TransientPath  # noqa: B018
     assert "\n" not in str(error.value)
-    with pytest.raises(tofrender.backend.BackendError, match="mi.set_variant") as error:
+    with pytest.raises(tofrender.backend.BackendError, match=r"mi\.set_variant") as error:
         tofrender.backend.require_vectorised()
     assert "\n" not in str(error.value)
 

@@ -22,7 +22,6 @@ __version__ = "0.1.0"
 _HOMES = {
     "units": ("SPEED_OF_LIGHT", "ns_to_opl", "opl_to_ns"),
     "pulses": ("GaussianPulse", "SampledPulse"),
-    "walk": ("walk",),
     "lights": ("EmitterHits", "SceneLights"),
     "loading": ("load_scene",),
     "rendering": ("render",),

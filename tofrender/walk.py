@@ -62,6 +62,12 @@ def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
     return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
 
 
+def has_rough_glass(scene: mi.Scene) -> bool:
+    """Whether light can be refracted by a surface that connections are made from."""
+    glossy = mi.BSDFFlags.GlossyTransmission
+    return any(mi.has_flag(shape.bsdf().flags(), glossy) for shape in scene.shapes())
+
+
 @dr.syntax
 def walk(
     scene: mi.Scene,
@@ -106,7 +112,9 @@ def walk(
         The measurement, and the lanes whose camera ray met a surface.
     """
     bsdf_ctx = mi.BSDFContext()
+    through_ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.GlossyTransmission))
     bounded = max_depth >= 0
+    refracting = has_rough_glass(scene)
 
     # --------------------- Configure loop state ----------------------
 
@@ -160,17 +168,19 @@ def walk(
             # Connections to a smooth BSDF only: a delta lobe reflects none of them
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             em = lights.connect(si, sampler.next_2d(), active_em)
+            wo = si.to_local(em.direction)
             f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
-                bsdf_ctx,
-                si,
-                si.to_local(em.direction),
-                sampler.next_1d(),
-                sampler.next_2d(),
-                active_next,
+                bsdf_ctx, si, wo, sampler.next_1d(), sampler.next_2d(), active_next
             )
             mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
             Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
-            measurement.add(Lr, dr.fma(η, em.length, opl), em.active & dr.any(Lr != 0))
+            η_em = mi.Float(η)
+            if dr.hint(refracting, mode="scalar"):
+                # Connected through the surface? Then the light comes from its other side
+                crossing = em.active & (si.wi.z * wo.z < 0)
+                through, _ = bsdf.sample(through_ctx, si, 0.5, mi.Point2f(0.5), crossing)
+                η_em[crossing & (through.eta > 0)] *= through.eta
+            measurement.add(Lr, dr.fma(η_em, em.length, opl), em.active & dr.any(Lr != 0))
         else:
             bs, bsdf_weight = bsdf.sample(
                 bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(), active_next
