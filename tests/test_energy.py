@@ -33,7 +33,7 @@ from support import (
 
 from tofrender.scenes import cornell_box
 
-FILTERS = ["gaussian", "tent", "mitchell", "catmullrom", "lanczos"]
+FILTERS = ["gaussian", "tent", "mitchell"]
 SEEDS = range(16)
 OTHER_SEEDS = range(1000, 1016)
 

@@ -11,6 +11,7 @@ import numpy as np
 import oracles
 import pytest
 from support import (
+    agree,
     area_light,
     beam,
     camera,
@@ -19,6 +20,7 @@ from support import (
     film,
     follow,
     load,
+    over_seeds,
     plane,
     point_light,
     rotate,
@@ -28,6 +30,7 @@ from support import (
 )
 
 from tofrender.camera import ray_origin
+from tofrender.lights import EmitterHits, SceneLights
 
 CAMERAS = {
     "perspective": {"fov": 80.0},
@@ -201,6 +204,41 @@ def test_connection_into_rough_glass():
     loaded = load(scene(parts, camera((0.1, 0, 2), (0.1, 0, 0), film())))
     found = follow(loaded, beam((0.1, 0, 2), (0.1, 0, 0)))
     assert found.all()[0] == pytest.approx([2.0 + 1.5 * np.hypot(0.1, 1.0)], abs=1e-4)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("bsdf", ["roughdielectric", "principled"])
+@pytest.mark.parametrize(
+    ("eye", "lamp_z"), [((0.5, 0, 2), -1.0), ((0.3, 0, -0.5), 1.0), ((1.2, 0, -0.5), 1.0)]
+)
+def test_rough_glass_connected_or_hit_arrives_at_the_same_time(bsdf, eye, lamp_z):
+    """Into glass, out of it, and out of it beyond the angle of total reflection.
+
+    Paths that run into the lamp count with the index of the sampled direction, connections with
+    that of the lamp's side of the face.
+    """
+    glass = {
+        "roughdielectric": {"alpha": 0.35, "int_ior": 1.5, "ext_ior": 1.0},
+        "principled": {"roughness": 0.6, "spec_trans": 0.9, "eta": 1.5},
+    }
+    turn = rotate((1, 0, 0), 180 if lamp_z > 0 else 0)
+    parts = {
+        "glass": plane(bsdf={"type": bsdf, **glass[bsdf]}),
+        "lamp": plane(translate(0.2, 0, lamp_z) @ turn, size=1.0, emitter=area_light(1.0)),
+    }
+    loaded = load(scene(parts, camera(eye, (0, 0, 0), film())))
+    start = np.linalg.norm(eye)
+    edges = start + np.linspace(0.8, 2.6, 19)
+
+    def arrivals(lights, lanes):
+        return lambda seed: follow(
+            loaded, beam(eye, (0, 0, 0), lanes), seed=seed, lights=lights
+        ).histogram(edges)
+
+    connected = over_seeds(arrivals(SceneLights, 4096), range(16))
+    hit = over_seeds(arrivals(EmitterHits, 16384), range(1000, 1016))
+    assert agree(connected, hit)
+    assert not agree(np.roll(connected, 1, axis=1), hit)
 
 
 @pytest.mark.parametrize("kind", ["mask", "thindielectric"])

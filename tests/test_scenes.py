@@ -129,7 +129,7 @@ def test_every_scene_loads_under_other_variants(variant):
 
 
 def test_variants_of_the_box():
-    assert cornell_box_mirror()["large-box"]["bsdf"]["type"] == "conductor"
+    assert cornell_box_mirror()["red-wall"]["bsdf"]["type"] == "conductor"
     glass = cornell_box_glass(width=8)
     assert "small-box" not in glass
     sphere = glass["glass-sphere"]

@@ -83,10 +83,9 @@ def render(
     require_light(scene)
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    film = _film(camera.film(), window, temporal_bins)
     tracer = _integrator(scene, integrator)
     points = _sampler(camera, sampler, spp)
-
-    film = _film(camera.film(), window, temporal_bins)
     tracer.temporal_profile(film)  # Refuses what does not fit together
     arrivals = find_arrivals(tracer, scene, camera, film, tracer.pulse, seed)
     if window == "auto":

@@ -203,17 +203,17 @@ def cornell_box_steady_state(
 
 
 def cornell_box_mirror(**options: Any) -> Dict:
-    """The Cornell box with a mirror for its large box.
+    """The Cornell box with a mirror for its red wall.
 
     Args:
         **options: The keyword arguments of `cornell_box`.
 
     Example:
-        >>> cornell_box_mirror()["large-box"]["bsdf"]["type"]
+        >>> cornell_box_mirror()["red-wall"]["bsdf"]["type"]
         'conductor'
     """
     scene = cornell_box(**options)
-    scene["large-box"]["bsdf"] = {"type": "conductor", "material": "none"}
+    scene["red-wall"]["bsdf"] = {"type": "conductor", "material": "none"}
     return scene
 
 

@@ -40,9 +40,9 @@ def p_values(
 
     Example:
         >>> noise = np.random.default_rng(1).normal(size=(64, 3))
-        >>> p_values(1 + 0.1 * noise, np.ones(3)).min() > 0.01
+        >>> bool(p_values(1 + 0.1 * noise, np.ones(3)).min() > 0.01)
         True
-        >>> p_values(1 + 0.1 * noise, 1.1 * np.ones(3)).max() < 1e-4
+        >>> bool(p_values(1 + 0.1 * noise, 1.1 * np.ones(3)).max() < 1e-4)
         True
     """
     samples, reference = (np.asarray(a, dtype=np.float64) for a in (samples, reference))
