@@ -180,6 +180,9 @@ def render(
         _option("-D", metavar="NAME=VALUE", help="A parameter of the XML file; repeatable."),
     ] = None,
     video: Annotated[bool, _option("--video/--no-video", help="Write video.mp4 as well.")] = True,
+    resume: Annotated[
+        bool, _option("--resume", help="Go on with what DIR holds of this render, up to --spp.")
+    ] = False,
 ) -> None:
     """Render SCENE in time.
 
@@ -234,7 +237,10 @@ def render(
     _check_out(out, film, "float" if format == "npz" else precision)
 
     # ---------------------------------------------------------------------- render and write
-    dataset = render_scene(loaded, seed=seed_number, window=window, **points)
+    earlier = _load(out) if resume else None
+    if earlier is not None and earlier.attrs["scene"] == str(found):
+        earlier.attrs["scene"] = "scene"
+    dataset = render_scene(loaded, seed=seed_number, window=window, resume=earlier, **points)
     dataset.attrs["scene"] = str(found)
     files = _write(dataset, out, format, precision, video)
     _report(dataset, out, files)
@@ -287,6 +293,20 @@ def _check_out(out: Path, film: Any = None, precision: str = "float") -> None:
         check_output(out, shape, precision=precision, overwrite=True)
     except OSError as error:
         raise ValueError(str(error).replace("path =", "--out =", 1)) from None
+
+
+def _load(out: Path) -> xr.Dataset:
+    """What an earlier run has left in `out`."""
+    from tofrender import io
+
+    for path, load in (
+        (out / FILES["npz"], io.load_npz),
+        (out / FILES["multipart"], io.load_exr_stack),
+        (out / "steady.exr", lambda _: io.load_exr_stack(out)),
+    ):
+        if path.exists():
+            return load(path)
+    raise ValueError(f"--resume: {out} holds no earlier render to go on with")
 
 
 def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:

@@ -36,6 +36,7 @@ def render(
     sampler: str | mi.Sampler | None = None,
     window: str | tuple[float, float] | None = None,
     temporal_bins: int | None = None,
+    resume: xr.Dataset | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Render a scene in time.
@@ -53,6 +54,9 @@ def render(
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
             of the light; by default the film's.
         temporal_bins: Number of bins; by default the film's.
+        resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
+            from: only the samples that are missing are taken. `owen_sobol` goes on in the same
+            point set.
         progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
@@ -85,28 +89,15 @@ def render(
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
     film = _film(camera.film(), window, temporal_bins)
     tracer = _integrator(scene, integrator)
-    points = _sampler(camera, sampler, spp)
     tracer.temporal_profile(film)  # Refuses what does not fit together
     arrivals = find_arrivals(tracer, scene, camera, film, tracer.pulse, seed)
     if window == "auto":
         film = _film(camera.film(), _auto_window(arrivals), temporal_bins)
     _check_window(film, arrivals)
     memory.require_film(*film.shape)
-
-    start = time.perf_counter()
-    done = _run(tracer, scene, camera, film, points, seed, progress)
-    seconds = time.perf_counter() - start
-
-    steady, transient = film.take()
-    complete = done == points.sample_count()
-    if not complete:
-        transient *= points.sample_count() / max(done, 1)
-    total = float(np.sum(steady, dtype=np.float64))
-    outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
-    outside = min(max(outside, 0.0), 1.0)
-    if complete:
-        _warn_of_losses(film, arrivals, outside)
-    attrs = {
+    first = 0 if resume is None else int(resume.attrs.get("spp", 0))
+    points = _sampler(camera, sampler, spp, first)
+    recipe = {
         "quantity": "radiance per bin",
         "units": "W m^-2 sr^-1",
         "start_opl": film.start_opl,
@@ -117,10 +108,31 @@ def render(
         "integrator": type(tracer).__name__,
         "max_depth": tracer.max_depth,
         "sampler": _sampler_name(points),
-        "spp": done,
         "seed": seed,
         "variant": mi.variant(),
         "versions": _versions(),
+    }
+    if resume is not None:
+        _check_resume(resume, recipe, film)
+
+    start = time.perf_counter()
+    done = _run(tracer, scene, camera, film, points, seed, first, progress)
+    seconds = time.perf_counter() - start
+
+    steady, transient = film.take()
+    if resume is not None:
+        part = first / (first + done)
+        steady += part * (resume["steady"].values - steady)
+        transient += part * (resume["transient"].values - transient)
+        seconds += resume.attrs["render_seconds"]
+    complete = done == points.sample_count()
+    total = float(np.sum(steady, dtype=np.float64))
+    outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
+    outside = min(max(outside, 0.0), 1.0)
+    if complete:
+        _warn_of_losses(film, arrivals, outside)
+    attrs = recipe | {
+        "spp": first + done,
         "energy_outside_window": outside,
         "complete": int(complete),
         "render_seconds": seconds,
@@ -147,16 +159,18 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     return found
 
 
-def _sampler(camera: mi.Sensor, sampler: Any, spp: int | None) -> mi.Sampler:
-    """The sampler to use, its sample count set."""
+def _sampler(camera: mi.Sensor, sampler: Any, spp: int | None, first: int) -> mi.Sampler:
+    """The sampler to use, its sample count set to what is missing after `first` samples."""
     count = camera.sampler().sample_count() if spp is None else spp
     count = checks.integer("spp", count, 1, checks.MAX_SPP)
+    if count <= first:
+        raise ValueError(f"spp = {count}: must be above {first}, which resume has already")
     if isinstance(sampler, mi.Sampler):
         points = sampler.clone()
-        points.set_sample_count(count)
+        points.set_sample_count(count - first)
         return points
     kind = DEFAULT_SAMPLER if sampler is None else checks.one_of("sampler", sampler, SAMPLERS)
-    return mi.load_dict({"type": backend.own_name(kind), "sample_count": count})
+    return mi.load_dict({"type": backend.own_name(kind), "sample_count": count - first})
 
 
 def _sampler_name(sampler: mi.Sampler) -> str:
@@ -212,6 +226,17 @@ def _window(window: Any, bins: int) -> tuple[float, float]:
     return start, (stop - start) / bins
 
 
+def _check_resume(resume: xr.Dataset, recipe: Mapping[str, Any], film: Any) -> None:
+    """Refuse to go on with a render that was made in another way."""
+    for name, value in recipe.items():
+        if resume.attrs.get(name) != value:
+            its = resume.attrs.get(name)
+            raise ValueError(f"resume: was rendered with {name} = {its!r}; must be {value!r}")
+    if resume["transient"].shape != film.shape:
+        its = resume["transient"].shape
+        raise ValueError(f"resume: has shape {its}; must be {film.shape}")
+
+
 def _auto_window(arrivals: Arrivals) -> tuple[float, float]:
     if not arrivals.any:
         raise ValueError("window = 'auto': no light found in the scene; must be (start, stop)")
@@ -234,7 +259,7 @@ def _check_window(film: Any, arrivals: Arrivals) -> None:
 # --------------------------------------------------------------------------- the render
 
 
-def _run(tracer, scene, camera, film, points, seed, progress) -> int:
+def _run(tracer, scene, camera, film, points, seed, first, progress) -> int:
     """Take all steps; returns the samples per pixel that the film holds, fewer after Ctrl-C."""
     spp = points.sample_count()
     done = 0
@@ -242,7 +267,7 @@ def _run(tracer, scene, camera, film, points, seed, progress) -> int:
         progress_bar("Rendering", spp, unit="spp", enabled=progress) as bar,
         deferred_stop() as stop,
     ):
-        for done in tracer.steps(scene, camera, film, points, seed):
+        for done in tracer.steps(scene, camera, film, points, seed, first):
             bar.update(done - bar.n)
             if stop.requested:
                 break

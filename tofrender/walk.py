@@ -63,9 +63,25 @@ def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
 
 
 def has_rough_glass(scene: mi.Scene) -> bool:
-    """Whether light can be refracted by a surface that connections are made from."""
+    """Whether a surface that connections are made from refracts light."""
     glossy = mi.BSDFFlags.GlossyTransmission
     return any(mi.has_flag(shape.bsdf().flags(), glossy) for shape in scene.shapes())
+
+
+def index_behind(
+    bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+) -> mi.Float:
+    """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`.
+
+    Mitsuba tells it with a sample only. The one that is drawn here comes along the normal, where
+    nothing is totally reflected.
+    """
+    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.GlossyTransmission))
+    through = mi.SurfaceInteraction3f(si)
+    through.wi = mi.Vector3f(0, 0, dr.sign(si.wi.z))
+    crossing = active & (si.wi.z * wo.z < 0)
+    sample, _ = bsdf.sample(ctx, through, 0.5, mi.Point2f(0.5), crossing)
+    return dr.select(crossing & (sample.eta > 0), sample.eta, 1)
 
 
 @dr.syntax
@@ -112,7 +128,6 @@ def walk(
         The measurement, and the lanes whose camera ray met a surface.
     """
     bsdf_ctx = mi.BSDFContext()
-    through_ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.GlossyTransmission))
     bounded = max_depth >= 0
     refracting = has_rough_glass(scene)
 
@@ -176,10 +191,7 @@ def walk(
             Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
             η_em = mi.Float(η)
             if dr.hint(refracting, mode="scalar"):
-                # Connected through the surface? Then the light comes from its other side
-                crossing = em.active & (si.wi.z * wo.z < 0)
-                through, _ = bsdf.sample(through_ctx, si, 0.5, mi.Point2f(0.5), crossing)
-                η_em[crossing & (through.eta > 0)] *= through.eta
+                η_em *= index_behind(bsdf, si, wo, em.active)
             measurement.add(Lr, dr.fma(η_em, em.length, opl), em.active & dr.any(Lr != 0))
         else:
             bs, bsdf_weight = bsdf.sample(

@@ -34,6 +34,12 @@ class TransientHDRFilm(mi.Film):
     (height, width, temporal_bins, channels), of the crop's size, where channels is 1 in
     monochromatic variants and 3 (RGB) otherwise.
 
+    Attributes that an integrator sets after `prepare`:
+        samples_per_pixel: Number of samples that `spec` is divided by in `add_transient_data`.
+            Needed with filters other than box.
+        partial: Whether fewer samples were taken so far.
+        one_writer_per_pixel: Whether one thread alone deposits at each pixel; see `Cells.add`.
+
     Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan.
 
     Example:
@@ -74,6 +80,7 @@ class TransientHDRFilm(mi.Film):
         self.steady: Any = None
         self.bins: Any = None
         self.samples_per_pixel: float | None = None
+        self.partial = False
         self.one_writer_per_pixel = False
 
     # ------------------------------------------------------------------ what integrators call
@@ -115,7 +122,7 @@ class TransientHDRFilm(mi.Film):
                 "rfilter": self.rfilter(),
             }
         )
-        self.samples_per_pixel = None
+        self.samples_per_pixel, self.partial = None, False
         self.one_writer_per_pixel = False
         return self.steady.prepare(aovs)
 
@@ -279,8 +286,8 @@ class TransientHDRFilm(mi.Film):
         return [(x, y, wx * wy) for y, wy in ys for x, wx in xs]
 
     def _pixel_scale(self) -> mi.Float | None:
-        """Per pixel, samples over the sum of the filter's weights; None with a box: always 1."""
-        if self.rfilter().is_box_filter():
+        """Samples over the filter's weights at each pixel; None if all are 1: a box, finished."""
+        if self.rfilter().is_box_filter() and not self.partial:
             return None
         if self.samples_per_pixel is None:
             raise RuntimeError(

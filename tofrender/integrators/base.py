@@ -13,6 +13,7 @@ from .. import backend, checks
 from ..camera import behind_emitters, pixel_corner, sample_camera, sampled_size
 from ..films.deposit import FilmDeposit
 from ..lights import EmitterHits, SceneLights
+from ..sampling.owen_sobol import mix
 from ..walk import Radiance, walk
 
 STEP_SAMPLES = 1 << 22
@@ -130,7 +131,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
             return sensor.film().develop() if develop else None
 
     def steps(
-        self, scene: mi.Scene, sensor: mi.Sensor, film: Any, sampler: mi.Sampler, seed: Any
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        film: Any,
+        sampler: mi.Sampler,
+        seed: Any,
+        first: int = 0,
     ) -> Iterator[int]:
         """Render in steps of about a second, all from one point set.
 
@@ -140,9 +147,11 @@ class TransientIntegrator(mi.SamplingIntegrator):
             film: A transient film of the same size as the sensor's; it is emptied first.
             sampler: Its `sample_count` is the number of samples per pixel.
             seed: Seed of the random numbers.
+            first: Number of samples per pixel that an earlier render with this seed has taken.
+                `owen_sobol` goes on in the same point set, other samplers start another one.
 
         Yields:
-            Samples per pixel that the film holds so far, weighted as if it held all of them.
+            Samples per pixel that the film holds so far.
 
         Raises:
             BackendError: The active variant cannot render in time.
@@ -164,7 +173,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
         film.samples_per_pixel = spp
         film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
         sampler.set_samples_per_wavefront(lanes)
+        skip = getattr(sampler, "skip", None)
+        if first and skip is None:  # Other points, by another seed
+            seed = mix(mi.UInt32(seed), mi.UInt32(first))
         sampler.seed(seed, width * height * lanes)
+        if first and skip is not None:
+            skip(first)
         lights = self.lights(scene, sensor)
 
         def shot(pixel):
@@ -182,6 +196,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             lane = dr.arange(mi.UInt32, width * height * lanes)
             _step(film, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count)
             done += count * lanes
+            film.partial = done < spp
             if spp > done >= folded + MAX_STEP_SPP and hasattr(film, "fold"):
                 film.fold()
                 folded = done

@@ -98,6 +98,10 @@ class OwenSobolSampler(mi.Sampler):
         self.index = self.index + self.lanes_per_pixel
         self.dimension = mi.UInt32(0)
 
+    def skip(self, count: int) -> None:
+        """Leave out the next `count` points of each pixel."""
+        self.index = self.index + dr.opaque(mi.UInt32, count)
+
     def next_1d(self, active: mi.Bool = True) -> mi.Float:
         """The next number in [0, 1)."""
         pair = self._next_hash()
