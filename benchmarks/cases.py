@@ -1,4 +1,4 @@
-"""What is measured. Each case prints its rows and returns them as (name, value, target)."""
+"""What is measured. Each case returns its rows as (name, value, target)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -19,10 +18,10 @@ from .timing import in_turn
 Row = tuple[str, float, float | None]
 
 
-def _transient(size: int, bins: int, spp: int, plugin_of: Any = None) -> mi.Scene:
-    """The Cornell box with `bins` bins; `plugin_of` builds it with another package's plugins."""
+def _transient(size: int, bins: int, spp: int) -> mi.Scene:
+    """Our Cornell box with `bins` bins, with our plugins whatever else was imported."""
     scene = tofrender.cornell_box(width=size, height=size, temporal_bins=bins, spp=spp)
-    return mi.load_dict(scene)
+    return tofrender.load_scene(scene)
 
 
 def _peer(size: int, bins: int) -> mi.Scene | None:
@@ -84,7 +83,6 @@ def bins(runs: int, quick: bool) -> list[Row]:
 def error(runs: int, quick: bool) -> list[Row]:
     """Variance times time of the cube: mitransient's defaults over `render`'s."""
     size, spp, seeds = (16, 16, 4) if quick else (64, 256, 8)
-    # Our scene first: the plugin names belong to the package that is imported last
     ours = _transient(size, 300, spp)
     peer = _peer(size, 300)
     if peer is None:

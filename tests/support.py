@@ -253,7 +253,9 @@ def beam(origin, target, lanes: int = 1) -> mi.Ray3f:
     """The same ray in every lane, from `origin` to `target`."""
     d = unit(np.subtract(target, origin))
     zero = dr.zeros(mi.Float, lanes)
-    return mi.Ray3f(mi.Point3f(list(origin)) + zero, mi.Vector3f(d.tolist()) + zero)
+    return mi.Ray3f(
+        mi.Point3f(np.asarray(origin, float).tolist()) + zero, mi.Vector3f(d.tolist()) + zero
+    )
 
 
 def camera_rays(loaded: mi.Scene, lanes: int, seed: int = 0):

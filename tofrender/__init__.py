@@ -44,13 +44,17 @@ _HOMES = {
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
-__all__ = sorted({*_MODULE_OF, *backend.PLUGINS, "__version__", "backend"})
+_SUBMODULES = {*_HOMES, "analysis", "doctor", "films", "integrators", "sampling", "walk"}
+
+__all__ = sorted({*_MODULE_OF, *backend.PLUGINS, *_SUBMODULES, "__version__", "backend"})
 
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for when it is asked for; plugin classes follow the active variant."""
     if name in backend.PLUGINS:
         return backend.plugin(name)
+    if name in _SUBMODULES:
+        return importlib.import_module(f".{name}", __name__)
     if name in _MODULE_OF:
         value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
         globals()[name] = value
@@ -63,6 +67,15 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
-# The command answers --help without Mitsuba and activates a variant when it needs one.
-if PurePath(sys.argv[0] if sys.argv else "").stem != "tofrender" and sys.argv[:1] != ["-m"]:
+def _is_command() -> bool:
+    """Whether Python runs for the `tofrender` command, or for one of our modules by -m."""
+    program = sys.argv[0] if sys.argv else ""
+    if program != "-m":
+        return PurePath(program).stem == "tofrender"
+    options = sys.orig_argv
+    return "-m" in options and options[options.index("-m") + 1].split(".")[0] == "tofrender"
+
+
+# The command answers --help without Mitsuba, and activates a variant when it needs one.
+if not _is_command():
     backend.activate()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,35 +42,45 @@ class Arrivals:
     Attributes:
         edges: Edges of the bins [m], shape (n + 1,), in powers of a common ratio.
         energy: Energy in each bin, in arbitrary units, shape (n,).
-        support: By how much the light's pulse reaches to both sides of an arrival [m].
     """
 
     edges: np.ndarray
     energy: np.ndarray
-    support: tuple[float, float]
 
     @property
     def any(self) -> bool:
         """Whether any light was found at all."""
         return bool(self.energy.sum() > 0)
 
-    def window(self, fraction: float = 0.999) -> tuple[float, float]:
-        """From the first arrival to where `fraction` of the energy has arrived [m]."""
-        cumulative = np.cumsum(self.energy)
-        first = np.flatnonzero(self.energy)[0]
-        last = np.searchsorted(cumulative, fraction * cumulative[-1])
-        start, stop = self.edges[first] + self.support[0], self.edges[last + 1] + self.support[1]
-        return float(start), float(stop)
+    def window(self, profile: Pulse | None = None, fraction: float = 0.999) -> tuple[float, float]:
+        """From the first arrival to where `fraction` of the energy has arrived [m].
 
-    def between(self, start_opl: float, stop_opl: float) -> bool:
-        """Whether any light was found in a window [m]."""
-        low, high = self.support
+        Args:
+            profile: Temporal profile that arrivals are seen through; widens the window.
+            fraction: In (0, 1].
+
+        Returns:
+            Start and stop, rounded outwards to a thousandth of the window or so.
+        """
+        low, high = (0.0, 0.0) if profile is None else profile.support
+        cumulative = np.cumsum(self.energy)
+        first = int(np.flatnonzero(self.energy)[0])
+        last = int(np.searchsorted(cumulative, fraction * cumulative[-1]))
+        # A bin more on both sides: single precision may have put an arrival beside its own
+        start = float(self.edges[max(first - 1, 0)]) + low
+        stop = float(self.edges[min(last + 2, self.energy.size)]) + high
+        digit = 10.0 ** (math.floor(math.log10(stop - start)) - 2)
+        return math.floor(start / digit) * digit, math.ceil(stop / digit) * digit
+
+    def between(self, start_opl: float, stop_opl: float, profile: Pulse | None = None) -> bool:
+        """Whether any light was found in a window [m], seen through `profile`."""
+        low, high = (0.0, 0.0) if profile is None else profile.support
         overlaps = (self.edges[1:] + high > start_opl) & (self.edges[:-1] + low < stop_opl)
         return bool(self.energy[overlaps].sum() > 0)
 
 
 def find_arrivals(
-    integrator: Any, scene: mi.Scene, sensor: mi.Sensor, film: Any, pulse: Pulse | None, seed: int
+    integrator: Any, scene: mi.Scene, sensor: mi.Sensor, film: Any, seed: int
 ) -> Arrivals:
     """Trace 65536 paths through random pixels and note when their light arrives.
 
@@ -78,7 +89,6 @@ def find_arrivals(
         scene: The scene.
         sensor: The camera.
         film: Its size and crop say which pixels are sampled.
-        pulse: Temporal profile of the light, None for an instant.
         seed: Seed of the random numbers.
     """
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
@@ -93,4 +103,4 @@ def find_arrivals(
     edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
     edges[0] = 0.0
     energy = np.array(histogram.energy, dtype=np.float64)
-    return Arrivals(edges, energy, (0.0, 0.0) if pulse is None else pulse.support)
+    return Arrivals(edges, energy)

@@ -58,7 +58,7 @@ def sample_camera(
         time += sampler.next_1d() * sensor.shutter_open_time()
     wavelength = sampler.next_1d() if mi.is_spectral else mi.Float(0)
 
-    ray, weight = sensor.sample_ray(
+    ray, weight = sensor.sample_ray_differential(
         time, wavelength, (position - crop_offset) / crop_size, aperture
     )
     return CameraSample(
@@ -86,9 +86,9 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
     """
     if not isinstance(sensor, mi.ProjectiveCamera):
         return mi.Point3f(ray.o)
-    forward = sensor.world_transform() @ mi.Vector3f(0, 0, 1)
+    axis = sensor.world_transform() @ mi.Vector3f(0, 0, 1)  # As long as a unit of the near clip
     near_clip = mi.traverse(sensor)["near_clip"]
-    return ray.o - ray.d * (near_clip / dr.dot(ray.d, dr.normalize(forward)))
+    return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 
 
 @dr.syntax

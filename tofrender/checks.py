@@ -13,6 +13,7 @@ MAX_SIZE = 1 << 16
 MAX_BINS = 1 << 20
 MAX_DEPTH = 1 << 16
 MAX_SEED = (1 << 32) - 1
+MAX_OPL = 1e12
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
@@ -39,6 +40,24 @@ def integer(name: str, value: Any, low: int, high: int) -> int:
     if number is None or isinstance(value, bool) or not low <= number <= high:
         raise ValueError(f"{name} = {value!r}: must be an integer from {low} to {high}")
     return number
+
+
+def depth(name: str, value: Any) -> int:
+    """Return `value` as a path depth: -1 for no limit, else 1 or more segments.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> depth("max_depth", 0)
+        Traceback (most recent call last):
+        ValueError: max_depth = 0: must be -1 (no limit) or an integer from 1 to 65536
+    """
+    try:
+        return integer(name, value, 1 if value != -1 else -1, MAX_DEPTH)
+    except ValueError:
+        allowed = f"-1 (no limit) or an integer from 1 to {MAX_DEPTH}"
+        raise ValueError(f"{name} = {value!r}: must be {allowed}") from None
 
 
 def metres(name: str, value: Any, *, positive: bool = False) -> float:

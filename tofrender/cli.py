@@ -225,8 +225,13 @@ def render(
             settings |= {"start_opl": 0.0, "bin_width_opl": 1.0}
     parameters = _parameters(defines or [])
     _check_out(out)
+    if format == "npz" and precision != "float":
+        raise ValueError(f"--precision = {precision}: must be float with --format npz")
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
 
+    backend.require_vectorised()
+
+    from tofrender import memory
     from tofrender.loading import find_scene, load_scene, require_sensor
     from tofrender.rendering import render as render_scene
 
@@ -234,12 +239,12 @@ def render(
     loaded = load_scene(found, parameters=parameters, **settings)
     require_sensor(loaded)
     film = loaded.sensors()[0].film()
+    if hasattr(film, "shape"):
+        memory.require_film(*film.shape)
     _check_out(out, film, "float" if format == "npz" else precision)
 
     # ---------------------------------------------------------------------- render and write
     earlier = _load(out) if resume else None
-    if earlier is not None and earlier.attrs["scene"] == str(found):
-        earlier.attrs["scene"] = "scene"
     dataset = render_scene(loaded, seed=seed_number, window=window, resume=earlier, **points)
     dataset.attrs["scene"] = str(found)
     files = _write(dataset, out, format, precision, video)
@@ -338,5 +343,5 @@ def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> None:
     typer.echo(f"{out}: {', '.join(names)}")
     typer.echo(
         f"{seconds:.1f} s, {samples / seconds:,.0f} samples per second, "
-        f"{100 * attrs['energy_outside_window']:.2g} % of the energy outside the window"
+        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window"
     )

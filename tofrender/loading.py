@@ -16,6 +16,7 @@ from typing import Any, Unpack
 
 import mitsuba as mi
 
+from . import backend
 from .editing import change, use_own_plugins
 from .scenes import BUILT_IN
 from .settings import Settings, check_settings
@@ -34,7 +35,7 @@ def load_scene(
 
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
-    filter, its integrator its depths.
+    the filter that it names (box if it names none), its integrator its depths.
 
     Args:
         source: A built-in name (`tofrender scenes` lists them), the path of a Mitsuba XML file, a
@@ -86,6 +87,25 @@ def load_scene(
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"scene: its outermost part is a {type(scene).__name__}, must be a scene")
     return scene
+
+
+def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
+    """Make one object from a dict, ours where the plugin's name is one of ours.
+
+    Args:
+        what: What it is to be, for messages, e.g. "integrator".
+        description: As for `mi.load_dict`.
+
+    Raises:
+        ValueError: The dict is wrong; one line.
+    """
+    name = description.get("type")
+    if not isinstance(name, str):
+        raise ValueError(f"{what} = {dict(description)!r}: must have a plugin's name as its type")
+    try:
+        return mi.load_dict({**description, "type": backend.own_name(name)})
+    except RuntimeError as error:
+        raise ValueError(f"{what}: {_one_line(str(error))}") from None
 
 
 def require_sensor(scene: mi.Scene) -> None:
@@ -151,7 +171,7 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
         source = BUILT_IN[source]()
     if not isinstance(source, Mapping):
         raise ValueError(
-            f"scene = {source!r:.60}: must be a built-in name, an XML file, a dict, "
+            f"scene: is a {type(source).__name__}; must be a built-in name, an XML file, a dict, "
             f"or a scene of the active variant {mi.variant()}"
         )
     if source.get("type") != "scene":

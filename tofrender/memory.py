@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import drjit as dr
+
 RESERVE = 300 << 20
 """What a render takes besides its film [bytes]: Mitsuba, kernels, rays."""
 
-MAX_CELLS = 1 << 32
-"""Bins of all pixels together that a 32-bit index can tell apart."""
+MAX_FLOATS = (1 << 32) - 1
+"""Entries of the largest array that Dr.Jit can make."""
 
 
 def stride(channels: int) -> int:
@@ -31,11 +33,13 @@ def available() -> int:
     import psutil
 
     free = psutil.virtual_memory().available
-    limit, used = (_cgroup(name) for name in ("memory.max", "memory.current"))
-    return min(free, limit - used) if limit is not None and used is not None else free
+    limit, used, cache = _cgroup("memory.max"), _cgroup("memory.current"), _cgroup_cache()
+    return free if limit is None or used is None else min(free, limit - used + cache)
 
 
-def require_film(height: int, width: int, temporal_bins: int, channels: int) -> None:
+def require_film(
+    height: int, width: int, temporal_bins: int, channels: int, copies: float = 1.0
+) -> None:
     """Refuse a film that does not fit.
 
     Args:
@@ -43,22 +47,31 @@ def require_film(height: int, width: int, temporal_bins: int, channels: int) -> 
         width: Columns of pixels.
         temporal_bins: Bins of a pixel.
         channels: Channels of a bin.
+        copies: How often its size is needed at the peak.
 
     Raises:
         MemoryError: One line with the film's size and what would fit.
     """
     size = film_bytes(height, width, temporal_bins, channels)
-    free = max(0, available() - RESERVE)
-    cells = height * width * temporal_bins
-    part = min(free / size, MAX_CELLS / cells)  # Of the film, that fits
+    part = _part_that_fits(size, copies)
+    if part < 1:
+        dr.flush_malloc_cache()
+        part = _part_that_fits(size, copies)
     if part >= 1:
         return
-    side = math.sqrt(part)
+    bins, side = int(part * temporal_bins), math.sqrt(part)
+    pixels = f"{int(width * side)} x {int(height * side)} pixels"
+    smaller = [f"{bins} bins"] * (bins > 0) + [pixels] * (int(min(width, height) * side) > 0)
     raise MemoryError(
-        f"film of {width} x {height} pixels x {temporal_bins} bins: takes {size / 2**30:.1f} GiB, "
-        f"must be at most {min(free, part * size) / 2**30:.1f} GiB; {int(part * temporal_bins)} "
-        f"bins would fit, or {int(width * side)} x {int(height * side)} pixels"
+        f"film of {width} x {height} pixels x {temporal_bins} bins: takes "
+        f"{copies * size / 2**30:.1f} GiB, must be at most {part * copies * size / 2**30:.1f} GiB"
+        + (f"; {' or '.join(smaller)} would fit" if smaller else "")
     )
+
+
+def _part_that_fits(size: int, copies: float) -> float:
+    """How much of a film of `size` bytes there is room for; 1 or more if all of it."""
+    return min(max(0, available() - RESERVE) / (copies * size), MAX_FLOATS * 4 / size)
 
 
 def _cuda_free() -> int:
@@ -81,3 +94,12 @@ def _cgroup(name: str) -> int | None:
         return int((Path("/sys/fs/cgroup") / name).read_text())
     except (OSError, ValueError):
         return None
+
+
+def _cgroup_cache() -> int:
+    """Part of the control group's memory that is file cache, free to be taken [bytes]."""
+    try:
+        lines = Path("/sys/fs/cgroup/memory.stat").read_text().splitlines()
+        return int(dict(line.split() for line in lines)["inactive_file"])
+    except (OSError, ValueError, KeyError):
+        return 0

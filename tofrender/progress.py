@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
         description: What is being done.
         total: Number of units, None if unknown.
         unit: What is counted; "B" counts bytes with prefixes.
-        enabled: False makes a bar that shows nothing.
+        enabled: False makes a bar that shows nothing, as does a stderr that is a file or a pipe.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
@@ -32,7 +33,7 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
         unit=unit,
         unit_scale=unit == "B",
         delay=DELAY_S,
-        disable=not enabled,
+        disable=not (enabled and (sys.stderr.isatty() or "ipykernel" in sys.modules)),
         leave=False,
     )
 

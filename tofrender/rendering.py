@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 import warnings
 from collections.abc import Mapping
@@ -14,8 +15,12 @@ import numpy as np
 
 from . import backend, checks, memory
 from .arrivals import Arrivals, find_arrivals
-from .loading import load_scene, require_light, require_sensor
+from .dataset import check_dataset, coordinates, label
+from .films.cells import MAX_ADDED
+from .fingerprint import fingerprint
+from .loading import load_plugin, load_scene, require_light, require_sensor
 from .progress import deferred_stop, progress_bar
+from .pulses import Pulse
 from .settings import INTEGRATORS, SAMPLERS
 
 if TYPE_CHECKING:
@@ -50,7 +55,8 @@ def render(
         integrator: A plugin name, a dict or an integrator; by default the scene's.
         sensor: Number of the sensor.
         sampler: `owen_sobol` by default, whatever the scene says: its error is a fraction of that
-            of Mitsuba's default. A name picks another, an object is used as it is.
+            of Mitsuba's default. A name picks another; an object is cloned, and its own
+            `sample_count` counts if `spp` is not given.
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
             of the light; by default the film's.
         temporal_bins: Number of bins; by default the film's.
@@ -80,23 +86,30 @@ def render(
         {'y': 256, 'x': 256, 'opl': 300, 'channel': 3}
     """
     backend.require_vectorised()
-    checks.integer("seed", seed, 0, checks.MAX_SEED)
-    name = scene if isinstance(scene, str) else "scene"
-    scene = load_scene(scene)
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    name = os.fspath(scene) if isinstance(scene, str | PathLike) else "scene"
+    if not isinstance(scene, mi.Scene):
+        scene = load_scene(scene, **_settings(window, temporal_bins))
     require_sensor(scene)
     require_light(scene)
     sensors = scene.sensors()
-    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
+    camera = sensors[sensor]
     film = _film(camera.film(), window, temporal_bins)
     tracer = _integrator(scene, integrator)
-    tracer.temporal_profile(film)  # Refuses what does not fit together
-    arrivals = find_arrivals(tracer, scene, camera, film, tracer.pulse, seed)
-    if window == "auto":
-        film = _film(camera.film(), _auto_window(arrivals), temporal_bins)
-    _check_window(film, arrivals)
-    memory.require_film(*film.shape)
-    first = 0 if resume is None else int(resume.attrs.get("spp", 0))
+    profile = tracer.temporal_profile(film)  # Refuses what does not fit together
+    arrivals = find_arrivals(tracer, scene, camera, film, seed)
+    if _is_auto(window):
+        if not arrivals.any:
+            raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
+        film = _film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
+        profile = tracer.temporal_profile(film)  # A filter's width is known when that of a bin is
+        film = _film(camera.film(), arrivals.window(profile), temporal_bins)
+    _check_window(film, arrivals, profile)
+    first = 0 if resume is None else _samples_of(resume)
     points = _sampler(camera, sampler, spp, first)
+    folds = points.sample_count() > MAX_ADDED
+    memory.require_film(*film.shape, copies=2 if folds else 1)
     recipe = {
         "quantity": "radiance per bin",
         "units": "W m^-2 sr^-1",
@@ -104,7 +117,8 @@ def render(
         "bin_width_opl": film.bin_width_opl,
         "pulse": str(tracer.pulse or "none"),
         "temporal_filter": tracer.temporal_filter or "as rfilter",
-        "scene": name,
+        "sensor": sensor,
+        "fingerprint": fingerprint(scene, camera, tracer),
         "integrator": type(tracer).__name__,
         "max_depth": tracer.max_depth,
         "sampler": _sampler_name(points),
@@ -130,14 +144,15 @@ def render(
     outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
     outside = min(max(outside, 0.0), 1.0)
     if complete:
-        _warn_of_losses(film, arrivals, outside)
+        _warn_of_losses(film, arrivals, profile, outside)
     attrs = recipe | {
+        "scene": name,
         "spp": first + done,
         "energy_outside_window": outside,
         "complete": int(complete),
         "render_seconds": seconds,
     }
-    return _dataset(steady, transient, film, attrs)
+    return label(steady, transient, film, attrs)
 
 
 # ------------------------------------------------------------------------ before rendering
@@ -146,22 +161,23 @@ def render(
 def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     """The integrator to use."""
     if isinstance(integrator, str):
-        checks.one_of("integrator", integrator, INTEGRATORS)
-        integrator = {"type": backend.own_name(integrator)}
+        integrator = {"type": checks.one_of("integrator", integrator, INTEGRATORS)}
     if isinstance(integrator, Mapping):
-        integrator = mi.load_dict(dict(integrator))
+        integrator = load_plugin("integrator", integrator)
     found = scene.integrator() if integrator is None else integrator
     if not hasattr(found, "steps"):
-        kind = "None" if found is None else found.class_name()
+        kind = found.class_name() if type(found).__module__ == "mitsuba" else type(found)
         raise ValueError(
-            f"integrator = {kind}: cannot render in time; must be one of {', '.join(INTEGRATORS)}"
+            f"integrator = {kind}: cannot be used here; must be one of {', '.join(INTEGRATORS)}, "
+            "of this package: name one, or give the scene as a dict or file"
         )
     return found
 
 
 def _sampler(camera: mi.Sensor, sampler: Any, spp: int | None, first: int) -> mi.Sampler:
     """The sampler to use, its sample count set to what is missing after `first` samples."""
-    count = camera.sampler().sample_count() if spp is None else spp
+    given = sampler if isinstance(sampler, mi.Sampler) else camera.sampler()
+    count = given.sample_count() if spp is None else spp
     count = checks.integer("spp", count, 1, checks.MAX_SPP)
     if count <= first:
         raise ValueError(f"spp = {count}: must be above {first}, which resume has already")
@@ -187,7 +203,7 @@ def _film(film: Any, window: Any, temporal_bins: int | None) -> Any:
         )
     bins = film.temporal_bins if temporal_bins is None else temporal_bins
     bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
-    if window == "auto":
+    if _is_auto(window):
         start, width = 0.0, 1.0  # Until the light was looked at
     elif window is not None:
         start, width = _window(window, bins)
@@ -221,39 +237,67 @@ def _window(window: Any, bins: int) -> tuple[float, float]:
             f"window = {window!r}: must be 'auto' or (start, stop) in metres"
         ) from None
     start, stop = checks.metres("window[0]", start), checks.metres("window[1]", stop)
-    if stop <= start:
-        raise ValueError(f"window = {window!r}: must end after it starts")
+    if not start < stop < start + checks.MAX_OPL:
+        raise ValueError(f"window = {window!r}: must end after it starts, and not at infinity")
     return start, (stop - start) / bins
+
+
+def _settings(window: Any, temporal_bins: int | None) -> Any:
+    """What makes a steady scene transient while it loads, where enough is given."""
+    if window is None or temporal_bins is None:
+        return {}
+    bins = checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS)
+    start, width = (0.0, 1.0) if _is_auto(window) else _window(window, bins)
+    return {"temporal_bins": bins, "start_opl": start, "bin_width_opl": width}
+
+
+def _samples_of(resume: Any) -> int:
+    """Samples per pixel of a Dataset to go on from."""
+    try:
+        check_dataset(resume)
+        return checks.integer("spp", resume.attrs.get("spp"), 1, checks.MAX_SPP)
+    except ValueError as error:
+        raise ValueError(f"resume: {error}") from None
 
 
 def _check_resume(resume: xr.Dataset, recipe: Mapping[str, Any], film: Any) -> None:
     """Refuse to go on with a render that was made in another way."""
     for name, value in recipe.items():
-        if resume.attrs.get(name) != value:
-            its = resume.attrs.get(name)
+        its = resume.attrs.get(name)
+        if its != value:
             raise ValueError(f"resume: was rendered with {name} = {its!r}; must be {value!r}")
-    if resume["transient"].shape != film.shape:
-        its = resume["transient"].shape
-        raise ValueError(f"resume: has shape {its}; must be {film.shape}")
+    for name, value in coordinates(film).items():
+        if not np.array_equal(resume[name].values, value):
+            raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
 
 
-def _auto_window(arrivals: Arrivals) -> tuple[float, float]:
-    if not arrivals.any:
-        raise ValueError("window = 'auto': no light found in the scene; must be (start, stop)")
-    return arrivals.window()
+def _is_auto(window: Any) -> bool:
+    return isinstance(window, str) and window == "auto"
 
 
-def _check_window(film: Any, arrivals: Arrivals) -> None:
-    """Refuse a window that no light reaches."""
+def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
+    """Refuse a window that no light reaches, and doubt one that none of the test paths reached.
+
+    Light is out of reach well before the first arrival that was found, and where none was found
+    within a quarter of the path length to either side.
+    """
     start, stop = film.start_opl, film.end_opl()
     if not arrivals.any:
         warnings.warn("no light found on 65536 test paths: the picture may be black", stacklevel=3)
-    elif not arrivals.between(start, stop):
-        first, last = arrivals.window(1.0)
+        return
+    if arrivals.between(start, stop, profile):
+        return
+    first, last = arrivals.window(profile, 1.0)
+    if stop < 0.95 * first or not arrivals.between(start / 1.25, stop * 1.25, profile):
         raise ValueError(
             f"start_opl, end = {start:g} m, {stop:g} m: no light arrives in this window; "
-            f"it must overlap {first:.4g} m to {last:.4g} m"
+            f"it must overlap {first:g} m to {last:g} m"
         )
+    warnings.warn(
+        f"none of 65536 test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
+        f"empty; light was found from {first:g} m to {last:g} m",
+        stacklevel=3,
+    )
 
 
 # --------------------------------------------------------------------------- the render
@@ -276,13 +320,13 @@ def _run(tracer, scene, camera, film, points, seed, first, progress) -> int:
     return done
 
 
-def _warn_of_losses(film: Any, arrivals: Arrivals, outside: float) -> None:
+def _warn_of_losses(film: Any, arrivals: Arrivals, profile: Pulse | None, outside: float) -> None:
     """Say when light is missing, and which window would hold it."""
     if outside > LOST_ENERGY:
-        first, last = arrivals.window()
+        first, last = arrivals.window(profile)
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
-            f"{film.end_opl():g} m; {first:.4g} to {last:.4g} m would hold 99.9 % (window='auto')",
+            f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (window='auto')",
             stacklevel=3,
         )
 
@@ -295,26 +339,3 @@ def _versions() -> str:
 
     found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
     return json.dumps(found)
-
-
-def _dataset(steady: np.ndarray, transient: np.ndarray, film: Any, attrs: dict) -> xr.Dataset:
-    """Label the arrays."""
-    import xarray as xr
-
-    height, width, bins, channels = transient.shape
-    x, y = (int(v) for v in film.crop_offset())
-    centres = film.start_opl + (np.arange(bins) + 0.5) * film.bin_width_opl
-    full = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
-    return xr.Dataset(
-        {
-            "transient": (("y", "x", "opl", "channel"), transient),
-            "steady": (("y", "x", "channel"), steady),
-        },
-        coords={
-            "y": np.arange(y, y + height),
-            "x": np.arange(x, x + width),
-            "opl": ("opl", centres, {"units": "m", "long_name": "optical path length"}),
-            "channel": ["L"] if channels == 1 else ["R", "G", "B"],
-        },
-        attrs=attrs | full,
-    )

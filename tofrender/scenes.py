@@ -14,7 +14,7 @@ import mitsuba as mi
 from . import checks
 
 SAMPLER = "owen_sobol"
-"""The sampler of all built-in scenes: a thirtieth of the independent sampler's variance."""
+"""The sampler of all built-in scenes."""
 
 START_OPL = {"area": 3.5, "flash": 6.0}
 """Where the built-in window starts [m], by light; from each light, nothing arrives earlier."""
@@ -115,7 +115,7 @@ def _transient(film: Dict, temporal_bins: int, start_opl: float, bin_width_opl: 
 
 def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) -> Dict:
     checks.one_of("light", light, START_OPL)
-    depth = checks.integer("max_depth", max_depth, 1, checks.MAX_DEPTH)
+    depth = checks.depth("max_depth", max_depth)
     return {
         "type": "scene",
         "integrator": {"type": integrator, "max_depth": depth},
@@ -151,7 +151,7 @@ def cornell_box(
             ceiling light and 6.0 with the flash, a little before the first light arrives.
         bin_width_opl: Width of a bin [m], above 0.
         spp: Samples per pixel.
-        max_depth: Longest path, in segments after the camera's own; 8 is seven bounces.
+        max_depth: Longest path in segments, camera's included; 8 is seven bounces.
         light: "area" for the light in the ceiling, "flash" for a point light at the camera.
 
     Returns:

@@ -44,7 +44,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "bin_width_opl": lambda name, value: checks.metres(name, value, positive=True),
     "spp": lambda name, value: checks.integer(name, value, 1, checks.MAX_SPP),
     "sampler": lambda name, value: checks.one_of(name, value, SAMPLERS),
-    "max_depth": lambda name, value: checks.integer(name, value, 1, checks.MAX_DEPTH),
+    "max_depth": checks.depth,
     "integrator": lambda name, value: checks.one_of(name, value, INTEGRATORS),
     "pulse_width_opl": lambda name, value: checks.metres(name, value, positive=True),
 }

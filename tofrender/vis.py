@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import checks
+from .dataset import first_pixel, time_axis
 from .units import ns_to_opl, opl_to_ns
 
 if TYPE_CHECKING:
@@ -132,10 +133,10 @@ class Transient:
         """Take a Dataset of `render`, or an array with its time axis, and check it."""
         extra: dict[str, Any] = {}
         if hasattr(data, "data_vars"):
-            start_opl = data.attrs["start_opl"] if start_opl is None else start_opl
-            width = data.attrs["bin_width_opl"]
+            start, width = time_axis(data)
+            start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
-            x0, y0 = (int(data[axis].values[0]) for axis in "xy")
+            x0, y0 = first_pixel(data)
             units = re.sub(r"\^(-?\d+)", r"$^{\1}$", data.attrs["units"])
             quantity = f"{data.attrs['quantity']} [{units}]"
             extra = {"x0": x0, "y0": y0, "quantity": quantity}
@@ -332,7 +333,7 @@ def _title(dataset: xr.Dataset) -> str:
     attrs = dataset.attrs
     title = (
         f"{attrs['scene']}, {attrs['spp']} spp, "
-        f"{100 * attrs['energy_outside_window']:.2g} % of the energy outside the window"
+        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window"
     )
     return title if attrs["complete"] else f"{title} (interrupted)"
 

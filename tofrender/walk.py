@@ -108,7 +108,7 @@ def walk(
 
     Args:
         scene: The scene.
-        sampler: Random numbers; every vertex draws six.
+        sampler: Random numbers; every vertex draws six, or four without connections.
         ray: Camera rays, of any number.
         measurement: Receives (spectrum, opl, active) of every connection.
         lights: What connections are made to.

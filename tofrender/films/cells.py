@@ -10,6 +10,9 @@ import numpy as np
 
 from .. import memory
 
+MAX_ADDED = 1 << 16
+"""Samples of one pixel that may be added up in single precision: 2^20 would be 0.4 % low."""
+
 CHUNK = 1 << 16
 """Cells that `take` moves at a time."""
 
@@ -75,14 +78,26 @@ class Cells:
 
     def fold(self) -> None:
         """Put the sums aside and go on with zeros, since single precision loses small addends."""
-        self._folded = self.sums
+        if self._folded is None:
+            self._folded = self._sums
+        else:
+            self._add(self._folded, self._sums)
         self._sums = dr.zeros(mi.Float, dr.width(self._sums))
-        dr.eval(self._folded, self._sums)
 
     @property
     def sums(self) -> mi.Float:
         """All sums, padding included."""
-        return self._sums if self._folded is None else self._sums + self._folded
+        if self._folded is not None:
+            self._add(self._folded, self._sums)
+            self._sums, self._folded = self._folded, None
+        return self._sums
+
+    @staticmethod
+    def _add(target: mi.Float, source: mi.Float) -> None:
+        """Add in place, which takes no further memory."""
+        everywhere = dr.arange(mi.UInt32, dr.width(source))
+        dr.scatter_add(target, source, everywhere, mode=dr.ReduceMode.NoConflicts)
+        dr.eval(target)
 
     def scale(self, factor: float) -> None:
         """Multiply all cells by a number."""
@@ -96,10 +111,6 @@ class Cells:
         line = index // (width * pixel)
         column = index - line * (width * pixel)
         dr.scatter_add(self._sums, tile.sums, ((line + y) * self.shape[1] + x) * pixel + column)
-
-    def schedule(self) -> None:
-        """Schedule the sums for the next evaluation."""
-        dr.schedule(self._sums)
 
     # ----------------------------------------------------------------------------- results
 

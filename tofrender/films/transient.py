@@ -29,6 +29,7 @@ class TransientHDRFilm(mi.Film):
     | `crop_width` ... `crop_offset_y` | whole film | crop window [pixels] |
     | `sample_border` | false | sample beyond the border, by the filter's radius |
     | `rfilter` | box | reconstruction filter, in space; others than box cost time |
+    | `pixel_format`, ... | | only what is stored: RGB (or luminance) in float32, OpenEXR |
 
     `develop()` returns `(steady, transient)`: tensors of shape (height, width, channels) and
     (height, width, temporal_bins, channels), of the crop's size, where channels is 1 in
@@ -70,6 +71,13 @@ class TransientHDRFilm(mi.Film):
                 raise ValueError(
                     f"{name} = {props.get(name)}: must be 0, this film has no laser axes"
                 )
+        stored = {
+            "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
+            "component_format": "float32",
+            "file_format": "openexr",
+        }
+        for name, only in stored.items():
+            checks.one_of(name, props.get(name, only), (only,))
         for name in ("width", "height", "crop_width", "crop_height"):
             if name in props:
                 checks.integer(name, props[name], 1, checks.MAX_SIZE)
@@ -77,8 +85,8 @@ class TransientHDRFilm(mi.Film):
         self.temporal_bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
         self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
         self.start_opl = checks.metres("start_opl", start)
-        self.steady: Any = None
-        self.bins: Any = None
+        self._steady: Any = None
+        self._bins: Any = None
         self.samples_per_pixel: float | None = None
         self.partial = False
         self.one_writer_per_pixel = False
@@ -106,8 +114,9 @@ class TransientHDRFilm(mi.Film):
             MemoryError: The bins do not fit into memory; one line with their size and what fits.
         """
         height, width, _, _ = self.shape
-        self.bins = Cells(*self.shape)
-        self.steady = mi.load_dict(
+        self._bins = None  # Before there are new ones
+        self._bins = Cells(*self.shape)
+        self._steady = mi.load_dict(
             {
                 "type": "hdrfilm",
                 "width": self.size().x,
@@ -128,9 +137,10 @@ class TransientHDRFilm(mi.Film):
 
     def clear(self) -> None:
         """Empty all bins and the steady image."""
-        if self.steady is not None:
-            self.steady.clear()
-            self.bins = Cells(*self.shape)
+        if self._steady is not None:
+            self._steady.clear()
+            self._bins = None
+            self._bins = Cells(*self.shape)
 
     def fold(self) -> None:
         """Put the bins aside and go on with empty ones; `develop` returns the sum.
@@ -178,8 +188,6 @@ class TransientHDRFilm(mi.Film):
             RuntimeError: `prepare` was not called, or a filter's weights cannot be told because
                 the integrator did not set `samples_per_pixel`.
         """
-        if self.steady is None:
-            raise RuntimeError("transient_hdr_film: develop() before prepare(): nothing rendered")
         scale = None if raw else self._pixel_scale()
         return self.steady.develop(raw=raw), self.bins.tensor(scale)
 
@@ -191,10 +199,34 @@ class TransientHDRFilm(mi.Film):
         """
         scale = self._pixel_scale()
         steady, transient = np.array(self.steady.develop()), self.bins.take(scale)
-        self.steady = self.bins = None
+        self._steady = self._bins = None
         return steady, transient
 
     # --------------------------------------------------------------------- operations on films
+
+    @property
+    def steady(self) -> Any:
+        """The steady image, a film of type `hdrfilm`.
+
+        Raises:
+            RuntimeError: `prepare` was not called.
+        """
+        return self._prepared(self._steady)
+
+    @property
+    def bins(self) -> Cells:
+        """The bins.
+
+        Raises:
+            RuntimeError: `prepare` was not called.
+        """
+        return self._prepared(self._bins)
+
+    @staticmethod
+    def _prepared(part: Any) -> Any:
+        if part is None:
+            raise RuntimeError("transient_hdr_film: is empty; call prepare() first, or render")
+        return part
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -212,17 +244,22 @@ class TransientHDRFilm(mi.Film):
         return self.bins.slice(k, self._pixel_scale())
 
     def merge_tile(self, tile: TransientHDRFilm) -> None:
-        """Add the bins of a film that covers a part of this one, as its crop window tells.
+        """Add the bins and the steady image of a film that was rendered for a part of this one.
 
         Args:
-            tile: A film of the same `size`, bins and filter, both prepared. Its steady image is
-                added too.
+            tile: A film of the same `size`, bins and filter, whose crop window tells its place.
+                Every sample of its integrator must be the only ones in its pixels: tiles do not
+                overlap but by their filter's border.
 
         Raises:
-            ValueError: The tile's bins differ or it does not lie within this film's window.
+            ValueError: The tile differs or does not lie within this film's window.
         """
         for name in ("temporal_bins", "start_opl", "bin_width_opl"):
             mine, its = getattr(self, name), getattr(tile, name)
+            if mine != its:
+                raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
+        for name in ("size", "rfilter"):
+            mine, its = str(getattr(self, name)()), str(getattr(tile, name)())
             if mine != its:
                 raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
         x, y = (int(v) for v in tile.crop_offset() - self.crop_offset())
@@ -235,17 +272,20 @@ class TransientHDRFilm(mi.Film):
         self.bins.merge(tile.bins, x, y)
         raw = tile.steady.develop(raw=True)
         self.steady.put_block(mi.ImageBlock(raw, tile.crop_offset()))
+        self.samples_per_pixel = tile.samples_per_pixel
+        self.partial |= tile.partial
 
     def scale(self, factor: float) -> None:
-        """Multiply all bins by a number; the steady image, a mean over samples, stays."""
+        """Multiply the bins and the steady image by a number."""
         self.bins.scale(factor)
+        raw = self.steady.develop(raw=True)
+        count = raw.shape[2]
+        is_weight = dr.arange(mi.UInt32, dr.width(raw.array)) % count == count - 1
+        scaled = raw.array * dr.select(is_weight, 1.0, factor)
+        self.steady.clear()
+        self.steady.put_block(mi.ImageBlock(mi.TensorXf(scaled, raw.shape), self.crop_offset()))
 
     # ---------------------------------------------------------------------------- details
-
-    def schedule_storage(self) -> None:
-        """Schedule the bins and the steady image for the next evaluation."""
-        self.bins.schedule()
-        self.steady.schedule_storage()
 
     def to_string(self) -> str:
         """The film's parameters."""
@@ -255,12 +295,6 @@ class TransientHDRFilm(mi.Film):
             f"  bin_width_opl = {self.bin_width_opl},\n  start_opl = {self.start_opl},\n"
             f"  filter = {self.rfilter()}\n]"
         )
-
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Expose the window to `mi.traverse`."""
-        super().traverse(callback)
-        for name in ("temporal_bins", "bin_width_opl", "start_opl"):
-            callback.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
 
     def _channels(self, spectrum, wavelengths, active) -> list[mi.Float]:
         """The values that a bin stores."""

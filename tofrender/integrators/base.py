@@ -9,18 +9,17 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .. import backend, checks
+from .. import backend, checks, memory
 from ..camera import behind_emitters, pixel_corner, sample_camera, sampled_size
+from ..films.cells import MAX_ADDED
 from ..films.deposit import FilmDeposit
 from ..lights import EmitterHits, SceneLights
+from ..pulses import Pulse
 from ..sampling.owen_sobol import mix
 from ..walk import Radiance, walk
 
 STEP_SAMPLES = 1 << 22
 """Camera rays of one kernel launch: about a second's work on two cores."""
-
-MAX_STEP_SPP = 1 << 16
-"""Samples of one pixel that may be added up in single precision: 2^20 would be 0.4 % low."""
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
@@ -51,8 +50,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         depth, roulette = props.get("max_depth", 6), props.get("rr_depth", 5)
-        self.max_depth = checks.integer("max_depth", depth, -1, checks.MAX_DEPTH)
+        self.max_depth = checks.depth("max_depth", depth)
         self.rr_depth = checks.integer("rr_depth", roulette, 1, checks.MAX_DEPTH)
+        if props.get("timeout", -1.0) > 0:
+            raise ValueError(
+                f"timeout = {props['timeout']}: must be left out; Ctrl-C stops a render"
+            )
         super().__init__(props)
         self.camera_unwarp = bool(props.get("camera_unwarp", False))
         self.discard_direct_light = bool(props.get("discard_direct_light", False))
@@ -60,13 +63,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------ for subclasses
 
+    pulse: Pulse | None = None
+    temporal_filter: str = "box"
+
     def temporal_profile(self, film: Any) -> Any:
         """The pulse that each contribution is spread by, None for an instant.
 
         Raises:
             ValueError: This film or filter cannot be used; one line.
         """
-        return None
+        return self.pulse
 
     # ------------------------------------------------------------------------- paths
 
@@ -121,14 +127,23 @@ class TransientIntegrator(mi.SamplingIntegrator):
             `(steady, transient)` as the film develops them, None if `develop` is false.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        sampler = sensor.sampler().clone()
+        film, sampler = sensor.film(), sensor.sampler().clone()
         if spp:
             sampler.set_sample_count(spp)
+        if develop and hasattr(film, "shape"):  # The bins, and the tensor that is returned
+            memory.require_film(*film.shape, 1 + film.shape[3] / memory.stride(film.shape[3]))
         with dr.suspend_grad():
-            for _ in self.steps(scene, sensor, sensor.film(), sampler, seed):
-                if self.should_stop():
-                    break
-            return sensor.film().develop() if develop else None
+            for _ in self.steps(scene, sensor, film, sampler, seed):
+                pass
+            return film.develop() if develop else None
+
+    def render_forward(self, *args, **kwargs):
+        """Refused: there are no derivatives yet."""
+        raise NotImplementedError(
+            "transient integrators have no derivatives; use mi.render without"
+        )
+
+    render_backward = render_forward
 
     def steps(
         self,
@@ -160,6 +175,10 @@ class TransientIntegrator(mi.SamplingIntegrator):
             MemoryError: The film does not fit.
         """
         backend.require_vectorised()
+        if sensor.class_name() == "BatchSensor":
+            raise ValueError(
+                "sensor: is a batch of sensors; must be one, e.g. a perspective camera"
+            )
         if not hasattr(film, "add_transient_data"):
             raise TypeError(
                 f"film: is a {film.class_name()}; must be a transient_hdr_film or another film "
@@ -197,7 +216,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             _step(film, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count)
             done += count * lanes
             film.partial = done < spp
-            if spp > done >= folded + MAX_STEP_SPP and hasattr(film, "fold"):
+            if spp > done >= folded + MAX_ADDED and hasattr(film, "fold"):
                 film.fold()
                 folded = done
             yield done
@@ -205,7 +224,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
 def _plan(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
     """Lanes per pixel, samples that each lane takes in a step, and whether pixels are private."""
-    most = max(1, min(STEP_SAMPLES // pixels, MAX_STEP_SPP))
+    most = max(1, min(STEP_SAMPLES // pixels, MAX_ADDED))
     if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
         return _divisor(spp, most), 1, False
     if (mi.variant() or "").startswith("cuda"):

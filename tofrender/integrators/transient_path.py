@@ -26,9 +26,8 @@ class TransientPath(TransientIntegrator):
     | `gaussian_stddev` | 2.0 | standard deviation of the Gaussian filter [bins] |
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m] |
 
-    Attributes:
-        pulse: Temporal profile of the light, any pulse of `tofrender.pulses`; None is an instant.
-            It can be set. Its energy in each bin is exact and adds no noise.
+    The light's `pulse` can be set to any of `tofrender.pulses`. Its energy in each bin is exact and
+    adds no noise.
 
     Limitations: participating media are ignored, as in Mitsuba's `path`; no derivatives.
 
@@ -46,9 +45,24 @@ class TransientPath(TransientIntegrator):
         self.temporal_filter = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
         self.gaussian_stddev = checks.metres("gaussian_stddev", bins, positive=True)
         width = props.get("pulse_width_opl", None)
-        self.pulse: Pulse | None = None
+        self._pulse: Pulse | None = None
         if width is not None:
-            self.pulse = GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
+            self._pulse = GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
+
+    @property
+    def pulse(self) -> Pulse | None:
+        """Temporal profile of the light [m], None for an instant.
+
+        Raises:
+            TypeError: What is assigned is not a pulse; one line.
+        """
+        return self._pulse
+
+    @pulse.setter
+    def pulse(self, pulse: Pulse | None) -> None:
+        if pulse is not None and not (hasattr(pulse, "cdf") and hasattr(pulse, "support")):
+            raise TypeError(f"pulse = {pulse!r}: must be a pulse like GaussianPulse(0.03), or None")
+        self._pulse = pulse
 
     def temporal_profile(self, film: Any) -> Pulse | None:
         """The light's pulse, seen through the temporal filter."""
@@ -77,10 +91,12 @@ class TransientPath(TransientIntegrator):
 
     def to_string(self) -> str:
         """The integrator's parameters."""
-        return (
-            f"TransientPath[max_depth = {self.max_depth}, rr_depth = {self.rr_depth}, "
-            f"temporal_filter = '{self.temporal_filter}', pulse = {self.pulse}]"
+        names = (
+            *("max_depth", "rr_depth", "hide_emitters", "camera_unwarp", "discard_direct_light"),
+            *("emitter_sampling", "temporal_filter", "gaussian_stddev", "pulse"),
         )
+        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
+        return f"TransientPath[{values}]"
 
 
 for name in ("transient_path", "tofrender_transient_path"):

@@ -63,10 +63,19 @@ def replacing(
 def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:
     """The one-line error for a disk without room for `needed_bytes` at `path`."""
     free = shutil.disk_usage(nearest_folder(path)).free
-    needed = "more" if needed_bytes is None else f"up to {needed_bytes} bytes"
-    error = OSError(f"path = {path}: the disk is full; needs {needed}, {free} bytes are free")
+    needed = "more" if needed_bytes is None else f"up to {_size(needed_bytes)}"
+    error = OSError(f"path = {path}: too little room; needs {needed}, {_size(free)} is free")
     error.errno = errno.ENOSPC
     return error
+
+
+def _size(count: float) -> str:
+    """A number of bytes in a readable unit."""
+    for unit in ("bytes", "KiB", "MiB", "GiB"):
+        if count < 1024:
+            return f"{count:.4g} {unit}"
+        count /= 1024
+    return f"{count:.4g} TiB"
 
 
 def nearest_folder(path: str | os.PathLike) -> Path:

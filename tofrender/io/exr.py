@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import checks
+from ..dataset import DIMS, check_dataset, plain
 from .atomic import replacing
-from .description import DIMS, check_dataset, describe, plain, restore
+from .description import describe, restore
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
 from .parallel import for_each

@@ -10,8 +10,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from ..dataset import check_dataset
 from .atomic import replacing
-from .description import check_dataset, describe, restore
+from .description import describe, restore
 from .output import check_output, stack_bytes
 
 if TYPE_CHECKING:

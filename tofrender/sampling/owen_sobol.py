@@ -16,6 +16,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .. import checks
+
 
 def mix(a: mi.UInt32, b: mi.UInt32) -> mi.UInt32:
     """Hash two 32-bit integers into one."""
@@ -74,20 +76,28 @@ class OwenSobolSampler(mi.Sampler):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        checks.integer("sample_count", props.get("sample_count", 4), 1, checks.MAX_SPP)
+        self.base_seed = checks.integer("seed", props.get("seed", 0), 0, checks.MAX_SEED)
         super().__init__(props)
-        self.lanes_per_pixel = 1
+        self.lanes_per_pixel: int | None = None
         self.index = mi.UInt32(0)  # Number of the point
         self.dimension = mi.UInt32(0)  # Number of the pair within the point
         self.pixel_hash = mi.UInt32(0)
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
-        """Start at the first point of `wavefront_size / samples_per_wavefront` pixels."""
+        """Start at the first point of every pixel.
+
+        Mitsuba's own integrators never say how many lanes share a pixel; it is all samples then.
+        """
+        if self.lanes_per_pixel is None:
+            count = self.sample_count()
+            self.lanes_per_pixel = count if wavefront_size % count == 0 else 1
         lane = dr.arange(mi.UInt32, wavefront_size)
         pixel = lane // dr.opaque(mi.UInt32, self.lanes_per_pixel)
         self.index = lane - pixel * self.lanes_per_pixel
         self.dimension = mi.UInt32(0)
         seed = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
-        self.pixel_hash = mix(pixel, seed)
+        self.pixel_hash = mix(mix(pixel, seed), mi.UInt32(self.base_seed))
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
         """Let this many neighbouring lanes share a pixel and its point set."""
@@ -95,7 +105,7 @@ class OwenSobolSampler(mi.Sampler):
 
     def advance(self) -> None:
         """Go on to the next point of each lane."""
-        self.index = self.index + self.lanes_per_pixel
+        self.index = self.index + (self.lanes_per_pixel or 1)
         self.dimension = mi.UInt32(0)
 
     def skip(self, count: int) -> None:
@@ -127,6 +137,7 @@ class OwenSobolSampler(mi.Sampler):
         """An unseeded sampler with the same parameters."""
         props = mi.Properties("owen_sobol")
         props["sample_count"] = self.sample_count()
+        props["seed"] = self.base_seed
         return type(self)(props)
 
     def schedule_state(self) -> None:
