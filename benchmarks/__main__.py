@@ -27,7 +27,7 @@ def main() -> None:
             if unknown
             else (f"--runs = {options.runs}: must be 1 or more")
         )
-        parser.exit(2, f"error: {what}\n")
+        parser.exit(2, f"{parser.prog}: error: {what}\n")
     logging.getLogger().setLevel(logging.ERROR)
     mi.set_log_level(mi.LogLevel.Error)
     print(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import pytest
 
-import tofrender  # noqa: F401  (picks the variant, registers the plugins)
+import tofrender  # Picks the variant and registers the plugins
 
 VARIANT = "llvm_ad_rgb"
 
@@ -18,3 +18,12 @@ def _variant():
     yield
     if mi.variant() != VARIANT:
         mi.set_variant(VARIANT)
+
+
+@pytest.fixture
+def mitsubas_steps(monkeypatch):
+    """Let paths leave specular surfaces where Mitsuba's do: a fraction of a millimetre beside.
+
+    With it, our pictures are Mitsuba's to float rounding; `test_lengths.py` has what it is for.
+    """
+    monkeypatch.setattr(tofrender.walk, "leave", lambda si, d, specular: si.spawn_ray(d))

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -101,7 +105,7 @@ def test_scenes(capsys):
         (["--bin-width", "inf"], "--bin-width = inf: must be a finite number"),
         (["--start-opl", "nan"], "--start-opl = nan: must be a finite number of metres"),
         (["--pulse-width", "wide"], "--pulse-width = 'wide': must be a finite number"),
-        (["--max-depth", "0"], "--max-depth = 0: must be an integer"),
+        (["--max-depth", "0"], "--max-depth = 0: must be -1 (no limit) or an integer"),
         (["--seed", "-1"], "--seed = -1: must be an integer from 0 to 4294967295"),
         (["--sampler", "halton"], "--sampler = 'halton': must be one of"),
         (["--sampler", "multijiter"], "--sampler = 'multijiter': did you mean 'multijitter'?"),
@@ -254,23 +258,33 @@ def test_interrupted_render_is_saved(capsys, tmp_path, monkeypatch):
     assert names(folder) == FRAMES
 
 
+def _rest(screen: int) -> str:
+    """What is still written to a terminal until its program ends."""
+    text = b""
+    with contextlib.suppress(OSError):  # How Linux says that it is closed
+        while part := os.read(screen, 1 << 12):
+            text += part
+    return text.decode()
+
+
 @pytest.mark.slow
 def test_ctrl_c(tmp_path):
     folder = tmp_path / "box"
     size = ["--size", "64x64", "--spp", str(1 << 24)]
+    screen, stderr = pty.openpty()  # The bar shows in a terminal only
+    termios.tcsetwinsize(stderr, (24, 80))
     process = subprocess.Popen(
         [*COMMAND, "render", "cornell_box", "--out", folder, *size, "--no-video"],
         cwd=ROOT,
-        stderr=subprocess.PIPE,
-        text=True,
+        stderr=stderr,
     )
+    os.close(stderr)
     shown = ""
     while "Rendering" not in shown:
-        character = process.stderr.read(1)
-        assert character, shown
-        shown += character
+        shown += os.read(screen, 1 << 12).decode()
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=120)
+    err = _rest(screen)
+    process.wait(timeout=120)
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "error: interrupted after" in err

@@ -33,6 +33,8 @@ from support import (
 
 from tofrender.scenes import cornell_box
 
+pytestmark = pytest.mark.usefixtures("mitsubas_steps")
+
 FILTERS = ["gaussian", "tent", "mitchell"]
 SEEDS = range(16)
 OTHER_SEEDS = range(1000, 1016)

@@ -155,11 +155,11 @@ def test_glass_counts_with_its_index():
     assert found.all()[0].size > 180  # 4 faces pass 81 %
 
 
-@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, 2e-5), (20.0, 1e-4), (50.0, 1e-3)])
+@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, 2e-5), (20.0, 1e-4), (50.0, 1e-4)])
 def test_glass_at_an_angle(angle, tolerance):
     """Through a slab at the angle a, refracted to b: air / cos a + n d / cos b.
 
-    Rays leave the glass 0.4 mm off its face, which moves what they meet at steep angles.
+    Started along the normal, 0.4 mm off the glass, rays would be 0.6 mm aside at 50 degrees.
     """
     index, thickness, height = 1.5, 0.4, 4.0
     size = mi.ScalarTransform4f().scale([50, 50, 0.5 * thickness])
@@ -276,7 +276,7 @@ def test_surfaces_that_let_light_pass_do_not_bend_its_length(kind):
 
 
 def test_mirror_far_away():
-    """Form i at 100 m. The floor is met 4 mm aside, where rays leave the mirror, hence the 3 mm."""
+    """Form i at 100 m. Started along the mirror's normal, rays would meet the floor 4 mm aside."""
     eye, lamp, x = (-30.0, 5.0, 20.0), (30.0, 15.0, 40.0), (10.0, -8.0, 0.0)
     ceiling = translate(0, 0, 50) @ rotate((1, 0, 0), 180)
     parts = {
@@ -289,4 +289,4 @@ def test_mirror_far_away():
     ahead = unit(np.subtract(x, image)) * [1, 1, -1]
     found = follow(loaded, beam(eye, eye + ahead), max_depth=3)
     _, opl = oracles.point_light_on_plane(image, x, (0, 0, 1), lamp, 1e4, 0.5)
-    assert found.all()[0] == pytest.approx([opl], abs=3e-3)
+    assert found.all()[0] == pytest.approx([opl], abs=1e-3)

@@ -75,7 +75,7 @@ def test_what_is_offered_fits(machine, free, shape):
     start = f"film of {width} x {height} pixels x {bins} bins: takes {size / GIB:.1f} GiB, "
     assert text.startswith(start + "must be at most ")
     assert float(re.search(r"at most ([\d.]+) GiB", text)[1]) <= most / GIB + 0.05
-    fewer, narrow, low = map(int, re.search(r"; (\d+) bins .* or (\d+) x (\d+)", text).groups())
+    fewer, narrow, low = map(int, re.search(r"; (\d+) bins or (\d+) x (\d+)", text).groups())
     memory.require_film(height, width, fewer, channels)
     memory.require_film(low, narrow, bins, channels)
     for more in ((height, width, fewer + 1), (low + height // 50 + 1, narrow + width // 50, bins)):

@@ -19,6 +19,12 @@ from tofrender.progress import deferred_stop, progress_bar
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.fixture(autouse=True)
+def watched(monkeypatch):
+    """As if stderr was a terminal."""
+    monkeypatch.setattr(progress, "is_watched", lambda: True)
+
+
 def two_updates(**options) -> None:
     """Short work until 0.3 s, then one more update."""
     with progress_bar("Working", 8, **options) as bar:
@@ -89,6 +95,7 @@ warnings.simplefilter("error")
 sys.modules["ipywidgets"] = None  # Not installed
 shell = types.SimpleNamespace(config={"IPKernelApp": {}})
 sys.modules["IPython"] = types.ModuleType("IPython")
+sys.modules["ipykernel"] = types.ModuleType("ipykernel")
 sys.modules["IPython"].get_ipython = lambda: shell
 sys.argv = ["tofrender"]  # No variant is needed
 from tofrender import progress

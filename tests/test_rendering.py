@@ -296,7 +296,7 @@ def test_long_renders_are_folded(monkeypatch):
         tofrender.TransientHDRFilm, "fold", lambda self: folds.append(1) or fold(self)
     )
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
-    monkeypatch.setattr(base, "MAX_STEP_SPP", 128)
+    monkeypatch.setattr(base, "MAX_ADDED", 128)
     parts = render(box(), spp=512)
     assert len(folds) == 3  # After 128, 256 and 384 samples; the end needs none
     np.testing.assert_allclose(parts.transient, whole.transient, rtol=1e-4, atol=1e-6)

@@ -169,7 +169,7 @@ def test_flash_and_ceiling_light_are_about_equally_bright():
         ({"bin_width_opl": float("nan")}, "bin_width_opl = nan: must be a finite number"),
         ({"start_opl": float("-inf")}, "start_opl = -inf: must be a finite number"),
         ({"spp": 0}, "spp = 0: must be an integer from 1 to 16777216"),
-        ({"max_depth": 0}, "max_depth = 0: must be an integer"),
+        ({"max_depth": 0}, r"max_depth = 0: must be -1 \(no limit\) or an integer"),
         ({"light": "flsh"}, "light = 'flsh': did you mean 'flash'?"),
         ({"light": None}, "light = None: must be one of area, flash"),
         ({"light": ["area"]}, r"light = \['area'\]: must be one of"),

@@ -24,15 +24,19 @@ class ArrivalHistogram:
 
     Attributes:
         energy: Array of `BINS` values; light before 1 mm is in the first, after 100 km in the last.
+        hits: Number of contributions in each bin.
     """
 
     energy: Any
+    hits: Any
 
     def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
         """Add a contribution of all channels."""
         position = dr.log(dr.maximum(opl, FIRST_OPL) / FIRST_OPL) / np.log(LAST_OPL / FIRST_OPL)
         k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
-        dr.scatter_add(self.energy, dr.sum(spectrum), k, active & dr.isfinite(opl))
+        active &= dr.isfinite(opl)
+        dr.scatter_add(self.energy, dr.sum(spectrum), k, active)
+        dr.scatter_add(self.hits, 1.0, k, active)
 
 
 @dataclass
@@ -42,10 +46,12 @@ class Arrivals:
     Attributes:
         edges: Edges of the bins [m], shape (n + 1,), in powers of a common ratio.
         energy: Energy in each bin, in arbitrary units, shape (n,).
+        hits: Number of contributions in each bin, shape (n,).
     """
 
     edges: np.ndarray
     energy: np.ndarray
+    hits: np.ndarray
 
     @property
     def any(self) -> bool:
@@ -72,11 +78,11 @@ class Arrivals:
         digit = 10.0 ** (math.floor(math.log10(stop - start)) - 2)
         return math.floor(start / digit) * digit, math.ceil(stop / digit) * digit
 
-    def between(self, start_opl: float, stop_opl: float, profile: Pulse | None = None) -> bool:
-        """Whether any light was found in a window [m], seen through `profile`."""
+    def between(self, start_opl: float, stop_opl: float, profile: Pulse | None = None) -> int:
+        """Number of contributions in a window [m], seen through `profile`."""
         low, high = (0.0, 0.0) if profile is None else profile.support
         overlaps = (self.edges[1:] + high > start_opl) & (self.edges[:-1] + low < stop_opl)
-        return bool(self.energy[overlaps].sum() > 0)
+        return int(self.hits[overlaps].sum())
 
 
 def find_arrivals(
@@ -97,10 +103,10 @@ def find_arrivals(
     pixel = mi.UInt32(sampler.next_1d() * (width * height))
     with dr.suspend_grad():
         camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
-        histogram = ArrivalHistogram(dr.zeros(mi.Float, BINS))
+        histogram = ArrivalHistogram(dr.zeros(mi.Float, BINS), dr.zeros(mi.Float, BINS))
         lights = integrator.lights(scene, sensor)
         integrator.trace(scene, sampler, camera.ray, camera.origin, histogram, lights)
     edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
     edges[0] = 0.0
-    energy = np.array(histogram.energy, dtype=np.float64)
-    return Arrivals(edges, energy)
+    energy, hits = (np.array(a, dtype=np.float64) for a in (histogram.energy, histogram.hits))
+    return Arrivals(edges, energy, hits)

@@ -60,13 +60,14 @@ def depth(name: str, value: Any) -> int:
         raise ValueError(f"{name} = {value!r}: must be {allowed}") from None
 
 
-def metres(name: str, value: Any, *, positive: bool = False) -> float:
+def metres(name: str, value: Any, *, positive: bool = False, unit: str = "metres") -> float:
     """Return `value`, a length in metres, as a finite float.
 
     Args:
         name: The parameter's name, for the message.
         value: A number; NaN, infinities, bools and text are refused.
         positive: Whether the length must be above 0 (a width) or may be any (a position).
+        unit: What the message calls the unit, if it is another one.
 
     Raises:
         ValueError: One line with name, value and what is allowed.
@@ -82,8 +83,24 @@ def metres(name: str, value: Any, *, positive: bool = False) -> float:
         number = math.nan
     if not math.isfinite(number) or (positive and number <= 0):
         above = " above 0" if positive else ""
-        raise ValueError(f"{name} = {value!r}: must be a finite number of metres{above}")
+        raise ValueError(f"{name} = {value!r}: must be a finite number of {unit}{above}")
     return number
+
+
+def boolean(name: str, value: Any) -> bool:
+    """Return `value` if it is True or False.
+
+    Raises:
+        ValueError: One line with name and value.
+
+    Example:
+        >>> boolean("camera_unwarp", "yes")
+        Traceback (most recent call last):
+        ValueError: camera_unwarp = 'yes': must be True or False
+    """
+    if isinstance(value, bool):
+        return value
+    raise ValueError(f"{name} = {value!r}: must be True or False")
 
 
 def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
@@ -101,4 +118,5 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
         return value
     close = get_close_matches(value, allowed, 1) if isinstance(value, str) else []
     hint = f"did you mean {close[0]!r}? Must" if close else "must"
-    raise ValueError(f"{name} = {value!r}: {hint} be one of {', '.join(allowed)}")
+    known = ", ".join(each or "''" for each in allowed)
+    raise ValueError(f"{name} = {value!r}: {hint} be one of {known}")

@@ -25,7 +25,7 @@ def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
     parts += [emitter.class_name() for emitter in scene.emitters()]
     for prefix, part in (("scene", scene), ("sensor", sensor)):
         parameters = mi.traverse(part)
-        for name in parameters.keys():
+        for name in list(parameters.keys()):
             if "film." not in name:
                 parts.append(f"{prefix}.{name} = {parameters[name]}")
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:12]

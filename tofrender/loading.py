@@ -170,8 +170,10 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if isinstance(source, str):
         source = BUILT_IN[source]()
     if not isinstance(source, Mapping):
+        shown = repr(source)
+        shown = shown if len(shown) < 40 and "\n" not in shown else type(source).__name__
         raise ValueError(
-            f"scene: is a {type(source).__name__}; must be a built-in name, an XML file, a dict, "
+            f"scene = {shown}: must be a built-in name, an XML file, a dict, "
             f"or a scene of the active variant {mi.variant()}"
         )
     if source.get("type") != "scene":

@@ -14,6 +14,11 @@ DELAY_S = 2.0
 """A bar appears only for work that takes longer than this [s]."""
 
 
+def is_watched() -> bool:
+    """Whether somebody looks at stderr: it is a terminal, or a notebook's."""
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
+
+
 def progress_bar(description: str, total: int | None, *, unit: str = "frame", enabled: bool = True):
     """A tqdm bar, for terminal or notebook, that shows up after two seconds.
 
@@ -33,7 +38,7 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
         unit=unit,
         unit_scale=unit == "B",
         delay=DELAY_S,
-        disable=not (enabled and (sys.stderr.isatty() or "ipykernel" in sys.modules)),
+        disable=not (enabled and is_watched()),
         leave=False,
     )
 

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DEFAULT_SAMPLER = "owen_sobol"
+MANY_HITS = 1000
+"""Contributions near an empty window from which on chance cannot explain that it is empty."""
+
 LOST_ENERGY = 0.01
 """Energy outside the window, as a fraction, above which `render` warns."""
 
@@ -166,10 +169,16 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
         integrator = load_plugin("integrator", integrator)
     found = scene.integrator() if integrator is None else integrator
     if not hasattr(found, "steps"):
-        kind = found.class_name() if type(found).__module__ == "mitsuba" else type(found)
+        cls = type(found)
+        foreign = cls.__module__ not in ("mitsuba", "builtins")
+        kind = (
+            f"{cls.__module__}.{cls.__name__}"
+            if foreign
+            else getattr(found, "class_name", lambda: repr(found))()
+        )
         raise ValueError(
-            f"integrator = {kind}: cannot be used here; must be one of {', '.join(INTEGRATORS)}, "
-            "of this package: name one, or give the scene as a dict or file"
+            f"integrator = {kind}: cannot render in time; must be one of {', '.join(INTEGRATORS)}"
+            + (", as this package has it: give the scene as a dict or file" if foreign else "")
         )
     return found
 
@@ -278,8 +287,8 @@ def _is_auto(window: Any) -> bool:
 def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     """Refuse a window that no light reaches, and doubt one that none of the test paths reached.
 
-    Light is out of reach well before the first arrival that was found, and where none was found
-    within a quarter of the path length to either side.
+    No light reaches a window where none was found while much was nearby, within a quarter of the
+    path length, or where there was none nearby either. In between, light may be too rare.
     """
     start, stop = film.start_opl, film.end_opl()
     if not arrivals.any:
@@ -288,7 +297,7 @@ def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     if arrivals.between(start, stop, profile):
         return
     first, last = arrivals.window(profile, 1.0)
-    if stop < 0.95 * first or not arrivals.between(start / 1.25, stop * 1.25, profile):
+    if not 0 < arrivals.between(start / 1.25, stop * 1.25, profile) < MANY_HITS:
         raise ValueError(
             f"start_opl, end = {start:g} m, {stop:g} m: no light arrives in this window; "
             f"it must overlap {first:g} m to {last:g} m"

@@ -84,6 +84,19 @@ def index_behind(
     return dr.select(crossing & (sample.eta > 0), sample.eta, 1)
 
 
+def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
+    """The ray from a vertex in direction `d`, started a little off the surface.
+
+    Mitsuba moves the start along the normal. After a specular bounce, whose direction is no random
+    number, that would move every further vertex sideways: there the start moves along the ray, as
+    far off the surface, but at most ten times that far at grazing angles.
+    """
+    ray = si.spawn_ray(d)
+    along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
+    ray.o = dr.select(specular, dr.fma(d, along, si.p), ray.o)
+    return ray
+
+
 @dr.syntax
 def walk(
     scene: mi.Scene,
@@ -91,8 +104,7 @@ def walk(
     ray: mi.Ray3f,
     measurement: M,
     lights: SceneLights,
-    *,
-    max_depth: int,
+    max_depth: int,  # No bare * before it: dr.syntax would drop the defaults
     rr_depth: int = 5,
     origin: mi.Point3f | None = None,
     unwarp: bool = False,
@@ -104,7 +116,8 @@ def walk(
 
     Unidirectional path tracing with next-event estimation and multiple importance sampling. The
     length of a path is the sum of index of refraction times distance between its vertices, taken
-    point to point: rays start a little off the surface, and camera rays at the near plane.
+    point to point: rays start a little off the surface, and camera rays at the near plane. The
+    index is relative to the medium that the camera is in.
 
     Args:
         scene: The scene.
@@ -200,7 +213,7 @@ def walk(
 
         # ------------------- Move to the next vertex ---------------------
 
-        ray = si.spawn_ray(si.to_world(bs.wo))
+        ray = leave(si, si.to_world(bs.wo), mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta))
         β *= mi.unpolarized_spectrum(bsdf_weight)
         η *= bs.eta
         prev = mi.Interaction3f(si)

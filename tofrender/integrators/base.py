@@ -57,9 +57,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
                 f"timeout = {props['timeout']}: must be left out; Ctrl-C stops a render"
             )
         super().__init__(props)
-        self.camera_unwarp = bool(props.get("camera_unwarp", False))
-        self.discard_direct_light = bool(props.get("discard_direct_light", False))
-        self.emitter_sampling = bool(props.get("emitter_sampling", True))
+        self.camera_unwarp, self.discard_direct_light, self.emitter_sampling = (
+            checks.boolean(name, props.get(name, default))
+            for name, default in (
+                ("camera_unwarp", False),
+                ("discard_direct_light", False),
+                ("emitter_sampling", True),
+            )
+        )
 
     # ------------------------------------------------------------------ for subclasses
 
