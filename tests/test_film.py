@@ -433,3 +433,63 @@ def test_a_walk_needs_no_film():
     parts = {"floor": plane(bsdf=diffuse(0.5)), "lamp": point_light((0, 0, 1), 1.0)}
     loaded = load(scene(parts, camera((0, 0, 2), (0, 0, 0), film())))
     assert follow(loaded, beam((0, 0, 2), (0, 0, 0))).all()[0] == pytest.approx([3.0])
+
+
+# ------------------------------------------------------------------------------- clear refusals
+
+
+@pytest.mark.parametrize("call", ["develop", "take", "time_slice", "scale", "fold"])
+def test_an_empty_film_says_so(call):
+    made = mi.load_dict(film(), parallel=False)
+    arguments = {"time_slice": (0,), "scale": (2.0,)}.get(call, ())
+    with pytest.raises(RuntimeError, match=r"is empty; call prepare\(\) first"):
+        getattr(made, call)(*arguments)
+
+
+def test_scale_keeps_the_balance():
+    target = load(with_film(SCENES["cornell"]()))
+    mi.render(target, spp=4)
+    made = target.sensors()[0].film()
+    steady, transient = (np.array(t) for t in made.develop())
+    made.scale(2.5)
+    scaled_steady, scaled = (np.array(t) for t in made.develop())
+    np.testing.assert_allclose(scaled, 2.5 * transient, rtol=1e-6)
+    np.testing.assert_allclose(scaled_steady, 2.5 * steady, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("pixel_format", "luminance"), ("component_format", "float16")]
+)
+def test_only_what_is_stored_can_be_asked_for(name, value):
+    mi.load_dict(film(pixel_format="rgb", component_format="float32"), parallel=False)
+    with pytest.raises(RuntimeError, match=f"{name} = '{value}': .*ust be one of"):
+        mi.load_dict(film(**{name: value}), parallel=False)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "text"),
+    [
+        ({"timeout": 1.0}, "timeout = 1.0: must be left out"),
+        ({"camera_unwarp": "x"}, "camera_unwarp = 'x': must be True or False"),
+        ({"gaussian_stddev": 0.0}, "gaussian_stddev = 0.0: must be a finite number of bins above"),
+        ({"max_depth": 0}, "max_depth = 0: must be -1"),
+        ({"temporal_filter": "tent"}, "must be one of '', box, gaussian"),
+    ],
+)
+def test_bad_integrator_parameters(parameter, text):
+    with pytest.raises(RuntimeError) as error:
+        mi.load_dict({"type": "transient_path", **parameter}, parallel=False)
+    assert text in str(error.value).splitlines()[-1]
+
+
+def test_a_pulse_must_be_one():
+    integrator = mi.load_dict({"type": "transient_path"}, parallel=False)
+    with pytest.raises(TypeError, match=r"pulse = 0\.03: must be a pulse like GaussianPulse"):
+        integrator.pulse = 0.03
+    assert integrator.pulse is None
+
+
+def test_derivatives_are_refused():
+    loaded = load(SCENES["cornell"]())
+    with pytest.raises(NotImplementedError, match="no derivatives"):
+        loaded.integrator().render_backward(loaded, None, None)

@@ -290,3 +290,15 @@ def test_mirror_far_away():
     found = follow(loaded, beam(eye, eye + ahead), max_depth=3)
     _, opl = oracles.point_light_on_plane(image, x, (0, 0, 1), lamp, 1e4, 0.5)
     assert found.all()[0] == pytest.approx([opl], abs=1e-3)
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+def test_near_clip_counts_in_the_sensors_own_units(scale):
+    """A camera whose space is stretched along its axis has its near plane further away."""
+    to_world = mi.ScalarTransform4f().look_at([0, 0, 6], [0, 0, 0], [0, 1, 0])
+    stretched = to_world @ mi.ScalarTransform4f().scale([1e-3, 1e-3, scale])
+    sensor = mi.load_dict(
+        {"type": "orthographic", "near_clip": 0.01, "to_world": stretched, "film": film()}
+    )
+    ray, _ = sensor.sample_ray(0, 0, mi.Point2f(0.5), mi.Point2f(0.5))
+    assert np.ravel(ray_origin(sensor, ray)) == pytest.approx([0, 0, 6], abs=1e-5)

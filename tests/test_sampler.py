@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support import agree, load, over_seeds, rendered, with_sampler
 
+import tofrender
 from tofrender.integrators import base
 from tofrender.scenes import cornell_box
 
@@ -179,3 +180,34 @@ def test_render_in_steps_keeps_the_point_set(monkeypatch):
     monkeypatch.setattr(base, "STEP_SAMPLES", 32 * 32 * 8)
     parts = rendered(scene, 64, 2)[1]
     assert np.abs(parts - whole).max() < 1e-5 * whole.max()
+
+
+@pytest.mark.statistical
+def test_mitsubas_own_integrators_get_stratified_points():
+    """They never say how many lanes share a pixel; without stratification the ratio would be 1."""
+    errors = {}
+    reference = None
+    for kind, spp in (("independent", 4096), ("independent", 64), ("owen_sobol", 64)):
+        described = tofrender.cornell_box_steady_state(width=16, height=16, spp=spp)
+        described["sensor"]["sampler"]["type"] = kind
+        image = np.array(mi.render(mi.load_dict(described), spp=spp, seed=3))
+        if reference is None:
+            reference = image
+        else:
+            errors[kind] = float(np.mean((image - reference) ** 2))
+    assert errors["owen_sobol"] < 0.4 * errors["independent"]
+
+
+def test_the_plugins_seed_counts():
+    def first(seed: int) -> float:
+        sampler = mi.load_dict({"type": "owen_sobol", "sample_count": 16, "seed": seed})
+        sampler.seed(0, 16)
+        return np.array(sampler.fork().next_1d())[0], np.array(sampler.next_1d())
+
+    assert not np.array_equal(first(0)[1], first(5)[1])
+
+
+@pytest.mark.parametrize("count", [0, -1])
+def test_no_samples_are_refused(count):
+    with pytest.raises(RuntimeError, match=f"sample_count = {count}: must be an integer from 1"):
+        mi.load_dict({"type": "owen_sobol", "sample_count": count})

@@ -211,3 +211,28 @@ def test_summary_of_extreme_data(size, fill):
         dataset["transient"].values[:] = fill
         dataset["steady"].values[:] = fill
     assert drawn(vis.summary_figure(dataset)).shape[2] == 4
+
+
+# --------------------------------------------------------------------------- parts of a Dataset
+
+
+def test_a_selected_part_keeps_its_time_and_its_pixels():
+    """Axes come from the coordinates, which follow a selection; attributes do not."""
+    whole = make_dataset()
+    part = whole.isel(opl=slice(2, None), x=slice(1, None), y=slice(1, None))
+    line = vis.plot_pixel_transient(part, int(part.x[0]), int(part.y[0])).axes[0].lines[0]
+    assert line.get_xdata()[0] == pytest.approx(float(whole.opl[2]) / SPEED_M_PER_NS)
+    expected = part.transient.values[0, 0, :, 0]
+    np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("selection", "text"),
+    [
+        ({"opl": slice(None, None, 2)}, "coordinate opl: must be the centres of consecutive bins"),
+        ({"x": slice(None, None, 2)}, "coordinate x: must be consecutive pixel indices"),
+    ],
+)
+def test_a_part_with_gaps_is_refused(selection, text):
+    with pytest.raises(ValueError, match=text):
+        vis.summary_figure(make_dataset().isel(selection))
