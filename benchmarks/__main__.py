@@ -32,7 +32,7 @@ def main() -> None:
     mi.set_log_level(mi.LogLevel.Error)
     print(
         f"tofrender {tofrender.__version__}, Mitsuba {mi.__version__}, {mi.variant()}, "
-        f"{dr.thread_count() + 1} threads, medians of {options.runs} runs"
+        f"{dr.thread_count()} threads, medians of {options.runs} runs"
     )
     for name in options.cases or CASES:
         for what, value, target in CASES[name](options.runs, options.quick):

@@ -46,7 +46,7 @@ _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names
 
 _SUBMODULES = {*_HOMES, "analysis", "doctor", "films", "integrators", "sampling", "walk"}
 
-__all__ = sorted({*_MODULE_OF, *backend.PLUGINS, *_SUBMODULES, "__version__", "backend"})
+__all__ = sorted({*_MODULE_OF, *backend.PLUGINS, *_SUBMODULES, "__version__", "backend"})  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

@@ -7,7 +7,7 @@ A pulse is a density over the offset t from its centre, in metres of optical pat
     sample(xi)   (t, weight) for a uniform xi, with E[weight f(t)] = integral of p f
     support      (first, last) offset [m] outside of which p is 0 or negligible
 
-All three functions take and return Dr.Jit floats, or numbers.
+All three functions take Dr.Jit floats or numbers.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class SampledPulse:
         >>> pulse = SampledPulse([1.0, 3.0], start_opl=0.0, bin_width_opl=0.5)
         >>> pulse.density.tolist()
         [0.5, 1.5]
-        >>> float(pulse.cdf(0.5))
+        >>> pulse.cdf(0.5)[0]
         0.25
     """
 

@@ -32,7 +32,7 @@ def ns_to_opl(time_ns):
         opl = c t [m], of the same kind and shape.
 
     Example:
-        >>> ns_to_opl(10.0)
+        >>> round(ns_to_opl(10.0), 8)
         2.99792458
     """
     return time_ns * (SPEED_OF_LIGHT * 1e-9)
