@@ -116,12 +116,18 @@ def error(runs: int, quick: bool) -> list[Row]:
 
 _MEMORY = """
 import resource, sys, warnings
+from pathlib import Path
 warnings.simplefilter("ignore")
 import tofrender
 size, bins, spp = map(int, sys.argv[1:])
 scene = tofrender.cornell_box(width=size, height=size, temporal_bins=bins)
 dataset = tofrender.render(scene, spp=spp, progress=False)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+status = Path("/proc/self/status")
+if status.exists():  # ru_maxrss counts what the parent took before it started this process
+    lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+    peak = int(lines["VmHWM"].split()[0]) * 1024
+else:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(peak / 2**20, dataset["transient"].nbytes / 2**20)
 """
 
