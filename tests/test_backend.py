@@ -278,7 +278,7 @@ print(type(mi.load_dict({{"type": "tofrender_transient_path"}})) is tofrender.Tr
 steady = tofrender.cornell_box_steady_state(width=4, height=4)
 for scene in ("cornell_box", tofrender.cornell_box(width=4, height=4)):
     print(tofrender.render(scene, spp=1, progress=False).attrs["integrator"])
-options = dict(integrator="transient_path", sampler="owen_sobol", temporal_bins=9, window="auto")
+options = dict(integrator="transient_path", sampler="padded_sobol", temporal_bins=9, window="auto")
 print(tofrender.render(steady, spp=1, progress=False, **options).sizes["opl"])
 mi.set_variant("llvm_ad_mono")
 mi.set_variant("llvm_ad_rgb")

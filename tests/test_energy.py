@@ -172,13 +172,13 @@ def test_no_deposit_is_lost_in_a_single_channel():
 
 
 @pytest.mark.parametrize(
-    "kind", ["independent", "owen_sobol", "stratified", "multijitter", "orthogonal", "ldsampler"]
+    "kind", ["independent", "padded_sobol", "stratified", "multijitter", "orthogonal", "ldsampler"]
 )
 def test_every_sampler(kind):
     described = with_sampler(SCENES["glass"](), kind)
     steady, transient = rendered(described, spp=16, seed=7)
     assert largest(transient.sum(axis=2), steady) < 3e-6
-    if kind != "owen_sobol":  # Mitsuba rounds the sample count in the same way
+    if kind != "padded_sobol":  # Mitsuba rounds the sample count in the same way
         assert largest(steady, path_image(described, spp=16, seed=7)) < 1e-5
 
 
@@ -276,7 +276,7 @@ def cube(described: dict, spp: int = 64, seeds=SEEDS, **integrator):
 def large_light() -> dict:
     """The Cornell box with a light that paths run into often."""
     described = with_film(
-        with_sampler(SCENES["cornell"](), "owen_sobol"),
+        with_sampler(SCENES["cornell"](), "padded_sobol"),
         start_opl=3.5,
         temporal_bins=40,
         bin_width_opl=0.2,
@@ -312,7 +312,7 @@ def test_roulette_changes_no_arrival_time():
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("kind", ["owen_sobol", "multijitter"])
+@pytest.mark.parametrize("kind", ["padded_sobol", "multijitter"])
 def test_samplers_agree_in_time(kind):
     points = cube(with_sampler(large_light(), kind))
     independent = cube(with_sampler(large_light()), 256, OTHER_SEEDS)
@@ -327,7 +327,7 @@ def test_two_lamps_add_up():
     def lit(**lamps):
         parts = {"floor": plane(bsdf=diffuse(0.5)), **lamps}
         window = film(4, 4, bins=32, bin_width=0.2)
-        return cube(scene(parts, camera((0, 0, 2), (0, 0, 0), window, sampler="owen_sobol")))
+        return cube(scene(parts, camera((0, 0, 2), (0, 0, 0), window, sampler="padded_sobol")))
 
     a, b = point_light((1, 0, 1), 2.0), point_light((-1, 1, 2), 3.0)
     assert agree(lit(a=a, b=b), lit(a=a) + lit(b=b))

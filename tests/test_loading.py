@@ -161,7 +161,7 @@ def test_files_named_in_xml_are_found_beside_it(tmp_path):
         ("start_opl", float("inf"), "a finite number of metres"),
         ("start_opl", "soon", "a finite number of metres"),
         ("pulse_width_opl", 0, "a finite number of metres above 0"),
-        ("sampler", "sobol", "one of owen_sobol, independent, stratified"),
+        ("sampler", "sobol", "one of padded_sobol, independent, stratified"),
         ("sampler", "ld_sampler", "did you mean 'ldsampler'?"),
         ("integrator", "path", "one of transient_path"),
     ],

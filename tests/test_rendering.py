@@ -19,7 +19,7 @@ from support import area_light, camera, film, grey, plane, point_light, scene, t
 
 import tofrender
 from tofrender.integrators import base
-from tofrender.sampling import owen_sobol
+from tofrender.sampling import padded_sobol
 from tofrender.settings import SAMPLERS
 
 ROOT = Path(__file__).parents[1]
@@ -113,7 +113,7 @@ def test_attributes_say_how_it_was_made():
         "scene": "scene",
         "integrator": "TransientPath",
         "max_depth": 5,
-        "sampler": "OwenSobolSampler",
+        "sampler": "PaddedSobolSampler",
         "spp": 8,
         "seed": 3,
         "variant": "llvm_ad_rgb",
@@ -188,8 +188,8 @@ def test_default_sampler_overrides_the_scene():
     described["sensor"] = described["sensor"] | {
         "sampler": {"type": "independent", "sample_count": 4}
     }
-    default, sobol = render(described), render(described, sampler="owen_sobol")
-    assert default.attrs["sampler"] == "OwenSobolSampler"
+    default, sobol = render(described), render(described, sampler="padded_sobol")
+    assert default.attrs["sampler"] == "PaddedSobolSampler"
     assert default.equals(sobol) or np.allclose(default.transient, sobol.transient, atol=1e-5)
     assert not np.allclose(default.steady, render(described, sampler="independent").steady)
 
@@ -198,14 +198,14 @@ def test_default_sampler_overrides_the_scene():
 def test_sampler_by_name(name):
     dataset = render(box(), spp=64, sampler=name)
     plugin_name = dataset.attrs["sampler"].lower()
-    words = {"ldsampler": "lowdiscrepancy", "owen_sobol": "owensobol"}
+    words = {"ldsampler": "lowdiscrepancy", "padded_sobol": "paddedsobol"}
     assert plugin_name == words.get(name, name) + "sampler"
     assert dataset.attrs["complete"] == 1
     assert dataset.attrs["spp"] >= 64
     assert float(dataset.steady.mean()) == pytest.approx(0.147, rel=0.3)
 
 
-@pytest.mark.parametrize("name", ["independent", "owen_sobol", "multijitter"])
+@pytest.mark.parametrize("name", ["independent", "padded_sobol", "multijitter"])
 def test_sampler_as_an_object(name):
     """It gives what its name gives, and is not changed itself."""
     sampler = mi.load_dict({"type": name, "sample_count": 9})
@@ -251,7 +251,7 @@ def test_the_largest_seed():
 # --------------------------------------------------------------------------------------- steps
 
 
-@pytest.mark.parametrize("sampler", ["owen_sobol", "independent"])
+@pytest.mark.parametrize("sampler", ["padded_sobol", "independent"])
 def test_many_steps_are_one(monkeypatch, sampler):
     """A render in steps goes on in the same point set, so that steps do not show."""
     counts = []
@@ -347,7 +347,7 @@ def _plain(described: dict) -> dict:
 @pytest.mark.statistical
 @pytest.mark.parametrize("change", [_plain, _pulse, _sky, _sun])
 def test_auto_window_holds_99_9_percent(change):
-    """Within the accuracy of 65536 test paths: a quarter of the 0.1 % left out, at one sigma."""
+    """Within the accuracy of 16384 test paths: a quarter of the 0.1 % left out, at one sigma."""
     dataset = render(change(box(16)), spp=256, window="auto", temporal_bins=300)
     assert outside(dataset) < 0.002
     assert change is _pulse or outside(dataset) > 0.0003  # No wider than it need be
@@ -428,7 +428,7 @@ def test_a_pulse_reaches_into_a_window_before_the_light():
 
 def test_a_dark_scene_is_said():
     described = box() | {"light": point_light((0, 5, 0), 1.0)}  # Above the ceiling
-    with pytest.warns(UserWarning, match="no light found on 65536 test paths"):
+    with pytest.warns(UserWarning, match="no light found on 16384 test paths"):
         dataset = render(described)
     assert float(dataset.steady.sum()) == 0
     assert outside(dataset) == 0
@@ -504,9 +504,9 @@ _BAD = [
     *[("seed", v, f"{_INTEGER} 0 to 4294967295") for v in (-1, 0.5, "1", None, 1 << 32)],
     *[("sensor", v, f"{_INTEGER} 0 to 0") for v in (-1, 1, "0", 0.0)],
     *[("temporal_bins", v, f"{_INTEGER} 1 to 1048576") for v in (0, -3, 2.5, "300", 1 << 21)],
-    ("sampler", "halton", "must be one of owen_sobol, independent"),
-    ("sampler", "owen-sobol", "did you mean 'owen_sobol'"),
-    ("sampler", 5, "must be one of owen_sobol"),
+    ("sampler", "halton", "must be one of padded_sobol, independent"),
+    ("sampler", "padded-sobol", "did you mean 'padded_sobol'"),
+    ("sampler", 5, "must be one of padded_sobol"),
     ("integrator", "path", "must be one of transient_path"),
     ("integrator", "transient_paht", "did you mean 'transient_path'"),
     *[("window", v, "must be 'auto' or (start, stop) in metres") for v in ("all", 5, (1,))],
@@ -725,7 +725,7 @@ def test_in_another_thread():
 
 def test_the_default_sampler_is_the_better_one():
     """What its choice rests on: less noise than Mitsuba's default, by far, at equal samples."""
-    assert owen_sobol.OwenSobolSampler.__name__ == render(box()).attrs["sampler"]
+    assert padded_sobol.PaddedSobolSampler.__name__ == render(box()).attrs["sampler"]
     noise = {}
     for name in (None, "independent"):
         pictures = [render(box(), spp=64, seed=k, sampler=name).steady.values for k in range(6)]

@@ -24,7 +24,7 @@ def render(scene, **options):
 
 @pytest.mark.parametrize("spp", [8, 24, 50])
 def test_two_parts_are_one_render(spp):
-    """Owen-scrambled points go on where they stopped."""
+    """The points go on where they stopped."""
     whole = render(box(), spp=64)
     again = render(box(), spp=64, resume=render(box(), spp=spp))
     np.testing.assert_allclose(again.transient, whole.transient, rtol=1e-4, atol=1e-6)

@@ -1,4 +1,4 @@
-"""The sampler `owen_sobol`: even in every pair of numbers, independent between pairs and pixels."""
+"""The sampler `padded_sobol`: even in every pair, independent between pairs and pixels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tofrender.scenes import cornell_box
 
 def seeded(lanes: int, pixels: int = 1, seed: int = 0, spp: int | None = None):
     """A sampler whose first `lanes` lanes share a pixel."""
-    sampler = mi.load_dict({"type": "owen_sobol", "sample_count": spp or lanes}, parallel=False)
+    sampler = mi.load_dict({"type": "padded_sobol", "sample_count": spp or lanes}, parallel=False)
     sampler.set_samples_per_wavefront(lanes)
     sampler.seed(seed, lanes * pixels)
     return sampler
@@ -163,7 +163,7 @@ def cube_variance(kind: str, spp: int) -> float:
 
 
 def test_lower_variance_than_independent():
-    assert cube_variance("owen_sobol", 64) < 0.25 * cube_variance("independent", 64)
+    assert cube_variance("padded_sobol", 64) < 0.25 * cube_variance("independent", 64)
 
 
 @pytest.mark.parametrize("kind", ["multijitter", "ldsampler"])
@@ -175,7 +175,7 @@ def test_samplers_of_mitsuba_go_on_in_the_next_step(kind, monkeypatch):
 
 def test_render_in_steps_keeps_the_point_set(monkeypatch):
     """64 samples in one step or in several have the same points: the same picture."""
-    scene = load(with_sampler(cornell_box(width=32, height=32), "owen_sobol"))
+    scene = load(with_sampler(cornell_box(width=32, height=32), "padded_sobol"))
     whole = rendered(scene, 64, 2)[1]
     monkeypatch.setattr(base, "STEP_SAMPLES", 32 * 32 * 8)
     parts = rendered(scene, 64, 2)[1]
@@ -187,7 +187,7 @@ def test_mitsubas_own_integrators_get_stratified_points():
     """They never say how many lanes share a pixel; without stratification the ratio would be 1."""
     errors = {}
     reference = None
-    for kind, spp in (("independent", 4096), ("independent", 64), ("owen_sobol", 64)):
+    for kind, spp in (("independent", 4096), ("independent", 64), ("padded_sobol", 64)):
         described = tofrender.cornell_box_steady_state(width=16, height=16, spp=spp)
         described["sensor"]["sampler"]["type"] = kind
         image = np.array(mi.render(mi.load_dict(described), spp=spp, seed=3))
@@ -195,12 +195,12 @@ def test_mitsubas_own_integrators_get_stratified_points():
             reference = image
         else:
             errors[kind] = float(np.mean((image - reference) ** 2))
-    assert errors["owen_sobol"] < 0.4 * errors["independent"]
+    assert errors["padded_sobol"] < 0.4 * errors["independent"]
 
 
 def test_the_plugins_seed_counts():
     def first(seed: int) -> float:
-        sampler = mi.load_dict({"type": "owen_sobol", "sample_count": 16, "seed": seed})
+        sampler = mi.load_dict({"type": "padded_sobol", "sample_count": 16, "seed": seed})
         sampler.seed(0, 16)
         return np.array(sampler.fork().next_1d())[0], np.array(sampler.next_1d())
 
@@ -210,4 +210,4 @@ def test_the_plugins_seed_counts():
 @pytest.mark.parametrize("count", [0, -1])
 def test_no_samples_are_refused(count):
     with pytest.raises(RuntimeError, match=f"sample_count = {count}: must be an integer from 1"):
-        mi.load_dict({"type": "owen_sobol", "sample_count": count})
+        mi.load_dict({"type": "padded_sobol", "sample_count": count})

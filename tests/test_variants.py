@@ -67,7 +67,7 @@ def test_switching_there_and_back():
         integrator, the_film = loaded.integrator(), loaded.sensors()[0].film()
         assert type(integrator) is tofrender.TransientPath
         assert type(the_film) is tofrender.TransientHDRFilm
-        assert type(mi.load_dict({"type": "owen_sobol"})) is tofrender.OwenSobolSampler
+        assert type(mi.load_dict({"type": "padded_sobol"})) is tofrender.PaddedSobolSampler
         assert isinstance(integrator, mi.SamplingIntegrator)
         assert isinstance(the_film, mi.Film)
         assert classes.setdefault(variant, tofrender.TransientPath) is tofrender.TransientPath
@@ -77,7 +77,7 @@ def test_switching_there_and_back():
 
 
 def test_dir_lists_the_plugins():
-    assert {"TransientPath", "TransientHDRFilm", "OwenSobolSampler"} <= set(dir(tofrender))
+    assert {"TransientPath", "TransientHDRFilm", "PaddedSobolSampler"} <= set(dir(tofrender))
 
 
 def test_walk_has_the_defaults_of_its_signature():

@@ -13,7 +13,7 @@ import numpy as np
 from .camera import sample_camera, sampled_size
 from .pulses import Pulse
 
-PATHS = 1 << 16
+PATHS = 1 << 14
 BINS = 1 << 13
 FIRST_OPL, LAST_OPL = 1e-3, 1e5
 
@@ -88,7 +88,7 @@ class Arrivals:
 def find_arrivals(
     integrator: Any, scene: mi.Scene, sensor: mi.Sensor, film: Any, seed: int
 ) -> Arrivals:
-    """Trace 65536 paths through random pixels and note when their light arrives.
+    """Trace 16384 paths through random pixels and note when their light arrives.
 
     Args:
         integrator: A transient integrator.

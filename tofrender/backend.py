@@ -16,7 +16,7 @@ from typing import Any
 from . import checks, llvm
 
 PLUGIN_MODULES = (
-    "tofrender.sampling.owen_sobol",
+    "tofrender.sampling.padded_sobol",
     "tofrender.films.transient",
     "tofrender.integrators.base",
     "tofrender.integrators.transient_path",
@@ -24,7 +24,7 @@ PLUGIN_MODULES = (
 """Modules that define Mitsuba plugins, each after those that it builds on."""
 
 PLUGINS = {
-    "OwenSobolSampler": ("owen_sobol", "tofrender.sampling.owen_sobol"),
+    "PaddedSobolSampler": ("padded_sobol", "tofrender.sampling.padded_sobol"),
     "TransientHDRFilm": ("transient_hdr_film", "tofrender.films.transient"),
     "TransientPath": ("transient_path", "tofrender.integrators.transient_path"),
 }

@@ -162,7 +162,7 @@ def render(
         _option(
             "--sampler",
             metavar="NAME",
-            help="Mitsuba's sampler, or owen_sobol.",
+            help="Mitsuba's sampler, or padded_sobol.",
         ),
     ] = None,
     variant: Annotated[

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import backend, checks, memory
-from .arrivals import Arrivals, find_arrivals
+from .arrivals import PATHS, Arrivals, find_arrivals
 from .dataset import check_dataset, coordinates, label
 from .films.cells import MAX_ADDED
 from .fingerprint import fingerprint
@@ -26,8 +26,8 @@ from .settings import INTEGRATORS, SAMPLERS
 if TYPE_CHECKING:
     import xarray as xr
 
-DEFAULT_SAMPLER = "owen_sobol"
-MANY_HITS = 1000
+DEFAULT_SAMPLER = "padded_sobol"
+MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
 
 LOST_ENERGY = 0.01
@@ -57,14 +57,14 @@ def render(
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
         integrator: A plugin name, a dict or an integrator; by default the scene's.
         sensor: Number of the sensor.
-        sampler: `owen_sobol` by default, whatever the scene says: its error is a fraction of that
+        sampler: `padded_sobol` by default, whatever the scene says: its error is a fraction of that
             of Mitsuba's default. A name picks another; an object is cloned, and its own
             `sample_count` counts if `spp` is not given.
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
             of the light; by default the film's.
         temporal_bins: Number of bins; by default the film's.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
-            from: only the samples that are missing are taken. `owen_sobol` goes on in the same
+            from: only the samples that are missing are taken. `padded_sobol` goes on in the same
             point set.
         progress: Whether to show a bar for work that takes more than two seconds.
 
@@ -292,7 +292,9 @@ def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     """
     start, stop = film.start_opl, film.end_opl()
     if not arrivals.any:
-        warnings.warn("no light found on 65536 test paths: the picture may be black", stacklevel=3)
+        warnings.warn(
+            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=3
+        )
         return
     if arrivals.between(start, stop, profile):
         return
@@ -303,7 +305,7 @@ def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
             f"it must overlap {first:g} m to {last:g} m"
         )
     warnings.warn(
-        f"none of 65536 test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
+        f"none of {PATHS} test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
         f"empty; light was found from {first:g} m to {last:g} m",
         stacklevel=3,
     )

@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from . import checks
 
-SAMPLER = "owen_sobol"
+SAMPLER = "padded_sobol"
 """The sampler of all built-in scenes."""
 
 START_OPL = {"area": 3.5, "flash": 6.0}

@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 from . import checks
 
 SAMPLERS = (
-    "owen_sobol",
+    "padded_sobol",
     "independent",
     "stratified",
     "multijitter",

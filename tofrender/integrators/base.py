@@ -15,7 +15,7 @@ from ..films.cells import MAX_ADDED
 from ..films.deposit import FilmDeposit
 from ..lights import EmitterHits, SceneLights
 from ..pulses import Pulse
-from ..sampling.owen_sobol import mix
+from ..sampling.padded_sobol import mix
 from ..walk import Radiance, walk
 
 STEP_SAMPLES = 1 << 22
@@ -27,7 +27,7 @@ LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 PRIVATE_LANES = 4
 """Lanes of a pixel that never run on two threads: the narrowest vector of the LLVM backend."""
 
-LOOPING_SAMPLERS = ("IndependentSampler", "OwenSobolSampler")
+LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 """Samplers that can go on to their next sample within a symbolic loop."""
 
 
@@ -168,7 +168,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             sampler: Its `sample_count` is the number of samples per pixel.
             seed: Seed of the random numbers.
             first: Number of samples per pixel that an earlier render with this seed has taken.
-                `owen_sobol` goes on in the same point set, other samplers start another one.
+                `padded_sobol` goes on in the same point set, other samplers start another one.
 
         Yields:
             Samples per pixel that the film holds so far.
