@@ -279,12 +279,15 @@ def test_ctrl_c(tmp_path):
         stderr=stderr,
     )
     os.close(stderr)
-    shown = ""
-    while "Rendering" not in shown:
-        shown += os.read(screen, 1 << 12).decode()
-    process.send_signal(signal.SIGINT)
-    err = _rest(screen)
-    process.wait(timeout=120)
+    try:
+        shown = ""
+        while "Rendering" not in shown:
+            shown += os.read(screen, 1 << 12).decode()
+        process.send_signal(signal.SIGINT)
+        err = _rest(screen)
+        process.wait(timeout=120)
+    finally:
+        process.kill()
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "error: interrupted after" in err

@@ -645,10 +645,13 @@ def test_ctrl_c_returns_what_is_finished():
         stderr=subprocess.PIPE,
         text=True,
     )
-    for _ in range(3):
-        assert process.stdout.readline() == "step\n"
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    try:
+        for _ in range(3):
+            assert process.stdout.readline() == "step\n"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert process.returncode == 0, err
     assert "Traceback" not in err
     found = json.loads(out.splitlines()[-1])
