@@ -41,7 +41,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
     | parameter | default | meaning |
     |---|---|---|
     | `max_depth` | 6 | longest path in segments, camera's included; -1 is unlimited |
-    | `rr_depth` | 5 | bounces after which Russian roulette may end a path |
+    | `rr_depth` | 5 | surface vertices from which on Russian roulette may end a path |
     | `hide_emitters` | false | emitters are invisible to the camera |
     | `camera_unwarp` | false | leave out the segment from the camera to the first surface |
     | `discard_direct_light` | false | drop light that comes straight from an emitter |
@@ -144,9 +144,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def render_forward(self, *args, **kwargs):
         """Refused: there are no derivatives yet."""
-        raise NotImplementedError(
-            "transient integrators have no derivatives; use mi.render without"
-        )
+        raise RuntimeError("transient integrators have no derivatives; use mi.render without")
 
     render_backward = render_forward
 
