@@ -236,3 +236,8 @@ def test_a_selected_part_keeps_its_time_and_its_pixels():
 def test_a_part_with_gaps_is_refused(selection, text):
     with pytest.raises(ValueError, match=text):
         vis.summary_figure(make_dataset().isel(selection))
+
+
+def test_a_notebook_shows_the_figure():
+    picture = vis.summary_figure(make_dataset())._repr_png_()
+    assert picture.startswith(b"\x89PNG")
