@@ -13,7 +13,7 @@ import pytest
 
 import tofrender
 from tofrender import progress
-from tofrender.integrators import base
+from tofrender.integrators import passes as base
 from tofrender.progress import deferred_stop, progress_bar
 
 ROOT = Path(__file__).parents[1]

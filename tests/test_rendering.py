@@ -18,7 +18,7 @@ import pytest
 from support import area_light, camera, film, grey, plane, point_light, scene, translate
 
 import tofrender
-from tofrender.integrators import base
+from tofrender.integrators import passes as base
 from tofrender.sampling import padded_sobol
 from tofrender.settings import SAMPLERS
 
@@ -620,7 +620,7 @@ def test_a_film_larger_than_memory():
 
 _INTERRUPTED = """
 import json, sys, tofrender
-from tofrender.integrators import base
+from tofrender.integrators import passes as base
 base.STEP_SAMPLES = 256 * 512  # Steps of some 30 ms
 steps = tofrender.TransientPath.steps
 def told(*arguments):

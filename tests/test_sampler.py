@@ -9,7 +9,7 @@ import pytest
 from support import agree, load, over_seeds, rendered, with_sampler
 
 import tofrender
-from tofrender.integrators import base
+from tofrender.integrators import passes as base
 from tofrender.scenes import cornell_box
 
 

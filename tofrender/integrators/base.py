@@ -1,8 +1,7 @@
-"""What all transient integrators share: parameters, steps over the pixels, the way into a film."""
+"""What all integrators of this package share: parameters, paths, and rendering."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,33 +9,19 @@ import drjit as dr
 import mitsuba as mi
 
 from .. import backend, checks, memory
-from ..camera import behind_emitters, pixel_corner, sample_camera, sampled_size
-from ..films.cells import MAX_ADDED
-from ..films.deposit import FilmDeposit
+from ..camera import CameraSample, behind_emitters, sample_camera
 from ..lights import EmitterHits, SceneLights
 from ..pulses import Pulse
-from ..sampling.padded_sobol import mix
 from ..walk import Radiance, walk
-
-STEP_SAMPLES = 1 << 22
-"""Camera rays of one kernel launch: about a second's work on two cores."""
-
-LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
-"""Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
-
-PRIVATE_LANES = 4
-"""Lanes of a pixel that never run on two threads: the narrowest vector of the LLVM backend."""
-
-LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
-"""Samplers that can go on to their next sample within a symbolic loop."""
+from . import passes
+from .passes import image_channels, to_rgb
 
 
 class TransientIntegrator(mi.SamplingIntegrator):
-    """Base of the integrators that render into a transient film.
+    """Base of the integrators that know how long each path is.
 
-    A few lanes follow each pixel through all samples of a step. On a CPU, the lanes of a pixel are
-    neighbours in one vector, which one thread works on: each pixel has a single writer, and what
-    it deposits need not be atomic. Memory does not depend on the number of samples.
+    A subclass says what is measured along a path, in `measurement`, and what of it goes to the
+    film's image, in `channels`.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -78,6 +63,23 @@ class TransientIntegrator(mi.SamplingIntegrator):
             ValueError: This film or filter cannot be used; one line.
         """
         return self.pulse
+
+    def prepare(self, film: Any) -> None:
+        """Make the film ready, or refuse it.
+
+        Raises:
+            TypeError: The film is of the wrong kind; one line with its type and what is allowed.
+        """
+        film.prepare([])
+
+    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
+        """What is done with the light of camera rays; by default it is summed."""
+        return Radiance.zero()
+
+    def channels(self, film: Any, camera: CameraSample, measured: Any, covered: mi.Bool) -> Any:
+        """What of a measurement goes to the film's image, a float for each of its channels."""
+        wavelengths = camera.ray.wavelengths
+        return image_channels(film, to_rgb(measured.total * camera.weight, wavelengths), covered)
 
     # ------------------------------------------------------------------------- paths
 
@@ -162,18 +164,17 @@ class TransientIntegrator(mi.SamplingIntegrator):
         Args:
             scene: The scene.
             sensor: The camera.
-            film: A transient film of the same size as the sensor's; it is emptied first.
+            film: A film of the same size as the sensor's; it is emptied first.
             sampler: Its `sample_count` is the number of samples per pixel.
             seed: Seed of the random numbers.
-            first: Number of samples per pixel that an earlier render with this seed has taken.
-                `padded_sobol` goes on in the same point set, other samplers start another one.
+            first: As in `passes.steps`.
 
         Yields:
             Samples per pixel that the film holds so far.
 
         Raises:
             BackendError: The active variant cannot render in time.
-            TypeError: The film is not a transient one.
+            TypeError: The film is of the wrong kind.
             ValueError: The film and the integrator's parameters do not fit.
             MemoryError: The film does not fit.
         """
@@ -182,113 +183,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
             raise ValueError(
                 "sensor: is a batch of sensors; must be one, e.g. a perspective camera"
             )
-        if not hasattr(film, "add_transient_data"):
-            raise TypeError(
-                f"film: is a {film.class_name()}; must be a transient_hdr_film or another film "
-                "with time"
-            )
-        profile = self.temporal_profile(film)
-        film.prepare([])
-        width, height = sampled_size(film)
-        spp = sampler.sample_count()
-        lanes, per_step, private = _plan(sampler, width * height, spp)
-        film.samples_per_pixel = spp
-        film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
-        sampler.set_samples_per_wavefront(lanes)
-        skip = getattr(sampler, "skip", None)
-        if first and skip is None:  # Other points, by another seed
-            seed = mix(mi.UInt32(seed), mi.UInt32(first))
-        sampler.seed(seed, width * height * lanes)
-        if first and skip is not None:
-            skip(first)
+        self.prepare(film)
         lights = self.lights(scene, sensor)
+        spp = sampler.sample_count()
 
         def shot(pixel):
-            """One sample of each pixel, deposited; returns its position, colour and coverage."""
             camera = sample_camera(sensor, film, sampler, pixel)
-            wavelengths = camera.ray.wavelengths
-            weight = camera.weight / spp
-            deposit = FilmDeposit.into(film, camera.position, wavelengths, weight, profile)
-            deposit, valid = self.trace(scene, sampler, camera.ray, camera.origin, deposit, lights)
-            return camera.position, _rgb(deposit.total * camera.weight, wavelengths), valid
+            measured = self.measurement(film, camera, spp)
+            measured, covered = self.trace(
+                scene, sampler, camera.ray, camera.origin, measured, lights
+            )
+            return camera.position, self.channels(film, camera, measured, covered)
 
-        done = folded = 0
-        while done < spp:
-            count = min(per_step, (spp - done) // lanes)
-            lane = dr.arange(mi.UInt32, width * height * lanes)
-            _step(film, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count)
-            done += count * lanes
-            film.partial = done < spp
-            if spp > done >= folded + MAX_ADDED and hasattr(film, "fold"):
-                film.fold()
-                folded = done
-            yield done
-
-
-def _plan(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
-    """Lanes per pixel, samples that each lane takes in a step, and whether pixels are private."""
-    most = max(1, min(STEP_SAMPLES // pixels, MAX_ADDED))
-    if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
-        return _divisor(spp, most), 1, False
-    if (mi.variant() or "").startswith("cuda"):
-        lanes, private = _divisor(spp, LANES["cuda"] // pixels), False
-    elif pixels * PRIVATE_LANES < LANES["llvm"]:
-        lanes, private = _divisor(spp, LANES["llvm"] // pixels), False
-    else:
-        # One channel is added by a whole vector at once, whose lanes must be of different pixels
-        lanes, private = 1 if mi.is_monochromatic else math.gcd(spp, PRIVATE_LANES), True
-    return lanes, max(1, most // lanes), private
-
-
-def _divisor(number: int, bound: int) -> int:
-    """The largest divisor of `number` that is at most `bound`, 1 if there is none."""
-    return next((k for k in range(min(bound, number), 0, -1) if number % k == 0), 1)
-
-
-@dr.syntax
-def _step(film, sampler, shot, pixel, count):
-    """Take `count` samples in every lane, one after the other, and evaluate the film."""
-    block = film.steady.create_block()
-    if dr.hint(count == 1, mode="scalar"):
-        position, colour, valid = shot(pixel)
-        _splat(block, film, position, colour, valid, 1)
-        sampler.advance()
-    elif dr.hint(film.rfilter().is_box_filter(), mode="scalar"):
-        left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
-        colour, covered = mi.Color3f(0), mi.Float(0)
-        while left > 0:
-            _, one, valid = shot(pixel)
-            colour += one
-            covered += dr.select(valid, 1.0, 0.0)
-            sampler.advance()
-            left -= 1
-        _splat(block, film, pixel_corner(film, pixel), colour, covered, count)
-    else:
-        left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
-        while left > 0:
-            position, one, valid = shot(pixel)
-            _splat(block, film, position, one, valid, 1)
-            sampler.advance()
-            left -= 1
-    film.steady.put_block(block)
-    sampler.schedule_state()
-    film.steady.schedule_storage()
-    dr.eval()
-    dr.sync_thread()
-
-
-def _splat(block, film, position, colour, covered, weight):
-    """Put a sample, or the sum of several, into the steady image."""
-    values = [colour.x, colour.y, colour.z]
-    if mi.has_flag(film.steady.flags(), mi.FilmFlags.Alpha):
-        values.append(mi.Float(covered))
-    block.put(position, [*values, mi.Float(weight)])
-
-
-def _rgb(spectrum, wavelengths) -> mi.Color3f:
-    """Colour of a spectrum, in whatever way the variant stores it."""
-    if mi.is_monochromatic:
-        return mi.Color3f(spectrum[0])
-    if mi.is_spectral:
-        return mi.spectrum_to_srgb(spectrum, wavelengths)
-    return mi.Color3f(spectrum)
+        yield from passes.steps(film, sampler, seed, first, shot)

@@ -8,6 +8,8 @@ import mitsuba as mi
 import numpy as np
 
 from .. import checks
+from ..camera import CameraSample
+from ..films.deposit import FilmDeposit
 from ..pulses import GaussianPulse, Pulse, SampledPulse, convolve
 from .base import TransientIntegrator
 
@@ -46,6 +48,7 @@ class TransientPath(TransientIntegrator):
         self.gaussian_stddev = checks.metres("gaussian_stddev", bins, positive=True, unit="bins")
         width = props.get("pulse_width_opl", None)
         self._pulse: Pulse | None = None
+        self._profile: Pulse | None = None
         if width is not None:
             self._pulse = GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
 
@@ -70,6 +73,21 @@ class TransientPath(TransientIntegrator):
         if self.pulse is None or blur is None:
             return self.pulse or blur
         return convolve(self.pulse, blur)
+
+    def prepare(self, film: Any) -> None:
+        """Refuse a film without time, and filters that do not fit; empty the film."""
+        if not hasattr(film, "add_transient_data"):
+            raise TypeError(
+                f"film: is a {film.class_name()}; must be a transient_hdr_film or another film "
+                "with time"
+            )
+        self._profile = self.temporal_profile(film)
+        super().prepare(film)
+
+    def measurement(self, film: Any, camera: CameraSample, spp: int) -> FilmDeposit:
+        """Deposits every contribution in the film's bins."""
+        wavelengths, weight = camera.ray.wavelengths, camera.weight / spp
+        return FilmDeposit.into(film, camera.position, wavelengths, weight, self._profile)
 
     def _filter(self, film: Any) -> Pulse | None:
         """The temporal filter as a pulse, None if it is a box: a bin's own width."""
