@@ -21,10 +21,13 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "units": ("SPEED_OF_LIGHT", "ns_to_opl", "opl_to_ns"),
-    "pulses": ("GaussianPulse", "SampledPulse"),
+    "pulses": ("BoxPulse", "GaussianPulse", "SampledPulse"),
+    "modulations": ("AMCWPulse", "HamiltonianCode", "MSequence", "SquareWave"),
     "lights": ("EmitterHits", "SceneLights"),
     "loading": ("load_scene",),
     "rendering": ("render",),
+    "integrators.amcw": ("render_amcw_phasor", "render_single_amcw"),
+    "integrators.time_gated": ("render_at_time", "render_transient"),
     "scenes": (
         "cornell_box",
         "cornell_box_flash",
@@ -44,7 +47,15 @@ _HOMES = {
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
-_SUBMODULES = {*_HOMES, "analysis", "doctor", "films", "integrators", "sampling", "walk"}
+_SUBMODULES = {
+    *(name for name in _HOMES if "." not in name),
+    "analysis",
+    "doctor",
+    "films",
+    "integrators",
+    "sampling",
+    "walk",
+}
 
 __all__ = sorted({*_MODULE_OF, *backend.PLUGINS, *_SUBMODULES, "__version__", "backend"})  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -20,11 +20,20 @@ PLUGIN_MODULES = (
     "tofrender.films.transient",
     "tofrender.integrators.base",
     "tofrender.integrators.transient_path",
+    "tofrender.integrators.time_gated",
+    "tofrender.films.phasor",
+    "tofrender.integrators.amcw",
 )
 """Modules that define Mitsuba plugins, each after those that it builds on."""
 
 PLUGINS = {
+    "AMCWTransientPath": ("amcw_transient_path", "tofrender.integrators.amcw"),
     "PaddedSobolSampler": ("padded_sobol", "tofrender.sampling.padded_sobol"),
+    "PhasorHDRFilm": ("phasor_hdr_film", "tofrender.films.phasor"),
+    "TimeGatedTransientPath": (
+        "time_gated_transient_path",
+        "tofrender.integrators.time_gated",
+    ),
     "TransientHDRFilm": ("transient_hdr_film", "tofrender.films.transient"),
     "TransientPath": ("transient_path", "tofrender.integrators.transient_path"),
 }

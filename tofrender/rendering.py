@@ -17,6 +17,7 @@ from . import backend, checks, memory
 from .arrivals import PATHS, Arrivals, find_arrivals
 from .dataset import check_dataset, coordinates, label
 from .films.cells import MAX_ADDED
+from .films.image import transient_film
 from .fingerprint import fingerprint
 from .loading import load_plugin, load_scene, require_light, require_sensor
 from .progress import deferred_stop, progress_bar
@@ -218,23 +219,7 @@ def _film(film: Any, window: Any, temporal_bins: int | None) -> Any:
         start, width = _window(window, bins)
     else:
         start, width = float(film.start_opl), float(film.bin_width_opl)
-    size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
-    return mi.load_dict(
-        {
-            "type": backend.own_name("transient_hdr_film"),
-            "width": size.x,
-            "height": size.y,
-            "crop_width": crop.x,
-            "crop_height": crop.y,
-            "crop_offset_x": offset.x,
-            "crop_offset_y": offset.y,
-            "sample_border": film.sample_border(),
-            "rfilter": film.rfilter(),
-            "temporal_bins": bins,
-            "start_opl": start,
-            "bin_width_opl": width,
-        }
-    )
+    return transient_film(film, bins, start, width)
 
 
 def _window(window: Any, bins: int) -> tuple[float, float]:

@@ -30,7 +30,13 @@ class FilmDeposit:
 
     @classmethod
     def into(
-        cls, film: Any, position: mi.Point2f, wavelengths: Any, weight: Any, pulse: Pulse | None
+        cls,
+        film: Any,
+        position: mi.Point2f,
+        wavelengths: Any,
+        weight: Any,
+        pulse: Pulse | None,
+        reach: Callable[..., None] | None = None,
     ) -> FilmDeposit:
         """Nothing deposited yet.
 
@@ -42,6 +48,8 @@ class FilmDeposit:
             weight: Factor of every deposit: the camera ray's weight over the samples per pixel.
             pulse: Temporal profile of the light, None for an instant. It is convolved by its exact
                 energy in each bin, which adds no noise.
+            reach: How the pulse reaches the bins: `spread` (its energy in each) by default, or
+                `open_gates`.
         """
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
@@ -49,7 +57,7 @@ class FilmDeposit:
             film.add_transient_data(position, opl, wavelengths, spectrum * weight, one, active)
 
         def put_pulse(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-            spread(film, pulse, put, spectrum, opl, active)
+            (reach or spread)(film, pulse, put, spectrum, opl, active)
 
         return cls(mi.UnpolarizedSpectrum(0), put if pulse is None else put_pulse)
 
@@ -76,5 +84,23 @@ def spread(
         after = pulse.cdf((k + 1) * width - opl)
         put(spectrum * (after - before), start + (k + 0.5) * width, filling)
         before = mi.Float(after)
+        k += 1
+        filling &= k <= last
+
+
+@dr.syntax
+def open_gates(
+    film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
+) -> None:
+    """Deposit a pulse's density at the centre of each bin that it reaches: a gate for every bin."""
+    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
+    low, high = pulse.support
+    opl = opl - start
+    # The arrival at opl is seen by the gate at t with p(t - opl)
+    k = mi.Int32(dr.clip(dr.ceil((opl + low) / width - 0.5), 0, bins))
+    last = mi.Int32(dr.clip(dr.floor((opl + high) / width - 0.5), -1, bins - 1))
+    filling = active & (k <= last)
+    while filling:
+        put(spectrum * pulse.eval((k + 0.5) * width - opl), start + (k + 0.5) * width, filling)
         k += 1
         filling &= k <= last

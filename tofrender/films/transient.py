@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import checks
 from .cells import Cells
+from .image import image_film
 
 
 class TransientHDRFilm(mi.Film):
@@ -113,24 +114,9 @@ class TransientHDRFilm(mi.Film):
         Raises:
             MemoryError: The bins do not fit into memory; one line with their size and what fits.
         """
-        height, width, _, _ = self.shape
         self._bins = None  # Before there are new ones
         self._bins = Cells(*self.shape)
-        self._steady = mi.load_dict(
-            {
-                "type": "hdrfilm",
-                "width": self.size().x,
-                "height": self.size().y,
-                "crop_offset_x": self.crop_offset().x,
-                "crop_offset_y": self.crop_offset().y,
-                "crop_width": width,
-                "crop_height": height,
-                "sample_border": self.sample_border(),
-                "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
-                "component_format": "float32",
-                "rfilter": self.rfilter(),
-            }
-        )
+        self._steady = image_film(self)
         self.samples_per_pixel, self.partial = None, False
         self.one_writer_per_pixel = False
         return self.steady.prepare(aovs)

@@ -20,8 +20,8 @@ from .passes import image_channels, to_rgb
 class TransientIntegrator(mi.SamplingIntegrator):
     """Base of the integrators that know how long each path is.
 
-    A subclass says what is measured along a path, in `measurement`, and what of it goes to the
-    film's image, in `channels`.
+    A subclass says what is measured along a path, in `measurement`; its `total` is the colour of
+    the film's image.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -76,10 +76,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """What is done with the light of camera rays; by default it is summed."""
         return Radiance.zero()
 
-    def channels(self, film: Any, camera: CameraSample, measured: Any, covered: mi.Bool) -> Any:
-        """What of a measurement goes to the film's image, a float for each of its channels."""
-        wavelengths = camera.ray.wavelengths
-        return image_channels(film, to_rgb(measured.total * camera.weight, wavelengths), covered)
+    def colour(self, camera: CameraSample, spectrum: Any) -> mi.Color3f:
+        """Colour of light that came along camera rays."""
+        return to_rgb(spectrum * camera.weight, camera.ray.wavelengths)
+
+    def extra_channels(self, film: Any, camera: CameraSample, measured: Any) -> list[mi.Float]:
+        """What of a measurement goes to the image of the film behind the colour of `total`."""
+        return []
 
     # ------------------------------------------------------------------------- paths
 
@@ -193,6 +196,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             measured, covered = self.trace(
                 scene, sampler, camera.ray, camera.origin, measured, lights
             )
-            return camera.position, self.channels(film, camera, measured, covered)
+            colour = image_channels(film, self.colour(camera, measured.total), covered)
+            return camera.position, colour, self.extra_channels(film, camera, measured)
 
         yield from passes.steps(film, sampler, seed, first, shot)

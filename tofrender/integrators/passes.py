@@ -14,6 +14,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from .. import backend, checks
 from ..camera import pixel_corner, sampled_size
 from ..films.cells import MAX_ADDED
 from ..sampling.padded_sobol import mix
@@ -30,8 +31,8 @@ PRIVATE_LANES = 4
 LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 """Samplers that can go on to their next sample within a symbolic loop."""
 
-Shot = Callable[[mi.UInt32], tuple[mi.Point2f, list[mi.Float]]]
-"""Takes one sample of each of some pixels: its film position and its values."""
+Shot = Callable[[mi.UInt32], tuple[mi.Point2f, list[mi.Float], list[mi.Float]]]
+"""Takes a sample of each of some pixels: its film position, its colour (and coverage), the rest."""
 
 
 def steps(film: Any, sampler: mi.Sampler, seed: Any, first: int, shot: Shot) -> Iterator[int]:
@@ -51,8 +52,10 @@ def steps(film: Any, sampler: mi.Sampler, seed: Any, first: int, shot: Shot) -> 
     width, height = sampled_size(film)
     spp = sampler.sample_count()
     lanes, per_step, private = _plan(sampler, width * height, spp)
-    film.samples_per_pixel = spp
-    film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
+    has_cells = hasattr(film, "add_transient_data")
+    if has_cells:
+        film.samples_per_pixel = spp
+        film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
     sampler.set_samples_per_wavefront(lanes)
     skip = getattr(sampler, "skip", None)
     if first and skip is None:  # Other points, by another seed
@@ -67,7 +70,8 @@ def steps(film: Any, sampler: mi.Sampler, seed: Any, first: int, shot: Shot) -> 
         lane = dr.arange(mi.UInt32, width * height * lanes)
         _step(film, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count)
         done += count * lanes
-        film.partial = done < spp
+        if has_cells:
+            film.partial = done < spp
         if spp > done >= folded + MAX_ADDED and hasattr(film, "fold"):
             film.fold()
             folded = done
@@ -101,21 +105,22 @@ def _step(film, sampler, shot, pixel, count):
     block = image.create_block()
     left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
     if dr.hint(count == 1, mode="scalar"):
-        position, values = shot(pixel)
-        block.put(position, [*values, mi.Float(1)])
+        position, colour, rest = shot(pixel)
+        block.put(position, [*colour, mi.Float(1), *rest])
         sampler.advance()
     elif dr.hint(film.rfilter().is_box_filter(), mode="scalar"):
-        sums = _zeros(image)
+        sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
-            _, values = shot(pixel)
-            sums = _added(sums, values)
+            _, colour, rest = shot(pixel)
+            sums = _added(sums, [*colour, *rest])
             sampler.advance()
             left -= 1
-        block.put(pixel_corner(film, pixel), [*sums, mi.Float(count)])
+        n = _colour_count(image)
+        block.put(pixel_corner(film, pixel), [*sums[:n], mi.Float(count), *sums[n:]])
     else:
         while left > 0:
-            position, values = shot(pixel)
-            block.put(position, [*values, mi.Float(1)])
+            position, colour, rest = shot(pixel)
+            block.put(position, [*colour, mi.Float(1), *rest])
             sampler.advance()
             left -= 1
     image.put_block(block)
@@ -125,9 +130,9 @@ def _step(film, sampler, shot, pixel, count):
     dr.sync_thread()
 
 
-def _zeros(image: mi.Film) -> list[mi.Float]:
-    """A zero for every channel of an image but its weight."""
-    return [mi.Float(0) for _ in range(image.create_block().channel_count() - 1)]
+def _colour_count(image: mi.Film) -> int:
+    """Channels of an image before its weight."""
+    return 4 if mi.has_flag(image.flags(), mi.FilmFlags.Alpha) else 3
 
 
 def _added(sums: list[mi.Float], values: list[mi.Float]) -> list[mi.Float]:
@@ -137,7 +142,7 @@ def _added(sums: list[mi.Float], values: list[mi.Float]) -> list[mi.Float]:
 def image_channels(film: Any, colour: mi.Color3f, covered: mi.Bool) -> list[mi.Float]:
     """A colour as the channels of a film's image, coverage included if it has alpha."""
     channels = [colour.x, colour.y, colour.z]
-    if mi.has_flag(getattr(film, "steady", film).flags(), mi.FilmFlags.Alpha):
+    if _colour_count(getattr(film, "steady", film)) == 4:
         channels.append(dr.select(covered, mi.Float(1), mi.Float(0)))
     return channels
 
@@ -149,3 +154,18 @@ def to_rgb(spectrum: Any, wavelengths: Any) -> mi.Color3f:
     if mi.is_spectral:
         return mi.spectrum_to_srgb(spectrum, wavelengths)
     return mi.Color3f(spectrum)
+
+
+def take(
+    scene: mi.Scene, integrator: Any, sensor: mi.Sensor, film: Any, spp: int, seed: int
+) -> None:
+    """Render into a film, with the sampler that leaves the least noise.
+
+    Raises:
+        ValueError: `spp` or `seed` is out of range; one line.
+    """
+    count = checks.integer("spp", spp, 1, checks.MAX_SPP)
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    sampler = mi.load_dict({"type": backend.own_name("padded_sobol"), "sample_count": count})
+    for _ in integrator.steps(scene, sensor, film, sampler, seed):
+        pass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import mitsuba as mi
@@ -10,6 +11,7 @@ import numpy as np
 from .. import checks
 from ..camera import CameraSample
 from ..films.deposit import FilmDeposit
+from ..films.phasor_sum import PhasorSum
 from ..pulses import GaussianPulse, Pulse, SampledPulse, convolve
 from .base import TransientIntegrator
 
@@ -76,18 +78,29 @@ class TransientPath(TransientIntegrator):
 
     def prepare(self, film: Any) -> None:
         """Refuse a film without time, and filters that do not fit; empty the film."""
-        if not hasattr(film, "add_transient_data"):
+        if hasattr(film, "frequencies_hz"):
+            self._profile = self.pulse
+        elif hasattr(film, "add_transient_data"):
+            self._profile = self.temporal_profile(film)
+        else:
             raise TypeError(
                 f"film: is a {film.class_name()}; must be a transient_hdr_film or another film "
                 "with time"
             )
-        self._profile = self.temporal_profile(film)
         super().prepare(film)
 
-    def measurement(self, film: Any, camera: CameraSample, spp: int) -> FilmDeposit:
-        """Deposits every contribution in the film's bins."""
+    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
+        """Deposits every contribution in the film's bins, or sums its phasors."""
+        if hasattr(film, "frequencies_hz"):
+            return PhasorSum.zero(film.frequencies_hz)
         wavelengths, weight = camera.ray.wavelengths, camera.weight / spp
         return FilmDeposit.into(film, camera.position, wavelengths, weight, self._profile)
+
+    def extra_channels(self, film: Any, camera: CameraSample, measured: Any) -> list[mi.Float]:
+        """The phasors, if the film stores them."""
+        if not isinstance(measured, PhasorSum):
+            return []
+        return film.channels(measured, partial(self.colour, camera), self._profile)
 
     def _filter(self, film: Any) -> Pulse | None:
         """The temporal filter as a pulse, None if it is a box: a bin's own width."""

@@ -1,0 +1,41 @@
+"""Films for the pixels of another one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+
+from .. import backend
+
+
+def image_film(film: mi.Film) -> Any:
+    """A new `hdrfilm` of the same size, crop and filter, in float32."""
+    stored = {
+        "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
+        "component_format": "float32",
+    }
+    return mi.load_dict({"type": "hdrfilm"} | pixels_of(film) | stored)
+
+
+def transient_film(
+    film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float
+) -> Any:
+    """A new `transient_hdr_film` of the same size, crop and filter, with the given bins [m]."""
+    bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
+    plugin = backend.own_name("transient_hdr_film")
+    return mi.load_dict({"type": plugin} | pixels_of(film) | bins)
+
+
+def pixels_of(film: mi.Film) -> dict[str, Any]:
+    """The parameters of a film that say which pixels it has."""
+    return {
+        "width": film.size().x,
+        "height": film.size().y,
+        "crop_width": film.crop_size().x,
+        "crop_height": film.crop_size().y,
+        "crop_offset_x": film.crop_offset().x,
+        "crop_offset_y": film.crop_offset().y,
+        "sample_border": film.sample_border(),
+        "rfilter": film.rfilter(),
+    }

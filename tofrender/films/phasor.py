@@ -1,0 +1,192 @@
+"""Film plugin `phasor_hdr_film`: a steady image and phasors at a list of frequencies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from .. import checks
+from ..modulations import check_frequency
+from ..pulses import Pulse
+from ..units import SPEED_OF_LIGHT
+from .image import image_film
+from .phasor_sum import PhasorSum
+
+MAX_FREQUENCIES = 64
+
+
+class PhasorHDRFilm(mi.Film):
+    """A film that stores phasors instead of time bins (plugin `phasor_hdr_film`).
+
+    The phasor at the frequency f is P(f) = sum of L exp(+i 2 pi f opl / c) over all light. It is
+    summed path by path: no window cuts it off, and no bin blurs it. I = Re P, Q = Im P.
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `frequencies_hz` | | list as text, e.g. "20e6, 50e6" [Hz]; any number up to 64 |
+    | `wl_mean`, `wl_sigma` | 100, 1000 | mitransient's choice of wavelengths [m], without a list: |
+    | `temporal_bins` | 4096 | those that a Fourier transform of so many bins |
+    | `bin_width_opl` | 0.003 | of this width [m] has between c / wl_mean -+ c / (2 wl_sigma) |
+    | `start_opl` | 0 | path length of phase 0 [m] |
+    | `width`, ... `rfilter` | | size, crop and filter as of any film; box by default |
+
+    `develop()` returns `(steady, phasors)`; phasors has the shape (height, width, frequencies, 2)
+    in monochromatic variants, (height, width, frequencies, 2, 3) in others, with I and Q along the
+    axis of length 2.
+
+    mitransient's film of this name differs in the sign of Q, and takes monochromatic variants only.
+
+    Example:
+        >>> film = mi.load_dict({"type": "phasor_hdr_film", "frequencies_hz": "20e6, 50e6"})
+        >>> film.frequencies_hz
+        (20000000.0, 50000000.0)
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        if not any(isinstance(value, mi.ReconstructionFilter) for _, value in props.objects()):
+            props["rfilter"] = mi.load_dict({"type": "box"})
+        text = props.get("frequencies_hz", None)
+        names = (("wl_mean", 100.0), ("wl_sigma", 1000.0), ("bin_width_opl", 0.003))
+        mean, sigma, width = (
+            checks.metres(name, props.get(name, default), positive=True) for name, default in names
+        )
+        bins = checks.integer("temporal_bins", props.get("temporal_bins", 4096), 2, checks.MAX_BINS)
+        super().__init__(props)
+        self.start_opl = checks.metres("start_opl", props.get("start_opl", 0.0))
+        self.frequencies_hz = (
+            _of_wavelengths(mean, sigma, bins, width) if text is None else parse_frequencies(text)
+        )
+        self._steady: Any = None
+
+    def base_channels_count(self) -> int:
+        """Channels of the steady image without weight."""
+        return 1 if mi.is_monochromatic else 3
+
+    def prepare(self, aovs: Sequence[str]) -> int:
+        """Make an empty image with channels for all phasors."""
+        colours = "L" if mi.is_monochromatic else "RGB"
+        names = [
+            f"{part}{k:03d}.{colour}"
+            for k in range(len(self.frequencies_hz))
+            for part in "IQ"
+            for colour in colours
+        ]
+        self._steady = image_film(self)
+        return self._steady.prepare([*aovs, *names])
+
+    def clear(self) -> None:
+        """Empty the film."""
+        self.steady.clear()
+
+    @property
+    def steady(self) -> Any:
+        """The image, of type `hdrfilm`, with the phasors behind its colours.
+
+        Raises:
+            RuntimeError: `prepare` was not called.
+        """
+        if self._steady is None:
+            raise RuntimeError("phasor_hdr_film: is empty; call prepare() first, or render")
+        return self._steady
+
+    def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
+        """The steady image and the phasors; see the class for their shapes.
+
+        Args:
+            raw: Return sums, not divided by the filter's weights; `steady` then ends with these.
+        """
+        image = self.steady.develop(raw=raw)
+        colours, count = self.base_channels_count(), len(self.frequencies_hz)
+        extra = image.shape[2] - 2 * count * colours
+        shape = (*image.shape[:2], count, 2) + (() if colours == 1 else (colours,))
+        steady, phasors = image[:, :, :extra], image[:, :, extra:]
+        return steady, mi.TensorXf(phasors.array, shape)
+
+    def to_string(self) -> str:
+        """The film's parameters."""
+        return (
+            f"PhasorHDRFilm[\n  size = {self.size()},\n  crop_size = {self.crop_size()},\n"
+            f"  frequencies_hz = {self.frequencies_hz},\n  start_opl = {self.start_opl}\n]"
+        )
+
+    # ----------------------------------------------------------------- for integrators
+
+    def channels(self, measured: PhasorSum, to_colour: Any, pulse: Pulse | None) -> list[mi.Float]:
+        """The phasors of a path as channels of the image.
+
+        Args:
+            measured: What a path has summed.
+            to_colour: Turns a spectrum into a colour.
+            pulse: Temporal profile of the light: multiplies each phasor by its Fourier transform.
+        """
+        values = []
+        for k, frequency in enumerate(self.frequencies_hz):
+            shift = -2 * math.pi * frequency * self.start_opl / SPEED_OF_LIGHT
+            factor = np.exp(1j * shift) * fourier_transform(pulse, frequency)
+            re, im = to_colour(measured.real[k]), to_colour(measured.imaginary[k])
+            a, b = float(factor.real), float(factor.imag)
+            for part in (re * a - im * b, re * b + im * a):
+                values += [part.x] if mi.is_monochromatic else [part.x, part.y, part.z]
+        return values
+
+
+def parse_frequencies(value: Any) -> tuple[float, ...]:
+    """Frequencies from a number, a sequence of numbers, or text with commas.
+
+    Raises:
+        ValueError: One is not above 0, or there are none or too many; one line.
+
+    Example:
+        >>> parse_frequencies("20e6, 50e6")
+        (20000000.0, 50000000.0)
+    """
+    if isinstance(value, str):
+        parts: list[Any] = [_number(part) for part in value.split(",") if part.strip()]
+    else:
+        parts = list(np.atleast_1d(np.asarray(value, dtype=object)))
+    if not 1 <= len(parts) <= MAX_FREQUENCIES:
+        raise ValueError(
+            f"frequencies_hz: has {len(parts)} entries; must have 1 to {MAX_FREQUENCIES}"
+        )
+    return tuple(check_frequency("frequency_hz", part) for part in parts)
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
+
+
+def fourier_transform(pulse: Pulse | None, frequency_hz: float) -> complex:
+    """Integral of p(t) exp(+i 2 pi f t / c): what a pulse does to a phasor.
+
+    Example:
+        >>> from tofrender import GaussianPulse
+        >>> abs(fourier_transform(GaussianPulse(0.3), 100e6)) < 0.83
+        True
+    """
+    if pulse is None:
+        return 1.0 + 0.0j
+    low, high = pulse.support
+    edges = np.linspace(low, high, 4097)
+    mass = np.diff(np.array(pulse.cdf(mi.Float(edges)), dtype=np.float64))
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    turns = 2 * math.pi * frequency_hz / SPEED_OF_LIGHT
+    return complex(np.sum(mass * np.exp(1j * turns * centres)) / np.sum(mass))
+
+
+def _of_wavelengths(mean: float, sigma: float, bins: int, width: float) -> tuple[float, ...]:
+    """Frequencies [Hz] that mitransient picks for a Morlet wavelet of these wavelengths [m]."""
+    length = bins * width
+    low = max(1, math.floor(length / mean - 0.5 * length / sigma))
+    high = min(bins // 2, math.ceil(length / mean + 0.5 * length / sigma))
+    return parse_frequencies([k / length * SPEED_OF_LIGHT for k in range(low, max(low, high) + 1)])
+
+
+for name in ("phasor_hdr_film", "tofrender_phasor_hdr_film"):
+    mi.register_film(name, PhasorHDRFilm)

@@ -1,0 +1,48 @@
+"""The measurement that sums phasors along a path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..units import SPEED_OF_LIGHT
+
+
+@dataclass
+class PhasorSum:
+    """A measurement: the sum of L exp(+i 2 pi f opl / c) along a path, for every frequency f.
+
+    Attributes:
+        total: Plain sum of the light, of type `mi.UnpolarizedSpectrum`.
+        real: Real parts, one for each frequency.
+        imaginary: Imaginary parts.
+        turns_per_metre: f / c [1/m].
+    """
+
+    total: Any
+    real: list[Any]
+    imaginary: list[Any]
+    turns_per_metre: tuple[float, ...]
+
+    @classmethod
+    def zero(cls, frequencies_hz: Sequence[float]) -> PhasorSum:
+        """Nothing measured yet."""
+        zeros = [[mi.UnpolarizedSpectrum(0) for _ in frequencies_hz] for _ in range(2)]
+        turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
+        return cls(mi.UnpolarizedSpectrum(0), *zeros, turns)
+
+    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+        """Add a contribution."""
+        spectrum = dr.select(active, spectrum, 0)
+        opl = dr.select(active, opl, 0)
+        self.total += spectrum
+        for k, turns in enumerate(self.turns_per_metre):
+            phase = opl * turns
+            sine, cosine = dr.sincos(2 * math.pi * (phase - dr.round(phase)))
+            self.real[k] += spectrum * cosine
+            self.imaginary[k] += spectrum * sine

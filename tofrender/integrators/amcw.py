@@ -1,0 +1,191 @@
+"""Integrator plugin `amcw_transient_path`: what a continuously modulated sensor measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from .. import backend
+from ..camera import CameraSample
+from ..films.image import image_film, pixels_of
+from ..films.phasor import parse_frequencies
+from ..modulations import AMCWPulse
+from ..phasors import phasor_parts
+from .passes import take
+from .time_gated import Gate
+from .transient_path import TransientPath
+
+
+class AMCWTransientPath(TransientPath):
+    """Path tracer for amplitude-modulated light (plugin `amcw_transient_path`).
+
+    On an ordinary film, every contribution is weighted by the modulation m(opl) that
+    `set_modulation` sets: the image is the correlation integral of L(opl) m(opl). On a
+    `phasor_hdr_film`, phasors of all its frequencies are summed in the same trace. Parameters as of
+    `TransientIntegrator`, with a `max_depth` of 8, and:
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `frequency_hz` | none | frequency of a cosine modulation [Hz], as a start |
+    | `phase_offset` | 0 | its phase offset [rad]; -pi/2 makes it a sine |
+    | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m], for phasors |
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "amcw_transient_path", "frequency_hz": 20e6})
+        >>> round(integrator.modulation.get_unambiguous_range(), 3)
+        7.495
+    """
+
+    def __init__(self, props: mi.Properties | None = None) -> None:
+        props = mi.Properties("amcw_transient_path") if props is None else props
+        if "max_depth" not in props:
+            props["max_depth"] = 8
+        super().__init__(props)
+        frequency, offset = props.get("frequency_hz", None), props.get("phase_offset", 0.0)
+        self.modulation: Any = None if frequency is None else AMCWPulse(frequency, offset)
+
+    def set_modulation(self, modulation: Any) -> None:
+        """Set the modulation.
+
+        Args:
+            modulation: An `AMCWPulse`, or anything with `eval(opl)`.
+
+        Raises:
+            TypeError: It has no `eval`; one line.
+        """
+        if not hasattr(modulation, "eval"):
+            raise TypeError(
+                f"modulation = {modulation!r}: must be a modulation like AMCWPulse(20e6)"
+            )
+        self.modulation = modulation
+
+    def sample(self, scene, sampler, ray, medium=None, active=True, origin=None):
+        """Correlation with the modulation along rays.
+
+        Args:
+            scene: The scene.
+            sampler: Random numbers.
+            ray: Camera rays.
+            medium: Ignored.
+            active: Lanes to trace.
+            origin: Where lengths start, by default where the rays do.
+
+        Returns:
+            Spectrum, lanes that met a surface, and no AOVs.
+        """
+        start = ray.o if origin is None else origin
+        gate, valid = self.trace(
+            scene, sampler, ray, start, self._correlation(), self.lights(scene), active
+        )
+        return mi.Spectrum(gate.total), valid, []
+
+    def prepare(self, film: Any) -> None:
+        """Refuse to render without a modulation; empty the film."""
+        if hasattr(film, "frequencies_hz"):
+            super().prepare(film)
+        else:
+            self._correlation()
+            film.prepare([])
+
+    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
+        """The correlation, or the phasors of a film that stores them."""
+        if hasattr(film, "frequencies_hz"):
+            return super().measurement(film, camera, spp)
+        return self._correlation()
+
+    def _correlation(self) -> Gate:
+        if self.modulation is None:
+            raise ValueError("modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))")
+        return Gate(mi.UnpolarizedSpectrum(0), self.modulation.eval)
+
+
+def render_single_amcw(
+    scene: mi.Scene, integrator: Any, sensor: mi.Sensor, spp: int = 64, seed: int = 0
+) -> np.ndarray:
+    """Render one correlation image.
+
+    Args:
+        scene: The scene.
+        integrator: An `AMCWTransientPath` with its modulation set.
+        sensor: The camera; its film says size, crop and filter.
+        spp: Samples per pixel.
+        seed: Seed of the random numbers; the same seed gives the same paths, whatever is set.
+
+    Returns:
+        Float32 array of shape (height, width, channels).
+
+    Example:
+        >>> import tofrender
+        >>> scene = mi.load_dict(tofrender.cornell_box(width=16, height=16))
+        >>> integrator = AMCWTransientPath(mi.Properties())
+        >>> integrator.set_modulation(AMCWPulse(20e6))
+        >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
+        (16, 16, 3)
+    """
+    film = image_film(sensor.film())
+    take(scene, integrator, sensor, film, spp, seed)
+    return np.array(film.develop())
+
+
+def render_amcw_phasor(
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    frequency_hz: float | Sequence[float],
+    spp: int = 64,
+    seed: int = 0,
+    integrator: Any = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Render phasors of one or many frequencies, I and Q of all in one trace.
+
+    Args:
+        scene: The scene.
+        sensor: The camera; its film says size, crop and filter.
+        frequency_hz: A frequency [Hz], or up to 64 of them.
+        spp: Samples per pixel.
+        seed: Seed of the random numbers.
+        integrator: An `AMCWTransientPath` (or `TransientPath`) with other parameters.
+
+    Returns:
+        I, Q, amplitude, phase in (-pi, pi] and depth in [0, c / 2f) [m], arrays of shape (height,
+        width, channels), with an axis of frequencies in front if a sequence was given. Depth is
+        half the path length, which is a distance only where light and camera coincide.
+
+    Raises:
+        ValueError: A frequency is not above 0, or the list is empty; one line.
+
+    Example:
+        >>> import tofrender
+        >>> scene = mi.load_dict(tofrender.cornell_box(width=16, height=16))
+        >>> I, Q, amplitude, phase, depth = render_amcw_phasor(
+        ...     scene, scene.sensors()[0], [20e6, 50e6], spp=4
+        ... )
+        >>> depth.shape
+        (2, 16, 16, 3)
+    """
+    frequencies = parse_frequencies(frequency_hz)
+    film = mi.load_dict(
+        {
+            "type": backend.own_name("phasor_hdr_film"),
+            "frequencies_hz": ", ".join(repr(f) for f in frequencies),
+            **pixels_of(sensor.film()),
+        }
+    )
+    plugin = {"type": backend.own_name("amcw_transient_path")}
+    tracer = mi.load_dict(plugin) if integrator is None else integrator
+    take(scene, tracer, sensor, film, spp, seed)
+    phasors = np.array(film.develop()[1])
+    height, width = phasors.shape[:2]
+    parts = phasors.reshape(height, width, len(frequencies), 2, -1)
+    parts = np.moveaxis(parts, (2, 3), (1, 0))  # (part, frequency, height, width, channels)
+    if np.ndim(frequency_hz) == 0 and not isinstance(frequency_hz, str):
+        I, Q = parts[0, 0], parts[1, 0]  # noqa: E741
+        return (I, Q, *phasor_parts(I, Q, frequencies[0]))
+    I, Q = parts[0], parts[1]  # noqa: E741
+    return (I, Q, *phasor_parts(I, Q, frequencies))
+
+
+for name in ("amcw_transient_path", "tofrender_amcw_transient_path"):
+    mi.register_integrator(name, AMCWTransientPath)
