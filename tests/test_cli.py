@@ -12,6 +12,8 @@ import termios
 import time
 from pathlib import Path
 
+import numpy as np
+import OpenEXR
 import pytest
 
 import tofrender
@@ -294,3 +296,72 @@ def test_ctrl_c(tmp_path):
     assert names(tmp_path) == {"box"}
     dataset = tofrender.load_exr_stack(folder)
     assert 0.9 < float(dataset.transient.sum() / dataset.steady.sum()) < 1.0
+
+
+# ---------------------------------------------------------------------------- phasors and gates
+
+
+def test_phasors_of_a_scene(tmp_path, capsys):
+    out = tmp_path / "phasors"
+    tiny = ["--size", "8x6", "--spp", "4"]
+    options = ["--freq", "20e6", "--freq", "50e6", "--out", out, *tiny]
+    assert main([str(each) for each in ("phasor", "cornell_box_flash", *options)]) == 0
+    assert names(out) == {"phasor_20000000Hz.exr", "phasor_50000000Hz.exr", "panel.png"}
+    channels = OpenEXR.File(str(out / "phasor_20000000Hz.exr")).channels()
+    assert set(channels) == {"I", "Q", "amplitude", "phase", "depth"}
+    depth = channels["depth"].pixels
+    assert depth.shape == (6, 8, 3)
+    assert 0 <= depth.min() <= depth.max() < 7.5
+    assert "panel.png" in capsys.readouterr().out
+    again = ["phasor", "cornell_box_flash", *options]  # Its own output is replaced
+    assert main([str(each) for each in again]) == 0
+
+
+def test_phasors_of_a_render(tmp_path, capsys):
+    """Converted from bins, they are those that are rendered, up to what the window lost."""
+    folder, converted, direct = (tmp_path / name for name in ("render", "converted", "direct"))
+    tiny = ["--size", "8x6", "--spp", "16"]
+    window = ["--start-opl", "3", "--bins", "3000", "--bin-width", "0.01", "--no-video"]
+    commands = (
+        ("render", "cornell_box", "--out", folder, *tiny, *window, "--max-depth", "8"),
+        ("phasor", folder, "--freq", "20e6", "--out", converted),
+        ("phasor", "cornell_box", "--freq", "20e6", "--out", direct, *tiny),
+    )
+    for command in commands:
+        assert main([str(each) for each in command]) == 0, capsys.readouterr().err
+    first, second = (
+        OpenEXR.File(str(path / "phasor_20000000Hz.exr")).channels()["I"].pixels
+        for path in (converted, direct)
+    )
+    np.testing.assert_allclose(first, second, atol=0.01 * np.abs(second).max())
+
+
+def test_a_gate(tmp_path):
+    out = tmp_path / "gate"
+    options = ["--at", "5.9", "--size", "16x12", "--spp", "4", "--out", str(out)]
+    assert main(["gate", "cornell_box", *options]) == 0
+    assert names(out) == {"gate.exr", "picture.png"}
+    assert OpenEXR.File(str(out / "gate.exr")).channels()["RGB"].pixels.shape == (12, 16, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["phasor", "cornell_box", "--freq", "0"], "--freq = 0: must be a finite number of hertz"),
+        (["phasor", "cornell_box", "--freq", "nan"], "--freq = nan: must be"),
+        (["phasor", "cornell_box"], "Missing option '--freq'"),
+        (["phasor", "cornel_box", "--freq", "2e7"], "did you mean cornell_box"),
+        (["gate", "cornell_box", "--at", "-1"], "--at = -1: must be 0 m or more"),
+        (["gate", "cornell_box", "--at", "soon"], "--at = 'soon': must be a finite number"),
+        (["gate", "cornell_box", "--at", "1", "--size", "8x8"], "no light arrives then"),
+        (["gate", "cornell_box", "--at", "6", "--spp", "0"], "--spp = 0: must be an integer"),
+    ],
+)
+def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
+    assert text in refused(capsys, *arguments, "--out", tmp_path / "out")
+    assert names(tmp_path) == set()
+
+
+def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):
+    error = refused(capsys, "phasor", tmp_path, "--freq", "2e7", "--out", tmp_path / "out")
+    assert "holds no render" in error

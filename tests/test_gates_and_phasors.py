@@ -308,3 +308,16 @@ def test_lamps_seen_directly_count():
     loaded = load(scene(parts, camera((0, 0, 3.0), (0, 0, 0), film(), fov=1e-3)))
     image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], 3.0, spp=4)
     assert image[0, 0, 0] == pytest.approx(2.0 / (0.1 * math.sqrt(2 * math.pi)), rel=1e-4)
+
+
+@pytest.mark.parametrize("plugin", ["amcw_transient_path", "time_gated_transient_path"])
+def test_render_refuses_integrators_that_do_not_fill_bins(plugin):
+    with pytest.raises(ValueError, match="cannot render in time; must be one of transient_path"):
+        tofrender.render(box(), integrator={"type": plugin})
+
+
+def test_correlations_need_an_ordinary_film():
+    loaded = box()
+    integrator = mi.load_dict({"type": "amcw_transient_path", "frequency_hz": 2e7}, parallel=False)
+    with pytest.raises(TypeError, match="film: is a transient one; must be an ordinary film"):
+        integrator.render(loaded, spp=1)

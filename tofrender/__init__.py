@@ -43,7 +43,26 @@ _HOMES = {
         "save_png_frames",
         "save_video",
     ),
-    "vis": ("plot_pixel_transient", "summary_figure", "tonemap", "visualize_transient"),
+    "vis": (
+        "light_in_flight",
+        "phasor_panel",
+        "plot_pixel_transient",
+        "summary_figure",
+        "tonemap",
+        "unwarp_camera",
+        "visualize_transient",
+    ),
+    "analysis": (
+        "four_bucket",
+        "from_four_bucket",
+        "multipath_error",
+        "phasor_parts",
+        "sum_channels",
+        "transient_to_phasor",
+        "true_depth",
+        "unambiguous_range",
+        "unwrap",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -52,6 +71,7 @@ _SUBMODULES = {
     "analysis",
     "doctor",
     "films",
+    "phasors",
     "integrators",
     "sampling",
     "walk",

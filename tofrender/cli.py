@@ -7,7 +7,6 @@ command imports what it needs, after its options are checked.
 from __future__ import annotations
 
 import os
-import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -16,12 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from . import cli_time
+from .cli_options import FILES, check_out, definitions, load_render, number, split_size
+
 if TYPE_CHECKING:
     import xarray as xr
 
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
-FILES = {"frames": "", "multipart": "stack.exr", "npz": "transient.npz"}
-"""What holds the transient in the output folder, by --format."""
 PRECISIONS = ("half", "float")
 WINDOWS = ("auto",)
 
@@ -125,6 +125,9 @@ def doctor() -> None:
 Text = str | None
 _option = typer.Option
 
+app.command()(cli_time.phasor)
+app.command()(cli_time.gate)
+
 
 @app.command()
 def render(
@@ -194,7 +197,7 @@ def render(
     from tofrender.settings import CHECKS
 
     # -------------------------------------------------------- check everything, start nothing
-    width, height = (None, None) if size is None else _size(size)
+    width, height = (None, None) if size is None else split_size(size)
     texts = {
         "width": ("--size", width),
         "height": ("--size", height),
@@ -208,12 +211,12 @@ def render(
         "pulse_width_opl": ("--pulse-width", pulse_width),
     }
     settings = {
-        name: CHECKS[name](option, _number(text))
+        name: CHECKS[name](option, number(text))
         for name, (option, text) in texts.items()
         if text is not None
     }
     points = {name: settings.pop(name, None) for name in ("spp", "sampler")}
-    seed_number = checks.integer("--seed", _number(seed), 0, checks.MAX_SEED)
+    seed_number = checks.integer("--seed", number(seed), 0, checks.MAX_SEED)
     checks.one_of("--format", format, FILES)
     checks.one_of("--precision", precision, PRECISIONS)
     if window is not None:
@@ -223,8 +226,8 @@ def render(
                 raise ValueError(f"{option} = {text}: must be left out, --window auto finds it")
         if bins is not None:  # lets a steady scene turn transient; the window found replaces it
             settings |= {"start_opl": 0.0, "bin_width_opl": 1.0}
-    parameters = _parameters(defines or [])
-    _check_out(out)
+    parameters = definitions(defines or [])
+    check_out(out)
     if format == "npz" and precision != "float":
         raise ValueError(f"--precision = {precision}: must be float with --format npz")
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
@@ -241,10 +244,10 @@ def render(
     film = loaded.sensors()[0].film()
     if hasattr(film, "shape"):
         memory.require_film(*film.shape)
-    _check_out(out, film, "float" if format == "npz" else precision)
+    check_out(out, film, "float" if format == "npz" else precision)
 
     # ---------------------------------------------------------------------- render and write
-    earlier = _load(out) if resume else None
+    earlier = load_render(out, "--resume") if resume else None
     dataset = render_scene(loaded, seed=seed_number, window=window, resume=earlier, **points)
     dataset.attrs["scene"] = str(found)
     files = _write(dataset, out, format, precision, video)
@@ -254,64 +257,7 @@ def render(
         raise typer.Exit(_complain(f"interrupted after {spp_done} samples a pixel", INTERRUPTED))
 
 
-# ----------------------------------------------------------------------------------- options
-
-
-def _number(text: str) -> int | float | str:
-    """The number that `text` spells, NaN and infinities too, or `text` for a check to refuse."""
-    if re.fullmatch(r"[+-]?\d+", text, re.ASCII):
-        return int(text)
-    try:
-        return text if "_" in text else float(text)
-    except ValueError:
-        return text
-
-
-def _size(text: str) -> tuple[str, str]:
-    """Width and height of `64x48`."""
-    width, separator, height = text.lower().partition("x")
-    if not separator:
-        raise ValueError(f"--size = {text!r}: must be width x height in pixels, like 256x256")
-    return width, height
-
-
-def _parameters(defines: Sequence[str]) -> dict[str, str]:
-    """Names and values of `-D name=value`."""
-    pairs = {}
-    for define in defines:
-        name, separator, value = define.partition("=")
-        if not separator or not name:
-            raise ValueError(f"-D {define}: must be name=value, like -D spp=64")
-        pairs[name] = value
-    return pairs
-
-
 # ------------------------------------------------------------------------------------ output
-
-
-def _check_out(out: Path, film: Any = None, precision: str = "float") -> None:
-    """Refuse a folder that cannot be written, or a disk too small for what `film` collects."""
-    from tofrender.io import check_output
-
-    shape = getattr(film, "shape", None)
-    try:
-        check_output(out, shape, precision=precision, overwrite=True)
-    except OSError as error:
-        raise ValueError(str(error).replace("path =", "--out =", 1)) from None
-
-
-def _load(out: Path) -> xr.Dataset:
-    """What an earlier run has left in `out`."""
-    from tofrender import io
-
-    for path, load in (
-        (out / FILES["npz"], io.load_npz),
-        (out / FILES["multipart"], io.load_exr_stack),
-        (out / "steady.exr", lambda _: io.load_exr_stack(out)),
-    ):
-        if path.exists():
-            return load(path)
-    raise ValueError(f"--resume: {out} holds no earlier render to go on with")
 
 
 def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:

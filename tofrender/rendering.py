@@ -125,6 +125,7 @@ def render(
         "fingerprint": fingerprint(scene, camera, tracer),
         "integrator": type(tracer).__name__,
         "max_depth": tracer.max_depth,
+        "camera_unwarp": int(tracer.camera_unwarp),
         "sampler": _sampler_name(points),
         "seed": seed,
         "variant": mi.variant(),
@@ -169,9 +170,9 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     if isinstance(integrator, Mapping):
         integrator = load_plugin("integrator", integrator)
     found = scene.integrator() if integrator is None else integrator
-    if not hasattr(found, "steps"):
+    if not getattr(found, "fills_bins", False):
         cls = type(found)
-        foreign = cls.__module__ not in ("mitsuba", "builtins")
+        foreign = cls.__module__.partition(".")[0] not in ("mitsuba", "builtins", "tofrender")
         kind = (
             f"{cls.__module__}.{cls.__name__}"
             if foreign

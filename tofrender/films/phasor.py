@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from .. import checks
-from ..modulations import check_frequency
+from ..phasors import check_frequencies
 from ..pulses import Pulse
 from ..units import SPEED_OF_LIGHT
 from .image import image_film
@@ -145,14 +145,13 @@ def parse_frequencies(value: Any) -> tuple[float, ...]:
         (20000000.0, 50000000.0)
     """
     if isinstance(value, str):
-        parts: list[Any] = [_number(part) for part in value.split(",") if part.strip()]
-    else:
-        parts = list(np.atleast_1d(np.asarray(value, dtype=object)))
-    if not 1 <= len(parts) <= MAX_FREQUENCIES:
+        value = [_number(part) for part in value.split(",") if part.strip()]
+    frequencies, _ = check_frequencies(value, "frequencies_hz")
+    if len(frequencies) > MAX_FREQUENCIES:
         raise ValueError(
-            f"frequencies_hz: has {len(parts)} entries; must have 1 to {MAX_FREQUENCIES}"
+            f"frequencies_hz: has {len(frequencies)} entries; must have 1 to {MAX_FREQUENCIES}"
         )
-    return tuple(check_frequency("frequency_hz", part) for part in parts)
+    return tuple(frequencies)
 
 
 def _number(text: str) -> float | str:

@@ -39,6 +39,8 @@ class AMCWTransientPath(TransientPath):
         7.495
     """
 
+    fills_bins = False
+
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("amcw_transient_path") if props is None else props
         if "max_depth" not in props:
@@ -86,6 +88,11 @@ class AMCWTransientPath(TransientPath):
         """Refuse to render without a modulation; empty the film."""
         if hasattr(film, "frequencies_hz"):
             super().prepare(film)
+        elif hasattr(film, "add_transient_data"):
+            raise TypeError(
+                "film: is a transient one; must be an ordinary film or a phasor_hdr_film for "
+                "amcw_transient_path"
+            )
         else:
             self._correlation()
             film.prepare([])

@@ -53,6 +53,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------ for subclasses
 
+    fills_bins = False
+    """Whether a film's bins get the radiance that arrives in each, as `tofrender.render` needs."""
+
     pulse: Pulse | None = None
     temporal_filter: str = "box"
 

@@ -43,6 +43,8 @@ class TransientPath(TransientIntegrator):
         (16, 16, 300, 3)
     """
 
+    fills_bins = True
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         name, bins = props.get("temporal_filter", ""), props.get("gaussian_stddev", 2.0)

@@ -2,6 +2,7 @@
 
 from .atomic import replacing
 from .exr import load_exr_stack, save_exr_stack
+from .layers import save_exr_layers
 from .npz import load_npz, save_npz
 from .output import check_output, output_folder
 from .pictures import save_png_frames, save_video
@@ -12,6 +13,7 @@ __all__ = [
     "load_npz",
     "output_folder",
     "replacing",
+    "save_exr_layers",
     "save_exr_stack",
     "save_npz",
     "save_png_frames",

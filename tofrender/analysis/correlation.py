@@ -1,0 +1,209 @@
+"""What an AMCW sensor measures, and how far other paths than the direct one mislead it."""
+
+# ruff: noqa: E741 (I and Q are what the field calls them)
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import checks
+from .phasors import real_array
+
+
+def four_bucket(
+    I: Any, Q: Any, *, offset: Any, contrast: float = 0.5
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The four correlation images of an AMCW pixel, at phase steps of 0, 90, 180 and 270 degrees.
+
+        B(theta) = (offset + contrast (I cos theta + Q sin theta)) / 2
+
+    A pixel with two taps that demodulate in antiphase sorts all light that it gets into them:
+    B(theta) + B(theta + 180 degrees) = offset. This is the model of Lange and Seitz, "Solid-state
+    time-of-flight range camera", IEEE J. Quantum Electronics 37 (2001): modulation amplitude,
+    offset and phase, with the demodulation contrast as measured amplitude over measured offset.
+
+    Args:
+        I: Real part of the phasors, any shape, e.g. (height, width, channels).
+        Q: Imaginary part, of the same shape.
+        offset: All light that reaches the pixel, modulated or not: the steady image plus ambient
+            light, at least 0, of a shape that broadcasts to that of I.
+        contrast: In (0, 1]. Light with a fully modulated sine, demodulated by a gain that is a
+            sine too, has 1/2; by a square wave 2/pi; by short samples up to 1; real pixels less.
+
+    Returns:
+        (B0, B90, B180, B270), float64 of the shape of I.
+
+    Raises:
+        ValueError: Shapes that do not fit, a negative offset, or a contrast out of range.
+            Also an offset below contrast x amplitude, as light cannot be negative.
+
+    Example:
+        >>> buckets = four_bucket(0.0, 2.0, offset=3.0, contrast=0.5)
+        >>> [float(b) for b in buckets]
+        [1.5, 2.0, 1.5, 1.0]
+    """
+    I, Q = real_array("I", I).astype(np.float64), real_array("Q", Q).astype(np.float64)
+    if I.shape != Q.shape:
+        raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal")
+    base = real_array("offset", offset)
+    try:
+        base = np.broadcast_to(base, I.shape)
+    except ValueError:
+        raise ValueError(f"offset with shape {base.shape}: must fit I of {I.shape}") from None
+    contrast = _check_contrast(contrast)
+    if (base < 0).any():
+        raise ValueError(f"offset = {np.nanmin(base):g}: must be at least 0")
+    if (base < contrast * np.hypot(I, Q) * (1 - 1e-5)).any():
+        raise ValueError(
+            "offset: must be at least contrast x amplitude, or buckets hold negative light; it is "
+            "the steady image plus ambient light"
+        )
+    part_i, part_q, half = contrast * I / 2, contrast * Q / 2, base / 2
+    return half + part_i, half + part_q, half - part_i, half - part_q
+
+
+def from_four_bucket(
+    B0: Any, B90: Any, B180: Any, B270: Any, *, contrast: float = 0.5
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Phasors and offset from four correlation images, the inverse of `four_bucket`.
+
+    I = (B0 - B180) / contrast, Q = (B90 - B270) / contrast, offset = (B0 + B90 + B180 + B270) / 2.
+    Ambient light cancels in I and Q, and the phase needs no contrast.
+
+    Args:
+        B0: Correlation image at a phase step of 0 degrees, any shape.
+        B90: At 90 degrees, of the same shape.
+        B180: At 180 degrees, of the same shape.
+        B270: At 270 degrees, of the same shape.
+        contrast: The sensor's, in (0, 1].
+
+    Returns:
+        (I, Q, offset), float64.
+
+    Raises:
+        ValueError: Shapes that do not fit, or a contrast out of range.
+
+    Example:
+        >>> [float(v) for v in from_four_bucket(1.5, 2.0, 1.5, 1.0, contrast=0.5)]
+        [0.0, 2.0, 3.0]
+    """
+    contrast = _check_contrast(contrast)
+    named = {"B0": B0, "B90": B90, "B180": B180, "B270": B270}
+    buckets = [real_array(name, bucket).astype(np.float64) for name, bucket in named.items()]
+    shapes = [bucket.shape for bucket in buckets]
+    if len(set(shapes)) > 1:
+        raise ValueError(f"B0, B90, B180, B270 with shapes {shapes}: must be equal")
+    b0, b90, b180, b270 = buckets
+    return (b0 - b180) / contrast, (b90 - b270) / contrast, (b0 + b90 + b180 + b270) / 2
+
+
+class MultipathError(NamedTuple):
+    """How far measured depths are from the truth."""
+
+    error: np.ndarray
+    """Signed error of each pixel [m], positive if too far; NaN where nothing is known."""
+    median: float
+    """Median of the error [m]: the bias."""
+    percentile_95: float
+    """95th percentile of the absolute error [m]."""
+
+
+def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -> MultipathError:
+    """Compare depth from phases with the truth.
+
+    Args:
+        depth: Measured depth [m], (height, width) or (height, width, channels).
+        true_depth: Distance from the sensor [m], (height, width) or the shape of `depth`; see the
+            function `true_depth`.
+        range_m: Range after which the depth wraps [m], e.g. `unambiguous_range(20e6)`: the error
+            is then taken modulo it, in [-range/2, range/2). None for depth that does not wrap.
+
+    Returns:
+        A map of the depth's shape and its statistics; NaN where truth or depth is not finite, and
+        for the statistics if that is everywhere.
+
+    Raises:
+        ValueError: Shapes that do not fit, or a range that is not above 0.
+
+    Example:
+        >>> measured = np.array([[7.4, 2.1]])
+        >>> result = multipath_error(measured, np.array([[0.1, 2.0]]), range_m=7.5)
+        >>> result.error.round(6), round(result.median, 6)
+        (array([[-0.2,  0.1]]), -0.05)
+    """
+    depth, true_depth = (
+        real_array(name, values).astype(np.float64)
+        for name, values in (("depth", depth), ("true_depth", true_depth))
+    )
+    truth = true_depth[..., None] if depth.ndim == true_depth.ndim + 1 == 3 else true_depth
+    if depth.shape != truth.shape and (*depth.shape[:-1], 1) != truth.shape:
+        raise ValueError(
+            f"depth, true_depth with shapes {depth.shape}, {true_depth.shape}: must be equal, but "
+            "for channels last in depth"
+        )
+    known = np.isfinite(depth) & np.isfinite(truth)
+    error = np.subtract(depth, truth, out=np.full(depth.shape, np.nan), where=known)
+    if range_m is not None:
+        range_m = checks.metres("range_m", range_m, positive=True)
+        error = np.mod(error + range_m / 2, range_m) - range_m / 2
+    if not known.any():
+        return MultipathError(error, np.nan, np.nan)
+    found = error[known]
+    return MultipathError(error, float(np.median(found)), float(np.percentile(np.abs(found), 95)))
+
+
+def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
+    """Distance from a sensor to what the centre of each pixel sees.
+
+    Where the light is at the camera (`cornell_box_flash`), it is what an AMCW camera without
+    multi-path light measures. Where it is elsewhere, phases tell half the path length instead.
+
+    Args:
+        scene: A loaded scene, or what `load_scene` takes.
+        sensor: Number of the sensor; its film's crop window counts.
+
+    Returns:
+        float64 (height, width): distance along the ray from the sensor's origin, not from its near
+        plane, to the first surface, glass and lights included [m]; NaN where there is none.
+
+    Raises:
+        ValueError: The scene is wrong, or has no such sensor.
+        BackendError: The active variant is a scalar one.
+
+    Example:
+        >>> depth = true_depth("cornell_box_flash")
+        >>> depth.shape, round(depth[128, 10].item(), 1)
+        ((256, 256), 3.2)
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    from .. import backend
+    from ..camera import ray_origin
+    from ..loading import load_scene, require_sensor
+
+    backend.require_vectorised()
+    scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
+    require_sensor(scene)
+    sensors = scene.sensors()
+    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    width, height = (int(v) for v in camera.film().crop_size())
+    pixel = dr.arange(mi.UInt32, width * height)
+    y = pixel // width
+    centre = (mi.Point2f(pixel - y * width, y) + 0.5) / mi.ScalarVector2f(width, height)
+    ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
+    si = scene.ray_intersect(ray)
+    distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
+    return np.array(distance, dtype=np.float64).reshape(height, width)
+
+
+def _check_contrast(contrast: Any) -> float:
+    try:
+        value = checks.metres("contrast", contrast, positive=True)
+    except ValueError:
+        value = 2.0
+    if value > 1:
+        raise ValueError(f"contrast = {contrast!r}: must be above 0 and at most 1")
+    return value

@@ -1,0 +1,30 @@
+"""Pictures of light in flight: tone mapping, animations, phasors, overlays and summaries.
+
+Every function returns its figure or array. None shows anything by itself, and none uses pyplot,
+so nothing has to be closed and notebooks, scripts and servers get the same picture.
+"""
+
+from __future__ import annotations
+
+from .animation import plot_pixel_transient, visualize_transient
+from .flight import light_in_flight
+from .phasors import phasor_panel
+from .summary import summary_figure
+from .tone import LUMINANCE, auto_exposure, check_exposure, luminance, tonemap
+from .transient import Transient
+from .unwarp import unwarp_camera
+
+__all__ = [
+    "LUMINANCE",
+    "Transient",
+    "auto_exposure",
+    "check_exposure",
+    "light_in_flight",
+    "luminance",
+    "phasor_panel",
+    "plot_pixel_transient",
+    "summary_figure",
+    "tonemap",
+    "unwarp_camera",
+    "visualize_transient",
+]

@@ -1,0 +1,141 @@
+"""Light in flight as it happens: an animation of all pixels, a plot of one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..units import opl_to_ns
+from .figures import new_figure, picture_aspect, pixel_axes, time_axes
+from .tone import auto_exposure, tonemap
+from .transient import Transient
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.figure import Figure
+
+_INTERVAL_MS = 50
+_PLAYER_FRAMES, _PLAYER_DPI = 100, 72
+
+
+def visualize_transient(
+    data: Any, start_opl: float | None = None, bin_width_opl: float | None = None
+) -> FuncAnimation:
+    """Animate light moving through the scene; the title shows the time of each bin's centre.
+
+    A notebook shows it as a player that is a few megabytes at most: of more than 100 bins, every
+    second, third, ... one. `animation.to_jshtml()` has all of them at full size, and
+    `animation.save("light.gif")` writes a file (`save_video` does so faster).
+
+    Args:
+        data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
+        start_opl: Where the first bin starts [m]; a Dataset knows it.
+        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+
+    Returns:
+        A `matplotlib.animation.FuncAnimation` of one frame a bin, 20 a second, all at the same
+        exposure. It is made outside of pyplot.
+
+    Raises:
+        ValueError: Another shape, or a time axis that is missing or not positive.
+
+    Example:
+        >>> animation = visualize_transient(np.ones((4, 6, 10)), 3.5, 0.02)
+        >>> html = animation.to_jshtml()
+    """
+    sequence = Transient.of(data, start_opl, bin_width_opl)
+    height, width, bins = sequence.values.shape[:3]
+    exposure = auto_exposure(sequence.values)
+    figure = new_figure(5.0, 5.0 * picture_aspect(height, width, 0.5, 2.0) + 0.35)
+    axes = figure.add_subplot()
+
+    def picture(index: int) -> np.ndarray:
+        return tonemap(sequence.values[:, :, index], exposure=exposure)
+
+    image = axes.imshow(picture(0), extent=sequence.extent, interpolation="nearest")
+    title = axes.set_title(sequence.label(0))
+    pixel_axes(axes)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # nothing moves from frame to frame
+
+    def update(index: int) -> list[Any]:
+        image.set_data(picture(index))
+        title.set_text(sequence.label(index))
+        return [image, title]
+
+    return _playback(figure, update, bins)
+
+
+def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:
+    """An animation of `bins` frames that a notebook shows as a small player."""
+    from matplotlib import rc_context
+    from matplotlib.animation import FuncAnimation, HTMLWriter
+
+    class Playback(FuncAnimation):
+        stride = 1
+        html = ""
+
+        def new_saved_frame_seq(self):
+            return iter(range(0, bins, self.stride))
+
+        def _repr_html_(self) -> str:
+            if not self.html:
+                self.stride = -(-bins // _PLAYER_FRAMES)
+                try:
+                    self.html = self._player()
+                finally:
+                    self.stride = 1
+            return self.html
+
+        def _player(self) -> str:
+            with TemporaryDirectory() as folder, rc_context({"animation.frame_format": "jpeg"}):
+                path = Path(folder, "player.html")
+                writer = HTMLWriter(
+                    fps=1000 / _INTERVAL_MS / self.stride, embed_frames=True, default_mode="loop"
+                )
+                self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
+                return path.read_text()
+
+    return Playback(figure, update, frames=bins, interval=_INTERVAL_MS, blit=False)
+
+
+def plot_pixel_transient(
+    data: Any, x: int, y: int, start_opl: float | None = None, bin_width_opl: float | None = None
+) -> Figure:
+    """Plot what one pixel sees over time, a line for each channel.
+
+    Args:
+        data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
+        x: Column; for a cropped Dataset in pixels of the whole film, as its coordinates are.
+        y: Row, likewise.
+        start_opl: Where the first bin starts [m]; a Dataset knows it.
+        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+
+    Returns:
+        A `matplotlib.figure.Figure`, made outside of pyplot; time in ns at bin centres.
+
+    Raises:
+        ValueError: Another shape, a pixel outside, or a time axis that is missing or not positive.
+
+    Example:
+        >>> figure = plot_pixel_transient(
+        ...     np.ones((4, 6, 10)), 5, 3, start_opl=3.5, bin_width_opl=0.02
+        ... )
+        >>> figure.axes[0].get_xlabel()
+        'time [ns]'
+    """
+    sequence = Transient.of(data, start_opl, bin_width_opl)
+    response = sequence.pixel(x, y)
+    figure = new_figure(7.0, 3.8)
+    axes = figure.add_subplot()
+    styles = zip(("tab:red", "tab:green", "tab:blue"), "RGB", strict=True)
+    for channel, (color, name) in enumerate(styles if response.shape[1] == 3 else [("black", "L")]):
+        axes.plot(opl_to_ns(sequence.opl), response[:, channel], color=color, label=name)
+    if response.shape[1] == 3:
+        axes.legend(frameon=False)
+    axes.set_title(f"pixel ({x}, {y})")
+    time_axes(axes, sequence)
+    return figure

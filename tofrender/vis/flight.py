@@ -1,0 +1,156 @@
+"""Light in flight in one picture: the steady image, coloured by when its light arrives."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import checks
+from ..units import opl_to_ns
+from .figures import new_figure, picture_aspect, pixel_axes
+from .tone import check_exposure, luminance, tonemap
+from .transient import Transient
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLES = ("arrival", "peak", "rainbow")
+
+
+def light_in_flight(
+    data: Any,
+    start_opl: float | None = None,
+    bin_width_opl: float | None = None,
+    *,
+    style: str = "arrival",
+    period_ns: float | None = None,
+    exposure: float | None = None,
+) -> Figure:
+    """Show when light arrives and how much of it in one picture.
+
+    The brightness of a pixel is that of the steady image, its colour tells the time:
+
+    - `"arrival"`: the mean arrival time, weighted by luminance;
+    - `"peak"`: the centre of the brightest bin;
+    - `"rainbow"`: bands of equal arrival time. The hue goes once around in `period_ns`: it is the
+      argument of the phasor P = sum over bins of L exp(2πi t / period_ns). The saturation is
+      sqrt(abs P / sum of L), so that light spread over more than a period turns grey instead of
+      taking a colour that means nothing.
+
+    Pixels whose light all arrives outside the window are grey; unfinished ones (NaN) are hatched.
+
+    Args:
+        data: A Dataset, or an array (height, width, bins) or (height, width, bins, channels),
+            whose sum over bins takes the place of the steady image.
+        start_opl: Where the first bin starts [m]; a Dataset knows it.
+        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+        style: "arrival", "peak" or "rainbow".
+        period_ns: Only for "rainbow": time from a hue to the same hue [ns], at least two bins.
+            None takes about an eighth of the time in which the picture's pixels have their mean
+            arrivals.
+        exposure: Gain of the steady image; None shows its 98th percentile as white.
+
+    Returns:
+        A `matplotlib.figure.Figure`, made outside of pyplot.
+
+    Raises:
+        ValueError: Another shape, an unknown style, a period without "rainbow" or below two bins,
+            a bad exposure, or a time axis that is missing or not positive.
+
+    Example:
+        >>> figure = light_in_flight(np.ones((4, 6, 10)), 3.5, 0.02, style="rainbow", period_ns=0.2)
+        >>> figure.axes[0].get_title()
+        'isochrones'
+    """
+    checks.one_of("style", style, STYLES)
+    sequence = Transient.of(data, start_opl, bin_width_opl)
+    if period_ns is not None:
+        _check_period(period_ns, style, sequence)
+    if exposure is not None:
+        check_exposure(exposure)
+    values = sequence.values
+    steady = data["steady"].values if hasattr(data, "data_vars") else values.sum(axis=2)
+    light = sequence.light()
+    unfinished = np.isnan(values).any(axis=(2, 3)) | np.isnan(steady).any(axis=2)
+    if style == "rainbow":
+        colour, scale, label = _rainbow(light, sequence, period_ns)
+    else:
+        time_ns = sequence.peak_ns(light) if style == "peak" else _mean_ns(light, sequence)
+        colour, scale = _by_time(time_ns)
+        label = "time of the brightest bin [ns]" if style == "peak" else "mean arrival time [ns]"
+
+    grey = tonemap(luminance(steady), exposure=exposure, percentile=98)
+    picture = np.where(unfinished[..., None], tonemap(np.full(grey.shape, np.nan)), colour * grey)
+    height, width = unfinished.shape
+    figure = new_figure(6.4, 5.0 * picture_aspect(height, width, 0.4, 2.0) + 0.7, "compressed")
+    axes = figure.add_subplot()
+    axes.imshow(picture.astype(np.uint8), extent=sequence.extent, interpolation="nearest")
+    axes.set_title({"arrival": "arrival time", "peak": "peak time"}.get(style, "isochrones"))
+    pixel_axes(axes)
+    figure.colorbar(scale, ax=axes, label=label)
+    return figure
+
+
+def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
+    if style != "rainbow":
+        raise ValueError(f"period_ns = {period_ns!r}: must be None for style = {style!r}")
+    period = checks.metres("period_ns", period_ns, positive=True, unit="nanoseconds")
+    shortest = opl_to_ns(2 * sequence.bin_width_opl)
+    if period < shortest * (1 - 1e-9):
+        raise ValueError(f"period_ns = {period_ns!r}: must be at least two bins, {shortest:.6g} ns")
+
+
+def _mean_ns(light: np.ndarray, sequence: Transient) -> np.ndarray:
+    """Mean arrival time [ns], (height, width); NaN where there is no light."""
+    with np.errstate(invalid="ignore"):
+        return (light @ opl_to_ns(sequence.opl)) / light.sum(axis=2)
+
+
+def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Colours (height, width, 3) from blue (early) to red (late), and what a colour bar needs.
+
+    All colours are full ones, so that darkness means little light and nothing else.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LinearSegmentedColormap, Normalize, hsv_to_rgb
+
+    known = time_ns[np.isfinite(time_ns)]
+    first, last = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
+    hues = np.linspace(0.7, 0, 64)
+    colours = hsv_to_rgb(np.stack([hues, np.full(64, 0.9), np.ones(64)], axis=1))
+    hue_map = LinearSegmentedColormap.from_list("early to late", colours.tolist())
+    scale = ScalarMappable(Normalize(first, last, clip=True), hue_map)
+    shown = np.isfinite(time_ns)[..., None]
+    return np.where(shown, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0), scale
+
+
+def _rainbow(
+    light: np.ndarray, sequence: Transient, period_ns: float | None
+) -> tuple[np.ndarray, Any, str]:
+    """Colours (height, width, 3), and what the colour bar and its label need."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize, hsv_to_rgb
+
+    period = _period_ns(light, sequence) if period_ns is None else float(period_ns)
+    turns = opl_to_ns(sequence.opl) / period
+    phasor = light @ np.exp(2j * math.pi * turns).astype(np.complex64)
+    energy = light.sum(axis=2)
+    saturation = np.divide(abs(phasor), energy, out=np.zeros_like(energy), where=energy > 0)
+    hue = np.mod(np.angle(phasor) / (2 * math.pi), 1)
+    colour = hsv_to_rgb(
+        np.stack([hue, np.sqrt(np.clip(saturation, 0, 1)), np.ones_like(hue)], axis=-1)
+    )
+    scale = ScalarMappable(Normalize(0, period), "hsv")
+    return colour, scale, f"arrival time, modulo {period:.4g} ns [ns]"
+
+
+def _period_ns(light: np.ndarray, sequence: Transient) -> float:
+    """An eighth of the time in which pixels have their mean arrivals, to one or two digits."""
+    mean_ns = _mean_ns(light, sequence)
+    known = mean_ns[np.isfinite(mean_ns)]
+    span = np.ptp(np.percentile(known, (2, 98))) / 8 if known.size else 0.0
+    period = max(float(span), opl_to_ns(4 * sequence.bin_width_opl))
+    digit = 10.0 ** math.floor(math.log10(period))
+    return float(math.ceil(2 * period / digit) / 2 * digit)

@@ -1,0 +1,90 @@
+"""One page about a render."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..units import opl_to_ns
+from .figures import map_axes, new_figure, picture_aspect, pixel_axes, time_axes
+from .tone import luminance, tonemap
+from .transient import Transient
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+
+def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
+    """One page about a render: the steady image, when each pixel is brightest, a few responses.
+
+    Args:
+        dataset: The result of `render`.
+        pixels: (x, y) pairs to plot, in the Dataset's pixel coordinates. By default a bright
+            pixel, one that peaks early and one that peaks late.
+
+    Returns:
+        A `matplotlib.figure.Figure`, made outside of pyplot; `figure.savefig(...)` writes it.
+
+    Raises:
+        ValueError: A pixel outside the image.
+
+    Example:
+        >>> summary_figure(dataset).savefig("summary.png")  # doctest: +SKIP
+    """
+    sequence = Transient.of(dataset)
+    light = sequence.light()
+    peak_ns = sequence.peak_ns(light)
+    if pixels is None:
+        pixels = _telling_pixels(light.sum(axis=2), peak_ns, sequence)
+    responses = [luminance(sequence.pixel(x, y)) for x, y in pixels]
+
+    aspect = picture_aspect(*light.shape[:2], 0.4, 2.0)
+    figure = new_figure(10.0, 4.0 * aspect + 4.4)
+    grid = figure.add_gridspec(2, 2, height_ratios=[4.0 * aspect + 0.6, 3.2])
+    steady, peak, plot = (
+        figure.add_subplot(grid[0, 0]),
+        figure.add_subplot(grid[0, 1]),
+        figure.add_subplot(grid[1, :]),
+    )
+    steady.imshow(tonemap(dataset["steady"].values, percentile=98), extent=sequence.extent)
+    steady.set_title("steady image")
+    shown = map_axes(peak, peak_ns, extent=sequence.extent, cmap="viridis")
+    peak.set_title("time of the brightest bin")
+    figure.colorbar(shown, ax=peak, label="time [ns]")
+    pixel_axes(steady)
+    for index, ((x, y), response) in enumerate(zip(pixels, responses, strict=True)):
+        color = f"C{index % 10}"
+        plot.plot(opl_to_ns(sequence.opl), response, color=color, lw=1.2, label=f"({x}, {y})")
+        for axes in (steady, peak):
+            axes.plot(x, y, "o", mfc=color, mec="white", ms=7)
+    plot.legend(title="pixel", frameon=False)
+    time_axes(plot, sequence)
+    figure.suptitle(_title(dataset))
+    return figure
+
+
+def _title(dataset: xr.Dataset) -> str:
+    attrs = dataset.attrs
+    title = (
+        f"{attrs['scene']}, {attrs['spp']} spp, "
+        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window"
+    )
+    return title if attrs["complete"] else f"{title} (interrupted)"
+
+
+def _telling_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient) -> list[Any]:
+    """A bright, an early and a late pixel among those with at least median light."""
+    if not (energy > 0).any():
+        return [(sequence.x0 + energy.shape[1] // 2, sequence.y0 + energy.shape[0] // 2)]
+    bright = np.flatnonzero(energy >= np.median(energy[energy > 0]))
+    by_energy = bright[np.argsort(energy.flat[bright], kind="stable")]
+    by_time = bright[np.argsort(peak_ns.flat[bright], kind="stable")]
+    # Not the extremes, which are the light source itself, edges and noise.
+    chosen = [by_energy[int(0.9 * (len(bright) - 1))]]
+    chosen += [by_time[int(share * (len(bright) - 1))] for share in (0.05, 0.97)]
+    rows, columns = np.unravel_index(list(dict.fromkeys(map(int, chosen))), energy.shape)
+    return [
+        (int(x) + sequence.x0, int(y) + sequence.y0) for x, y in zip(columns, rows, strict=True)
+    ]

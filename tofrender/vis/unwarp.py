@@ -1,0 +1,121 @@
+"""Camera unwarping of a finished render: from camera time to the scene's own time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import checks
+from ..dataset import DIMS, check_dataset, time_axis
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
+    """Leave the way from the camera to the first surface out of every pixel's times.
+
+    A camera sees a distant surface later than a near one, so in its video a wavefront that sweeps
+    the scene looks bent and late. Here each pixel's time axis moves back by its own distance, and
+    the video shows every surface when light reaches it. A shift by part of a bin divides each
+    bin's light linearly between two bins, so that the sum over bins stays what it was.
+
+    A render with `camera_unwarp=True` subtracts each path's own first segment, which is exact also
+    where several surfaces share a pixel; this function needs no new render.
+
+    Args:
+        dataset: The result of `render`, in camera time.
+        distance_m: (height, width), distance [m] from the camera's position to what each pixel
+            sees (not the depth along the axis), at least 0. NaN or infinity where it sees no
+            surface; such a pixel is dark, or, if light arrived there, unknown (NaN).
+
+    Returns:
+        A Dataset of the same pixels and bin width. Its window is as long as all light needs:
+        bins at either end in which no pixel has light are left out. The attribute `camera_unwarp`
+        is 1; `fingerprint` is gone, since a render cannot be resumed from this.
+
+    Raises:
+        ValueError: A Dataset that is unwarped already or not one of `render`, another shape, or a
+            negative distance.
+
+    Example:
+        >>> distances = np.full((dataset.sizes["y"], dataset.sizes["x"]), 3.0)  # doctest: +SKIP
+        >>> visualize_transient(unwarp_camera(dataset, distances))  # doctest: +SKIP
+    """
+    check_dataset(dataset)
+    if dataset.attrs.get("camera_unwarp"):
+        raise ValueError("dataset with camera_unwarp = 1: must be in camera time")
+    values = dataset["transient"].values
+    distances = _distances(distance_m, values.shape[:2])
+    start, width = time_axis(dataset)
+    seen = np.isfinite(distances)
+    shift = np.where(seen, distances, 0) / width
+    # Rounding must not spill light of a shift by whole bins into the next one.
+    shift = np.where(abs(shift - np.rint(shift)) < 1e-6, np.rint(shift), shift)
+    whole = np.floor(shift).astype(np.int64)
+    part = (shift - whole).astype(np.float32)
+    first, stop = _occupied(values, seen, whole, part > 0)
+    unwarped = _moved(values, whole, part, np.arange(first, stop))
+    unwarped[np.isnan(values).any(axis=(2, 3))] = np.nan
+    unwarped[~seen] = np.where((values[~seen] != 0).any(axis=(1, 2), keepdims=True), np.nan, 0)
+
+    opl = start + (np.arange(first, stop) + 0.5) * width
+    attrs = {name: value for name, value in dataset.attrs.items() if name != "fingerprint"}
+    attrs |= {"start_opl": start + first * width, "camera_unwarp": 1}
+    name = {"units": "m", "long_name": "optical path length without the camera's segment"}
+    cube = (DIMS["transient"], unwarped, dataset["transient"].attrs)
+    result = dataset.drop_vars(["transient", "opl"]).assign(transient=cube)
+    result = result.assign_coords(opl=("opl", opl, name))
+    result.attrs = attrs
+    return result[["transient", "steady"]]
+
+
+def _moved(values: np.ndarray, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:
+    """Move each pixel back by `whole + part` bins; `bins` are those wanted, as numbers before."""
+    count = values.shape[2]
+    moved = np.empty((*values.shape[:2], len(bins), values.shape[3]), np.float32)
+    for y, row in enumerate(values):
+        padded = np.pad(row, ((0, 0), (1, 1), (0, 0)))
+        source = (bins + whole[y, :, None])[..., None]
+        here, after = (
+            np.take_along_axis(padded, np.clip(source + one, -1, count) + 1, axis=1)
+            for one in (0, 1)
+        )
+        share = part[y, :, None, None]
+        with np.errstate(invalid="ignore"):
+            moved[y] = (1 - share) * here + share * after
+    return moved
+
+
+def _occupied(
+    values: np.ndarray, seen: np.ndarray, whole: np.ndarray, parted: np.ndarray
+) -> tuple[int, int]:
+    """First bin, and the one after the last, that get light from any pixel that is seen."""
+    count = values.shape[2]
+    lit = ((values != 0) & ~np.isnan(values)).any(axis=3)
+    used = lit.any(axis=2) & seen
+    if not used.any():
+        return 0, count
+    first = (lit.argmax(axis=2) - whole - parted)[used].min()
+    stop = (count - lit[..., ::-1].argmax(axis=2) - whole)[used].max()
+    if stop - first > checks.MAX_BINS:
+        raise ValueError(
+            f"distance_m spreads the light over {stop - first} bins: must be at most "
+            f"{checks.MAX_BINS}"
+        )
+    return int(first), int(stop)
+
+
+def _distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
+    distances = np.asarray(distance_m)
+    if distances.shape != shape or distances.dtype.kind not in "fiu":
+        raise ValueError(
+            f"distance_m with shape {distances.shape} of type {distances.dtype}: must be real "
+            f"numbers of shape {shape}, one a pixel"
+        )
+    distances = distances.astype(np.float64)
+    wrong = distances[(distances < 0) | (np.isfinite(distances) & (distances > checks.MAX_OPL))]
+    if wrong.size:
+        raise ValueError(f"distance_m holds {wrong[0]:g}: must be from 0 to 1e12 metres, or NaN")
+    return distances
