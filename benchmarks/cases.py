@@ -166,4 +166,66 @@ def importing(runs: int, quick: bool) -> list[Row]:
     return [("import tofrender, beyond Mitsuba [s]", float(extra), 0.3)]
 
 
-CASES = {"speed": speed, "bins": bins, "error": error, "memory": memory, "import": importing}
+def phasors(runs: int, quick: bool) -> list[Row]:
+    """Time of eight frequencies, I and Q, over that of the steady `path`."""
+    size, spp = (64, 16) if quick else (256, 64)
+    scene = _transient(size, 1, spp)
+    frequencies = [10e6 * k for k in range(1, 9)]
+    functions = {"path": _draw(_path(size, spp), spp)}
+    functions["phasors"] = lambda: tofrender.render_amcw_phasor(
+        scene, scene.sensors()[0], frequencies, spp
+    )
+    times = in_turn(functions, runs)
+    wall, cpu = times["phasors"].ratio(times["path"])
+    what = f"{size}x{size}, 8 frequencies, {spp} spp, over path"
+    return [(f"{what}: wall", wall, 1.3), (f"{what}: cpu", cpu, 1.3)]
+
+
+def gates(runs: int, quick: bool) -> list[Row]:
+    """300 gates: variance times time of one trace a gate, as the course text does it, over ours.
+
+    The loop's time is that of one of its traces times 300. Both trace the same paths, the loop with
+    independent samples.
+    """
+    size, spp = (32, 16) if quick else (256, 64)
+    scene = _transient(size, 1, spp)
+    sensor = scene.sensors()[0]
+    plugin = {"type": "tofrender_time_gated_transient_path", "target_time": 5.91}
+    integrator = mi.load_dict(plugin | {"pulse_width_opl": 0.03})
+    window = {"temporal_bins": 300, "start_opl": 3.5, "bin_width_opl": 0.02}
+    k = 120  # The gate at 5.91 m
+    images: dict[str, list[np.ndarray]] = {"one trace": [], "loop": []}
+    counter = iter(range(1, 1 << 20))
+    described = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
+    described["sensor"]["sampler"]["type"] = "independent"
+    described["integrator"] = plugin | {"pulse_width_opl": 0.03}
+    loop = mi.load_dict(described)
+
+    def one_trace() -> None:
+        cube = tofrender.render_transient(scene, integrator, sensor, window, spp, next(counter))
+        images["one trace"].append(cube[:, :, k])
+
+    def one_gate() -> None:
+        images["loop"].append(np.array(mi.render(loop, spp=spp, seed=next(counter))))
+
+    times = in_turn({"one trace": one_trace, "loop": one_gate}, max(runs, 4))
+    variance = {name: float(np.var(s[1:], axis=0, ddof=1).mean()) for name, s in images.items()}
+    wall, cpu = times["loop"].ratio(times["one trace"])
+    gain = 300 * variance["loop"] / variance["one trace"]
+    what = f"{size}x{size}, 300 gates, {spp} spp: loop over one trace"
+    return [
+        (f"{what}, time: wall", 300 * wall, None),
+        (f"{what}, variance x time: wall", gain * wall, 200.0),
+        (f"{what}, variance x time: cpu", gain * cpu, 200.0),
+    ]
+
+
+CASES = {
+    "speed": speed,
+    "bins": bins,
+    "error": error,
+    "memory": memory,
+    "import": importing,
+    "phasors": phasors,
+    "gates": gates,
+}

@@ -173,11 +173,12 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     if not getattr(found, "fills_bins", False):
         cls = type(found)
         foreign = cls.__module__.partition(".")[0] not in ("mitsuba", "builtins", "tofrender")
-        kind = (
-            f"{cls.__module__}.{cls.__name__}"
-            if foreign
-            else getattr(found, "class_name", lambda: repr(found))()
-        )
+        if foreign:
+            kind = f"{cls.__module__}.{cls.__name__}"
+        elif cls.__module__ == "mitsuba":
+            kind = found.class_name()
+        else:
+            kind = repr(found) if isinstance(found, int | str | None) else cls.__name__
         raise ValueError(
             f"integrator = {kind}: cannot render in time; must be one of {', '.join(INTEGRATORS)}"
             + (", as this package has it: give the scene as a dict or file" if foreign else "")
