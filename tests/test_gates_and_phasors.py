@@ -106,7 +106,8 @@ def test_the_call_of_the_text():
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, 1)
     ray = mi.Ray3f(mi.Point3f(0, 0, 2), mi.Vector3f(0, 0, -1))
-    spec, valid, aovs = gated().sample(loaded, sampler, ray, opl, medium=None, active=True)
+    integrator = gated(target_time=0.5)  # The one that is given counts
+    spec, valid, aovs = integrator.sample(loaded, sampler, ray, opl, medium=None, active=True)
     assert spec.x[0] == pytest.approx(radiance / (0.1 * math.sqrt(2 * math.pi)), rel=1e-4)
     assert valid[0]
     assert aovs == []
@@ -321,3 +322,15 @@ def test_correlations_need_an_ordinary_film():
     integrator = mi.load_dict({"type": "amcw_transient_path", "frequency_hz": 2e7}, parallel=False)
     with pytest.raises(TypeError, match="film: is a transient one; must be an ordinary film"):
         integrator.render(loaded, spp=1)
+
+
+def test_paths_end_when_the_gate_has_closed():
+    """Longer paths count for nothing: leaving them out changes no gate and saves their time."""
+    loaded = box()
+    cube = tofrender.render_transient(loaded, gated(), loaded.sensors()[0], GATES, spp=16)
+    for k in (5, 40, 100):  # `render_transient` follows all paths
+        target = 3.0 + (k + 0.5) * 0.1
+        image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], target, spp=16)
+        np.testing.assert_allclose(cube[:, :, k], image, atol=2e-5 * cube.max())
+    stored = gated(target_time=5.0)
+    assert float(stored.last_opl()[0]) == pytest.approx(5.5)

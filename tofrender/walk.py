@@ -111,6 +111,7 @@ def walk(
     first_emission: bool = True,
     hide_emitters: bool = False,
     active: mi.Bool = True,
+    last_opl: mi.Float | None = None,
 ) -> tuple[M, mi.Bool]:
     """Trace paths and hand each of their connections to a light to `measurement`.
 
@@ -136,6 +137,7 @@ def walk(
         hide_emitters: Whether the environment is invisible to the camera, as in Mitsuba. (Area
             lights are hidden before the walk, by `camera.behind_emitters`.)
         active: Lanes to trace.
+        last_opl: Length at which paths may end, because longer ones count for nothing [m].
 
     Returns:
         The measurement, and the lanes whose camera ray met a surface.
@@ -188,6 +190,8 @@ def walk(
         valid |= active_next & (depth == 0)
         if dr.hint(bounded, mode="scalar"):
             active_next &= depth + 1 < max_depth
+        if dr.hint(last_opl is not None, mode="scalar"):
+            active_next &= opl <= last_opl
 
         # ---------- Connect to a light and sample the next ray -----------
 

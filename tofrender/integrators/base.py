@@ -89,11 +89,15 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------------- paths
 
+    def last_opl(self) -> Any:
+        """Length beyond which paths count for nothing [m], None if all count."""
+        return None
+
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
         """What paths connect to."""
         return (SceneLights if self.emitter_sampling else EmitterHits)(scene, sensor)
 
-    def trace(self, scene, sampler, ray, origin, measurement, lights, active=True):
+    def trace(self, scene, sampler, ray, origin, measurement, lights, active=True, last_opl=None):
         """Follow camera rays; returns the measurement and the lanes that met a surface."""
         if self.hide_emitters:
             ray = behind_emitters(scene, ray)
@@ -110,6 +114,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             first_emission=not self.discard_direct_light,
             hide_emitters=self.hide_emitters,
             active=active,
+            last_opl=last_opl,
         )
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
@@ -190,14 +195,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
                 "sensor: is a batch of sensors; must be one, e.g. a perspective camera"
             )
         self.prepare(film)
-        lights = self.lights(scene, sensor)
+        lights, last_opl = self.lights(scene, sensor), self.last_opl()
         spp = sampler.sample_count()
 
         def shot(pixel):
             camera = sample_camera(sensor, film, sampler, pixel)
             measured = self.measurement(film, camera, spp)
             measured, covered = self.trace(
-                scene, sampler, camera.ray, camera.origin, measured, lights
+                scene, sampler, camera.ray, camera.origin, measured, lights, last_opl=last_opl
             )
             colour = image_channels(film, self.colour(camera, measured.total), covered)
             return camera.position, colour, self.extra_channels(film, camera, measured)

@@ -86,15 +86,10 @@ class TimeGatedTransientPath(TransientIntegrator):
         Returns:
             Spectrum [1/m], lanes that met a surface, and no AOVs.
         """
-        gate, valid = self.trace(
-            scene,
-            sampler,
-            ray,
-            ray.o if origin is None else origin,
-            self._gate(self.target_time if target_time is None else target_time),
-            self.lights(scene),
-            active,
-        )
+        target = self.target_time if target_time is None else target_time
+        origin, gate = ray.o if origin is None else origin, self._gate(target)
+        lights, closed = self.lights(scene), mi.Float(target) - self.pulse.support[0]
+        gate, valid = self.trace(scene, sampler, ray, origin, gate, lights, active, last_opl=closed)
         return mi.Spectrum(gate.total), valid, []
 
     def _gate(self, target_time: Any) -> Gate:
@@ -109,6 +104,12 @@ class TimeGatedTransientPath(TransientIntegrator):
         if not self._gates:
             self._gate(self.target_time)
         super().prepare(film)
+
+    def last_opl(self) -> Any:
+        """Where a single gate closes [m]."""
+        if self._gates or self.target_time is None:
+            return None
+        return dr.opaque(mi.Float, self.target_time - self.pulse.support[0])
 
     def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
         """One gate, or on a film with time a gate at the centre of every bin."""
