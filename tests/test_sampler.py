@@ -211,3 +211,14 @@ def test_the_plugins_seed_counts():
 def test_no_samples_are_refused(count):
     with pytest.raises(RuntimeError, match=f"sample_count = {count}: must be an integer from 1"):
         mi.load_dict({"type": "padded_sobol", "sample_count": count})
+
+
+def test_seeding_for_one_lane_leaves_no_trace():
+    """Mitsuba seeds a scene's own sampler with one lane now and then."""
+    pictures = []
+    for seeded in (False, True):
+        scene = mi.load_dict(tofrender.cornell_box_steady_state(width=8, height=8, spp=16))
+        if seeded:
+            scene.sensors()[0].sampler().seed(0, 1)
+        pictures.append(np.array(mi.render(scene, spp=16, seed=1)))
+    np.testing.assert_array_equal(*pictures)

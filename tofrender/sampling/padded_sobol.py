@@ -84,6 +84,7 @@ class PaddedSobolSampler(mi.Sampler):
         self.base_seed = checks.integer("seed", props.get("seed", 0), 0, checks.MAX_SEED)
         super().__init__(props)
         self.lanes_per_pixel: int | None = None
+        self.stride = 1  # From a point of a lane to its next one
         self.index = mi.UInt32(0)  # Number of the point
         self.dimension = mi.UInt32(0)  # Number of the pair within the point
         self.pixel_hash = mi.UInt32(0)
@@ -93,12 +94,12 @@ class PaddedSobolSampler(mi.Sampler):
 
         Mitsuba's own integrators never say how many lanes share a pixel; it is all samples then.
         """
-        if self.lanes_per_pixel is None:
-            count = self.sample_count()
-            self.lanes_per_pixel = count if wavefront_size % count == 0 else 1
+        count = self.sample_count()
+        guess = count if wavefront_size % count == 0 else 1
+        self.stride = self.lanes_per_pixel or guess
         lane = dr.arange(mi.UInt32, wavefront_size)
-        pixel = lane // dr.opaque(mi.UInt32, self.lanes_per_pixel)
-        self.index = lane - pixel * self.lanes_per_pixel
+        pixel = lane // dr.opaque(mi.UInt32, self.stride)
+        self.index = lane - pixel * self.stride
         self.dimension = mi.UInt32(0)
         seed = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
         self.pixel_hash = mix(mix(pixel, seed), mi.UInt32(self.base_seed))
@@ -109,7 +110,7 @@ class PaddedSobolSampler(mi.Sampler):
 
     def advance(self) -> None:
         """Go on to the next point of each lane."""
-        self.index = self.index + (self.lanes_per_pixel or 1)
+        self.index = self.index + self.stride
         self.dimension = mi.UInt32(0)
 
     def skip(self, count: int) -> None:
@@ -132,7 +133,7 @@ class PaddedSobolSampler(mi.Sampler):
     def clone(self) -> PaddedSobolSampler:
         """A copy that goes on from the same point."""
         twin = self.fork()
-        for name in ("lanes_per_pixel", "index", "dimension", "pixel_hash"):
+        for name in ("lanes_per_pixel", "stride", "index", "dimension", "pixel_hash"):
             setattr(twin, name, getattr(self, name))
         return twin
 

@@ -1,0 +1,104 @@
+"""The notebooks run from start to end at small size, and their key numbers come out."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import tofrender
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+
+# What must hold of a notebook's variables after its last cell
+KEY_NUMBERS = {
+    "01_pulses_and_gates": """
+        assert all(abs(integral - 1) < 2e-3 for integral in integrals.values()), integrals
+        assert cube.shape == (SIZE, SIZE, 300, 3)
+        assert difference < 1e-4, difference
+        assert 0.93 < ratio_text < 0.98, ratio_text
+        assert abs(ratio_longer - 1) < 0.01, ratio_longer
+    """,
+    "02_amcw_and_phasors": """
+        medians = [result.median for result in errors]
+        assert 0.15 < medians[0] < 0.40 and medians[0] > medians[1] > medians[2], medians
+        assert all(abs(result.median) < 0.005 for result in errors_direct), errors_direct
+        assert 0 < offset_pair < 0.2, offset_pair
+        assert abs(reach_pair - 14.99) < 0.01, reach_pair
+        assert abs(far_unwrapped - 11) < 1e-6, far_unwrapped
+        assert apart["half the path, ceiling light"] > 2 * apart["half the path, flash"], apart
+        assert 0 < 2 * spread[0.0] < spread[20.0], spread
+    """,
+    "03_film_and_transient_path": """
+        assert 0.02 < lost < 0.06 and abs(kept + lost - 1) < 1e-4, (kept, lost)
+        assert whole.attrs["energy_outside_window"] < 1e-6
+        assert task_1 < 0.003, task_1
+        assert max(same_seed) < 0.005, same_seed
+        assert len(ratios) == 6 and all(0.7 < ratio < 1.4 for ratio in ratios.values()), ratios
+        assert all(abs(score) < 5 for score in scores.values()), scores
+        assert shifts[0] < -0.04e3, shifts
+        assert all(abs(found / expected - 1) < 2e-4 for found, expected in dimming), dimming
+        assert film_gap < 1e-4, film_gap
+    """,
+}
+
+# Each warning that a notebook is to show, in order
+WARNINGS = {"03_film_and_transient_path": ["arrives outside", "missing from the phasors"]}
+
+
+def read(name: str) -> dict:
+    return json.loads((NOTEBOOKS / f"{name}.ipynb").read_text(encoding="utf-8"))
+
+
+def test_all_notebooks_are_tested():
+    assert sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")) == sorted(KEY_NUMBERS)
+
+
+@pytest.mark.parametrize("name", KEY_NUMBERS)
+def test_committed_without_outputs(name):
+    notebook = read(name)
+    assert set(notebook["metadata"]) <= {"kernelspec", "language_info"}
+    for cell in notebook["cells"]:
+        assert cell["metadata"] == {}
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+
+
+@pytest.mark.parametrize("name", KEY_NUMBERS)
+def test_tells_what_it_is_about(name):
+    cells = read(name)["cells"]
+    text = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+    for part in ("**Overview.**", "**What you will learn**", "## Set-up", "## See also"):
+        assert part in text
+    for other in re.findall(r"`(\w+)\.ipynb`", text):
+        assert other in KEY_NUMBERS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KEY_NUMBERS)
+def test_runs_from_start_to_end(name, tmp_path, monkeypatch):
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    monkeypatch.setenv("TOFRENDER_NOTEBOOK_SIZE", "small")
+    monkeypatch.setenv("PYTHONWARNINGS", "default")
+    for folder in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR"):  # nothing of the user's
+        monkeypatch.setenv(folder, str(tmp_path))
+    notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
+    same_package = f"assert tofrender.__file__ == {tofrender.__file__!r}, tofrender.__file__"
+    for code in (same_package, "if True:" + KEY_NUMBERS[name]):
+        notebook.cells.append(nbformat.v4.new_code_cell(code))
+    client = nbclient.NotebookClient(
+        notebook, timeout=120, resources={"metadata": {"path": str(NOTEBOOKS)}}
+    )
+    client.execute()
+
+    outputs = [o for c in notebook.cells if c.cell_type == "code" for o in c.outputs]
+    errors = "".join(o.text for o in outputs if o.get("name") == "stderr")
+    shown = re.findall(r"\w*Warning: .*", errors)
+    expected = WARNINGS.get(name, [])
+    assert len(shown) == len(expected), shown
+    assert all(text in line for text, line in zip(expected, shown, strict=True)), shown
+    assert sum("image/png" in o.get("data", {}) for o in outputs) >= 5
