@@ -41,6 +41,7 @@ def give_names_back() -> None:
     """Other tests load our plugins by name."""
     mi.register_integrator("transient_path", tofrender.TransientPath)
     mi.register_film("transient_hdr_film", tofrender.TransientHDRFilm)
+    mi.register_film("phasor_hdr_film", tofrender.PhasorHDRFilm)
 
 
 def properties(name: str, values: dict) -> mi.Properties:
