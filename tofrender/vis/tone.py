@@ -101,4 +101,7 @@ def check_exposure(exposure: Any) -> None:
 
 def luminance(values: np.ndarray) -> np.ndarray:
     """Luminance of values with 1 or 3 channels in the last axis."""
-    return values[..., 0] if values.shape[-1] == 1 else values @ LUMINANCE
+    if values.shape[-1] == 1:
+        return values[..., 0]
+    red, green, blue = (values[..., c] * LUMINANCE[c] for c in range(3))
+    return red + green + blue  # A matrix product may warn of infinities
