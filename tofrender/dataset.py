@@ -15,6 +15,9 @@ from . import checks
 if TYPE_CHECKING:
     import xarray as xr
 
+LOST_ENERGY = 0.01
+"""Energy outside the window, as a fraction, above which users are warned."""
+
 DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel")}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import backend, checks, memory
 from .arrivals import PATHS, Arrivals, find_arrivals
-from .dataset import check_dataset, coordinates, label
+from .dataset import LOST_ENERGY, check_dataset, coordinates, label
 from .films.cells import MAX_ADDED
 from .films.image import transient_film
 from .fingerprint import fingerprint
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 DEFAULT_SAMPLER = "padded_sobol"
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
-
-LOST_ENERGY = 0.01
-"""Energy outside the window, as a fraction, above which `render` warns."""
 
 
 def render(

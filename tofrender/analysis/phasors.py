@@ -22,15 +22,12 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..dataset import DIMS, time_axis
+from ..dataset import DIMS, LOST_ENERGY, time_axis
 from ..phasors import check_frequencies, phasor_parts, real_array
 from ..units import SPEED_OF_LIGHT
 
 QUANTITIES = ("radiance per bin", "radiance per metre")
 """What transient data may hold: integrals over bins (films), or densities (gates)."""
-
-LOST_ENERGY = 0.01
-"""Energy outside the window, as a fraction, above which a conversion warns."""
 
 MAX_WRAPS = 4096
 """Wraps of the highest frequency that `unwrap` tries."""
