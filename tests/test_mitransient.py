@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -14,10 +13,6 @@ from support import largest, with_sampler
 
 import tofrender
 from tofrender.scenes import cornell_box_glass
-
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("mitransient") is None, reason="mitransient is not installed"
-)
 
 NAMES = ("transient_path", "transient_hdr_film")
 

@@ -38,7 +38,10 @@ class PhasorHDRFilm(mi.Film):
     in monochromatic variants, (height, width, frequencies, 2, 3) in others, with I and Q along the
     axis of length 2.
 
-    mitransient's film of this name differs in the sign of Q, and takes monochromatic variants only.
+    mitransient's film of this name differs in the sign of Q, takes monochromatic variants only, and
+    can hold the frequency 0, which is the steady image.
+
+    Limitations: our integrators only; it has no `add_transient_data` for others.
 
     Example:
         >>> film = mi.load_dict({"type": "phasor_hdr_film", "frequencies_hz": "20e6, 50e6"})

@@ -81,7 +81,7 @@ def _size(count: float) -> str:
 def nearest_folder(path: str | os.PathLike) -> Path:
     """The closest parent of `path` that exists."""
     parent = Path(os.path.realpath(path)).parent
-    while not parent.exists():
+    while not os.path.exists(parent):
         parent = parent.parent
     return parent
 

@@ -72,8 +72,14 @@ def save_exr_stack(
         OSError: The disk is full; nothing half-written remains.
 
     Example:
-        >>> save_exr_stack(dataset, "cornell_box")  # doctest: +SKIP
-        >>> save_exr_stack(dataset, "cornell_box.exr", layout="multipart")  # doctest: +SKIP
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     stack = save_exr_stack(dataset, folder + "/stack")
+        ...     file = save_exr_stack(dataset, folder + "/stack.exr", layout="multipart")
+        ...     len(list(stack.iterdir())), file.name
+        (21, 'stack.exr')
     """
     checks.one_of("layout", layout, ("frames", "multipart"))
     checks.one_of("precision", precision, BYTES_PER_VALUE)
@@ -104,8 +110,13 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         ValueError: Not a stack of this package, or frames are missing or unreadable.
 
     Example:
-        >>> load_exr_stack("cornell_box").transient.dims  # doctest: +SKIP
-        ('y', 'x', 'opl', 'channel')
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     stack = save_exr_stack(dataset, folder + "/stack")
+        ...     load_exr_stack(stack).identical(dataset)
+        True
     """
     folder = Path(path)
     if not folder.exists():

@@ -43,7 +43,12 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         OSError: The disk is full; nothing half-written remains.
 
     Example:
-        >>> save_npz(dataset, "cornell_box.npz")  # doctest: +SKIP
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     save_npz(dataset, folder + "/box.npz").name
+        'box.npz'
     """
     check_dataset(dataset)
     check_output(path, layout="npz", overwrite=overwrite)
@@ -63,8 +68,12 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         ValueError: Not a file of `save_npz`.
 
     Example:
-        >>> load_npz("cornell_box.npz").transient.dims  # doctest: +SKIP
-        ('y', 'x', 'opl', 'channel')
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     load_npz(save_npz(dataset, folder + "/box.npz")).identical(dataset)
+        True
     """
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:

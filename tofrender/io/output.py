@@ -78,9 +78,9 @@ def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise ValueError(f"path = {path}: must be a file name that ends in {' or '.join(suffixes)}")
-    if target.is_dir():
+    if os.path.isdir(target):
         raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
-    if target.exists() and not overwrite:
+    if os.path.exists(target) and not overwrite:
         raise FileExistsError(f"path = {path}: exists; pass overwrite=True to replace it")
     return target
 
@@ -129,9 +129,9 @@ def output_folder(
 def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
     allowed = "must be a new or empty folder, or one that holds only an earlier output of tofrender"
     target = Path(os.path.realpath(path))
-    if not target.exists():
+    if not os.path.exists(target):  # Path.exists raises where one may not look
         return
-    if not target.is_dir():
+    if not os.path.isdir(target):
         raise FileExistsError(f"path = {path}: is a file; {allowed}")
     if target == Path.cwd() or os.path.ismount(target):
         what = "the current folder" if target == Path.cwd() else "a mount point"

@@ -55,7 +55,12 @@ def save_png_frames(
         OSError: The disk is full; nothing half-written remains.
 
     Example:
-        >>> save_png_frames(dataset, "pictures")  # doctest: +SKIP
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     len(list(save_png_frames(dataset, folder + "/pictures").iterdir()))
+        20
     """
     from PIL import Image, PngImagePlugin
 
@@ -102,7 +107,12 @@ def save_video(
         OSError: The disk is full; nothing half-written remains.
 
     Example:
-        >>> save_video(dataset, "light.mp4")  # doctest: +SKIP
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     save_video(dataset, folder + "/light.mp4").name
+        'light.mp4'
     """
     target = check_file(path, ".mp4", ".gif", overwrite=True)
     kind = target.suffix.lower()

@@ -31,7 +31,11 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         ValueError: A pixel outside the image.
 
     Example:
-        >>> summary_figure(dataset).savefig("summary.png")  # doctest: +SKIP
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> [axes.get_title() for axes in summary_figure(dataset).axes[:2]]
+        ['steady image', 'time of the brightest bin']
     """
     sequence = Transient.of(dataset)
     light = sequence.light()

@@ -40,8 +40,12 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
             negative distance.
 
     Example:
-        >>> distances = np.full((dataset.sizes["y"], dataset.sizes["x"]), 3.0)  # doctest: +SKIP
-        >>> visualize_transient(unwarp_camera(dataset, distances))  # doctest: +SKIP
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> unwarped = unwarp_camera(dataset, np.full((16, 16), 3.0))
+        >>> float(unwarped.opl[0]) < float(dataset.opl[0])
+        True
     """
     check_dataset(dataset)
     if dataset.attrs.get("camera_unwarp"):
