@@ -6,6 +6,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
@@ -13,7 +14,7 @@ import numpy as np
 
 import tofrender
 
-from .timing import in_turn
+from .timing import Times, in_turn
 
 Row = tuple[str, float, float | None]
 
@@ -181,35 +182,48 @@ def phasors(runs: int, quick: bool) -> list[Row]:
     return [(f"{what}: wall", wall, 1.3), (f"{what}: cpu", cpu, 1.3)]
 
 
+def _plain_gate(size: int, spp: int, opl: float) -> Callable[[int], np.ndarray]:
+    """One gate as the course text renders it: the pulse, evaluated on a path tracer's paths."""
+    described = tofrender.cornell_box(width=size, height=size, temporal_bins=1, spp=spp)
+    described["integrator"]["type"] = "tofrender_time_gated_transient_path"
+    described["sensor"]["sampler"]["type"] = "independent"
+    film = described["sensor"]["film"]
+    film["start_opl"] = opl - film["bin_width_opl"] / 2
+    scene = tofrender.load_scene(described)
+    return lambda seed: np.array(mi.render(scene, spp=spp, seed=seed)[1])[:, :, 0]
+
+
+def _noise(
+    functions: dict[str, Callable[[int], np.ndarray]], runs: int
+) -> tuple[dict[str, float], dict[str, Times]]:
+    """Variance over seeds, mean over pixels, and times."""
+    images: dict[str, list[np.ndarray]] = {name: [] for name in functions}
+
+    def draw(name: str) -> None:
+        images[name].append(functions[name](len(images[name])))
+
+    times = in_turn({name: partial(draw, name) for name in functions}, max(runs, 4))
+    variance = {name: float(np.var(s[1:], axis=0, ddof=1).mean()) for name, s in images.items()}
+    return variance, times
+
+
 def gates(runs: int, quick: bool) -> list[Row]:
     """300 gates: variance times time of one trace a gate, as the course text does it, over ours.
 
-    The loop's time is that of one of its traces times 300. Both trace the same paths, the loop with
-    independent samples.
+    The loop's time is that of one of its traces times 300.
     """
     size, spp = (32, 16) if quick else (256, 64)
     scene = _transient(size, 1, spp)
     sensor = scene.sensors()[0]
-    plugin = {"type": "tofrender_time_gated_transient_path", "target_time": 5.91}
-    integrator = mi.load_dict(plugin | {"pulse_width_opl": 0.03})
+    integrator = mi.load_dict({"type": "tofrender_time_gated_transient_path"})
     window = {"temporal_bins": 300, "start_opl": 3.5, "bin_width_opl": 0.02}
     k = 120  # The gate at 5.91 m
-    images: dict[str, list[np.ndarray]] = {"one trace": [], "loop": []}
-    counter = iter(range(1, 1 << 20))
-    described = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
-    described["sensor"]["sampler"]["type"] = "independent"
-    described["integrator"] = plugin | {"pulse_width_opl": 0.03}
-    loop = mi.load_dict(described)
 
-    def one_trace() -> None:
-        cube = tofrender.render_transient(scene, integrator, sensor, window, spp, next(counter))
-        images["one trace"].append(cube[:, :, k])
+    def one_trace(seed: int) -> np.ndarray:
+        return tofrender.render_transient(scene, integrator, sensor, window, spp, seed)[:, :, k]
 
-    def one_gate() -> None:
-        images["loop"].append(np.array(mi.render(loop, spp=spp, seed=next(counter))))
-
-    times = in_turn({"one trace": one_trace, "loop": one_gate}, max(runs, 4))
-    variance = {name: float(np.var(s[1:], axis=0, ddof=1).mean()) for name, s in images.items()}
+    functions = {"one trace": one_trace, "loop": _plain_gate(size, spp, 5.91)}
+    variance, times = _noise(functions, runs)
     wall, cpu = times["loop"].ratio(times["one trace"])
     gain = 300 * variance["loop"] / variance["one trace"]
     what = f"{size}x{size}, 300 gates, {spp} spp: loop over one trace"
@@ -220,6 +234,23 @@ def gates(runs: int, quick: bool) -> list[Row]:
     ]
 
 
+def one_gate(runs: int, quick: bool) -> list[Row]:
+    """A single gate: variance times time of plain evaluation over that of `render_at_time`."""
+    size, spp = (32, 16) if quick else (256, 64)
+    scene = _transient(size, 1, spp)
+    sensor = scene.sensors()[0]
+    integrator = mi.load_dict({"type": "tofrender_time_gated_transient_path"})
+    rows: list[Row] = []
+    for opl in (5.2, 5.9, 6.7, 8.0):
+        ours = partial(tofrender.render_at_time, scene, integrator, sensor, opl, spp)
+        variance, times = _noise({"plain": _plain_gate(size, spp, opl), "ours": ours}, runs)
+        wall, cpu = times["plain"].ratio(times["ours"])
+        gain = variance["plain"] / variance["ours"]
+        what = f"{size}x{size}, gate at {opl} m, {spp} spp: plain over ours, variance x time"
+        rows += [(f"{what}: wall", gain * wall, 10.0), (f"{what}: cpu", gain * cpu, 10.0)]
+    return rows
+
+
 CASES = {
     "speed": speed,
     "bins": bins,
@@ -228,4 +259,5 @@ CASES = {
     "import": importing,
     "phasors": phasors,
     "gates": gates,
+    "one-gate": one_gate,
 }

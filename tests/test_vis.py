@@ -131,6 +131,14 @@ def test_pixel_of_a_crop_has_the_films_indices():
         vis.plot_pixel_transient(dataset, 4, 32)
 
 
+def test_quantity_of_an_array_is_what_it_is_said_to_be():
+    data, axis = np.ones((2, 2, 4)), {"start_opl": 0.0, "bin_width_opl": 0.1}
+    figure = vis.plot_pixel_transient(data, 0, 0, **axis, quantity="radiance per metre")
+    assert figure.axes[0].get_ylabel() == "radiance per metre"
+    with pytest.raises(ValueError, match="quantity = 'density': must be one of radiance per bin"):
+        vis.plot_pixel_transient(data, 0, 0, **axis, quantity="density")
+
+
 @pytest.mark.parametrize("x", [-1, 10, 2.5, "3"])
 def test_pixel_outside(x):
     with pytest.raises(ValueError, match=r"x = .*: must be an integer from 0 to 9"):
@@ -176,7 +184,9 @@ def test_summary_shows_title_and_axes_with_units(tmp_path):
     dataset["transient"].values[:, :2] = 0
     figure = vis.summary_figure(dataset)
     steady, peak, plot, bar = figure.axes
-    assert figure.get_suptitle() == "bördér, 64 spp, 1.2 % of the energy outside the window"
+    assert (
+        figure.get_suptitle() == "bördér, 64 spp, 1.2 % of the energy outside the render's window"
+    )
     assert {axes.get_xlabel() for axes in (steady, peak)} == {"x [pixel]"}
     assert plot.get_xlabel() == bar.get_ylabel() == "time [ns]"
     assert plot.get_ylabel() == "radiance per bin [W m$^{-2}$ sr$^{-1}$]"

@@ -15,6 +15,9 @@ from . import checks
 if TYPE_CHECKING:
     import xarray as xr
 
+QUANTITIES = ("radiance per bin", "radiance per metre")
+"""What a transient may hold: the energy of each bin, or the density at its centre."""
+
 LOST_ENERGY = 0.01
 """Energy outside the window, as a fraction, above which users are warned."""
 

@@ -2,12 +2,15 @@
 
 A strategy offers
 
-    connects                          whether next-event estimation happens at all
-    connect(si, sample, active)       -> Connection from a surface point
-    hit(si, previous, ray, active)    -> (radiance, solid-angle density of `connect`, length)
+    connects                               whether next-event estimation happens at all
+    connect(si, opl, η, sampler, active)   -> Connection from a surface point
+    hit(si, previous, ray, active)         -> (radiance, solid-angle density of `connect`, length)
+    nearest(p)                             -> bound below which no light is from a point
+
+where `opl` is the optical length of the path up to `si`, and η the index of refraction around it.
 
 `SceneLights` connects to the scene's emitters. `EmitterHits` never connects: paths see light only
-where they run into it.
+where they run into it. `gated_lights.GatedLights` prefers points whose light comes in time.
 
 Lengths end at the point that emits. An environment or directional light has none; its light starts
 on the plane that touches the sphere around scene and sensor and faces the light, so that each
@@ -17,10 +20,12 @@ direction's wavefront is plane, all of it starts at OPL 0, and no length is nega
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+
+MANY_EMITTERS = 8
+"""Number of emitters from which on a single box bounds their distance."""
 
 
 @dataclass
@@ -58,6 +63,7 @@ class SceneLights:
         self.scene = scene
         infinite = mi.EmitterFlags.Infinite
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
+        self.boxes = self._boxes()
         if self.has_distant:
             box = scene.bbox()
             if sensor is not None:
@@ -67,15 +73,42 @@ class SceneLights:
             self.centre, self.radius = mi.Point3f(sphere.center), mi.Float(sphere.radius)
             dr.make_opaque(self.centre, self.radius)
 
-    def connect(self, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool) -> Any:
-        """Sample an emitter as seen from `si`."""
-        ds, weight = self.scene.sample_emitter_direction(si, sample, True, active)
+    def _boxes(self) -> list[tuple[mi.Point3f, mi.Point3f]]:
+        """Corners of boxes that hold all emitters; one box around everything if there are many."""
+        boxes = [mi.ScalarBoundingBox3f(e.bbox()) for e in self.scene.emitters()]
+        if self.has_distant:
+            return [(mi.Point3f(-dr.inf), mi.Point3f(dr.inf))]
+        if len(boxes) > MANY_EMITTERS:
+            whole = boxes[0]
+            for box in boxes[1:]:
+                whole.expand(box)
+            boxes = [whole]
+        corners = [(mi.Point3f(box.min), mi.Point3f(box.max)) for box in boxes]
+        dr.make_opaque(corners)
+        return corners
+
+    def connect(
+        self,
+        si: mi.SurfaceInteraction3f,
+        opl: mi.Float,
+        η: mi.Float,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+    ) -> Connection:
+        """Sample an emitter as seen from `si`; `opl` and η make no difference."""
+        return self.choose(si, sampler.next_2d(), True, active)[0]
+
+    def choose(
+        self, si: mi.SurfaceInteraction3f, sample: mi.Point2f, shadow: bool, active: mi.Bool
+    ) -> tuple[Connection, mi.Point3f]:
+        """Sample an emitter, with or without its shadow ray; returns the point sampled too."""
+        ds, weight = self.scene.sample_emitter_direction(si, sample, shadow, active)
         length = dr.norm(ds.p - si.p)
         if self.has_distant:
             distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
             length = dr.select(distant, self.distant_length(si.p, ds.d), length)
         weight = mi.unpolarized_spectrum(weight)
-        return Connection(ds.d, weight, ds.pdf, ds.delta, length, active & (ds.pdf != 0))
+        return Connection(ds.d, weight, ds.pdf, ds.delta, length, active & (ds.pdf != 0)), ds.p
 
     def hit(
         self,
@@ -92,6 +125,14 @@ class SceneLights:
         if self.has_distant:
             length = dr.select(si.is_valid(), length, self.distant_length(previous.p, ray.d))
         return radiance, pdf, length
+
+    def nearest(self, p: mi.Point3f) -> mi.Float:
+        """Least length of any connection from `p` [m]: distance to the closest emitter's box."""
+        closest = mi.Float(dr.inf)
+        for low, high in self.boxes:
+            outside = dr.maximum(dr.maximum(low - p, p - high), 0)
+            closest = dr.minimum(closest, dr.norm(outside))
+        return closest
 
     def distant_length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
         """Length from `p` along `d` to the plane where a distant light starts [m]."""

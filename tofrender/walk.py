@@ -62,10 +62,10 @@ def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
     return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
 
 
-def has_rough_glass(scene: mi.Scene) -> bool:
-    """Whether a surface that connections are made from refracts light."""
-    glossy = mi.BSDFFlags.GlossyTransmission
-    return any(mi.has_flag(shape.bsdf().flags(), glossy) for shape in scene.shapes())
+def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
+    """Whether a surface of the scene lets light through in one of the given ways."""
+    bsdfs = [shape.bsdf().flags() for shape in scene.shapes()]
+    return any(mi.has_flag(flags, way) for flags in bsdfs for way in ways)
 
 
 def index_behind(
@@ -122,7 +122,7 @@ def walk(
 
     Args:
         scene: The scene.
-        sampler: Random numbers; every vertex draws six, or four without connections.
+        sampler: Random numbers; every vertex draws four, and what its connection draws.
         ray: Camera rays, of any number.
         measurement: Receives (spectrum, opl, active) of every connection.
         lights: What connections are made to.
@@ -144,7 +144,8 @@ def walk(
     """
     bsdf_ctx = mi.BSDFContext()
     bounded = max_depth >= 0
-    refracting = has_rough_glass(scene)
+    rough_glass = transmits(scene, mi.BSDFFlags.GlossyTransmission)
+    glass = rough_glass or transmits(scene, mi.BSDFFlags.DeltaTransmission)
 
     # --------------------- Configure loop state ----------------------
 
@@ -191,7 +192,9 @@ def walk(
         if dr.hint(bounded, mode="scalar"):
             active_next &= depth + 1 < max_depth
         if dr.hint(last_opl is not None, mode="scalar"):
-            active_next &= opl <= last_opl
+            # Behind glass, the way to a light may be optically shorter than it is long
+            to_light = mi.Float(0) if glass else lights.nearest(si.p)
+            active_next &= opl + to_light <= last_opl
 
         # ---------- Connect to a light and sample the next ray -----------
 
@@ -199,7 +202,7 @@ def walk(
         if dr.hint(lights.connects, mode="scalar"):
             # Connections to a smooth BSDF only: a delta lobe reflects none of them
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            em = lights.connect(si, sampler.next_2d(), active_em)
+            em = lights.connect(si, opl, η, sampler, active_em)
             wo = si.to_local(em.direction)
             f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
                 bsdf_ctx, si, wo, sampler.next_1d(), sampler.next_2d(), active_next
@@ -207,7 +210,7 @@ def walk(
             mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
             Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
             η_em = mi.Float(η)
-            if dr.hint(refracting, mode="scalar"):
+            if dr.hint(rough_glass, mode="scalar"):
                 η_em *= index_behind(bsdf, si, wo, em.active)
             measurement.add(Lr, dr.fma(η_em, em.length, opl), em.active & dr.any(Lr != 0))
         else:

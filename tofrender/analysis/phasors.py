@@ -22,12 +22,9 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..dataset import DIMS, LOST_ENERGY, time_axis
+from ..dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..phasors import check_frequencies, phasor_parts, real_array
 from ..units import SPEED_OF_LIGHT
-
-QUANTITIES = ("radiance per bin", "radiance per metre")
-"""What transient data may hold: integrals over bins (films), or densities (gates)."""
 
 MAX_WRAPS = 4096
 """Wraps of the highest frequency that `unwrap` tries."""

@@ -14,7 +14,10 @@ from .. import checks
 from ..camera import CameraSample
 from ..films.deposit import FilmDeposit, open_gates
 from ..films.image import image_film, transient_film
+from ..gated_lights import GatedLights
+from ..lights import SceneLights
 from ..pulses import GaussianPulse, Pulse
+from ..walk import transmits
 from .base import TransientIntegrator
 from .passes import take
 
@@ -88,15 +91,25 @@ class TimeGatedTransientPath(TransientIntegrator):
         """
         target = self.target_time if target_time is None else target_time
         origin, gate = ray.o if origin is None else origin, self._gate(target)
-        lights, closed = self.lights(scene), mi.Float(target) - self.pulse.support[0]
+        lights, closed = self._lights(scene, None, target), mi.Float(target) - self.pulse.support[0]
         gate, valid = self.trace(scene, sampler, ray, origin, gate, lights, active, last_opl=closed)
         return mi.Spectrum(gate.total), valid, []
 
     def _gate(self, target_time: Any) -> Gate:
         if target_time is None:
             raise ValueError("target_time = None: must be the gate's path length in metres")
-        weight = lambda opl: self.pulse.eval(target_time - opl)  # noqa: E731
-        return Gate(mi.UnpolarizedSpectrum(0), weight)
+        return Gate(mi.UnpolarizedSpectrum(0), lambda opl: self.pulse.eval(target_time - opl))
+
+    def _lights(self, scene: mi.Scene, sensor: mi.Sensor | None, target_time: Any) -> SceneLights:
+        """For a single gate, connections that look for light of its length."""
+        rough_glass = transmits(scene, mi.BSDFFlags.GlossyTransmission)
+        if self._gates or rough_glass or not self.emitter_sampling:
+            return super().lights(scene, sensor)
+        return GatedLights(scene, sensor, self._gate(target_time).weight)
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+        """As for every integrator; those of a single gate look for light of its length."""
+        return self._lights(scene, sensor, dr.opaque(mi.Float, self.target_time or 0.0))
 
     def prepare(self, film: Any) -> None:
         """Refuse to render without a target time; empty the film."""

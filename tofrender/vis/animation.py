@@ -103,7 +103,13 @@ def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:
 
 
 def plot_pixel_transient(
-    data: Any, x: int, y: int, start_opl: float | None = None, bin_width_opl: float | None = None
+    data: Any,
+    x: int,
+    y: int,
+    start_opl: float | None = None,
+    bin_width_opl: float | None = None,
+    *,
+    quantity: str | None = None,
 ) -> Figure:
     """Plot what one pixel sees over time, a line for each channel.
 
@@ -113,12 +119,15 @@ def plot_pixel_transient(
         y: Row, likewise.
         start_opl: Where the first bin starts [m]; a Dataset knows it.
         bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+        quantity: "radiance per bin", the default for an array, or "radiance per metre", for what
+            `render_transient` returns; a Dataset knows it.
 
     Returns:
         A `matplotlib.figure.Figure`, made outside of pyplot; time in ns at bin centres.
 
     Raises:
-        ValueError: Another shape, a pixel outside, or a time axis that is missing or not positive.
+        ValueError: Another shape or quantity, a pixel outside, or a time axis that is missing or
+            not positive.
 
     Example:
         >>> figure = plot_pixel_transient(
@@ -127,7 +136,7 @@ def plot_pixel_transient(
         >>> figure.axes[0].get_xlabel()
         'time [ns]'
     """
-    sequence = Transient.of(data, start_opl, bin_width_opl)
+    sequence = Transient.of(data, start_opl, bin_width_opl, quantity)
     response = sequence.pixel(x, y)
     figure = new_figure(7.0, 3.8)
     axes = figure.add_subplot()

@@ -73,7 +73,7 @@ def _title(dataset: xr.Dataset) -> str:
     attrs = dataset.attrs
     title = (
         f"{attrs['scene']}, {attrs['spp']} spp, "
-        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window"
+        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the render's window"
     )
     return title if attrs["complete"] else f"{title} (interrupted)"
 

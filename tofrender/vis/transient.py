@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..dataset import first_pixel, time_axis
+from ..dataset import QUANTITIES, first_pixel, time_axis
 from ..units import opl_to_ns
 from .tone import luminance
 
@@ -28,17 +28,25 @@ class Transient:
     quantity: str = "radiance per bin"
 
     @classmethod
-    def of(cls, data: Any, start_opl: float | None = None, bin_width_opl: float | None = None):
+    def of(
+        cls,
+        data: Any,
+        start_opl: float | None = None,
+        bin_width_opl: float | None = None,
+        quantity: str | None = None,
+    ):
         """Take a Dataset of `render`, or an array with its time axis, and check it."""
         extra: dict[str, Any] = {}
+        if quantity is not None:
+            extra["quantity"] = checks.one_of("quantity", quantity, QUANTITIES)
         if hasattr(data, "data_vars"):
             start, width = time_axis(data)
             start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
             x0, y0 = first_pixel(data)
             units = re.sub(r"\^(-?\d+)", r"$^{\1}$", data.attrs["units"])
-            quantity = f"{data.attrs['quantity']} [{units}]"
-            extra = {"x0": x0, "y0": y0, "quantity": quantity}
+            named = f"{data.attrs['quantity']} [{units}]"
+            extra = {"quantity": named} | extra | {"x0": x0, "y0": y0}
             data = data["transient"].values
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
