@@ -213,6 +213,10 @@ def test_scalar_variants(work):
 # ------------------------------------------------------------------------------------- plugins
 
 
+REQUIRED = {"simple": {"position": [0, 0, 1], "energy": 1.0}}
+"""Parameters that a plugin cannot do without."""
+
+
 def test_plugins_follow_the_variant():
     classes = {}
     for variant in ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_rgb", "llvm_ad_mono"):
@@ -221,8 +225,8 @@ def test_plugins_follow_the_variant():
             found = getattr(tofrender, name)
             assert found is backend.plugin(name)
             assert issubclass(found, (mi.Integrator, mi.Film, mi.Sampler))
-            assert type(mi.load_dict({"type": plugin})) is found
-            assert type(mi.load_dict({"type": backend.own_name(plugin)})) is found
+            for called in (plugin, backend.own_name(plugin)):
+                assert type(mi.load_dict({"type": called} | REQUIRED.get(plugin, {}))) is found
             assert classes.setdefault((variant, name), found) is found  # The same as before
     assert len(set(classes.values())) == 2 * len(backend.PLUGINS)
 

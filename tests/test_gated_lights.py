@@ -10,8 +10,7 @@ from gallery import SCENES
 from support import agree, over_seeds, with_sampler
 
 import tofrender
-from tofrender.gated_lights import GatedLights
-from tofrender.lights import SceneLights
+from tofrender.lights import GatedLights, SceneLights
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 

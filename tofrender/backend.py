@@ -23,13 +23,25 @@ PLUGIN_MODULES = (
     "tofrender.integrators.time_gated",
     "tofrender.films.phasor",
     "tofrender.integrators.amcw",
+    "tofrender.integrators.path_tracer",
+    "tofrender.integrators.path_tracer_mats",
+    "tofrender.integrators.path_tracer_nee",
+    "tofrender.integrators.path_tracer_mis",
+    "tofrender.integrators.first_surface",
+    "tofrender.integrators.simple",
+    "tofrender.integrators.ao",
 )
 """Modules that define Mitsuba plugins, each after those that it builds on."""
 
 PLUGINS = {
+    "AmbientOcclusion": ("ao", "tofrender.integrators.ao"),
     "AMCWTransientPath": ("amcw_transient_path", "tofrender.integrators.amcw"),
     "PaddedSobolSampler": ("padded_sobol", "tofrender.sampling.padded_sobol"),
+    "PathTracerMIS": ("path_tracer_mis", "tofrender.integrators.path_tracer_mis"),
+    "PathTracerMats": ("path_tracer_mats", "tofrender.integrators.path_tracer_mats"),
+    "PathTracerNEE": ("path_tracer_nee", "tofrender.integrators.path_tracer_nee"),
     "PhasorHDRFilm": ("phasor_hdr_film", "tofrender.films.phasor"),
+    "Simple": ("simple", "tofrender.integrators.simple"),
     "TimeGatedTransientPath": (
         "time_gated_transient_path",
         "tofrender.integrators.time_gated",

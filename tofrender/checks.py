@@ -60,6 +60,27 @@ def depth(name: str, value: Any) -> int:
         raise ValueError(f"{name} = {value!r}: must be {allowed}") from None
 
 
+def depth_of_bounces(max_bounces: Any) -> int:
+    """Path depth in segments of a number of surfaces: one more, or -1 for no limit.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> depth_of_bounces(1)
+        2
+        >>> depth_of_bounces(-2)
+        Traceback (most recent call last):
+        ValueError: max_bounces = -2: must be -1 (no limit) or an integer from 0 to 65535
+    """
+    try:
+        bounces = integer("max_bounces", max_bounces, -1, MAX_DEPTH - 1)
+    except ValueError:
+        allowed = f"-1 (no limit) or an integer from 0 to {MAX_DEPTH - 1}"
+        raise ValueError(f"max_bounces = {max_bounces!r}: must be {allowed}") from None
+    return bounces if bounces < 0 else bounces + 1
+
+
 def metres(name: str, value: Any, *, positive: bool = False, unit: str = "metres") -> float:
     """Return `value`, a length in metres, as a finite float.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from . import backend
+from . import backend, checks
 from .settings import INTEGRATORS
 
 parser: Any = mi.parser
@@ -31,7 +31,7 @@ FILM_KEPT = (
 ENDINGS = {
     mi.ObjectType.Film: ("film",),
     mi.ObjectType.Sampler: ("sampler", "sobol"),
-    mi.ObjectType.Integrator: ("path", "integrator"),
+    mi.ObjectType.Integrator: ("path", "integrator", "simple", *INTEGRATORS),
     mi.ObjectType.Sensor: ("camera", "meter"),
 }
 
@@ -163,6 +163,9 @@ def _change_film(film: Any, settings: Mapping[str, Any]) -> bool:
 def _change_integrator(integrator: Any, settings: Mapping[str, Any], turns: bool) -> None:
     """Change the integrator's node; `turns` says that the film turned transient."""
     name = integrator.props.plugin_name()
+    if "max_bounces" in integrator.props:  # Not every integrator counts bounces; all count depth
+        integrator.props["max_depth"] = checks.depth_of_bounces(integrator.props["max_bounces"])
+        del integrator.props["max_bounces"]
     if "integrator" in settings:
         if settings["integrator"] != name:
             _become(integrator, settings["integrator"], INTEGRATOR_KEPT)

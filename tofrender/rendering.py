@@ -92,12 +92,13 @@ def render(
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, **_settings(window, temporal_bins))
     require_sensor(scene)
-    require_light(scene)
     sensors = scene.sensors()
     sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
     camera = sensors[sensor]
     film = _film(camera.film(), window, temporal_bins)
     tracer = _integrator(scene, integrator)
+    if tracer.needs_lights:
+        require_light(scene)
     profile = tracer.temporal_profile(film)  # Refuses what does not fit together
     arrivals = find_arrivals(tracer, scene, camera, film, seed)
     if _is_auto(window):

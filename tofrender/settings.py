@@ -18,7 +18,13 @@ SAMPLERS = (
     "orthogonal",
     "ldsampler",
 )
-INTEGRATORS = ("transient_path",)
+INTEGRATORS = (
+    "transient_path",
+    "path_tracer_mats",
+    "path_tracer_nee",
+    "path_tracer_mis",
+    "ao",
+)
 
 
 class Settings(TypedDict, total=False):

@@ -112,6 +112,7 @@ def walk(
     hide_emitters: bool = False,
     active: mi.Bool = True,
     last_opl: mi.Float | None = None,
+    material: mi.BSDF | None = None,
 ) -> tuple[M, mi.Bool]:
     """Trace paths and hand each of their connections to a light to `measurement`.
 
@@ -138,6 +139,7 @@ def walk(
             lights are hidden before the walk, by `camera.behind_emitters`.)
         active: Lanes to trace.
         last_opl: Length at which paths may end, because longer ones count for nothing [m].
+        material: What all surfaces are made of; by default each of its own.
 
     Returns:
         The measurement, and the lanes whose camera ray met a surface.
@@ -183,7 +185,8 @@ def walk(
             visible &= depth > 0
 
         opl = dr.fma(η, length, opl)
-        mis_hit = dr.select(prev_delta, 1, mis_weight(prev_pdf, em_pdf))
+        mis_hit = 0 if lights.finds_all else mis_weight(prev_pdf, em_pdf)
+        mis_hit = dr.select(prev_delta, mi.Float(1), mis_hit)
         measurement.add(β * mis_hit * Le, opl, visible)
 
         # ----------------- Stop at the last surface vertex ---------------
@@ -198,7 +201,7 @@ def walk(
 
         # ---------- Connect to a light and sample the next ray -----------
 
-        bsdf = si.bsdf()
+        bsdf = si.bsdf() if material is None else material
         if dr.hint(lights.connects, mode="scalar"):
             # Connections to a smooth BSDF only: a delta lobe reflects none of them
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -228,6 +231,10 @@ def walk(
         prev_delta = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
 
         depth[si.is_valid()] += 1
+
+        # The last ray can only run into lights; a smooth surface's connections have found those
+        if dr.hint(bounded and lights.finds_all, mode="scalar"):
+            active_next &= prev_delta | (depth + 1 < max_depth)
 
         # ---------------------- Russian roulette -------------------------
 

@@ -56,6 +56,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
     fills_bins = False
     """Whether a film's bins get the radiance that arrives in each, as `tofrender.render` needs."""
 
+    needs_lights = True
+    """Whether a scene without emitters would be black."""
+
+    material: mi.BSDF | None = None
+    """What all surfaces are made of, None if each of its own."""
+
     pulse: Pulse | None = None
     temporal_filter: str = "box"
 
@@ -115,6 +121,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             hide_emitters=self.hide_emitters,
             active=active,
             last_opl=last_opl,
+            material=self.material,
         )
 
     def sample(self, scene, sampler, ray, medium=None, active=True):

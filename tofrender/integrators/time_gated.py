@@ -14,8 +14,7 @@ from .. import checks
 from ..camera import CameraSample
 from ..films.deposit import FilmDeposit, open_gates
 from ..films.image import image_film, transient_film
-from ..gated_lights import GatedLights
-from ..lights import SceneLights
+from ..lights import GatedLights, SceneLights
 from ..pulses import GaussianPulse, Pulse
 from ..walk import transmits
 from .base import TransientIntegrator

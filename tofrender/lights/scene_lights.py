@@ -1,21 +1,4 @@
-"""What a path can connect to: the light strategies of `walk`.
-
-A strategy offers
-
-    connects                               whether next-event estimation happens at all
-    connect(si, opl, η, sampler, active)   -> Connection from a surface point
-    hit(si, previous, ray, active)         -> (radiance, solid-angle density of `connect`, length)
-    nearest(p)                             -> bound below which no light is from a point
-
-where `opl` is the optical length of the path up to `si`, and η the index of refraction around it.
-
-`SceneLights` connects to the scene's emitters. `EmitterHits` never connects: paths see light only
-where they run into it. `gated_lights.GatedLights` prefers points whose light comes in time.
-
-Lengths end at the point that emits. An environment or directional light has none; its light starts
-on the plane that touches the sphere around scene and sensor and faces the light, so that each
-direction's wavefront is plane, all of it starts at OPL 0, and no length is negative.
-"""
+"""The emitters of a scene, by connections and by hits."""
 
 from __future__ import annotations
 
@@ -36,7 +19,8 @@ class Connection:
         direction: Unit vector from the surface towards the light, world space.
         weight: Radiance over density; 0 where the light cannot be seen.
         pdf: Density of `direction` [1/sr].
-        delta: Whether no other technique can find this light (point lights, lasers).
+        delta: Whether nothing else finds this light (point lights, lasers), so that it counts in
+            full.
         length: Geometric length of the connection [m].
         active: Lanes in which there is a connection.
     """
@@ -49,6 +33,35 @@ class Connection:
     active: mi.Bool
 
 
+@dataclass
+class Wavefronts:
+    """Where distant light starts: planes that touch the sphere around scene and sensor.
+
+    Attributes:
+        centre: The sphere's centre [m].
+        radius: Its radius [m].
+    """
+
+    centre: mi.Point3f
+    radius: mi.Float
+
+    @classmethod
+    def around(cls, scene: mi.Scene, sensor: mi.Sensor | None) -> Wavefronts:
+        """The sphere around the scene, and the sensor's position if there is one."""
+        box = scene.bbox()
+        if sensor is not None:
+            position = sensor.world_transform() @ mi.Point3f(0)
+            box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
+        sphere = box.bounding_sphere()
+        centre, radius = mi.Point3f(sphere.center), mi.Float(sphere.radius)
+        dr.make_opaque(centre, radius)
+        return cls(centre, radius)
+
+    def length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
+        """Length from `p` along `d` to the plane where the light from there starts [m]."""
+        return self.radius - dr.dot(d, p - self.centre)
+
+
 class SceneLights:
     """All emitters of a scene, by next-event estimation and by hits.
 
@@ -58,6 +71,7 @@ class SceneLights:
     """
 
     connects = True
+    finds_all = False
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         self.scene = scene
@@ -65,13 +79,7 @@ class SceneLights:
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
         self.boxes = self._boxes()
         if self.has_distant:
-            box = scene.bbox()
-            if sensor is not None:
-                position = sensor.world_transform() @ mi.Point3f(0)
-                box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
-            sphere = box.bounding_sphere()
-            self.centre, self.radius = mi.Point3f(sphere.center), mi.Float(sphere.radius)
-            dr.make_opaque(self.centre, self.radius)
+            self.sphere = Wavefronts.around(scene, sensor)
 
     def _boxes(self) -> list[tuple[mi.Point3f, mi.Point3f]]:
         """Corners of boxes that hold all emitters; one box around everything if there are many."""
@@ -106,7 +114,7 @@ class SceneLights:
         length = dr.norm(ds.p - si.p)
         if self.has_distant:
             distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
-            length = dr.select(distant, self.distant_length(si.p, ds.d), length)
+            length = dr.select(distant, self.sphere.length(si.p, ds.d), length)
         weight = mi.unpolarized_spectrum(weight)
         return Connection(ds.d, weight, ds.pdf, ds.delta, length, active & (ds.pdf != 0)), ds.p
 
@@ -123,7 +131,7 @@ class SceneLights:
         pdf = self.scene.pdf_emitter_direction(previous, ds, active)
         length = dr.norm(si.p - previous.p)
         if self.has_distant:
-            length = dr.select(si.is_valid(), length, self.distant_length(previous.p, ray.d))
+            length = dr.select(si.is_valid(), length, self.sphere.length(previous.p, ray.d))
         return radiance, pdf, length
 
     def nearest(self, p: mi.Point3f) -> mi.Float:
@@ -133,10 +141,6 @@ class SceneLights:
             outside = dr.maximum(dr.maximum(low - p, p - high), 0)
             closest = dr.minimum(closest, dr.norm(outside))
         return closest
-
-    def distant_length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
-        """Length from `p` along `d` to the plane where a distant light starts [m]."""
-        return self.radius - dr.dot(d, p - self.centre)
 
 
 class EmitterHits(SceneLights):
@@ -152,3 +156,19 @@ class EmitterHits(SceneLights):
         """As in `SceneLights`; nothing competes with the hit, so the density is 0."""
         radiance, _, length = super().hit(si, previous, ray, active)
         return radiance, mi.Float(0), length
+
+
+class ConnectionsOnly(SceneLights):
+    """All emitters of a scene, by next-event estimation alone.
+
+    Weak where a glossy surface reflects a large light: connections rarely fall into its lobe.
+    Mirrors and glass, which no connection can serve, still see what they reflect.
+    """
+
+    finds_all = True
+
+    def connect(self, si, opl, η, sampler, active):
+        """As in `SceneLights`; nothing competes with the connection."""
+        em = super().connect(si, opl, η, sampler, active)
+        em.delta = mi.Bool(True)
+        return em

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
-from .lights import Connection, SceneLights
+from .scene_lights import Connection, SceneLights
 
 CANDIDATES = 8
 """Points on lights that a connection is chosen from; only the chosen one costs a shadow ray."""

@@ -1,20 +1,28 @@
-"""Built-in scenes: functions that return dicts for `mi.load_dict`.
+"""Boxes with light that is reflected many times.
 
-All are the Cornell box of Mitsuba's tutorials, two metres wide, with the camera at z = 3.9 m: lit
-from the ceiling or by a flash at the camera, and with a mirror or a glass sphere in it.
+The Cornell box of Mitsuba's tutorials, two metres wide, with the camera at z = 3.9 m, is lit from
+the ceiling or by a flash at the camera; one has a mirror, one a glass sphere in it. A smaller box
+with two spheres is steady.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from copy import deepcopy
 from typing import Any
 
-import mitsuba as mi
-
-from . import checks
-
-SAMPLER = "padded_sobol"
-"""The sampler of all built-in scenes."""
+from .. import checks
+from .parts import (
+    Dict,
+    area_light,
+    camera,
+    diffuse,
+    path_tracer,
+    place,
+    rgb,
+    shape,
+    sphere,
+    steady_film,
+)
 
 START_OPL = {"area": 3.5, "flash": 6.0}
 """Where the built-in window starts [m], by light; from each light, nothing arrives earlier."""
@@ -26,82 +34,41 @@ RED = [0.570068, 0.0430135, 0.0443706]
 LIGHT_RADIANCE = [18.387, 13.9873, 6.75357]
 FLASH_INTENSITY = [8.0, 8.0, 8.0]
 
-Dict = dict[str, Any]
 
-
-# ------------------------------------------------------------------------------------- parts
-
-
-def _rgb(value: Sequence[float]) -> Dict:
-    return {"type": "rgb", "value": list(value)}
-
-
-def _shape(kind: str, to_world: Any, bsdf: str) -> Dict:
-    return {"type": kind, "to_world": to_world, "bsdf": {"type": "ref", "id": bsdf}}
-
-
-def _place(
-    position: Sequence[float], axis: Sequence[float], angle: float, scale: Sequence[float]
-) -> Any:
-    """Scale, turn about `axis` by `angle` degrees, then move to `position` [m]."""
-    transform = mi.ScalarTransform4f()
-    return transform.translate(position).rotate(axis, angle).scale(scale)
+# ---------------------------------------------------------------------- parts of Cornell box
 
 
 def _materials() -> Dict:
     colours = {"white": WHITE, "green": GREEN, "red": RED}
-    return {name: {"type": "diffuse", "reflectance": _rgb(c)} for name, c in colours.items()}
+    return {name: diffuse(c) for name, c in colours.items()}
 
 
 def _walls() -> Dict:
     x, y, unit = [1, 0, 0], [0, 1, 0], [1, 1, 1]
     return {
-        "floor": _shape("rectangle", _place([0, -1, 0], x, -90, unit), "white"),
-        "ceiling": _shape("rectangle", _place([0, 1, 0], x, 90, unit), "white"),
-        "back": _shape("rectangle", _place([0, 0, -1], y, 0, unit), "white"),
-        "green-wall": _shape("rectangle", _place([1, 0, 0], y, -90, unit), "green"),
-        "red-wall": _shape("rectangle", _place([-1, 0, 0], y, 90, unit), "red"),
+        "floor": shape("rectangle", place([0, -1, 0], x, -90, unit), "white"),
+        "ceiling": shape("rectangle", place([0, 1, 0], x, 90, unit), "white"),
+        "back": shape("rectangle", place([0, 0, -1], y, 0, unit), "white"),
+        "green-wall": shape("rectangle", place([1, 0, 0], y, -90, unit), "green"),
+        "red-wall": shape("rectangle", place([-1, 0, 0], y, 90, unit), "red"),
     }
 
 
 def _boxes() -> Dict:
-    small = _place([0.335, -0.7, 0.38], [0, 1, 0], -17, [0.3, 0.3, 0.3])
-    large = _place([-0.33, -0.4, -0.28], [0, 1, 0], 18.25, [0.3, 0.61, 0.3])
+    small = place([0.335, -0.7, 0.38], [0, 1, 0], -17, [0.3, 0.3, 0.3])
+    large = place([-0.33, -0.4, -0.28], [0, 1, 0], 18.25, [0.3, 0.61, 0.3])
     return {
-        "small-box": _shape("cube", small, "white"),
-        "large-box": _shape("cube", large, "white"),
+        "small-box": shape("cube", small, "white"),
+        "large-box": shape("cube", large, "white"),
     }
 
 
 def _light(kind: str) -> Dict:
     if kind == "flash":
         position = [0, 0, CAMERA_Z]
-        return {"type": "point", "position": position, "intensity": _rgb(FLASH_INTENSITY)}
-    panel = _shape("rectangle", _place([0, 0.99, 0.01], [1, 0, 0], 90, [0.23, 0.19, 0.19]), "white")
-    return panel | {"emitter": {"type": "area", "radiance": _rgb(LIGHT_RADIANCE)}}
-
-
-def _camera(film: Dict, spp: int) -> Dict:
-    to_world = mi.ScalarTransform4f().look_at([0, 0, CAMERA_Z], [0, 0, 0], [0, 1, 0])
-    return {
-        "type": "perspective",
-        "fov_axis": "smaller",
-        "fov": 39.3077,
-        "near_clip": 0.001,
-        "far_clip": 100.0,
-        "to_world": to_world,
-        "film": film,
-        "sampler": {"type": SAMPLER, "sample_count": checks.integer("spp", spp, 1, checks.MAX_SPP)},
-    }
-
-
-def _film(width: int, height: int) -> Dict:
-    return {
-        "type": "hdrfilm",
-        "width": checks.integer("width", width, 1, checks.MAX_SIZE),
-        "height": checks.integer("height", height, 1, checks.MAX_SIZE),
-        "rfilter": {"type": "box"},
-    }
+        return {"type": "point", "position": position, "intensity": rgb(FLASH_INTENSITY)}
+    panel = shape("rectangle", place([0, 0.99, 0.01], [1, 0, 0], 90, [0.23, 0.19, 0.19]), "white")
+    return panel | {"emitter": area_light(LIGHT_RADIANCE)}
 
 
 def _transient(film: Dict, temporal_bins: int, start_opl: float, bin_width_opl: float) -> Dict:
@@ -119,7 +86,7 @@ def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) 
     return {
         "type": "scene",
         "integrator": {"type": integrator, "max_depth": depth},
-        "sensor": _camera(film, spp),
+        "sensor": camera([0, 0, CAMERA_Z], [0, 0, 0], 39.3077, film, spp),
         **_materials(),
         "light": _light(light),
         **_walls(),
@@ -127,7 +94,7 @@ def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) 
     }
 
 
-# ------------------------------------------------------------------------------------ scenes
+# ------------------------------------------------------------------------------- Cornell box
 
 
 def cornell_box(
@@ -168,8 +135,8 @@ def cornell_box(
     """
     checks.one_of("light", light, START_OPL)
     start = START_OPL[light] if start_opl is None else start_opl
-    film = _transient(_film(width, height), temporal_bins, start, bin_width_opl)
-    return _cornell("transient_path", film, spp, max_depth, light)
+    window = _transient(steady_film(width, height), temporal_bins, start, bin_width_opl)
+    return _cornell("transient_path", window, spp, max_depth, light)
 
 
 def cornell_box_steady_state(
@@ -199,7 +166,7 @@ def cornell_box_steady_state(
         >>> cornell_box_steady_state(spp=64)["integrator"]["type"]
         'path'
     """
-    return _cornell("path", _film(width, height), spp, max_depth, light)
+    return _cornell("path", steady_film(width, height), spp, max_depth, light)
 
 
 def cornell_box_mirror(**options: Any) -> Dict:
@@ -218,7 +185,7 @@ def cornell_box_mirror(**options: Any) -> Dict:
 
 
 def cornell_box_glass(**options: Any) -> Dict:
-    """The Cornell box with a glass sphere (index 1.5) in place of its small box.
+    """The Cornell box with a glass sphere (index 1.5) instead of its small box.
 
     Args:
         **options: The keyword arguments of `cornell_box`.
@@ -254,24 +221,68 @@ def cornell_box_flash(**options: Any) -> Dict:
     return cornell_box(light="flash", **options)
 
 
-BUILT_IN: dict[str, Callable[..., Dict]] = {
-    builder.__name__: builder
-    for builder in (
-        cornell_box,
-        cornell_box_mirror,
-        cornell_box_glass,
-        cornell_box_flash,
-        cornell_box_steady_state,
-    )
+# --------------------------------------------------------------------------------- small box
+
+X, Y = [1, 0, 0], [0, 1, 0]
+
+SPHERES = {
+    "diffuse": (diffuse([0.7, 0.7, 0.7]), diffuse([0.7, 0.7, 0.7])),
+    "mirror_glass": (
+        {"type": "conductor", "material": "none"},
+        {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0},
+    ),
 }
-"""The built-in scenes by name; a builder's first line of documentation describes its scene."""
+"""Materials of the left and the right sphere of `small_box`."""
 
 
-def describe(name: str) -> str:
-    """The first line of a built-in scene's documentation.
+def small_box(
+    *,
+    width: int = 256,
+    height: int = 256,
+    spp: int = 64,
+    integrator: str = "path_tracer_mis",
+    max_bounces: int = 8,
+    spheres: str = "diffuse",
+) -> Dict:
+    """A small box with two spheres in it, much of whose light is indirect.
+
+    Args:
+        width: Picture's width [pixels], 1 to 65536.
+        height: Picture's height [pixels], 1 to 65536.
+        spp: Samples per pixel.
+        integrator: "path_tracer_mats", "path_tracer_nee", "path_tracer_mis" or Mitsuba's "path".
+        max_bounces: Most reflections between light and camera, from 0, or -1 for no limit.
+        spheres: "diffuse", or "mirror_glass" for a mirror on the left and glass on the right.
+
+    Returns:
+        A dict for `mi.load_dict` with film `hdrfilm`.
+
+    Raises:
+        ValueError: An argument is out of range; one line with its name, value and what is allowed.
 
     Example:
-        >>> describe("cornell_box")
-        'The Cornell box with two white boxes, lit from the ceiling.'
+        >>> small_box(spheres="mirror_glass")["right-material"]["int_ior"]
+        1.5
     """
-    return (BUILT_IN[name].__doc__ or "").partition("\n")[0]
+    checks.one_of("spheres", spheres, SPHERES)
+    left, right = deepcopy(SPHERES[spheres])
+    return {
+        "type": "scene",
+        "integrator": path_tracer(integrator, max_bounces),
+        "sensor": camera([0, 0.5, 2.75], [0, 0.5, 0], 27, steady_film(width, height), spp),
+        "black": diffuse([0, 0, 0]),
+        "white": diffuse([0.75, 0.75, 0.75]),
+        "orange": diffuse([0.75, 0.3, 0.08]),
+        "blue": diffuse([0.1, 0.25, 0.65]),
+        "left-material": left,
+        "right-material": right,
+        "floor": shape("rectangle", place([0, 0, 0], X, -90, [0.6, 0.6, 1]), "white"),
+        "ceiling": shape("rectangle", place([0, 1, 0], X, 90, [0.6, 0.6, 1]), "white"),
+        "back": shape("rectangle", place([0, 0.5, -0.6], X, 0, [0.6, 0.5, 1]), "white"),
+        "orange-wall": shape("rectangle", place([-0.6, 0.5, 0], Y, 90, [0.6, 0.5, 1]), "orange"),
+        "blue-wall": shape("rectangle", place([0.6, 0.5, 0], Y, -90, [0.6, 0.5, 1]), "blue"),
+        "left-sphere": sphere([-0.25, 0.22, -0.2], 0.22, "left-material"),
+        "right-sphere": sphere([0.26, 0.2, 0.2], 0.2, "right-material"),
+        "light": shape("rectangle", place([0, 0.995, 0.1], X, 90, [0.15, 0.15, 1]), "black")
+        | {"emitter": area_light([16.0, 14.0, 11.0])},
+    }

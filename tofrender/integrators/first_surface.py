@@ -1,0 +1,31 @@
+"""What `simple` and `ao` share: the light of one bounce off white surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+
+from .path_tracer import PathTracer
+
+WHITE = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 1.0}}
+
+
+class FirstSurface(PathTracer):
+    """Direct light of what is seen, as if it were white and diffuse: f cos = cos / pi.
+
+    The scene's own lights and materials make no difference. A subclass says in `lights` where the
+    light comes from. Takes `hide_emitters`, `camera_unwarp`, and for films with time what
+    `TransientPath` takes.
+    """
+
+    needs_lights = False  # Of the scene
+
+    def __init__(self, props: mi.Properties) -> None:
+        for name in ("max_depth", "max_bounces"):
+            if name in props:
+                raise ValueError(f"{name} = {props[name]}: must be left out; light bounces once")
+        props["max_bounces"] = 1
+        super().__init__(props)
+        white: Any = mi.load_dict(WHITE)
+        self.material = white

@@ -1,0 +1,63 @@
+"""What the path tracers of the course share: bounces, and films with time or without."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+
+from .. import checks
+from ..camera import CameraSample
+from ..walk import Radiance
+from .base import TransientIntegrator
+from .transient_path import TransientPath
+
+
+class PathTracer(TransientPath):
+    """A path tracer for both kinds of films: pictures (`hdrfilm`), and bins (`transient_hdr_film`).
+
+    A subclass says in `lights` how light is found, and nothing else. It takes the parameters of
+    `TransientPath`, and instead of `max_depth`
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `max_bounces` | -1 | surfaces on the longest path: 0 shows lights only, 1 adds direct light; \
+-1 is unlimited |
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        if "max_bounces" in props and "max_depth" in props:
+            raise ValueError(
+                f"max_depth = {props['max_depth']}: must be left out next to max_bounces, "
+                "which is one less"
+            )
+        if "max_bounces" in props:
+            props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
+        elif "max_depth" not in props:
+            props["max_depth"] = -1
+        super().__init__(props)
+        if not self.emitter_sampling:
+            raise ValueError(
+                "emitter_sampling = False: must be left out; path_tracer_mats runs into lights"
+            )
+
+    @property
+    def max_bounces(self) -> int:
+        """Surfaces on the longest path, -1 if unlimited."""
+        return self.max_depth - 1 if self.max_depth > 0 else -1
+
+    def prepare(self, film: Any) -> None:
+        """Make the film ready, whatever it is."""
+        if has_time(film):
+            super().prepare(film)
+        else:
+            TransientIntegrator.prepare(self, film)
+
+    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
+        """Deposits in the film's bins if it has them; the sum of all light if not."""
+        return super().measurement(film, camera, spp) if has_time(film) else Radiance.zero()
+
+
+def has_time(film: Any) -> bool:
+    """Whether a film stores when light arrives."""
+    return hasattr(film, "add_transient_data") or hasattr(film, "frequencies_hz")

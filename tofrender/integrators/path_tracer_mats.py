@@ -1,0 +1,34 @@
+"""Integrator plugin `path_tracer_mats`: light where the materials look for it."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from ..lights import EmitterHits, SceneLights
+from .path_tracer import PathTracer
+
+
+class PathTracerMats(PathTracer):
+    """Path tracing by material sampling alone (plugin `path_tracer_mats`).
+
+    At every surface the material chooses a direction wo, in proportion to what it reflects from
+    there if it can. The path counts light only when it runs into it:
+
+        L = Le(x1) + f cos / p(wo) (Le(x2) + f cos / p(wo) (Le(x3) + ...
+
+    Good for large lights and for mirrors; a small light is rarely found, and a point light never.
+    Parameters: those of `PathTracer`.
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "path_tracer_mats", "max_bounces": 1})
+        >>> integrator.max_bounces
+        1
+    """
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+        """Lights are where paths run into them."""
+        return EmitterHits(scene, sensor)
+
+
+for name in ("path_tracer_mats", "tofrender_path_tracer_mats"):
+    mi.register_integrator(name, PathTracerMats)

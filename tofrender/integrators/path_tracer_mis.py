@@ -1,0 +1,44 @@
+"""Integrator plugin `path_tracer_mis`: light by both techniques, each where it is good."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from .. import checks
+from ..lights import OneSampleLights, SceneLights
+from .path_tracer import PathTracer
+
+TECHNIQUES = {"reuse": SceneLights, "one_sample": OneSampleLights}
+
+
+class PathTracerMIS(PathTracer):
+    """Path tracing with multiple importance sampling (plugin `path_tracer_mis`).
+
+    Two ways to combine the lights' sampling with the materials', by `technique`:
+
+    | technique | direct light at a surface | rays at a surface |
+    |---|---|---|
+    | "reuse" | a connection, and the light that the next ray runs into, power heuristic | 2 |
+    | "one_sample" | one of both by chance, over the mean of the densities | 2 |
+
+    "reuse" needs no ray for the material's sample, because the path goes on along it: it takes two
+    samples for the price of one. Other parameters: those of `PathTracer`.
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "path_tracer_mis", "technique": "one_sample"})
+        >>> integrator.technique, integrator.max_bounces
+        ('one_sample', -1)
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        name = props.get("technique", "reuse")
+        self.technique = checks.one_of("technique", name, TECHNIQUES)
+        super().__init__(props)
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+        """Lights are found by both techniques."""
+        return TECHNIQUES[self.technique](scene, sensor)
+
+
+for name in ("path_tracer_mis", "tofrender_path_tracer_mis"):
+    mi.register_integrator(name, PathTracerMIS)

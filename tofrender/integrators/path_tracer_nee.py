@@ -1,0 +1,35 @@
+"""Integrator plugin `path_tracer_nee`: light where the lights are."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from ..lights import ConnectionsOnly, SceneLights
+from .path_tracer import PathTracer
+
+
+class PathTracerNEE(PathTracer):
+    """Path tracing with next-event estimation alone (plugin `path_tracer_nee`).
+
+    At every surface a point on a light is chosen, and counts if nothing is in the way:
+
+        L_direct = f cos Le(y) V(x, y) / p(direction to y)
+
+    The path goes on by material sampling, and does not count a light that it then runs into: the
+    connection has counted it. Only mirrors and glass, which reflect no connection, show the light
+    that the path runs into after them. Good for small lights; a glossy surface's reflection of a
+    large light is noisy. Parameters: those of `PathTracer`.
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "path_tracer_nee", "max_bounces": 4})
+        >>> integrator.max_depth
+        5
+    """
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+        """Lights are found by connections."""
+        return ConnectionsOnly(scene, sensor)
+
+
+for name in ("path_tracer_nee", "tofrender_path_tracer_nee"):
+    mi.register_integrator(name, PathTracerNEE)

@@ -1,0 +1,81 @@
+"""Integrator plugin `simple`: a point light and white surfaces."""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+from typing import Any
+
+import mitsuba as mi
+
+from ..lights import PointSource
+from .first_surface import FirstSurface
+
+
+class Simple(FirstSurface):
+    """One point light, white diffuse surfaces, one bounce (plugin `simple`).
+
+        L(x) = Phi / (4 pi^2) max(0, cos) / |x - p|^2 V(x, p)
+
+    where cos is between the shading normal and the direction to the light at p, and V is 1 where
+    nothing stands between: a point light of power Phi has intensity Phi / (4 pi), and white diffuse
+    surfaces reflect 1 / pi of what they receive. In time, light of x arrives at |c - x| + |x - p|
+    for a camera at c. The light is the integrator's own; those of the scene stay dark.
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `position` | required | where the light is, p [m] |
+    | `energy` | required | its power Phi [W], a number or a colour, 0 or more |
+
+    and those of `FirstSurface`.
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "simple", "position": [0, 2, 1], "energy": 40.0})
+        >>> integrator.energy
+        [40.0, 40.0, 40.0]
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        for name in ("position", "energy"):
+            if name not in props:
+                raise ValueError(f"{name}: is missing; must be given to the integrator simple")
+        self.position = _point("position", props["position"])
+        self.energy = _colour("energy", props["energy"])
+        super().__init__(props)
+        rgb = {"type": "rgb", "value": [phi / (4 * math.pi) for phi in self.energy]}
+        light = {"type": "point", "position": self.position, "intensity": rgb}
+        emitter: Any = mi.load_dict(light)
+        self.emitter = emitter
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
+        """The integrator's own light."""
+        return PointSource(scene, self.emitter)
+
+
+def _point(name: str, value: Any) -> list[float]:
+    """Coordinates of a point."""
+    point = _numbers(value)
+    if len(point) != 3:
+        raise ValueError(f"{name} = {value!r}: must be a point of three finite numbers")
+    return point
+
+
+def _colour(name: str, value: Any) -> list[float]:
+    """Red, green and blue of a colour, or of a number."""
+    colour = _numbers([value] * 3 if isinstance(value, Real) else value)
+    if len(colour) != 3 or min(colour) < 0:
+        raise ValueError(f"{name} = {value!r}: must be a number or an RGB colour, 0 or more")
+    return colour
+
+
+def _numbers(value: Any) -> list[float]:
+    """Finite numbers; none where a value is something else."""
+    try:
+        numbers = [float(x) for x in value]
+    except (TypeError, ValueError):
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
+for name in ("simple", "tofrender_simple"):
+    mi.register_integrator(name, Simple)

@@ -1,0 +1,392 @@
+"""Warps: maps of the unit square that turn uniform points into points of another density.
+
+All are built by inversion. Split the density into one coordinate after the other, integrate each
+to its cumulative distribution P(t), set P(t) = u for a uniform number u, and solve for t: t then
+has the density P'(t). Each function below shows its own P and the inverse of it.
+
+A `sample` is a point of [0, 1]^2, both ends included, of any number of lanes. Directions are unit
+vectors in a frame whose north pole is +z; theta is the angle to the pole, phi the azimuth. The
+first number goes out from the centre or the pole (u = 0), the second around. In Dr.Jit's debug mode
+(`dr.set_flag(dr.JitFlag.Debug, True)`) a sample outside of the square fails with one line; without
+it, that is not checked and costs nothing.
+
+`WARPS` lists all of them for the chi-square test, the command line and the figures.
+
+Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th edition, sections
+2.3 (inversion), 2.4 (changes of variables) and A.5 (the warps). Beckmann: B. Walter et al.,
+"Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, equations 25, 28 and 29.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6
+"""Roughnesses for which single precision can hold every density."""
+
+
+def unit_square(sample: mi.Point2f) -> mi.Point2f:
+    """Return `sample`; in debug mode make sure that it lies in [0, 1]^2.
+
+    Raises:
+        AssertionError: One line, in debug mode only. Within a symbolic loop it is printed instead.
+
+    Example:
+        >>> with dr.scoped_set_flag(dr.JitFlag.Debug, True):
+        ...     unit_square(mi.Point2f(0.5, 1.5))
+        Traceback (most recent call last):
+        AssertionError: Assertion failure: sample: must lie in [0, 1]^2
+    """
+    if dr.flag(dr.JitFlag.Debug):
+        inside = dr.all((sample >= 0) & (sample <= 1))  # false for NaN too
+        dr.assert_true(inside, "sample: must lie in [0, 1]^2")
+    return sample
+
+
+def roughness(alpha: Any) -> Any:
+    """Return `alpha` if it can be a roughness; Dr.Jit arrays are looked at in debug mode only.
+
+    Raises:
+        ValueError: `alpha` is a number, but not one above 0 that single precision can square.
+
+    Example:
+        >>> roughness(0)
+        Traceback (most recent call last):
+        ValueError: alpha = 0: must be a number above 0, from 1e-06 to 1e+06
+    """
+    allowed = f"must be a number above 0, from {MIN_ALPHA:g} to {MAX_ALPHA:g}"
+    if dr.is_array_v(alpha):
+        if dr.flag(dr.JitFlag.Debug):
+            dr.assert_true((alpha >= MIN_ALPHA) & (alpha <= MAX_ALPHA), f"alpha: {allowed}")
+        return alpha
+    try:
+        number = math.nan if isinstance(alpha, bool | str | bytes) else float(alpha)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not MIN_ALPHA <= number <= MAX_ALPHA:
+        raise ValueError(f"alpha = {alpha!r}: {allowed}")
+    return number
+
+
+# ------------------------------------------------------------------------------------ tent
+
+
+def square_to_tent(sample: mi.Point2f) -> mi.Point2f:
+    """Warp to the tent p(x, y) = p1(x) p1(y) with p1(t) = 1 - |t| on [-1, 1].
+
+    Both coordinates are alike and independent. On the left, P1(t) is the integral of 1 + s over
+    s from -1 to t, which is (1 + t)^2 / 2; on the right it is 1 - (1 - t)^2 / 2. They meet at
+    P1(0) = 1/2, so P1(t) = u gives
+
+        t = sqrt(2 u) - 1          for u < 1/2
+        t = 1 - sqrt(2 (1 - u))    for u >= 1/2
+
+    Args:
+        sample: Point of the unit square.
+
+    Returns:
+        Point of [-1, 1]^2.
+
+    Example:
+        >>> p = square_to_tent(mi.Point2f(0.125, 1))
+        >>> p.x[0], p.y[0]
+        (-0.5, 1.0)
+    """
+    u = unit_square(sample)
+    return mi.Point2f(dr.select(u < 0.5, dr.sqrt(2 * u) - 1, 1 - dr.sqrt(2 - 2 * u)))
+
+
+def square_to_tent_pdf(p: mi.Point2f) -> mi.Float:
+    """Density (1 - |x|) (1 - |y|) per unit area at `p`; 0 outside of [-1, 1]^2.
+
+    Example:
+        >>> float(square_to_tent_pdf(mi.Point2f(-0.5, 0.0))[0])
+        0.5
+    """
+    height = dr.maximum(1 - dr.abs(p), 0)
+    return height.x * height.y
+
+
+# ------------------------------------------------------------------------------------ disk
+
+
+def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
+    """Warp to the uniform density 1/pi on the unit disk.
+
+    In polar coordinates an area element is r dr dphi, so the density of (r, phi) is r / pi: of phi
+    1 / (2 pi), and of r 2 r with P(r) = r^2. Hence
+
+        r = sqrt(u),    phi = 2 pi v
+
+    With r = u instead, points would crowd at the centre.
+
+    Args:
+        sample: Point (u, v) of the unit square.
+
+    Returns:
+        Point of the unit disk.
+
+    Example:
+        >>> square_to_uniform_disk(mi.Point2f(0.25, 0.0))
+        [[0.5, 0]]
+    """
+    u, v = unit_square(sample)
+    r = dr.sqrt(u)
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
+    return mi.Point2f(r * cos_phi, r * sin_phi)
+
+
+def square_to_uniform_disk_pdf(p: mi.Point2f) -> mi.Float:
+    """Density 1/pi per unit area on the unit disk, 0 outside.
+
+    The disk ends a few roundings after 1, because points that are meant to be on the circle do.
+
+    Example:
+        >>> round(float(square_to_uniform_disk_pdf(mi.Point2f(0.6, 0.8))[0]), 4)
+        0.3183
+    """
+    return dr.select(dr.squared_norm(p) <= 1 + 8 * dr.epsilon(p), dr.inv_pi, mi.Float(0))
+
+
+# ---------------------------------------------------------------------- sphere and hemisphere
+
+
+def square_to_uniform_sphere(sample: mi.Point2f) -> mi.Vector3f:
+    """Warp to the uniform density 1 / (4 pi) on the unit sphere.
+
+    A solid angle is sin(theta) dtheta dphi = dz dphi up to its sign, with z = cos(theta)
+    (Archimedes' hat-box theorem). The density of z is thus constant, 1/2 on [-1, 1], and the chance
+    to lie above z is (1 - z) / 2. Set it to u:
+
+        z = 1 - 2 u,    r = sqrt(1 - z^2) = 2 sqrt(u (1 - u)),    phi = 2 pi v
+
+    The last form of r loses no digits at the poles, where z^2 is nearly 1.
+
+    Args:
+        sample: Point (u, v) of the unit square.
+
+    Returns:
+        Unit vector (r cos(phi), r sin(phi), z).
+
+    Example:
+        >>> square_to_uniform_sphere(mi.Point2f(0.5, 0.0))
+        [[1, 0, 0]]
+    """
+    u, v = unit_square(sample)
+    z = 1 - 2 * u
+    r = 2 * dr.sqrt(u * (1 - u))
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
+    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+
+
+def square_to_uniform_sphere_pdf(v: mi.Vector3f) -> mi.Float:
+    """Density 1 / (4 pi) [1/sr] in the direction of the unit vector `v`.
+
+    Example:
+        >>> round(float(square_to_uniform_sphere_pdf(mi.Vector3f(0, 0, -1))[0]), 4)
+        0.0796
+    """
+    return dr.full(mi.Float, dr.inv_four_pi, dr.width(v))
+
+
+def square_to_uniform_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
+    """Warp to the uniform density 1 / (2 pi) on the hemisphere around +z.
+
+    As on the sphere the density of z = cos(theta) is constant, here 1 on [0, 1], and the chance to
+    lie above z is 1 - z. Set it to u:
+
+        z = 1 - u,    r = sqrt(1 - z^2) = sqrt(u (2 - u)),    phi = 2 pi v
+
+    Args:
+        sample: Point (u, v) of the unit square.
+
+    Returns:
+        Unit vector (r cos(phi), r sin(phi), z), z >= 0.
+
+    Example:
+        >>> square_to_uniform_hemisphere(mi.Point2f(0.0, 0.0))
+        [[0, 0, 1]]
+    """
+    u, v = unit_square(sample)
+    z = 1 - u
+    r = dr.sqrt(u * (2 - u))
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
+    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+
+
+def square_to_uniform_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
+    """Density 1 / (2 pi) [1/sr] at the unit vector `v`, 0 below the horizon.
+
+    Example:
+        >>> round(float(square_to_uniform_hemisphere_pdf(mi.Vector3f(0, 0, 1))[0]), 4)
+        0.1592
+    """
+    return dr.select(v.z >= 0, dr.inv_two_pi, mi.Float(0))
+
+
+def square_to_cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
+    """Warp to the density cos(theta) / pi on the hemisphere around +z.
+
+    With dω = sin(theta) dtheta dphi the density of theta is 2 sin(theta) cos(theta), the derivative
+    of P(theta) = sin(theta)^2. Set it to u:
+
+        r = sin(theta) = sqrt(u),    z = cos(theta) = sqrt(1 - u),    phi = 2 pi v
+
+    Seen from above these are the uniform points of the disk: the cosine is what a patch of the
+    hemisphere loses when it is projected onto the ground (Malley's method).
+
+    Args:
+        sample: Point (u, v) of the unit square.
+
+    Returns:
+        Unit vector (r cos(phi), r sin(phi), z), z >= 0.
+
+    Example:
+        >>> square_to_cosine_hemisphere(mi.Point2f(0.0, 0.0))
+        [[0, 0, 1]]
+    """
+    u, v = unit_square(sample)
+    r = dr.sqrt(u)
+    z = dr.sqrt(1 - u)
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
+    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+
+
+def square_to_cosine_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
+    """Density z / pi [1/sr] at the unit vector `v`, 0 below the horizon.
+
+    Example:
+        >>> pdf = square_to_cosine_hemisphere_pdf(mi.Vector3f(0.6, 0, mi.Float(0.8, -0.8)))
+        >>> [round(float(each), 4) for each in pdf]
+        [0.2546, 0.0]
+    """
+    return dr.maximum(v.z, 0) * dr.inv_pi
+
+
+# -------------------------------------------------------------------------------- Beckmann
+
+
+def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector3f:
+    """Warp to the Beckmann density of microfacet normals, weighted with their projected area.
+
+        p(m) = D(m) cos(theta) = exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3)
+
+    With dω = sin(theta) dtheta dphi the density of phi is 1 / (2 pi). For theta substitute
+    t = tan(theta)^2, dt = 2 sin(theta) / cos(theta)^3 dtheta: all cosines cancel and
+    exp(-t / alpha^2) / alpha^2 is left, with P(t) = 1 - exp(-t / alpha^2). Set it to u:
+
+        t = tan(theta)^2 = -alpha^2 ln(1 - u),    phi = 2 pi v
+        cos(theta) = 1 / sqrt(1 + t),    sin(theta) = sqrt(t) cos(theta)
+
+    In this form sin(theta) has all its digits when alpha is small; 1 - cos(theta)^2 would not.
+    The logarithm is cut where u = 1, at the last number below 1.
+
+    Args:
+        sample: Point (u, v) of the unit square.
+        alpha: Roughness, the standard deviation of the surface's slopes times sqrt(2); from 1e-6
+            to 1e6. A number or a Dr.Jit float.
+
+    Returns:
+        Unit vector m (the microfacet's normal), z > 0.
+
+    Raises:
+        ValueError: `alpha` is a number outside of that range.
+
+    Example:
+        >>> m = square_to_beckmann(mi.Point2f(1 - math.exp(-1), 0.0), 0.75)  # tan = alpha
+        >>> round(m.x[0], 4), round(m.z[0], 4)
+        (0.6, 0.8)
+    """
+    alpha = roughness(alpha)
+    u, v = unit_square(sample)
+    tan_theta = alpha * dr.sqrt(-dr.log(dr.maximum(1 - u, dr.epsilon(u))))
+    z = dr.rcp(dr.sqrt(1 + dr.square(tan_theta)))
+    r = tan_theta * z
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
+    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+
+
+def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
+    """Density exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3) [1/sr] at `m`.
+
+    It is 0 at the horizon and below. The tangent comes from x and y: from z alone, 1 - z^2 would
+    lose all digits near the pole, where all normals of a smooth surface are.
+
+    Args:
+        m: Unit vector.
+        alpha: Roughness, from 1e-6 to 1e6. A number or a Dr.Jit float.
+
+    Raises:
+        ValueError: `alpha` is a number outside of that range.
+
+    Example:
+        >>> round(float(square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), 0.5)[0]), 4)  # 4 / pi
+        1.2732
+    """
+    alpha = roughness(alpha)
+    normalization = dr.inv_pi / dr.square(alpha)
+    inv_z = dr.rcp(m.z)
+    tan2_theta = (dr.square(m.x) + dr.square(m.y)) * dr.square(inv_z)
+    falloff = dr.exp(-tan2_theta / dr.square(alpha))
+    above = (m.z > 0) & (falloff > 0)  # falloff / z^3 would be 0 / 0 at the horizon
+    return dr.select(above, normalization * falloff * dr.square(inv_z) * inv_z, 0)
+
+
+# ---------------------------------------------------------------------------------- registry
+
+
+@dataclass(frozen=True)
+class Warp:
+    """A warp, its density, and what a test or a figure has to know about it.
+
+    Attributes:
+        make: Called with the value of the parameter, or with nothing if there is none; returns
+            the functions `sample(Point2f) -> points` and `pdf(points) -> Float`.
+        domain: Where the points lie, a domain of `chi_square_test`.
+        parameter: Name of the one parameter, "" for none.
+    """
+
+    make: Callable[..., tuple[Callable[..., Any], Callable[..., Any]]]
+    domain: str
+    parameter: str = ""
+
+
+def _beckmann(alpha: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Both functions for a fixed roughness."""
+    alpha = roughness(alpha)
+    return (
+        lambda sample: square_to_beckmann(sample, alpha),
+        lambda m: square_to_beckmann_pdf(m, alpha),
+    )
+
+
+def _hierarchical(image: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Both functions for an image."""
+    from .hierarchical import HierarchicalWarp
+
+    warp = HierarchicalWarp(image)
+    return warp.sample, warp.pdf
+
+
+WARPS: dict[str, Warp] = {
+    "tent": Warp(lambda: (square_to_tent, square_to_tent_pdf), "plane"),
+    "uniform_disk": Warp(lambda: (square_to_uniform_disk, square_to_uniform_disk_pdf), "disk"),
+    "uniform_sphere": Warp(
+        lambda: (square_to_uniform_sphere, square_to_uniform_sphere_pdf), "sphere"
+    ),
+    "uniform_hemisphere": Warp(
+        lambda: (square_to_uniform_hemisphere, square_to_uniform_hemisphere_pdf), "hemisphere"
+    ),
+    "cosine_hemisphere": Warp(
+        lambda: (square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf), "hemisphere"
+    ),
+    "beckmann": Warp(_beckmann, "hemisphere", "alpha"),
+    "hierarchical": Warp(_hierarchical, "square", "image"),
+}
+"""Every warp by its name."""
