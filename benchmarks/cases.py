@@ -14,6 +14,7 @@ import numpy as np
 
 import tofrender
 
+from .case_warps import warps
 from .timing import Times, in_turn
 
 Row = tuple[str, float, float | None]
@@ -251,6 +252,32 @@ def one_gate(runs: int, quick: bool) -> list[Row]:
     return rows
 
 
+def path_tracers(runs: int, quick: bool) -> list[Row]:
+    """Time of the course's path tracers over that of Mitsuba's `path`, at equal samples."""
+    size, spp = ((32, 24), 16) if quick else ((256, 192), 64)
+    names = {
+        "path": ("path", {}),
+        "mats": ("path_tracer_mats", {}),
+        "nee": ("path_tracer_nee", {}),
+        "mis": ("path_tracer_mis", {}),
+        "mis, one sample": ("path_tracer_mis", {"technique": "one_sample"}),
+    }
+    functions = {}
+    for name, (plugin, parameters) in names.items():
+        scene = tofrender.veach(width=size[0], height=size[1], spp=spp, integrator=plugin)
+        scene["integrator"] |= parameters
+        if name == "path":
+            scene["sensor"]["sampler"]["type"] = "independent"
+        functions[name] = _draw(tofrender.load_scene(scene), spp)
+    times = in_turn(functions, runs)
+    what = f"Veach's plates, {size[0]}x{size[1]}, {spp} spp, over path"
+    rows: list[Row] = []
+    for name in list(functions)[1:]:
+        wall, cpu = times[name].ratio(times["path"])
+        rows += [(f"{what}: {name}: wall", wall, 1.3), (f"{what}: {name}: cpu", cpu, None)]
+    return rows
+
+
 CASES = {
     "speed": speed,
     "bins": bins,
@@ -260,4 +287,6 @@ CASES = {
     "phasors": phasors,
     "gates": gates,
     "one-gate": one_gate,
+    "path-tracers": path_tracers,
+    "warps": warps,
 }

@@ -10,7 +10,7 @@ from gallery import SCENES
 from support import agree, over_seeds, with_sampler
 
 import tofrender
-from tofrender.lights import GatedLights, SceneLights
+from tofrender.lights import GatedLights, PathState, SceneLights
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
@@ -74,7 +74,8 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         )
         si.n = mi.Normal3f(0, 1, 0)
         si.sh_frame = mi.Frame3f(si.n)
-        em = lights.connect(si, opl, η, sampler, mi.Bool(True))
+        path = PathState(opl, η, mi.UInt32(0), mi.Bool(False))
+        em = lights.connect(si, path, sampler, mi.Bool(True))
         assert dr.all(~em.active | (em.length >= lights.nearest(si.p) - 1e-5))
         cos = dr.maximum(dr.dot(em.direction, si.n), 0)
         value = dr.mean(em.weight) * cos * gate.eval(5.0 - dr.fma(η, em.length, opl))

@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 import drjit as dr
 import mitsuba as mi
 
-from .lights import SceneLights
+from .lights import PathState, SceneLights
 
 
 class Measurement(Protocol):
@@ -113,6 +113,7 @@ def walk(
     active: mi.Bool = True,
     last_opl: mi.Float | None = None,
     material: mi.BSDF | None = None,
+    targets: Any = None,
 ) -> tuple[M, mi.Bool]:
     """Trace paths and hand each of their connections to a light to `measurement`.
 
@@ -140,6 +141,7 @@ def walk(
         active: Lanes to trace.
         last_opl: Length at which paths may end, because longer ones count for nothing [m].
         material: What all surfaces are made of; by default each of its own.
+        targets: Surfaces that rays are sent to besides where materials send them; see `targets`.
 
     Returns:
         The measurement, and the lanes whose camera ray met a surface.
@@ -166,11 +168,15 @@ def walk(
     prev.p = mi.Point3f(ray.o if origin is None else origin)
     prev_pdf = mi.Float(1)
     prev_delta = mi.Bool(True)
+    aimed = mi.Float(0)              # Distance to the point that the ray was sent to, or 0 [m]
+    memory = mi.Bool(False)          # What the light strategy remembers of the vertices
 
     while dr.hint(active, max_iterations=max_depth if bounded else -1, label="walk"):
         si = scene.ray_intersect(
             ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0), active=active
         )
+        if dr.hint(targets is not None, mode="scalar"):
+            β, prev_pdf, active = targets.arrive(si, prev, prev_pdf, prev_delta, aimed, β, active)
         active_next = active & si.is_valid()
 
         # ------------------ Light that the ray runs into -----------------
@@ -205,11 +211,14 @@ def walk(
         if dr.hint(lights.connects, mode="scalar"):
             # Connections to a smooth BSDF only: a delta lobe reflects none of them
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            em = lights.connect(si, opl, η, sampler, active_em)
+            memory = lights.remember(memory, si, active_next)
+            em = lights.connect(si, PathState(opl, η, depth, memory), sampler, active_em)
             wo = si.to_local(em.direction)
             f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
                 bsdf_ctx, si, wo, sampler.next_1d(), sampler.next_2d(), active_next
             )
+            if dr.hint(targets is not None, mode="scalar"):
+                pdf *= targets.material_share(si)
             mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
             Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
             η_em = mi.Float(η)
@@ -223,6 +232,10 @@ def walk(
 
         # ------------------- Move to the next vertex ---------------------
 
+        if dr.hint(targets is not None, mode="scalar"):
+            bs, bsdf_weight, aimed = targets.aim(
+                bsdf_ctx, si, bsdf, bs, bsdf_weight, sampler, active_next
+            )
         ray = leave(si, si.to_world(bs.wo), mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta))
         β *= mi.unpolarized_spectrum(bsdf_weight)
         η *= bs.eta

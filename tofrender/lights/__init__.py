@@ -4,11 +4,12 @@ A strategy offers
 
     connects                               whether next-event estimation happens at all
     finds_all                              whether it finds all light on its own, mirrors apart
-    connect(si, opl, η, sampler, active)   -> Connection from a surface point
+    connect(si, path, sampler, active)     -> Connection from a surface point
     hit(si, previous, ray, active)         -> (radiance, solid-angle density of `connect`, length)
+    remember(memory, si, active)           -> a mask that goes from vertex to vertex, in `path`
     nearest(p)                             -> length that no connection from p falls below
 
-where `opl` is the optical length of the path up to `si`, and η the index of refraction around it.
+where `path` is the `PathState` at `si`.
 
 | strategy | connects to |
 |---|---|
@@ -18,6 +19,7 @@ where `opl` is the optical length of the path up to `si`, and η the index of re
 | `OneSampleLights` | an emitter or, as often, what the material's sampling finds |
 | `GatedLights` | points on emitters whose light comes when a gate is open |
 | `PointSource`, `OpenSky` | a light that is not part of the scene |
+| `LaserSpot` | the point of a wall that a laser lights |
 
 Lengths end at the point that emits. An environment or directional light has none; its light starts
 on the plane that touches the sphere around scene and sensor and faces the light, so that each
@@ -25,17 +27,20 @@ direction's wavefront is plane, all of it starts at OPL 0, and no length is nega
 """
 
 from .gated import GatedLights
+from .laser_spot import LaserSpot
 from .one_sample import OneSampleLights
 from .outside import OpenSky, PointSource
-from .scene_lights import Connection, ConnectionsOnly, EmitterHits, SceneLights
+from .scene_lights import Connection, ConnectionsOnly, EmitterHits, PathState, SceneLights
 
 __all__ = [
     "Connection",
     "ConnectionsOnly",
     "EmitterHits",
     "GatedLights",
+    "LaserSpot",
     "OneSampleLights",
     "OpenSky",
+    "PathState",
     "PointSource",
     "SceneLights",
 ]

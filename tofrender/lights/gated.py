@@ -7,7 +7,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
-from .scene_lights import Connection, SceneLights
+from .scene_lights import Connection, PathState, SceneLights
 
 CANDIDATES = 8
 """Points on lights that a connection is chosen from; only the chosen one costs a shadow ray."""
@@ -42,8 +42,7 @@ class GatedLights(SceneLights):
     def connect(
         self,
         si: mi.SurfaceInteraction3f,
-        opl: mi.Float,
-        η: mi.Float,
+        path: PathState,
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
@@ -55,7 +54,7 @@ class GatedLights(SceneLights):
             u = shift + mi.Point2f(k / CANDIDATES, _radical_inverse(k))
             em, p = self.choose(si, u - dr.floor(u), False, active)
             cos = dr.abs(dr.dot(em.direction, si.sh_frame.n))
-            t = dr.max(em.weight) * cos * self.gate(dr.fma(η, em.length, opl))
+            t = dr.max(em.weight) * cos * self.gate(dr.fma(path.η, em.length, path.opl))
             t = dr.select(em.active & dr.isfinite(t), t, 0)
 
             # One random number chooses among all: what is left of it is uniform again

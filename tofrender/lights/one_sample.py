@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .scene_lights import Connection, SceneLights
+from .scene_lights import Connection, PathState, SceneLights
 
 
 class OneSampleLights(SceneLights):
@@ -22,14 +22,13 @@ class OneSampleLights(SceneLights):
     def connect(
         self,
         si: mi.SurfaceInteraction3f,
-        opl: mi.Float,
-        η: mi.Float,
+        path: PathState,
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
         """Sample a direction, from either technique, and take the light that comes from there."""
         to_light = sampler.next_1d() < 0.5
-        em = super().connect(si, opl, η, sampler, active & to_light)
+        em = super().connect(si, path, sampler, active & to_light)
 
         # Mirrors and glass are left to the path itself
         smooth = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.Smooth))

@@ -24,6 +24,10 @@ class _Outside:
         """No light: what emits in the scene is dark."""
         return mi.UnpolarizedSpectrum(0), mi.Float(0), dr.norm(si.p - previous.p)
 
+    def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Nothing."""
+        return memory
+
     def nearest(self, p: mi.Point3f) -> mi.Float:
         """No bound."""
         return mi.Float(0)
@@ -41,7 +45,7 @@ class PointSource(_Outside):
         super().__init__(scene)
         self.emitter: Any = emitter
 
-    def connect(self, si, opl, η, sampler, active) -> Connection:
+    def connect(self, si, path, sampler, active) -> Connection:
         """The one direction towards the light, with its shadow ray; draws no random number."""
         ds, weight = self.emitter.sample_direction(si, mi.Point2f(0.5), active)
         seen = active & ~self.scene.ray_test(si.spawn_ray_to(ds.p), active)
@@ -64,7 +68,7 @@ class OpenSky(_Outside):
         super().__init__(scene)
         self.sphere = Wavefronts.around(scene, sensor)
 
-    def connect(self, si, opl, η, sampler, active) -> Connection:
+    def connect(self, si, path, sampler, active) -> Connection:
         """Sample a direction of the sky, with its shadow ray."""
         local = square_to_cosine_hemisphere(sampler.next_2d())
         pdf = square_to_cosine_hemisphere_pdf(local)

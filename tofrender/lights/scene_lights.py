@@ -7,6 +7,24 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+
+@dataclass
+class PathState:
+    """What a light strategy may know of the path that it extends.
+
+    Attributes:
+        opl: Optical length up to the vertex [m].
+        η: Index of refraction around the vertex.
+        depth: Surface vertices before it.
+        memory: What the strategy's `remember` has made of the vertices, this one included.
+    """
+
+    opl: mi.Float
+    η: mi.Float
+    depth: mi.UInt32
+    memory: mi.Bool
+
+
 MANY_EMITTERS = 8
 """Number of emitters from which on a single box bounds their distance."""
 
@@ -98,12 +116,11 @@ class SceneLights:
     def connect(
         self,
         si: mi.SurfaceInteraction3f,
-        opl: mi.Float,
-        η: mi.Float,
+        path: PathState,
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
-        """Sample an emitter as seen from `si`; `opl` and η make no difference."""
+        """Sample an emitter as seen from `si`."""
         return self.choose(si, sampler.next_2d(), True, active)[0]
 
     def choose(
@@ -133,6 +150,10 @@ class SceneLights:
         if self.has_distant:
             length = dr.select(si.is_valid(), length, self.sphere.length(previous.p, ray.d))
         return radiance, pdf, length
+
+    def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Nothing: connections do not depend on earlier vertices."""
+        return memory
 
     def nearest(self, p: mi.Point3f) -> mi.Float:
         """Least length of any connection from `p` [m]: distance to the closest emitter's box."""
@@ -167,8 +188,8 @@ class ConnectionsOnly(SceneLights):
 
     finds_all = True
 
-    def connect(self, si, opl, η, sampler, active):
+    def connect(self, si, path, sampler, active):
         """As in `SceneLights`; nothing competes with the connection."""
-        em = super().connect(si, opl, η, sampler, active)
+        em = super().connect(si, path, sampler, active)
         em.delta = mi.Bool(True)
         return em

@@ -44,7 +44,9 @@ _HOMES = {
         "sample_sphere_cap_pdf",
         "sample_triangle",
         "sample_triangle_pdf",
+        "visible",
     ),
+    "scene_emitters": ("emitters_of",),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -1,0 +1,61 @@
+"""The case `warps`: time of our warps over that of Mitsuba's, and of a chi-square test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+
+from tofrender.sampling import independent, warp_case
+
+from .timing import Times, in_turn
+
+if TYPE_CHECKING:
+    from .cases import Row
+
+ALPHA = 0.3
+NAMES = (
+    "tent",
+    "uniform_disk",
+    "uniform_sphere",
+    "uniform_hemisphere",
+    "cosine_hemisphere",
+    "beckmann",
+)
+
+
+def _warp(warp: Callable, *numbers: object) -> None:
+    dr.eval(warp(*numbers))
+
+
+def _both(times: dict[str, Times], name: str) -> Times:
+    first, second = times[name], times[f"{name} again"]
+    return Times(first.wall + second.wall, first.cpu + second.cpu)
+
+
+def warps(runs: int, quick: bool) -> list[Row]:
+    """Time of ten million samples over the time that Mitsuba's own warp takes for them."""
+    count = 100_000 if quick else 10_000_000
+    sample = independent(count)
+    dr.eval(sample)
+    rows: list[Row] = []
+    for name in NAMES:
+        parameter = {"alpha": ALPHA} if name == "beckmann" else {}
+        case = warp_case(name, **parameter)
+        theirs = getattr(mi.warp, f"square_to_{name}")
+        ours = partial(_warp, case.sample, sample)
+        mitsubas = partial(_warp, theirs, sample, *parameter.values())
+        # Dr.Jit hands out two sets of buffers in turn, one of which can be twice as fast.
+        functions = {"A": ours, "B": mitsubas, "B again": mitsubas, "A again": ours}
+        times = in_turn(functions, 5 * runs)
+        wall, cpu = _both(times, "A").ratio(_both(times, "B"))
+        what = f"{name}, {count:.0e} samples, over mi.warp"
+        rows += [(f"{what}: wall", wall, 1.5), (f"{what}: cpu", cpu, 1.5)]
+    samples = 20_000 if quick else 1_000_000
+    case = warp_case("beckmann", alpha=ALPHA)
+    times = in_turn({"test": partial(case.test, samples=samples)}, runs)
+    seconds = float(sorted(times["test"].wall)[runs // 2])
+    return [*rows, (f"chi-square test, {samples:.0e} samples [s]", seconds, None)]

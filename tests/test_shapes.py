@@ -1,0 +1,945 @@
+"""Shapes that emit light: densities, closed forms, and wrong densities that must be found."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import COMPARISONS, agree, over_seeds, rotate, translate, unit
+
+from tofrender.sampling import (
+    Quad,
+    Sphere,
+    SurfaceGroup,
+    Triangle,
+    chi_square_test,
+    sample_sphere_cap,
+    sample_sphere_cap_pdf,
+    sample_triangle,
+    sample_triangle_pdf,
+)
+from tofrender.sampling.domains import Domain
+from tofrender.sampling.domains import sphere as all_directions
+from tofrender.sampling.scene_emitters import emitters_of
+from tofrender.sampling.shapes import visible
+
+TILT = translate(0.3, -0.4, 1.5) @ rotate((0.6, 0.8, 0), 50)
+QUAD = Quad((1, 2), emission=(1, 2, 3), transform=TILT)
+TRIANGLE = Triangle([0, 0, 2], [1, 0, 1], [0.2, 1, 1.5], emission=2)
+ORIGINS = {"below": (0, 0, 0), "near": (0.4, -0.2, 1.2), "behind": (0, 0, 4.5), "side": (-3, 2, 1)}
+SPHERES = {
+    "plain": Sphere((0, 0, 3), 1, emission=2),
+    "moved": Sphere(
+        (0, 1, 0),
+        0.5,
+        emission=1,
+        transform=translate(0, 0, 1) @ rotate((0.6, 0, 0.8), 40) @ mi.ScalarTransform4f().scale(2),
+    ),
+}
+
+
+def uniform(n: int, seed: int = 0) -> mi.Point2f:
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, n)
+    return sampler.next_2d()
+
+
+def point(o, n: int = 1) -> mi.Point3f:
+    """The same point in n lanes."""
+    return mi.Point3f(*(float(x) for x in o)) + dr.zeros(mi.Float, n)
+
+
+def numpy(array, n: int = 1) -> np.ndarray:
+    """Points or vectors of shape (n, 3)."""
+    return np.array(array + dr.zeros(mi.Float, n), dtype=np.float64).T
+
+
+def verdict(shape, o, domain, *, samples: int = 50_000, seed: int = 0, resolution: int = 24):
+    """The chi-square test of a shape's directions from `o`."""
+
+    def sample(u):
+        record = shape.sample(point(o, dr.width(u)), u)
+        return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
+
+    return chi_square_test(
+        sample,
+        lambda v: shape.pdf(point(o), v),
+        domain,
+        samples=samples,
+        resolution=resolution,
+        seed=seed,
+        tests=COMPARISONS,
+    )
+
+
+def patch_domain(patch, o) -> Domain:
+    """Directions from `o` to a patch by (a, b) in the unit square, where their density is smooth.
+
+    A triangle's (b1, b2) are (a, (1 - a) b). The solid angle of da db is that of the area that it
+    covers: cos(theta) / r^2 dA.
+    """
+    o = np.array(o, dtype=np.float64)
+    triangle = isinstance(patch, Triangle)
+    basis = np.column_stack([patch.e0, patch.e1, patch.normal])
+
+    def place(ab):
+        a, b = ab[0], ab[1] * (1 - ab[0] if triangle else 1)
+        return (patch.corner + np.outer(a, patch.e0) + np.outer(b, patch.e1)) - o
+
+    def to_points(ab):
+        to_p = place(ab)
+        return (to_p / np.linalg.norm(to_p, axis=1, keepdims=True)).T
+
+    def area(ab):
+        to_p = place(ab)
+        r = np.linalg.norm(to_p, axis=1)
+        cos_theta = np.abs(to_p @ patch.normal) / r
+        jacobian = np.linalg.norm(np.cross(patch.e0, patch.e1)) * (1 - ab[0] if triangle else 1)
+        return jacobian * cos_theta / r**2
+
+    def coordinates(v):
+        t = ((patch.corner - o) @ patch.normal) / (v.T @ patch.normal)
+        a, b, _ = np.linalg.solve(basis, (o + t[:, None] * v.T - patch.corner).T)
+        return np.stack([a, b / (1 - a) if triangle else b])
+
+    def contains(v):
+        ahead = ((patch.corner - o) @ patch.normal) / (v.T @ patch.normal) > 0
+        ab = coordinates(v)
+        return ahead & np.all((ab > -1e-3) & (ab < 1 + 1e-3), axis=0)
+
+    return Domain(
+        labels=("a", "b"),
+        low=(0.0, 0.0),
+        high=(1.0, 1.0),
+        aspect=1.0,
+        to_plane=lambda v: np.clip(coordinates(v), 0, 1),
+        to_points=to_points,
+        area=area,
+        contains=contains,
+    )
+
+
+def cone_domain(axis, sin_theta_max: float) -> Domain:
+    """Directions of a cone by azimuth and angle to its axis."""
+    z = unit(axis)
+    x = unit(np.cross(z, [0.3, 0.5, 0.9]))
+    frame = np.column_stack([x, np.cross(z, x), z])
+    whole = all_directions()
+
+    def to_plane(v):
+        return whole.to_plane(frame.T @ v)
+
+    theta_max = math.asin(sin_theta_max)
+    return Domain(
+        labels=whole.labels,
+        low=(-math.pi, 0.0),
+        high=(math.pi, theta_max),
+        aspect=0.5,
+        to_plane=lambda v: np.minimum(to_plane(v), [[math.pi], [theta_max]]),
+        to_points=lambda ab: frame @ whole.to_points(ab),
+        area=whole.area,
+        contains=lambda v: to_plane(v)[1] <= theta_max * (1 + 1e-5) + 1e-6,
+    )
+
+
+def sphere_domain(sphere, o) -> Domain:
+    to_centre = sphere.centre - np.array(o)
+    far = np.linalg.norm(to_centre)
+    return cone_domain(to_centre, sphere.radius / far) if far > sphere.radius else all_directions()
+
+
+def domain_of(shape, o) -> Domain:
+    return sphere_domain(shape, o) if isinstance(shape, Sphere) else patch_domain(shape, o)
+
+
+# ------------------------------------------------------------------------- triangles and caps
+
+CORNERS = ([0, 0, 0], [1, 1, 1], [0.5, 1, 2])
+
+
+def test_triangle_moments():
+    """Mean (v0 + v1 + v2) / 3; E[b_i b_j] = (1 + [i = j]) / 12."""
+    p = numpy(sample_triangle(*CORNERS, uniform(1 << 18)))
+    v = np.array(CORNERS, dtype=np.float64)
+    second = v.T @ ((np.ones((3, 3)) + np.eye(3)) / 12) @ v
+    assert p.mean(axis=0) == pytest.approx(v.mean(axis=0), abs=4e-3)
+    assert p.T @ p / len(p) == pytest.approx(second, abs=6e-3)
+
+
+@pytest.mark.statistical
+def test_triangle_samples_follow_the_density():
+    """In z = 0, where the test counts; the density is 0 over half of the square."""
+    corners = ([0, 0, 0], [1, 0, 0], [0.25, 1, 0])
+
+    def flat(u):
+        p = sample_triangle(*corners, u)
+        return mi.Point2f(p.x, p.y)
+
+    def pdf(p):
+        return sample_triangle_pdf(mi.Point3f(p.x, p.y, 0), *corners)
+
+    run = lambda sample, pdf: chi_square_test(  # noqa: E731
+        sample,
+        pdf,
+        "square",
+        samples=50_000,
+        resolution=48,
+        tests=COMPARISONS,
+        expected_moments={"y": 1 / 3},
+    )
+    assert run(flat, pdf).passed, run(flat, pdf)
+
+    def crowded(u):  # b1 = u instead of 1 - sqrt(1 - u)
+        p = sample_triangle(*corners, mi.Point2f(u.x * (2 - u.x), u.y))
+        return mi.Point2f(p.x, p.y)
+
+    assert not run(crowded, pdf).passed
+    assert not run(flat, lambda p: 0.5 * pdf(p)).passed
+
+
+def test_triangle_density():
+    v0, v1, v2 = (np.array(each, dtype=float) for each in CORNERS)
+    area = 0.5 * np.linalg.norm(np.cross(v1 - v0, v2 - v0))
+    p = sample_triangle(*CORNERS, uniform(10_000))
+    assert np.array(sample_triangle_pdf(p, *CORNERS)) == pytest.approx(1 / area)
+    ends = sample_triangle(*CORNERS, mi.Point2f([0, 0, 1, 1], [0, 1, 0, 1]))
+    assert np.array(sample_triangle_pdf(ends, *CORNERS)) == pytest.approx(1 / area)
+    normal = unit(np.cross(v1 - v0, v2 - v0))
+    middle = (v0 + v1 + v2) / 3
+    for away in (1e-3 * normal, -1e-3 * normal, 2 * (v0 - middle), 1.001 * (v1 - middle)):
+        off = middle + away
+        assert sample_triangle_pdf(mi.Point3f(*off.tolist()), *CORNERS)[0] == 0
+
+
+def test_triangles_of_many_lanes():
+    """Corners may be arrays; their degenerate triangles have no density."""
+    v1 = mi.Point3f([1, 2, 0], 0, 0)
+    p = sample_triangle(mi.Point3f(0), v1, mi.Point3f(0, 2, 0), mi.Point2f(0.5))
+    pdf = sample_triangle_pdf(p, mi.Point3f(0), v1, mi.Point3f(0, 2, 0))
+    assert np.array(pdf) == pytest.approx([1, 0.5, 0])
+    far = [[1000 + x, y, z] for x, y, z in CORNERS]
+    p = sample_triangle(*far, uniform(1000))
+    assert np.array(sample_triangle_pdf(p, *far)).min() > 0
+
+
+CAPS = [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9]
+
+
+@pytest.mark.parametrize("cosine", CAPS)
+def test_cap_samples_and_density(cosine):
+    height = 1 - cosine
+    v = numpy(sample_sphere_cap(uniform(1 << 16), cosine))
+    assert np.linalg.norm(v, axis=1) == pytest.approx(1, abs=1e-6)
+    # sin^2(theta) has the mean height - height^2 / 3, known to all digits where the cosine is not
+    sin2 = v[:, 0] ** 2 + v[:, 1] ** 2
+    assert sin2.mean() == pytest.approx(height - height**2 / 3, rel=0.02)
+    assert np.abs(v[:, :2].mean(axis=0)).max() < 0.02 * math.sqrt(height)
+    pdf = np.array(sample_sphere_cap_pdf(mi.Vector3f(*v.T), cosine))
+    assert pdf == pytest.approx(1 / (2 * math.pi * height), rel=1e-5)
+    if cosine > -1:
+        wide = sample_sphere_cap(mi.Point2f(1, 0.3), cosine - 0.01 * height)
+        assert sample_sphere_cap_pdf(wide, cosine)[0] == 0
+        assert sample_sphere_cap_pdf(mi.Vector3f(0, 0, -1), cosine)[0] == 0
+    ends = sample_sphere_cap(mi.Point2f([0, 0, 1, 1], [0, 1, 0, 1]), cosine)
+    assert np.isfinite(np.array(ends)).all()
+    assert np.array(sample_sphere_cap_pdf(ends, cosine)).min() > 0
+
+
+@pytest.mark.statistical
+def test_cap_chi_square():
+    cosine = math.cos(1.0)
+    domain = cone_domain([0, 0, 1], math.sin(1.0))
+    run = lambda sample, pdf: chi_square_test(  # noqa: E731
+        sample,
+        pdf,
+        domain,
+        samples=50_000,
+        resolution=24,
+        tests=COMPARISONS,
+        expected_moments={"z": (1 + cosine) / 2},
+    )
+    right = lambda u: sample_sphere_cap(u, cosine)  # noqa: E731
+    pdf = lambda v: sample_sphere_cap_pdf(v, cosine)  # noqa: E731
+    assert run(right, pdf).passed, run(right, pdf)
+
+    def even_angles(u):  # theta instead of its cosine drawn evenly
+        sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
+        sin_theta, cos_theta = dr.sincos(u.x)
+        return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
+
+    assert not run(even_angles, pdf).passed
+    assert not run(right, lambda v: dr.select(pdf(v) > 0, 1 / (4 * math.pi), 0)).passed
+
+
+def test_cap_of_one_direction_and_arrays():
+    assert np.array(sample_sphere_cap(mi.Point2f(0.7, 0.2), 1.0)).ravel() == pytest.approx(
+        [0, 0, 1]
+    )
+    assert sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), 1)[0] == 0
+    cosines = mi.Float([0, 0.5])
+    pdf = np.array(sample_sphere_cap_pdf(sample_sphere_cap(mi.Point2f(0.5), cosines), cosines))
+    assert pdf == pytest.approx([1 / (2 * math.pi), 1 / math.pi])
+
+
+# ------------------------------------------------------------------------- one shape
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("origin", ORIGINS)
+@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+def test_directions_follow_the_density(shape, origin):
+    o = ORIGINS[origin]
+    result = verdict(shape, o, domain_of(shape, o))
+    assert result.passed, result
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("o", [(0, 0, 3), (0.3, 0.2, 2.5), (0, 0.99, 3)])
+def test_directions_from_inside_a_sphere(o):
+    """All directions, with the density 1 / (4 pi)."""
+    sphere = SPHERES["plain"]
+    result = verdict(sphere, o, "sphere")
+    assert result.passed, result
+    record = sphere.sample(point(o, 1000), uniform(1000))
+    assert np.array(record.pdf) == pytest.approx(1 / (4 * math.pi))
+    assert np.array(record.valid).all()
+    assert not np.any(np.array(record.radiance))  # Light leaves outwards
+    inwards = Sphere((0, 0, 3), 1, emission=2, flip_normals=True)
+    assert np.array(inwards.sample(point(o, 9), uniform(9)).radiance) == pytest.approx(2)
+    assert not np.any(np.array(inwards.sample(point((0, 0, 0), 9), uniform(9)).radiance))
+
+
+@pytest.mark.statistical
+def test_directions_from_the_surface_of_a_sphere():
+    """The half of them that enters is valid."""
+    result = verdict(SPHERES["plain"], (0, 0, 2), "sphere")
+    assert result.passed, result
+    assert result.valid == pytest.approx(0.5, abs=0.02)
+    assert result.pdf_integral == pytest.approx(0.5, abs=2e-3)
+    # Half of the directions from a point a micrometre above: a cone of almost a hemisphere
+    record = SPHERES["plain"].sample(point((0, 0, 2 - 1e-6), 1000), uniform(1000))
+    assert np.array(record.pdf) == pytest.approx(1 / (2 * math.pi), rel=5e-3)
+    assert np.array(record.distance).max() < 5e-3
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+def test_records(shape, origin):
+    """What a record says of itself, and what the ray in its direction says, are the same."""
+    o = point(ORIGINS[origin], 2000)
+    record = shape.sample(o, uniform(2000))
+    again = shape.record(o, record.d)
+    dr.eval(record, again)
+    inner = np.array(record.valid & again.valid)
+    assert inner.mean() > 0.998  # Rounding carries a few past the edge
+    assert np.array(dr.norm(record.d)) == pytest.approx(1, abs=1e-6)
+    assert np.array(dr.norm(record.n)) == pytest.approx(1, abs=1e-5)
+    assert numpy(record.o + record.distance * record.d) == pytest.approx(numpy(record.p), abs=1e-5)
+    lit = np.array(dr.dot(record.d, record.n) < 0)
+    emission = np.resize(np.array(shape.emission), 3)
+    assert numpy(record.radiance) == pytest.approx(np.outer(lit, emission))
+    assert numpy(record.weight * record.pdf) == pytest.approx(numpy(record.radiance), rel=1e-5)
+    close = 2e-3 if isinstance(shape, Sphere) else 2e-5  # A sphere's edge is tangential
+    for name in ("p", "n"):
+        a, b = (numpy(getattr(each, name), 2000)[inner] for each in (record, again))
+        assert a == pytest.approx(b, abs=close)
+    for name in ("distance", "pdf"):
+        a, b = (np.array(getattr(each, name))[inner] for each in (record, again))
+        assert a == pytest.approx(b, rel=close)
+    assert np.array(shape.pdf(o, record.d)) == pytest.approx(np.array(again.pdf))
+    distance, valid, n = shape.intersect(o, record.d)
+    assert np.array_equal(np.array(distance), np.array(again.distance))
+    assert np.array_equal(np.array(valid), np.array(again.valid))
+    assert np.array_equal(numpy(n), numpy(again.n))
+    behind = shape.record(o, -record.d)
+    dr.eval(behind)
+    assert not np.any(np.array(behind.valid) | (np.array(behind.pdf) > 0))
+    assert not np.any(np.array(behind.weight))
+
+
+@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+def test_edges_of_the_unit_square_are_finite(shape):
+    u = mi.Point2f([0, 0, 1, 1, 0.5], [0, 1, 0, 1, 0])
+    origins = [*ORIGINS.values(), (0, 0, 3), (0, 0, 2)]
+    if isinstance(shape, Triangle | Quad):
+        origins += [shape.corner, shape.corner + shape.e0, shape.corner - shape.e0]
+    for o in origins:
+        record = shape.sample(point(o, 5), u)
+        for each in (record.pdf, record.weight, record.radiance):
+            assert np.isfinite(np.array(each)).all()
+
+
+def test_from_within_its_plane_a_patch_cannot_be_seen():
+    flat = Quad((2, 2), emission=1)
+    for o in ((3, 0, 0), (0.2, 0.1, 0), (1, 1, 0)):
+        record = flat.sample(point(o, 100), uniform(100))
+        assert not np.any(np.array(record.valid))
+        assert not np.any(np.array(record.pdf))
+
+
+@pytest.mark.parametrize(
+    ("distance", "radius"), [(1e3, 1e-1), (1e5, 1.0), (1e6, 100.0), (1e-3, 1e-6)]
+)
+def test_far_and_small_spheres_keep_their_digits(distance, radius):
+    direction = unit([0.3, -0.5, 0.8])
+    sphere = Sphere(distance * direction, radius, emission=1)
+    n = 20_000
+    record = sphere.sample(point((0, 0, 0), n), uniform(n))
+    s2 = (radius / distance) ** 2
+    solid_angle = 2 * math.pi * s2 / (1 + math.sqrt(1 - s2))
+    assert np.array(record.pdf) == pytest.approx(1 / solid_angle, rel=1e-5)
+    lost = np.mean(np.array(sphere.pdf(record.o, record.d)) == 0)
+    assert lost < 4e-7 * distance / radius
+    off = np.linalg.norm(numpy(record.p) - sphere.centre, axis=1)
+    assert off == pytest.approx(radius, rel=1e-5, abs=2e-7 * distance)
+    # Uniform over the cone: the projected disk of the sphere is covered evenly
+    b = numpy(record.p) - sphere.centre
+    b -= np.outer(b @ direction, direction)
+    assert np.mean(np.sum(b**2, axis=1)) / radius**2 == pytest.approx(0.5, abs=0.02)
+
+
+def test_area_and_emission():
+    assert QUAD.area == pytest.approx(2)
+    assert Quad((1, 2), transform=np.diag([2.0, 3, 1, 1])).area == pytest.approx(12)
+    assert SPHERES["moved"].area == pytest.approx(4 * math.pi)
+    assert SPHERES["moved"].radius == pytest.approx(1)
+    assert TRIANGLE.area == pytest.approx(0.5 * np.linalg.norm(np.cross(TRIANGLE.e0, TRIANGLE.e1)))
+    group = SurfaceGroup([QUAD, SPHERES["moved"]])
+    assert group.area == pytest.approx(2 + 4 * math.pi)
+    assert QUAD.is_emissive
+    assert group.is_emissive
+    assert not Quad((1, 1)).is_emissive
+    assert not SurfaceGroup([Quad((1, 1)), Sphere()]).is_emissive
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_normals_are_those_of_mitsuba(mirror):
+    transform = TILT @ mi.ScalarTransform4f().scale([1, -2 if mirror else 2, 1])
+    theirs = mi.load_dict({"type": "rectangle", "to_world": transform})
+    n = np.array(theirs.sample_position(0.0, mi.Point2f(0.3)).n).ravel()
+    assert Quad((2, 2), transform=transform).normal == pytest.approx(n, abs=1e-5)
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_mono"])
+def test_monochrome(variant):
+    mi.set_variant(variant)
+    record = QUAD.sample(point((0, 0, 4)), mi.Point2f(0.5))
+    luminance = 0.212671 * 1 + 0.715160 * 2 + 0.072169 * 3
+    assert np.array(record.radiance).ravel() == pytest.approx([luminance])
+    group = SurfaceGroup([QUAD, TRIANGLE, *SPHERES.values()])
+    assert np.isfinite(np.array(group.sample(point((0, 0, 4)), mi.Point2f(0.5)).weight)).all()
+
+
+# ------------------------------------------------------------------------- closed forms
+
+
+def irradiance(shape, o, n, seed: int, samples: int = 4096) -> float:
+    """Of a surface at `o` with the normal `n`, by sampling the shape."""
+    record = shape.sample(point(o, samples), uniform(samples, seed))
+    cosine = dr.maximum(dr.dot(record.d, mi.Vector3f(*(float(x) for x in n))), 0)
+    return float(np.array(record.weight[0] * cosine, dtype=np.float64).mean())
+
+
+def polygon_irradiance(corners, o, n) -> float:
+    """Of a polygon of radiance 1, wholly above the horizon (Lambert)."""
+    v = [unit(np.subtract(each, o)) for each in corners]
+    total = 0.0
+    for a, b in zip(v, v[1:] + v[:1], strict=True):
+        total += math.acos(np.clip(a @ b, -1, 1)) * (unit(np.cross(a, b)) @ np.asarray(n))
+    return abs(total) / 2
+
+
+def triangle_solid_angle(corners, o) -> float:
+    """By van Oosterom and Strackee's formula."""
+    a, b, c = (unit(np.subtract(each, o)) for each in corners)
+    return 2 * abs(math.atan2(a @ np.cross(b, c), 1 + a @ b + b @ c + c @ a))
+
+
+def corners_of(patch) -> list:
+    a, b, c = patch.corner, patch.corner + patch.e0, patch.corner + patch.e1
+    return [a, b, c] if isinstance(patch, Triangle) else [a, b, b + patch.e1, c]
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("origin", ["behind", "side"])
+@pytest.mark.parametrize("patch", [QUAD, TRIANGLE], ids=repr)
+def test_solid_angle_of_patches(patch, origin):
+    """The mean of 1 / pdf."""
+    o = ORIGINS[origin]
+    a, b, *more = corners_of(patch)
+    exact = sum(triangle_solid_angle([a, *pair], o) for pair in zip([b, *more], more, strict=False))
+
+    def estimate(seed: int) -> float:
+        record = patch.sample(point(o, 4096), uniform(4096, seed))
+        return np.mean(1 / np.array(record.pdf, dtype=np.float64))
+
+    means = over_seeds(estimate, range(16))
+    assert agree(means, np.array(exact))
+    assert not agree(means, np.array(1.05 * exact))
+
+
+@pytest.mark.statistical
+def test_irradiance_of_patches():
+    for patch, o in ((Quad((1, 2), emission=1, transform=TILT), (0, 0, 4)), (TRIANGLE, (1, 1, -1))):
+        n = unit(patch.corner + 0.3 * patch.e0 + 0.3 * patch.e1 - np.array(o))
+        exact = patch.emission[0] * polygon_irradiance(corners_of(patch), o, n)
+        means = over_seeds(lambda seed: irradiance(patch, o, n, seed), range(16))  # noqa: B023
+        # Mitsuba's rule of sides: light where the normal is, none behind
+        lit = (np.array(o) - patch.corner) @ patch.normal > 0
+        assert agree(means, np.array(exact)) if lit else not means.any()
+        mirrored = np.array(o) - 2 * ((np.array(o) - patch.corner) @ patch.normal) * patch.normal
+        back = n - 2 * (n @ patch.normal) * patch.normal
+        means = over_seeds(lambda seed: irradiance(patch, mirrored, back, seed), range(16))  # noqa: B023
+        assert not means.any() if lit else agree(means, np.array(exact))
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("radius", [0.01, 0.5, 2.9])
+def test_irradiance_of_a_sphere(radius):
+    """pi Le (r / d)^2 cos(theta) while the sphere is above the horizon, whatever its size."""
+    sphere = Sphere((0, 0, 3), radius, emission=2)
+    cosine = 1.0 if radius > 1 else 0.8
+    n = (math.sqrt(1 - cosine**2), 0, cosine)
+    exact = math.pi * 2 * (radius / 3) ** 2 * cosine
+    means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), n, seed), range(16))
+    assert agree(means, np.array(exact))
+    assert not agree(means, np.array(1.05 * exact))
+
+
+@pytest.mark.statistical
+def test_spheres_of_equal_power_differ_in_time_only():
+    """Equal irradiance; but a larger sphere's nearest points are nearer."""
+    spheres = [Sphere((0, 0, 3), r, emission=1 / r**2) for r in (0.05, 0.5, 1.5)]
+    for sphere in spheres:
+        means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), (0, 0, 1), seed), range(16))  # noqa: B023
+        assert agree(means, np.array(math.pi / 9))
+    ranges = []
+    for sphere in spheres:
+        distance = np.array(sphere.sample(point((0, 0, 0), 4096), uniform(4096)).distance)
+        ranges.append((distance.min(), distance.max()))
+    for (first, last), radius in zip(ranges, (0.05, 0.5, 1.5), strict=True):
+        assert first == pytest.approx(3 - radius, rel=1e-2)
+        assert last == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
+
+
+# ------------------------------------------------------------------------- groups
+
+GROUP = SurfaceGroup([QUAD, TRIANGLE, SPHERES["plain"]])
+NESTED = SurfaceGroup(
+    [GROUP, Sphere((0, 0, 0), 9, emission=1, flip_normals=True), SPHERES["plain"]]
+)
+
+
+def seen_by_chance(shape, o, n, seed: int, samples: int = 1 << 16) -> float:
+    """Irradiance by uniform directions: knows nothing of sampling the shape."""
+    v = mi.warp.square_to_uniform_sphere(uniform(samples, seed))
+    cosine = dr.maximum(dr.dot(v, mi.Vector3f(*(float(x) for x in n))), 0)
+    seen = shape.record(point(o, samples), v).radiance[0]
+    return float(np.mean(np.array(seen * cosine, dtype=np.float64)) * 4 * math.pi)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("origin", ["below", "near", "behind"])
+@pytest.mark.parametrize("group", [GROUP, NESTED], ids=["group", "nested"])
+def test_groups_are_unbiased_where_lights_hide_each_other(group, origin):
+    o, n = ORIGINS[origin], unit([0.2, 0.1, -1 if origin == "behind" else 1])
+    sampled = over_seeds(lambda seed: irradiance(group, o, n, seed, 16384), range(16))
+    by_chance = over_seeds(lambda seed: seen_by_chance(group, o, n, seed), range(50, 66))
+    assert agree(sampled, by_chance)
+    assert not agree(2 * sampled, by_chance)
+
+
+@pytest.mark.parametrize("group", [GROUP, NESTED], ids=["group", "nested"])
+def test_density_of_a_group_is_the_mean_of_its_shapes(group):
+    o = point(ORIGINS["below"], 5000)
+    record = group.sample(o, uniform(5000))
+    each = np.array([shape.pdf(o, record.d) for shape in group.shapes])
+    wrong = np.abs(np.array(record.pdf) / each.mean(axis=0) - 1) > 1e-3
+    assert wrong.mean() < 2e-3  # Rounding at edges
+    again = np.array(group.pdf(o, record.d))
+    assert again == pytest.approx(each.mean(axis=0), rel=1e-5)
+    assert np.array(record.valid).all()
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("group", [GROUP, NESTED], ids=["group", "nested"])
+def test_directions_of_groups_follow_the_density(group):
+    o = ORIGINS["below"]
+    result = verdict(group, o, "sphere")
+    assert result.passed, result
+    first = lambda o, v, pdf: group.shapes[0].pdf(o, v)  # noqa: E731
+    assert not verdict(with_pdf(group, first), o, "sphere").passed
+
+
+@pytest.mark.statistical
+def test_integral_of_a_groups_density():
+    """1 from outside; from the surface of a sphere, its share of half is lost."""
+    for o, exact in ((ORIGINS["below"], 1), ((0, 0, 2), 1 - 0.5 / 2)):
+        group = SurfaceGroup([QUAD, SPHERES["plain"]])
+
+        def estimate(seed: int, o=o, group=group) -> float:
+            v = mi.warp.square_to_uniform_sphere(uniform(1 << 16, seed))
+            return float(np.mean(np.array(group.pdf(point(o, 1 << 16), v))) * 4 * math.pi)
+
+        means = over_seeds(estimate, range(16))
+        assert agree(means, np.array(float(exact)))
+        assert not agree(means, np.array(1.1 * exact))
+
+
+def test_a_near_light_hides_a_far_one():
+    """Two spheres of one solid angle: only the near one's radiance arrives."""
+    near, far = Sphere((0, 0, 2), 0.5, emission=1), Sphere((0, 0, 8), 2, emission=7)
+    for shapes in ([near, far], [far, near]):
+        group = SurfaceGroup(shapes)
+        record = group.sample(point((0, 0, 0), 4000), uniform(4000))
+        on_near = np.array(record.distance) < 3
+        assert on_near.mean() > 0.998  # But for the rounding of their common edge
+        assert np.array(record.radiance)[0] == pytest.approx(np.where(on_near, 1, 7))
+        assert np.array(visible(group, record)).all()
+    record = far.sample(point((0, 0, 0), 4000), uniform(4000))
+    assert np.array(visible(group, record)).mean() < 0.002
+    assert np.array(visible(far, record)).all()
+    assert np.array(visible(near, near.sample(point((0, 0, 0), 4000), uniform(4000)))).all()
+
+
+def test_the_dark_side_of_a_light_hides_others():
+    """Light from behind a quad does not pass through it."""
+    screen = Quad((9, 9), emission=5, transform=translate(0, 0, 1))
+    group = SurfaceGroup([screen, Sphere((0, 0, 3), 0.5, emission=7)])
+    record = group.sample(point((0, 0, 0), 1000), uniform(1000))
+    assert not np.any(np.array(record.radiance))
+    assert np.array(record.valid).all()
+
+
+def test_groups_of_one_are_the_shape():
+    for shape in (QUAD, SPHERES["plain"]):
+        o, u = point((0, 0, 4.5), 100), uniform(100)
+        a, b = SurfaceGroup([shape]).sample(o, u), shape.sample(o, u)
+        for name in ("p", "d", "pdf", "weight"):
+            assert np.array(getattr(a, name)) == pytest.approx(np.array(getattr(b, name)))
+
+
+def test_visibility_in_a_scene():
+    """A wall hides, the light itself does not, and a light nearer by does."""
+    area = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
+    parts = {
+        "floor": {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(20)},
+        "wall": {"type": "rectangle", "to_world": translate(-3, 0, 2)},
+        "near": {"type": "sphere", "center": [2, 0, 2], "radius": 0.4, "emitter": area},
+        "far": {"type": "sphere", "center": [4, 0, 4], "radius": 0.8, "emitter": area},
+        "lamp": {"type": "rectangle", "to_world": translate(0, 3, 2), "emitter": area},
+    }
+    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    near, far = Sphere((2, 0, 2), 0.4), Sphere((4, 0, 4), 0.8)
+    hidden, lamp = Sphere((-4.5, 0, 3), 0.3), Quad((2, 2), transform=translate(0, 3, 2))
+    n = 2000
+    for floor in (mi.Vector3f(0, 0, 1), None):
+        for light, share in ((near, 1), (far, 0), (hidden, 0), (lamp, 1)):
+            record = light.sample(point((0, 0, 0), n), uniform(n))
+            seen = np.array(visible(scene, record, floor)).mean()
+            assert seen == pytest.approx(share, abs=2e-3)
+    group = emitters_of(scene)
+    record = group.sample(point((0, 0, 0), n), uniform(n))
+    assert np.array(visible(scene, record, mi.Vector3f(0, 0, 1))).all()
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_emitters_of_a_scene(flip):
+    """Every ray sees the same light in the group as in the scene."""
+    area = lambda *rgb: {"type": "area", "radiance": {"type": "rgb", "value": list(rgb)}}  # noqa: E731
+    turn = rotate((0, 0.6, 0.8), 70)
+    box = translate(-4, 0, 0) @ turn @ mi.ScalarTransform4f().scale([1, -1, 1])
+    ball = {"center": [1, 2, 3], "radius": 0.5, "to_world": mi.ScalarTransform4f().scale(2)}
+    parts = {
+        "a": {"type": "rectangle", "to_world": TILT, "emitter": area(1, 2, 3)},
+        "b": {"type": "sphere", **ball, "emitter": area(3, 1, 2)},
+        "c": {"type": "cube", "to_world": box, "emitter": area(3, 1, 0.5)},
+        "dark": {"type": "sphere", "center": [9, 9, 9]},
+    }
+    parts = {name: part | {"flip_normals": flip} for name, part in parts.items()}
+    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    group = emitters_of(scene)
+    assert len(group.shapes) == 14
+    rng = np.random.default_rng(0)
+    o, d = rng.uniform(-4, 4, (3, 20_000)), rng.normal(size=(3, 20_000))
+    d /= np.linalg.norm(d, axis=0)
+    o, d = mi.Point3f(*map(mi.Float, o)), mi.Vector3f(*map(mi.Float, d))
+    si = scene.ray_intersect(mi.Ray3f(o, d))
+    radiance = np.array(dr.select(si.is_valid(), si.emitter(scene).eval(si), 0))
+    wrong = np.abs(radiance - np.array(group.record(o, d).radiance)).max(axis=0) > 1e-4
+    assert (radiance.max(axis=0) > 0).mean() > 0.01
+    assert wrong.mean() < 2e-4
+
+
+# ------------------------------------------------------------------------- planted bugs
+
+
+def with_pdf(shape, change):
+    """The same sampling, another density: change(o, v, pdf)."""
+
+    class Wrong(type(shape)):
+        def sample(self, o, sample):
+            record = shape.sample(o, sample)
+            record.pdf = change(o, record.d, record.pdf)
+            return record
+
+        def pdf(self, o, v):
+            return change(o, v, shape.pdf(o, v))
+
+    wrong = Wrong.__new__(Wrong)
+    wrong.__dict__.update(shape.__dict__)
+    return wrong
+
+
+def cosine(shape, v):
+    return dr.abs(dr.dot(v, mi.Vector3f(shape.normal)))
+
+
+def squared_distance(shape, o, v):
+    return dr.square(shape.intersect(o, v)[0])
+
+
+WRONG_PATCHES = {
+    "no geometry factor": lambda s: lambda o, v, pdf: dr.select(pdf > 0, 1 / s.area, 0),
+    "cosine twice": lambda s: lambda o, v, pdf: pdf / dr.maximum(cosine(s, v), 1e-6),
+    "no cosine": lambda s: lambda o, v, pdf: pdf * cosine(s, v),
+    "no distance": lambda s: (
+        lambda o, v, pdf: dr.select(pdf > 0, pdf / squared_distance(s, o, v), 0)
+    ),
+    "half the area": lambda s: lambda o, v, pdf: 2 * pdf,
+    "one side": lambda s: lambda o, v, pdf: dr.select(dr.dot(v, mi.Vector3f(s.normal)) < 0, pdf, 0),
+}
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("bug", WRONG_PATCHES)
+@pytest.mark.parametrize("patch", [QUAD, TRIANGLE], ids=repr)
+def test_wrong_densities_of_patches_are_found(patch, bug):
+    origins = [ORIGINS[name] for name in ("below", "behind", "side")]
+    wrong = with_pdf(patch, WRONG_PATCHES[bug](patch))
+    assert not all(verdict(wrong, o, patch_domain(patch, o)).passed for o in origins)
+
+
+def squared(shape, o):
+    return dr.squared_norm(mi.Point3f(shape.centre) - o)
+
+
+WRONG_SPHERES = {
+    "tangent for sine": lambda s: (
+        lambda o, v, pdf: dr.select(
+            pdf > 0,
+            1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared(s, o)))),
+            0,
+        )
+    ),
+    "geometry factor": lambda s: (
+        lambda o, v, pdf: dr.select(
+            pdf > 0,
+            squared_distance(s, o, v)
+            / (s.area / 2 * dr.abs(dr.dot(v, s.intersect(o, v)[2])) + 1e-9),
+            0,
+        )
+    ),
+    "radius before the transform": lambda s: lambda o, v, pdf: 4 * pdf,
+    "not 0 beside it": lambda s: lambda o, v, pdf: dr.maximum(pdf, 0.01),
+}
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("bug", WRONG_SPHERES)
+def test_wrong_densities_of_spheres_are_found(bug):
+    sphere, o = SPHERES["plain"], ORIGINS["below"]
+    wrong = with_pdf(sphere, WRONG_SPHERES[bug](sphere))
+    domain = "sphere" if bug == "not 0 beside it" else sphere_domain(sphere, o)
+    assert not verdict(wrong, o, domain).passed
+
+
+@pytest.mark.statistical
+def test_a_wrong_density_from_inside_is_found():
+    """The cone's formula, cut where its root is negative, gives the hemisphere."""
+    sphere, o = SPHERES["plain"], (0.3, 0.2, 2.5)
+    half = lambda o, v, pdf: mi.Float(1 / (2 * math.pi))  # noqa: E731
+    assert not verdict(with_pdf(sphere, half), o, "sphere").passed
+
+
+def picked_only(group):
+    """A group whose sample has the density of the shape that was picked alone."""
+
+    class Wrong(SurfaceGroup):
+        def _nearest(self, hits, active):
+            record = super()._nearest(hits, active)
+            nearest = hits[0]
+            for hit in hits[1:]:
+                nearest = dr.select(hit.pdf > nearest.pdf, hit, nearest)
+            return self._weighted(record, nearest.pdf)
+
+        def _weighted(self, record, pdf):
+            record.pdf = pdf
+            record.weight = dr.select(pdf > 0, record.radiance / pdf, 0)
+            return record
+
+    return Wrong(group.shapes)
+
+
+def summed(group):
+    """A group whose density is the sum of all."""
+
+    class Wrong(SurfaceGroup):
+        def _nearest(self, hits, active):
+            record = super()._nearest(hits, active)
+            record.pdf *= len(hits)
+            record.weight /= len(hits)
+            return record
+
+    return Wrong(group.shapes)
+
+
+def without_occlusion(group):
+    """A group that believes the picked light is what is seen."""
+
+    class Wrong(SurfaceGroup):
+        def sample(self, o, sample):
+            record = super().sample(o, sample)
+            n = len(self.shapes)
+            k = dr.minimum(mi.UInt32(sample.x * n), n - 1)
+            for i, shape in enumerate(self.shapes):
+                radiance = shape.record(o, record.d).radiance
+                record.radiance = dr.select(k == i, radiance, record.radiance)
+            record.weight = record.radiance / record.pdf
+            return record
+
+    return Wrong(group.shapes)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("bug", [picked_only, summed, without_occlusion])
+def test_wrong_groups_are_found(bug):
+    """From "below", the triangle covers part of the sphere, and the quad part of both."""
+    o, n = ORIGINS["below"], unit([0.2, 0.1, 1])
+    sampled = over_seeds(lambda seed: irradiance(bug(GROUP), o, n, seed, 16384), range(16))
+    by_chance = over_seeds(lambda seed: seen_by_chance(GROUP, o, n, seed), range(50, 66))
+    assert not agree(sampled, by_chance)
+
+
+# ------------------------------------------------------------------------- bad input
+
+LINE = ([0, 0, 0], [1, 1, 1], [2, 2, 2])
+BAD = {
+    "triangle in a line": (
+        lambda: sample_triangle(*LINE, mi.Point2f(0.5)),
+        r"^v0 = .*span an area",
+    ),
+    "triangle density": (lambda: sample_triangle_pdf(mi.Point3f(0), *LINE), r"^v0 = .*span an"),
+    "triangle light": (lambda: Triangle(*LINE), r"^v0 = .* v2 = \[2.0, 2.0, 2.0\]: must span"),
+    "triangle of NaN": (
+        lambda: Triangle([0, 0, math.nan], [1, 0, 0], [0, 1, 0]),
+        r"^v0 = .*finite",
+    ),
+    "point of two": (
+        lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]),
+        r"^v1 = \[1, 0\]: must be three",
+    ),
+    "cap beyond": (lambda: sample_sphere_cap(mi.Point2f(0.5), 1.5), r"^cos_theta_max = 1.5: must"),
+    "cap below": (
+        lambda: sample_sphere_cap(mi.Point2f(0.5), -1.01),
+        r"^cos_theta_max = -1.01: must",
+    ),
+    "cap of NaN": (
+        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), math.nan),
+        r"^cos_theta_max = nan: must be a number from -1 to 1$",
+    ),
+    "cap of text": (lambda: sample_sphere_cap(mi.Point2f(0.5), "wide"), r"^cos_theta_max = 'wide'"),
+    "no radius": (
+        lambda: Sphere((0, 0, 0), 0),
+        r"^radius = 0: must be a finite number .* above 0$",
+    ),
+    "negative radius": (lambda: Sphere((0, 0, 0), -1.0), r"^radius = -1.0: must"),
+    "radius NaN": (lambda: Sphere((0, 0, 0), math.nan), r"^radius = nan: must"),
+    "centre": (lambda: Sphere((0, math.inf, 0), 1), r"^centre = \(0, inf, 0\): must be three"),
+    "ellipsoid": (
+        lambda: Sphere(transform=mi.ScalarTransform4f().scale([1, 1, 2])),
+        r"^transform: scales by 2, 1, 1; must scale all directions alike$",
+    ),
+    "squashed sphere": (lambda: Sphere(transform=np.zeros((4, 4))), r"^transform = .*last row"),
+    "point sphere": (lambda: Sphere(transform=np.diag([0.0, 0, 0, 1])), r"^transform: scales by 0"),
+    "no quad": (lambda: Quad((0, 1)), r"^size = \(0, 1\): must be two finite numbers above 0$"),
+    "size of one": (lambda: Quad(3.0), r"^size = 3.0: must be two"),
+    "flat transform": (lambda: Quad(transform=np.diag([1.0, 0, 1, 1])), r"^transform = .*an area"),
+    "projection": (lambda: Quad(transform=np.ones((4, 4))), r"^transform = .*last row 0, 0, 0, 1$"),
+    "transform": (lambda: Quad(transform="up"), r"^transform = 'up': must be None, an mi.Scalar"),
+    "edges": (lambda: Quad.from_edges([0, 0, 0], [1, 0, 0], [3, 0, 0]), r"^e0 = .*span an area"),
+    "emission": (lambda: Quad(emission=-1), r"^emission = -1: must be one number or three, each"),
+    "emission NaN": (lambda: Sphere(emission=(1, math.nan, 1)), r"^emission = \(1, nan, 1\): must"),
+    "emission of two": (
+        lambda: Sphere(emission=(1, 2)),
+        r"^emission = \(1, 2\): must be one number",
+    ),
+    "flip": (lambda: Sphere(flip_normals=1), r"^flip_normals = 1: must be True or False$"),
+    "empty group": (
+        lambda: SurfaceGroup([]),
+        r"^shapes = \[\]: must be a list of at least one Quad",
+    ),
+    "group of others": (lambda: SurfaceGroup([3]), r"^shapes = \[3\]: must be a list"),
+    "group of a shape": (lambda: SurfaceGroup(QUAD), r"^shapes = Quad\(.*must be a list"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name):
+    call, message = BAD[name]
+    with pytest.raises(ValueError, match=message) as error:
+        call()
+    assert "\n" not in str(error.value)
+
+
+BAD_SCENES = {
+    "no light": ({"a": {"type": "sphere"}}, r"^scene: has no emitter; must have area lights$"),
+    "point light": ({"a": {"type": "point"}}, r"^scene: emitter 'a' has no surface; must be area"),
+    "disk": (
+        {"a": {"type": "disk", "emitter": {"type": "area"}}},
+        r"^scene: emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_SCENES)
+def test_bad_scenes(name):
+    parts, message = BAD_SCENES[name]
+    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    with pytest.raises(ValueError, match=message):
+        emitters_of(scene)
+
+
+def test_debug_mode_looks_at_samples_and_arrays():
+    outside = mi.Point2f(0.5, -0.1)
+    with dr.scoped_set_flag(dr.JitFlag.Debug, True):
+        for shape in (QUAD, TRIANGLE, SPHERES["plain"], GROUP):
+            with pytest.raises(AssertionError, match="must lie in"):
+                shape.sample(point((0, 0, 0)), outside)
+        with pytest.raises(AssertionError, match="cos_theta_max: must be a number from -1 to 1"):
+            sample_sphere_cap(mi.Point2f(0.5), mi.Float([0.5, 1.5]))
+        with pytest.raises(AssertionError, match="v0, v1, v2: must span an area"):
+            sample_triangle(
+                mi.Point3f(0), mi.Point3f([1, 0], 0, 0), mi.Point3f(0, 1, 0), uniform(2)
+            )
+
+
+def test_spectral_variants_are_refused():
+    mi.set_variant("llvm_ad_spectral")
+    with pytest.raises(ValueError, match=r"^variant = 'llvm_ad_spectral': must be an rgb or mono"):
+        QUAD.sample(point((0, 0, 0)), mi.Point2f(0.5))
+
+
+def test_records_are_carried_through_loops():
+    """A record is a tree of arrays: it can be the state of a symbolic loop and be selected."""
+    o = point((0, 0, 0), 4)
+    record = GROUP.sample(o, uniform(4))
+
+    def body(i, record):
+        return i + 1, GROUP.record(record.o, record.d)
+
+    _, after = dr.while_loop((mi.UInt32(0), record), lambda i, record: i < 3, body)
+    assert np.array(after.distance) == pytest.approx(np.array(record.distance), rel=1e-5)

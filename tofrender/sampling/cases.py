@@ -1,0 +1,257 @@
+"""What the chi-square test can be given: warps, BSDFs and lights, alone or as a suite."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .. import checks
+from .chi_square import Verdict, chi_square_test
+from .warps import WARPS
+
+
+@dataclass(frozen=True)
+class Case:
+    """A sampler and its density, with what `chi_square_test` has to know about them.
+
+    Attributes:
+        sample: Uniform numbers to points, or (points, weights), or (points, weights, densities).
+        pdf: Points to densities.
+        domain: Where the points lie.
+        name: For the verdict.
+        sample_dimension: Uniform numbers a sample takes, 2 or 3.
+        expected_moments: Known moments, if any.
+    """
+
+    sample: Callable[[Any], Any]
+    pdf: Callable[[Any], mi.Float]
+    domain: Any
+    name: str = ""
+    sample_dimension: int = 2
+    expected_moments: Mapping[str, float] | None = None
+
+    def test(self, **options: Any) -> Verdict:
+        """Run `chi_square_test` with the keyword arguments given.
+
+        Example:
+            >>> warp_case("uniform_disk").test(samples=20_000).passed
+            True
+        """
+        return chi_square_test(
+            self.sample,
+            self.pdf,
+            self.domain,
+            name=self.name,
+            sample_dimension=self.sample_dimension,
+            expected_moments=self.expected_moments,
+            **options,
+        )
+
+
+def warp_case(name: str, **parameter: Any) -> Case:
+    """The warp of that name in `WARPS`, with its parameter if it has one.
+
+    Raises:
+        ValueError: There is no such warp, its parameter is missing, or it is bad.
+
+    Example:
+        >>> warp_case("beckmann", alpha=0.3).name
+        'beckmann (alpha = 0.3)'
+    """
+    warp = WARPS[checks.one_of("name", name, WARPS)]
+    wanted = [warp.parameter] if warp.parameter else []
+    if list(parameter) != wanted:
+        what = f"the parameter {warp.parameter}" if warp.parameter else "no parameter"
+        raise ValueError(f"name = {name!r}: takes {what}, given are {list(parameter) or 'none'}")
+    sample, pdf = warp.make(*parameter.values())
+    numbers = [f"{k} = {v:g}" for k, v in parameter.items() if isinstance(v, int | float)]
+    return Case(sample, pdf, warp.domain, f"{name} ({numbers[0]})" if numbers else name)
+
+
+def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str = "") -> Case:
+    """Directions that a BSDF samples, against its `pdf`, and against the density it returns.
+
+    Samples of mirrors and other Dirac lobes have no density; they count as failed, as do those
+    without weight. Not all of Mitsuba's BSDFs pass: at 75 degrees the `pdf` of `roughplastic` with
+    alpha = 0.1 integrates to 1.008, while 0.995 of the samples are valid.
+
+    Args:
+        bsdf: A Mitsuba BSDF, or its dictionary.
+        wi: Direction that light leaves to, (x, y, z) in the surface's frame; its length is ignored.
+        uv: Point of the texture.
+        name: For the verdict; by default the BSDF's type and the angle of `wi`.
+
+    Raises:
+        ValueError: `wi` is no direction, or the BSDF has Dirac lobes only.
+
+    Example:
+        >>> bsdf_case({"type": "diffuse"}, (0, 0, 1)).test(samples=20_000).passed
+        True
+    """
+    wi = _direction("wi", wi)
+    plugin: Any = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
+    if not mi.has_flag(plugin.flags(), mi.BSDFFlags.Smooth):
+        raise ValueError(f"bsdf = {plugin.class_name()}: has no density, only Dirac lobes or none")
+    context = mi.BSDFContext()
+    kind = bsdf.get("type") if isinstance(bsdf, dict) else plugin.class_name()
+    angle = math.degrees(math.acos(max(-1.0, min(1.0, wi[2]))))
+
+    def interaction(lanes: int) -> mi.SurfaceInteraction3f:
+        si = dr.zeros(mi.SurfaceInteraction3f, lanes)
+        si.wi = mi.Vector3f(*wi)
+        si.uv = mi.Point2f(*uv)
+        return si
+
+    def sample(numbers: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
+        si = interaction(dr.width(numbers))
+        pair = mi.Point2f(numbers.y, numbers.z)
+        record, weight = plugin.sample(context, si, numbers.x, pair)
+        valid = dr.any(mi.unpolarized_spectrum(weight) != 0) & (record.pdf > 0)
+        valid &= ~mi.has_flag(record.sampled_type, mi.BSDFFlags.Delta)
+        return record.wo, dr.select(valid, mi.Float(1), 0), record.pdf
+
+    def pdf(wo: mi.Vector3f) -> mi.Float:
+        return plugin.pdf(context, interaction(dr.width(wo)), wo)
+
+    return Case(sample, pdf, "sphere", name or f"{kind} at {angle:.0f} degrees", 3)
+
+
+def light_case(light: Any, o: Any, *, name: str = "") -> Case:
+    """Directions in which a light is sampled from a point, against its density.
+
+    Args:
+        light: A shape of `tofrender.sampling`, or any object with `sample(o, sample)` that returns
+            a record with `d`, `pdf` and `valid`, and `pdf(o, v)`. Or a Mitsuba dictionary: of an
+            emitter, or of one shape that is an area light.
+        o: Point from which it is seen, (x, y, z).
+        name: For the verdict; by default the light's type.
+
+    Raises:
+        ValueError: `o` is no point, or the dictionary is of no light that has a density.
+
+    Example:
+        >>> emitter = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
+        >>> ball = {"type": "sphere", "radius": 0.5, "emitter": emitter}
+        >>> light_case(ball, (0, 0, 2)).test(samples=20_000).passed
+        True
+    """
+    point = _numbers("o", o)
+    if isinstance(light, dict):
+        return _mitsuba_light(light, point, name or str(light.get("type")))
+
+    def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
+        record = light.sample(mi.Point3f(*point), numbers)
+        return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
+
+    def pdf(v: mi.Vector3f) -> mi.Float:
+        return light.pdf(mi.Point3f(*point), v)
+
+    return Case(sample, pdf, "sphere", name or type(light).__name__)
+
+
+def _mitsuba_light(light: dict, point: tuple[float, ...], name: str) -> Case:
+    """A scene that holds this light alone, asked for directions."""
+    scene: Any = mi.load_dict({"type": "scene", "light": light}, parallel=False)
+    emitters = scene.emitters()
+    if len(emitters) != 1 or mi.has_flag(emitters[0].flags(), mi.EmitterFlags.Delta):
+        raise ValueError(f"light = {name!r}: must be one light that can be hit")
+
+    def reference(lanes: int) -> mi.Interaction3f:
+        it = dr.zeros(mi.Interaction3f, lanes)
+        it.p = mi.Point3f(*point)
+        return it
+
+    def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
+        it = reference(dr.width(numbers))
+        ds, _ = scene.sample_emitter_direction(it, numbers, False)
+        return ds.d, dr.select(ds.pdf > 0, mi.Float(1), 0), ds.pdf
+
+    def pdf(v: mi.Vector3f) -> mi.Float:
+        it = reference(dr.width(v))
+        si = scene.ray_intersect(mi.Ray3f(it.p, v))
+        ds = mi.DirectionSample3f(scene, si, it)
+        ds.d = v
+        return dr.select(ds.emitter != None, scene.pdf_emitter_direction(it, ds), 0)  # noqa: E711
+
+    return Case(sample, pdf, "sphere", name)
+
+
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Three finite numbers."""
+    try:
+        numbers = np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.size != 3 or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} = {value!r}: must be three finite numbers")
+    return tuple(float(each) for each in numbers)
+
+
+def _direction(name: str, value: Any) -> tuple[float, ...]:
+    """Three numbers, scaled to a unit vector."""
+    numbers = _numbers(name, value)
+    length = math.hypot(*numbers)
+    if not length > 0:
+        raise ValueError(f"{name} = {value!r}: must be a direction, not zero")
+    return tuple(each / length for each in numbers)
+
+
+# ------------------------------------------------------------------------------------ suites
+
+
+@dataclass(frozen=True)
+class SuiteVerdict:
+    """Verdicts of several tests that share one chance of a false alarm.
+
+    Attributes:
+        passed: Whether all passed.
+        alpha: Chance that any of them fails though all samplers are right.
+        verdicts: One for each case, in order.
+    """
+
+    passed: bool
+    alpha: float
+    verdicts: tuple[Verdict, ...]
+
+    def __str__(self) -> str:
+        """One line a case, and all of each that failed."""
+        good = sum(verdict.passed for verdict in self.verdicts)
+        head = f"{good} of {len(self.verdicts)} passed (chance of a false alarm {self.alpha:g})"
+        lines = [
+            f"{v.name or 'sampler'}: passed, p = {v.p_value:.3g}" if v.passed else str(v)
+            for v in self.verdicts
+        ]
+        return "\n".join([head, *lines])
+
+
+def chi_square_suite(cases: Iterable[Case], alpha: float = 1e-3, **options: Any) -> SuiteVerdict:
+    """Test several samplers, with one chance of a false alarm for all (Šidák).
+
+    Args:
+        cases: What to test; each gets a seed of its own.
+        alpha: Chance that any of them fails though all are right, between 0 and 1.
+        **options: For `chi_square_test`: samples, resolution, seed.
+
+    Raises:
+        ValueError: There are no cases, or an option is bad.
+
+    Example:
+        >>> cases = [warp_case("tent"), warp_case("beckmann", alpha=0.3)]
+        >>> chi_square_suite(cases, samples=20_000).passed
+        True
+    """
+    cases = list(cases)
+    if not cases:
+        raise ValueError("cases = []: must hold at least one")
+    first = checks.integer("seed", options.pop("seed", 0), 0, checks.MAX_SEED - len(cases))
+    verdicts = tuple(
+        case.test(alpha=alpha, tests=len(cases), seed=first + k, **options)
+        for k, case in enumerate(cases)
+    )
+    return SuiteVerdict(all(verdict.passed for verdict in verdicts), alpha, verdicts)

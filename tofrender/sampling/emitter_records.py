@@ -1,0 +1,176 @@
+"""Records of light that arrives from a direction, and what all shapes that emit it share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .images import LUMINANCE
+
+
+@dataclass
+class EmitterRecord:
+    """One direction from a point, and the light that arrives from there.
+
+    Attributes:
+        o: Point that is lit.
+        p: Point that emits, the first one of the shape (or group) in this direction.
+        n: Unit normal at `p`, on the side that emits.
+        d: Unit vector from `o` to `p`.
+        distance: From `o` to `p` [m].
+        pdf: Density of `d` [1/sr].
+        radiance: Radiance from `p` towards `o`; 0 on the dark side.
+        weight: radiance / pdf.
+        valid: Lanes in which the shape is hit. In the others pdf, radiance and weight are 0.
+    """
+
+    o: mi.Point3f
+    p: mi.Point3f
+    n: mi.Vector3f
+    d: mi.Vector3f
+    distance: mi.Float
+    pdf: mi.Float
+    radiance: mi.Spectrum
+    weight: mi.Spectrum
+    valid: mi.Bool
+
+
+class Shape:
+    """What all shapes share; `sample` and `record` make it one."""
+
+    area: float
+    emission: tuple[float, ...]
+
+    def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
+        """A random direction towards the shape.
+
+        Args:
+            o: Points that are lit.
+            sample: Uniform points on the unit square.
+
+        Returns:
+            The record, its density per solid angle.
+
+        Raises:
+            AssertionError: A sample lies outside of the unit square; in debug mode only.
+        """
+        raise NotImplementedError
+
+    def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
+        """What is seen from `o` in the direction `v`, and the density of that direction."""
+        raise NotImplementedError
+
+    def pdf(self, o: mi.Point3f, v: mi.Vector3f) -> mi.Float:
+        """Density of `sample` from `o` at the direction `v` [1/sr]; 0 if it misses the shape."""
+        return self.record(o, v).pdf
+
+    def intersect(self, o: mi.Point3f, v: mi.Vector3f) -> tuple[mi.Float, mi.Bool, mi.Vector3f]:
+        """Distance [m] of the first hit from `o` along `v`, whether there is one, and its normal.
+
+        Both sides of a surface are hit.
+        """
+        record = self.record(o, v)
+        return record.distance, record.valid, record.n
+
+    @property
+    def is_emissive(self) -> bool:
+        """Whether any channel of the emission is above 0."""
+        return any(each > 0 for each in self.emission)
+
+    def filled(
+        self,
+        o: mi.Point3f,
+        p: mi.Point3f,
+        n: mi.Vector3f,
+        d: mi.Vector3f,
+        distance: mi.Float,
+        pdf: mi.Float,
+        valid: mi.Bool,
+    ) -> EmitterRecord:
+        """The record of a hit, after what follows for radiance and weight."""
+        valid &= (pdf > 0) & dr.isfinite(pdf)
+        radiance = dr.select(valid & (dr.dot(n, d) < 0), spectrum(self.emission), 0)
+        pdf = dr.select(valid, pdf, 0)
+        weight = dr.select(valid, radiance / pdf, 0)
+        return EmitterRecord(mi.Point3f(o), p, n, d, distance, pdf, radiance, weight, valid)
+
+
+def visible(
+    scene: mi.Scene | Shape, record: EmitterRecord, n: mi.Vector3f | None = None
+) -> mi.Bool:
+    """Whether nothing lies between `record.o` and the light at `record.p`.
+
+    The shadow ray ends Mitsuba's shadow epsilon (0.09 % of the distance) before the light, so the
+    light does not hide itself; another light in front does.
+
+    Args:
+        scene: An `mi.Scene`, with or without the light itself, or a shape or group.
+        record: Records.
+        n: Normal of the surface that `record.o` lies on. The ray starts off that surface, as all of
+            Mitsuba's do; without it, it starts as far along its own direction, which a ray that
+            leaves at a flat angle may find too little.
+
+    Returns:
+        Lanes that see the light; not those without a valid record.
+
+    Example:
+        >>> from tofrender.sampling import Sphere, SurfaceGroup
+        >>> lamp, moon = Sphere((0, 0, 1), 0.1), Sphere((0, 0, 9), 3)
+        >>> record = moon.sample(mi.Point3f(0, 0, 0), mi.Point2f([0, 1], 0))
+        >>> visible(SurfaceGroup([lamp, moon]), record), visible(moon, record)
+        ([False, True], [True, True])
+    """
+    normal = record.d if n is None else n
+    start = mi.Interaction3f(0, 0, mi.Color0f(), record.o, normal)
+    ray = start.spawn_ray_to(record.p)
+    if isinstance(scene, Shape):
+        distance, hit, _ = scene.intersect(ray.o, ray.d)
+        blocked = hit & (distance < ray.maxt)
+    else:
+        blocked = scene.ray_test(ray, record.valid)
+    return record.valid & ~blocked
+
+
+def emission_values(emission: Any) -> tuple[float, ...]:
+    """One number, or three, finite and 0 or more."""
+    try:
+        numbers = np.atleast_1d(np.asarray(emission, dtype=np.float64)).squeeze()
+    except (TypeError, ValueError):
+        numbers = np.array(math.nan)
+    numbers = np.atleast_1d(numbers)
+    if numbers.shape not in ((1,), (3,)) or not np.all(np.isfinite(numbers) & (numbers >= 0)):
+        allowed = "must be one number or three, each finite and 0 or more"
+        raise ValueError(f"emission = {emission!r}: {allowed}")
+    return tuple(numbers.tolist())
+
+
+def spectrum(emission: tuple[float, ...]) -> mi.Spectrum:
+    """The emission as the active variant's colour."""
+    if mi.is_spectral:
+        raise ValueError(f"variant = {mi.variant()!r}: must be an rgb or mono variant")
+    if mi.is_monochromatic and len(emission) == 3:
+        emission = (float(LUMINANCE @ emission),)
+    return mi.UnpolarizedSpectrum(*emission)
+
+
+def affine(transform: Any) -> np.ndarray:
+    """A transform as 4 x 4 float64."""
+    allowed = (
+        "must be None, an mi.ScalarTransform4f or 4 x 4 finite numbers, the last row 0, 0, 0, 1"
+    )
+    if transform is None:
+        return np.eye(4)
+    try:
+        matrix = np.asarray(getattr(transform, "matrix", transform), dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"transform = {transform!r}: {allowed}") from None
+    matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix  # mi.Transform4f of one lane
+    right = matrix.shape == (4, 4) and np.all(np.isfinite(matrix))
+    if not right or not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        raise ValueError(f"transform = {matrix.tolist()}: {allowed}")
+    return matrix

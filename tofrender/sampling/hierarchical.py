@@ -1,0 +1,285 @@
+"""Sampling in proportion to an image: hierarchical warping, and environment light by it.
+
+Source: P. Clarberg, W. Jarosz, T. Akenine-Möller and H. W. Jensen, "Wavelet Importance Sampling",
+ACM Transactions on Graphics 24(3), 2005, section 4.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .images import latitude_longitude_weights, luminance, power_of_two, read_image, resized
+from .warps import unit_square
+
+
+class HierarchicalWarp:
+    """Points on the unit square, distributed like the luminance of an image.
+
+    **Orientation.** x runs to the right over columns, y runs down over rows: texel (i, j), column i
+    of row j, covers [i/n, (i+1)/n) x [j/n, (j+1)/n). The density is constant within a texel.
+
+    **Algorithm.** The image is summed over 2 x 2 blocks up to one number (a mip map). `sample` goes
+    down again. In each of the M levels of a 2^M x 2^M image, the point's y selects the upper or
+    the lower half of the block, in proportion to their sums, and its x then one of the two
+    quadrants of that half. What is left of y and x, stretched to [0, 1), continues within the
+    quadrant; within the texel it is the position.
+
+    **Precision.** The sums are made in double precision, and the pyramid stores conditional
+    probabilities, so that no small number is lost beside a large one. A texel that is 0 is never
+    sampled. Each level takes from x and y what it needs for its decision: with the 24 bits of
+    Mitsuba's samplers, a texel of probability q_x q_y (q_y: the product of its vertical decisions,
+    q_x: of its horizontal ones) is hit with that probability to a relative 2^-24 (1/q_x + 1/q_y),
+    and points in it take 2^24 q_x by 2^24 q_y positions. For M = 12 and an image of one brightness
+    that is 2^12 by 2^12 positions, all that single precision has. A texel below 2^-24 of its row
+    or column of blocks may be missed, which biases an estimate by no more than its share of it.
+
+    Args:
+        image: A path (EXR, or another format that Mitsuba reads), an `mi.Bitmap`, or an array of
+            shape (H, W) or (H, W, C), linear. Images that are not 2^M x 2^M are resized, with a
+            warning, to the next such grid that has at least as many rows and columns; each texel
+            takes the mean over its area, so that the integral stays.
+
+    Attributes:
+        size: n = 2^M, texels along a side.
+        levels: M.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: Not an image, of another shape, empty, too large, all black, or with a value
+            that is negative or not finite; one line.
+
+    It belongs to the Mitsuba variant that is active when it is made.
+
+    Example:
+        >>> warp = HierarchicalWarp([[4.0, 4.0], [1.0, 1.0]])
+        >>> p = warp.sample(mi.Point2f(0.25, 0.4))
+        >>> print(p, warp.pdf(p))
+        [[0.25, 0.25]] [1.6]
+    """
+
+    def __init__(self, image: str | os.PathLike | mi.Bitmap | np.ndarray) -> None:
+        weights = luminance(read_image(image))
+        height, width = weights.shape
+        self.size = power_of_two(max(height, width))
+        self.levels = self.size.bit_length() - 1
+        if (height, width) != (self.size, self.size):
+            to = f"resized to {self.size} x {self.size}, a square power of two"
+            warnings.warn(f"image: {height} x {width} pixels; {to}", UserWarning, stacklevel=2)
+            weights = resized(weights, self.size)
+        weights = weights / weights.max()  # Their sum could overflow
+        self._density = mi.Float((weights * (self.size**2 / weights.sum())).ravel())
+        self._decisions = mi.Float(_decisions(weights))
+
+    def sample(self, sample: mi.Point2f) -> mi.Point2f:
+        """Warp points.
+
+        Args:
+            sample: Uniform points on the unit square.
+
+        Returns:
+            Points in [0, 1)^2 of the density `pdf`.
+
+        Raises:
+            AssertionError: A point lies outside of the unit square; in debug mode only.
+        """
+        below_1 = dr.one_minus_epsilon(mi.Float)
+        sample = unit_square(sample)
+        x, y = (dr.clip(each, 0, below_1) for each in (sample.x, sample.y))
+        column, row = mi.UInt32(0), mi.UInt32(0)
+        first = 0  # Of the level's decisions
+        for level in range(self.levels):
+            blocks = 4**level
+            block = first + row * 2**level + column
+            y, lower = _decide(y, dr.gather(mi.Float, self._decisions, block))
+            row = 2 * row + lower
+            half = first + blocks + row * 2**level + column
+            x, right = _decide(x, dr.gather(mi.Float, self._decisions, half))
+            column = 2 * column + right
+            first += 3 * blocks
+        return mi.Point2f(_within(column, x), _within(row, y)) / self.size
+
+    def pdf(self, p: mi.Point2f) -> mi.Float:
+        """Density of `sample` at points `p` with respect to area.
+
+        It integrates to 1 over the unit square, is 0 outside, and at the square's right and lower
+        edge it is that of the last column and row.
+        """
+        inside = (p.x >= 0) & (p.x <= 1) & (p.y >= 0) & (p.y <= 1)
+        column, row = self.texel(p)
+        return dr.gather(mi.Float, self._density, row * self.size + column, inside)
+
+    def texel(self, p: mi.Point2f) -> tuple[mi.UInt32, mi.UInt32]:
+        """Column and row of the texel that holds `p`; the nearest one if `p` lies outside."""
+        last = self.size - 1
+        column, row = (mi.UInt32(dr.clip(each * self.size, 0, last)) for each in (p.x, p.y))
+        return column, row
+
+    def __repr__(self) -> str:
+        """Size."""
+        return f"HierarchicalWarp({self.size} x {self.size})"
+
+
+class EnvironmentWarp:
+    """Directions distributed like the radiance of an environment, given as a lat-long image.
+
+    Directions and pixels correspond as in Mitsuba's `envmap` without `to_world`: +y is up,
+    u = atan2(x, -z) / (2 pi) runs over columns, v = acos(y) / pi down over rows, and the image is
+    interpolated linearly.
+
+    The directions are divided into n x n texels of equal steps in u and v, n the next power of two
+    that is no smaller than the image's sides. A texel has the probability of the luminance that it
+    sends, the sine of the polar angle included, and within it the density per solid angle is
+    constant. So the density is finite at the poles, and positive wherever there is light.
+
+    Args:
+        image: As for `HierarchicalWarp`, at least 2 columns and 3 rows. Any such size is
+            integrated exactly as it is, without a warning.
+
+    Attributes:
+        warp: The `HierarchicalWarp` of the texels' probabilities.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: As for `HierarchicalWarp`, or an image that is too small, or a spectral variant
+            of Mitsuba; one line.
+
+    It belongs to the Mitsuba variant that is active when it is made.
+
+    Example:
+        >>> sky = np.ones((4, 8))
+        >>> sky[0] = 5  # Brighter at the zenith
+        >>> light = EnvironmentWarp(sky)
+        >>> d, pdf = light.sample(mi.Point2f(0.5, 0.1))
+        >>> d.y > 0.5, dr.abs(light.pdf(d) - pdf) < 1e-6, light.eval(d).x > 1
+        ([True], [True], [True])
+    """
+
+    def __init__(self, image: str | os.PathLike | mi.Bitmap | np.ndarray) -> None:
+        if mi.is_spectral:
+            raise ValueError(f"variant = {mi.variant()!r}: must be an rgb or mono variant")
+        values = read_image(image)
+        height, width = values.shape[:2]
+        if height < 3 or width < 2:
+            raise ValueError(f"image: {height} x {width} pixels; must be at least 3 x 2")
+        weights = latitude_longitude_weights(luminance(values), power_of_two(max(height, width)))
+        self.warp = HierarchicalWarp(weights)
+        if mi.is_monochromatic:
+            values = luminance(values)[..., None]
+        self._height, self._width, self._channels = height, width, values.shape[-1]
+        self._values = mi.Float(values.ravel())
+
+    def sample(self, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
+        """Directions of light.
+
+        With t = sin^2(theta / 2), the solid angle is 2 dt dphi, so t is drawn evenly between the
+        edges of a row. The southern rows mirror the northern ones, where t is small and exact.
+
+        Args:
+            sample: Uniform points on the unit square.
+
+        Returns:
+            Unit vectors towards the light, and their density [1/sr].
+
+        Raises:
+            AssertionError: A point lies outside of the unit square; in debug mode only.
+        """
+        n = self.warp.size
+        p = self.warp.sample(sample)
+        _, row = self.warp.texel(p)
+        fraction = p.y * n - row
+        south = 2 * row >= n
+        row_n = dr.select(south, n - 1 - row, row)
+        fraction = dr.select(south, 1 - fraction, fraction)
+        t = dr.square(dr.sin(row_n * (0.5 * math.pi / n))) + fraction * self._step(row_n)
+        cos_theta, sin_theta = 1 - 2 * t, 2 * dr.safe_sqrt(t * (1 - t))
+        sin_phi, cos_phi = dr.sincos(2 * math.pi * p.x)
+        y = dr.select(south, -cos_theta, cos_theta)
+        return mi.Vector3f(sin_phi * sin_theta, y, -cos_phi * sin_theta), self._pdf(p)
+
+    def pdf(self, direction: mi.Vector3f) -> mi.Float:
+        """Density of `sample` at a direction [1/sr]."""
+        return self._pdf(self._uv(direction))
+
+    def eval(self, direction: mi.Vector3f) -> mi.Spectrum:
+        """Radiance from a direction, in the image's unit."""
+        uv = self._uv(direction)
+        x, y = uv.x * self._width - 0.5, dr.clip(uv.y, 0, 1) * (self._height - 1)
+        left, row = dr.floor(x), dr.minimum(dr.floor(y), self._height - 2)
+        top, bottom = (self._between(left, row + each, x - left) for each in (0, 1))
+        return dr.lerp(top, bottom, y - row)
+
+    def _between(self, left: mi.Float, row: mi.Float, s: mi.Float) -> mi.Spectrum:
+        """Interpolation along a row, which wraps."""
+        ends = []
+        for each in (0, 1):
+            column = mi.Int32(left) + each
+            column = dr.select(column < 0, column + self._width, column)
+            column = dr.select(column >= self._width, column - self._width, column)
+            pixel = (mi.UInt32(row) * self._width + mi.UInt32(column)) * self._channels
+            valid = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+            ends.append(
+                [
+                    dr.gather(mi.Float, self._values, pixel + channel, valid)
+                    for channel in range(self._channels)
+                ]
+            )
+        mixed = [dr.lerp(a, b, s) for a, b in zip(*ends, strict=True)]
+        return mi.UnpolarizedSpectrum(*mixed)
+
+    def _pdf(self, uv: mi.Point2f) -> mi.Float:
+        """Density [1/sr]: a texel's probability over its solid angle (4 pi / n) step."""
+        _, row = self.warp.texel(uv)
+        return self.warp.pdf(uv) / (4 * math.pi * self.warp.size * self._step(row))
+
+    def _step(self, row: mi.UInt32) -> mi.Float:
+        """Difference of sin^2(theta / 2) over a row, as sin(a + b) sin(a - b): nothing cancels."""
+        n = self.warp.size
+        return dr.sin((row + 0.5) * (math.pi / n)) * math.sin(0.5 * math.pi / n)
+
+    @staticmethod
+    def _uv(direction: mi.Vector3f) -> mi.Point2f:
+        u = dr.atan2(direction.x, -direction.z) / (2 * math.pi)
+        v = dr.atan2(dr.hypot(direction.x, direction.z), direction.y) / math.pi
+        return mi.Point2f(u - dr.floor(u), v)
+
+    def __repr__(self) -> str:
+        """Size of the image."""
+        return f"EnvironmentWarp({self._height} x {self._width})"
+
+
+def _decisions(weights: np.ndarray) -> np.ndarray:
+    """Probabilities of the first choice, coarse to fine.
+
+    For each level of 2^l x 2^l blocks: of the upper half of each block (row by row), then of the
+    left quadrant of each half (row by row, two rows for each row of blocks).
+    """
+    levels = []
+    while weights.size > 1:
+        halves = weights[:, 0::2] + weights[:, 1::2]
+        blocks = halves[0::2] + halves[1::2]
+        levels = [_ratio(halves[0::2], blocks), _ratio(weights[:, 0::2], halves), *levels]
+        weights = blocks
+    return np.concatenate([level.ravel() for level in levels]) if levels else np.zeros(1)
+
+
+def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Quotient; 0 where both are 0, and no decision ever leads."""
+    return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
+
+
+def _decide(u: mi.Float, p: mi.Float) -> tuple[mi.Float, mi.UInt32]:
+    """The rest of `u`, stretched to [0, 1), and 0 with probability p, else 1."""
+    second = u >= p
+    rest = dr.select(second, (u - p) / (1 - p), u / p)
+    return dr.minimum(rest, dr.one_minus_epsilon(mi.Float)), dr.select(second, mi.UInt32(1), 0)
+
+
+def _within(index: mi.UInt32, u: mi.Float) -> mi.Float:
+    """Sum, rounded down where it would round up to the next index."""
+    return dr.minimum(index + u, (index + 1) * dr.one_minus_epsilon(mi.Float))

@@ -1,0 +1,139 @@
+"""Point sets in the unit square: what goes into a warp.
+
+    independent   every point on its own: gaps and clusters
+    grid          the centres of equal cells: no gaps, but a regular pattern
+    stratified    one random point in each of the same cells: no gaps and no pattern
+
+Any number of points works. The cells lie in round(sqrt(count)) rows. Where `count` does not divide
+by that, the first rows have one cell more and are higher by as much, so that all cells have the
+area 1 / count; square numbers give the usual square grid.
+
+Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th edition, sections
+2.2.1 and 8.5 (stratified sampling).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .. import checks
+
+MAX_COUNT = 1 << 24
+"""Most points in a set: single precision can count as far."""
+
+
+def independent(count: int, seed: int = 0) -> mi.Point2f:
+    """Uniform points that know nothing of each other.
+
+    Args:
+        count: Number of points, from 1 to 2^24.
+        seed: Seed, from 0 to 2^32 - 1.
+
+    Returns:
+        `count` points of [0, 1)^2.
+
+    Raises:
+        ValueError: One of them is out of range.
+
+    Example:
+        >>> dr.width(independent(10))
+        10
+    """
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(checks.integer("seed", seed, 0, checks.MAX_SEED), _checked(count))
+    return sampler.next_2d()
+
+
+def grid(count: int) -> mi.Point2f:
+    """The centres of `count` cells of equal area, row after row.
+
+    Args:
+        count: Number of points, from 1 to 2^24.
+
+    Returns:
+        `count` points of (0, 1)^2.
+
+    Raises:
+        ValueError: `count` is out of range.
+
+    Example:
+        >>> grid(4)
+        [[0.25, 0.25],
+         [0.75, 0.25],
+         [0.25, 0.75],
+         [0.75, 0.75]]
+    """
+    return _in_cells(_checked(count), mi.Point2f(0.5))
+
+
+def stratified(count: int, seed: int = 0) -> mi.Point2f:
+    """A uniform point in each of `count` cells of equal area, row after row (jittered sampling).
+
+    Args:
+        count: Number of points, from 1 to 2^24.
+        seed: Seed, from 0 to 2^32 - 1.
+
+    Returns:
+        `count` points of [0, 1)^2.
+
+    Raises:
+        ValueError: One of them is out of range.
+
+    Example:
+        >>> p = stratified(4)
+        >>> [int(i) for i in 2 * p.x], [int(i) for i in 2 * p.y]
+        ([0, 1, 0, 1], [0, 0, 1, 1])
+    """
+    return _in_cells(_checked(count), independent(count, seed))
+
+
+POINT_SETS: dict[str, Callable[[int, int], Any]] = {
+    "independent": independent,
+    "grid": lambda count, seed: grid(count),
+    "stratified": stratified,
+}
+"""Every point set by its name, called with count and seed."""
+
+
+def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
+    """The point set of that name.
+
+    Args:
+        kind: "independent", "grid" or "stratified".
+        count: Number of points, from 1 to 2^24.
+        seed: Seed of the random ones, from 0 to 2^32 - 1.
+
+    Returns:
+        `count` points of [0, 1)^2.
+
+    Raises:
+        ValueError: There is no such set, or a number is out of range.
+
+    Example:
+        >>> point_set("gird", 4)
+        Traceback (most recent call last):
+        ValueError: kind = 'gird': did you mean 'grid'? Must be one of independent, grid, stratified
+    """
+    return POINT_SETS[checks.one_of("kind", kind, POINT_SETS)](count, seed)
+
+
+def _checked(count: int) -> int:
+    return checks.integer("count", count, 1, MAX_COUNT)
+
+
+def _in_cells(count: int, offset: mi.Point2f) -> mi.Point2f:
+    """One point a cell, at `offset` in [0, 1)^2 within it."""
+    rows = round(count**0.5)
+    short, longer = divmod(count, rows)  # cells of a row; how many rows have one more
+    i = dr.arange(mi.UInt32, count)
+    rest = dr.maximum(mi.Int32(i) - longer * (short + 1), 0)
+    in_longer = i < longer * (short + 1)
+    cells = dr.select(in_longer, mi.UInt32(short + 1), mi.UInt32(short))
+    column = dr.select(in_longer, i % (short + 1), mi.UInt32(rest) % short)
+    x = (mi.Float(column) + offset.x) / mi.Float(cells)
+    y = (mi.Float(i - column) + mi.Float(cells) * offset.y) / count
+    return dr.minimum(mi.Point2f(x, y), dr.one_minus_epsilon(mi.Float))
