@@ -224,7 +224,7 @@ def test_plugins_follow_the_variant():
         for name, (plugin, _) in backend.PLUGINS.items():
             found = getattr(tofrender, name)
             assert found is backend.plugin(name)
-            assert issubclass(found, (mi.Integrator, mi.Film, mi.Sampler))
+            assert issubclass(found, (mi.Integrator, mi.Film, mi.Sampler, mi.Emitter, mi.BSDF, mi.Sensor))
             for called in (plugin, backend.own_name(plugin)):
                 assert type(mi.load_dict({"type": called} | REQUIRED.get(plugin, {}))) is found
             assert classes.setdefault((variant, name), found) is found  # The same as before

@@ -30,12 +30,19 @@ PLUGIN_MODULES = (
     "tofrender.integrators.first_surface",
     "tofrender.integrators.simple",
     "tofrender.integrators.ao",
+    "tofrender.emitters.confocal_projector",
+    "tofrender.integrators.confocal",
 )
 """Modules that define Mitsuba plugins, each after those that it builds on."""
 
 PLUGINS = {
     "AmbientOcclusion": ("ao", "tofrender.integrators.ao"),
     "AMCWTransientPath": ("amcw_transient_path", "tofrender.integrators.amcw"),
+    "ConfocalProjector": ("confocal_projector", "tofrender.emitters.confocal_projector"),
+    "ConfocalTransientIntegrator": (
+        "confocal_transient_path",
+        "tofrender.integrators.confocal",
+    ),
     "PaddedSobolSampler": ("padded_sobol", "tofrender.sampling.padded_sobol"),
     "PathTracerMIS": ("path_tracer_mis", "tofrender.integrators.path_tracer_mis"),
     "PathTracerMats": ("path_tracer_mats", "tofrender.integrators.path_tracer_mats"),

@@ -12,6 +12,7 @@ from .. import backend, checks, memory
 from ..camera import CameraSample, behind_emitters, sample_camera
 from ..lights import EmitterHits, SceneLights
 from ..pulses import Pulse
+from ..targets import Targets
 from ..walk import Radiance, walk
 from . import passes
 from .passes import image_channels, to_rgb
@@ -61,6 +62,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     material: mi.BSDF | None = None
     """What all surfaces are made of, None if each of its own."""
+
+    targets: Targets | None = None
+    """Surfaces that paths are sent to on purpose."""
 
     pulse: Pulse | None = None
     temporal_filter: str = "box"
@@ -122,6 +126,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             active=active,
             last_opl=last_opl,
             material=self.material,
+            targets=self.targets,
         )
 
     def sample(self, scene, sampler, ray, medium=None, active=True):

@@ -1,0 +1,1 @@
+"""Emitters: the projector that lights a relay wall."""
