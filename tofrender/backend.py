@@ -31,7 +31,10 @@ PLUGIN_MODULES = (
     "tofrender.integrators.simple",
     "tofrender.integrators.ao",
     "tofrender.emitters.confocal_projector",
+    "tofrender.integrators.relay_wall_path",
     "tofrender.integrators.confocal",
+    "tofrender.integrators.transient_nlos",
+    "tofrender.sensors.capture_meter",
 )
 """Modules that define Mitsuba plugins, each after those that it builds on."""
 
@@ -43,6 +46,7 @@ PLUGINS = {
         "confocal_transient_path",
         "tofrender.integrators.confocal",
     ),
+    "NLOSCaptureMeter": ("nlos_capture_meter", "tofrender.sensors.capture_meter"),
     "PaddedSobolSampler": ("padded_sobol", "tofrender.sampling.padded_sobol"),
     "PathTracerMIS": ("path_tracer_mis", "tofrender.integrators.path_tracer_mis"),
     "PathTracerMats": ("path_tracer_mats", "tofrender.integrators.path_tracer_mats"),
@@ -54,6 +58,7 @@ PLUGINS = {
         "tofrender.integrators.time_gated",
     ),
     "TransientHDRFilm": ("transient_hdr_film", "tofrender.films.transient"),
+    "TransientNLOSPath": ("transient_nlos_path", "tofrender.integrators.transient_nlos"),
     "TransientPath": ("transient_path", "tofrender.integrators.transient_path"),
 }
 """Public plugin classes: the plugin's name, and the module that defines it.

@@ -49,7 +49,8 @@ def sample_camera(
         Rays, their origins, weights and film positions.
     """
     corner = pixel_corner(film, pixel)
-    position = corner + sampler.next_2d()
+    centred = getattr(sensor, "looks_at_pixel_centres", False)
+    position = corner + (mi.Point2f(0.5) if centred else sampler.next_2d())
     crop_size = mi.ScalarVector2f(film.crop_size())
     crop_offset = mi.ScalarPoint2f(film.crop_offset())
     aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)

@@ -61,7 +61,7 @@ class LaserSpot:
             connection: a beam with a width lands on another point each time.
         wall: Shapes of the relay wall; needed for `hidden_only`.
         hidden_only: Whether only paths count that have met something else than the wall.
-        bounces: Count only paths of so many surface points, the lit one included; 0 means all.
+        bounces: Count only paths of so many surface points, the lit one included; -1 means all.
     """
 
     connects = True
@@ -73,7 +73,7 @@ class LaserSpot:
         beam: Callable[[mi.Sampler, mi.Bool], Spot],
         wall: Sequence[mi.Shape] = (),
         hidden_only: bool = False,
-        bounces: int = 0,
+        bounces: int = -1,
     ) -> None:
         self.scene, self.beam = scene, beam
         self.wall, self.hidden_only, self.bounces = list(wall), hidden_only, bounces
@@ -90,7 +90,7 @@ class LaserSpot:
         active: mi.Bool,
     ) -> Connection:
         """Connect to the lit point, with its shadow ray."""
-        if self.bounces:
+        if self.bounces >= 0:
             active = active & (path.depth + 2 == self.bounces)
         if self.hidden_only:
             active = active & path.memory

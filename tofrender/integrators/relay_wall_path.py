@@ -1,0 +1,190 @@
+"""What the integrators of non-line-of-sight scenes share: wall, hidden geometry, bounces, legs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .. import checks
+from ..lights.laser_spot import LaserSpot, Spot
+from ..relay_wall import DEFAULT_ID, find_relay_wall
+from ..targets import Targets
+from .transient_path import TransientPath
+
+HIDDEN_SHARE = 0.5
+"""Probability with which a path leaves the wall towards a point of the hidden geometry."""
+
+Beam = Callable[[mi.Sampler, mi.Bool], Spot]
+Arrival = tuple[Any, mi.Float, mi.Bool]
+"""Spectrum, optical path length [m] and active lanes of light that arrives."""
+
+
+@dataclass
+class Scan:
+    """What a laser scans.
+
+    Attributes:
+        scene: The scene.
+        wall: Shapes of the relay wall, empty if it is not known.
+        up: The camera's upward direction.
+        origin: Where the sensor is, None without one [m].
+    """
+
+    scene: mi.Scene
+    wall: list[mi.Shape]
+    up: list[float]
+    origin: list[float] | None
+
+
+class RelayWallPath(TransientPath):
+    """Base of the integrators that see around a corner by a relay wall.
+
+    A subclass says in `laser` what lights the scene. Besides those of `TransientPath`:
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `relay_wall` | see below | ids of the wall's shapes, separated by commas |
+    | `use_nlos_only` | false | count only paths that have met something else than the wall |
+    | `filter_bounces` | -1 | count only paths of so many surface points (3: wall, object, wall) |
+    | `nlos_hidden_geometry_sampling` | true | send paths from the wall to hidden geometry, too |
+    | `account_first_and_last_bounces` | true | count the legs from laser and sensor to the wall |
+
+    The wall is by default the shape that the sensor is a child of, else the one that is called
+    "relay_wall". Everything else is hidden geometry, whose points are chosen by area.
+    """
+
+    counts_legs_by_default = True
+
+    def __init__(self, props: mi.Properties) -> None:
+        wall: Any = props.get("relay_wall", None)
+        self.relay_wall: Any = None if wall is None else [each.strip() for each in wall.split(",")]
+        self.use_nlos_only, self.samples_hidden, self.counts_legs = (
+            checks.boolean(name, props.get(name, default))
+            for name, default in (
+                ("use_nlos_only", False),
+                ("nlos_hidden_geometry_sampling", True),
+                ("account_first_and_last_bounces", self.counts_legs_by_default),
+            )
+        )
+        self.filter_bounces = _bounces("filter_bounces", props.get("filter_bounces", -1))
+        super().__init__(props)
+        self.camera_unwarp |= not self.counts_legs
+
+    def laser(
+        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+    ) -> tuple[Any, Arrival | None]:
+        """What the paths of camera rays connect to.
+
+        Args:
+            scan: The scene and what is known of it.
+            ray: Camera rays.
+            origin: Where their lengths start.
+            active: Lanes with a ray.
+
+        Returns:
+            A light strategy, and what the camera sees of the lit point itself, if the strategy does
+            not find that.
+        """
+        raise NotImplementedError
+
+    def lit_point(self, scan: Scan, beam: Beam) -> LaserSpot:
+        """Connections to where a beam lands."""
+        return LaserSpot(scan.scene, beam, scan.wall, self.use_nlos_only, self.filter_bounces)
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
+        """The scan that the rays of this sensor belong to."""
+        wall = self._wall(scene, sensor)
+        hidden = [s for s in scene.shapes() if s not in wall and not s.is_emitter()]
+        if self.use_nlos_only and not hidden:
+            raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
+        self.targets = None
+        if self.samples_hidden and wall and hidden:
+            self.targets = self.aim_at(scene, hidden, wall)
+        if sensor is None:
+            return Scan(scene, wall, [0, 1, 0], None)
+        pose = np.array(sensor.world_transform().matrix).reshape(4, 4)
+        return Scan(scene, wall, pose[:3, 1].tolist(), pose[:3, 3].tolist())
+
+    def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
+        """Which surfaces paths are sent to, and from where."""
+        return Targets(scene, hidden, wall, HIDDEN_SHARE)
+
+    def trace(self, scene, sampler, ray, origin, measurement, lights, active=True, last_opl=None):
+        """Follow camera rays through a scene that a laser lights."""
+        active = mi.Bool(active)
+        laser, seen = self.laser(lights, ray, origin, active)
+        if seen is not None and not self.use_nlos_only and self.filter_bounces in (-1, 1):
+            measurement.add(*seen)
+        return super().trace(
+            scene, sampler, ray, origin, measurement, laser, active=active, last_opl=last_opl
+        )
+
+    def spot(self, scene: mi.Scene, ray: mi.Ray3f, origin: Any, power: Any, active: Any) -> Spot:
+        """Where a beam lands; its length counts as `account_first_and_last_bounces` says."""
+        spot = Spot.of_beam(scene, ray, power, active, origin)
+        spot.distance = spot.distance if self.counts_legs else mi.Float(0)
+        return spot
+
+    def from_laser(
+        self,
+        scene: mi.Scene,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        laser: mi.Point3f,
+        irradiance: Callable[[mi.Vector3f, mi.Float], Any],
+        active: mi.Bool,
+    ) -> Arrival:
+        """Light that comes straight back from the surface that the camera sees.
+
+        Args:
+            scene: The scene.
+            ray: The camera ray.
+            origin: Where its length starts.
+            laser: Where the light comes from.
+            irradiance: Takes the direction from the laser and the distance, gives the irradiance
+                of a surface that faces the laser [W/m^2].
+            active: Lanes with a ray.
+        """
+        si = scene.ray_intersect(ray, active)
+        to_laser = laser - si.p
+        r = dr.norm(to_laser)
+        d = to_laser / r
+        seen = active & si.is_valid()
+        seen &= ~scene.ray_test(si.spawn_ray_to(laser), seen)
+        f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
+        radiance = f * irradiance(-d, r)
+        opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
+        return radiance, opl + (r if self.counts_legs else 0), seen & dr.any(radiance != 0)
+
+    def _wall(self, scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
+        """The relay wall; none where nobody asks for it and nothing says which it is."""
+        if self.relay_wall is not None:
+            return find_relay_wall(scene, self.relay_wall)
+        carrier = None if sensor is None else sensor.get_shape()
+        if carrier is not None:
+            return [carrier]
+        if DEFAULT_ID in [shape.id() for shape in scene.shapes()] or self.use_nlos_only:
+            return find_relay_wall(scene, DEFAULT_ID)
+        return []
+
+    def to_string(self) -> str:
+        """The integrator's parameters."""
+        names = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")
+        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
+        return f"{type(self).__name__}[{values}]"
+
+
+def _bounces(name: str, value: Any) -> int:
+    """A number of bounces, or -1 for all."""
+    try:
+        bounces = checks.integer(name, value, -1, checks.MAX_DEPTH)
+    except ValueError:
+        bounces = 0
+    if bounces == 0:
+        raise ValueError(f"{name} = {value!r}: must be -1 (all) or an integer from 1")
+    return bounces

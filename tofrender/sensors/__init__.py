@@ -1,0 +1,1 @@
+"""Sensors: the capture meter that scans a relay wall."""
