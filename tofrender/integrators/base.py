@@ -99,6 +99,10 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------------- paths
 
+    def longest_path(self, lights: Any) -> int:
+        """Segments of the longest path that counts, -1 without limit."""
+        return self.max_depth
+
     def last_opl(self) -> Any:
         """Length beyond which paths count for nothing [m], None if all count."""
         return None
@@ -117,7 +121,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             ray,
             measurement,
             lights,
-            max_depth=self.max_depth,
+            max_depth=self.longest_path(lights),
             rr_depth=self.rr_depth,
             origin=origin,
             unwarp=self.camera_unwarp,

@@ -114,6 +114,14 @@ class RelayWallPath(TransientPath):
         """Which surfaces paths are sent to, and from where."""
         return Targets(scene, hidden, wall, HIDDEN_SHARE)
 
+    def longest_path(self, lights: Any) -> int:
+        """Paths need not be longer than those that `filter_bounces` counts."""
+        if self.filter_bounces < 0:
+            return self.max_depth
+        # The lit point is a surface point, too; the laser itself is not
+        segments = self.filter_bounces + (0 if isinstance(lights, LaserSpot) else 1)
+        return segments if self.max_depth < 0 else min(self.max_depth, max(segments, 1))
+
     def trace(self, scene, sampler, ray, origin, measurement, lights, active=True, last_opl=None):
         """Follow camera rays through a scene that a laser lights."""
         active = mi.Bool(active)
@@ -166,8 +174,8 @@ class RelayWallPath(TransientPath):
         if self.relay_wall is not None:
             return find_relay_wall(scene, self.relay_wall)
         carrier = None if sensor is None else sensor.get_shape()
-        if carrier is not None:
-            return [carrier]
+        if carrier is not None:  # The scene's own object for it, which compares
+            return [s for s in scene.shapes() if (mi.ShapePtr(s) == mi.ShapePtr(carrier))[0]]
         if DEFAULT_ID in [shape.id() for shape in scene.shapes()] or self.use_nlos_only:
             return find_relay_wall(scene, DEFAULT_ID)
         return []
