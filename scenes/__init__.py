@@ -8,6 +8,11 @@ from tofrender.scenes import (
     cornell_box_glass,
     cornell_box_mirror,
     cornell_box_steady_state,
+    nlos_bunny,
+    nlos_patch,
+    nlos_plane,
+    nlos_z,
+    ourbox_confocal,
     rectangle_light_quad,
     rectangle_light_triangles,
     small_box,
@@ -15,6 +20,10 @@ from tofrender.scenes import (
     sphere_light_medium,
     sphere_light_small,
     veach,
+    wall_box_behind,
+    wall_box_hi_nlos,
+    wall_box_sphere_nlos,
+    wall_box_spheres_nlos,
 )
 
 __all__ = [
@@ -25,6 +34,11 @@ __all__ = [
     "cornell_box_glass",
     "cornell_box_mirror",
     "cornell_box_steady_state",
+    "nlos_bunny",
+    "nlos_patch",
+    "nlos_plane",
+    "nlos_z",
+    "ourbox_confocal",
     "rectangle_light_quad",
     "rectangle_light_triangles",
     "small_box",
@@ -32,4 +46,8 @@ __all__ = [
     "sphere_light_medium",
     "sphere_light_small",
     "veach",
+    "wall_box_behind",
+    "wall_box_hi_nlos",
+    "wall_box_sphere_nlos",
+    "wall_box_spheres_nlos",
 ]

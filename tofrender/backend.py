@@ -30,6 +30,7 @@ PLUGIN_MODULES = (
     "tofrender.integrators.first_surface",
     "tofrender.integrators.simple",
     "tofrender.integrators.ao",
+    "tofrender.bsdfs.retroreflector",
     "tofrender.emitters.confocal_projector",
     "tofrender.integrators.relay_wall_path",
     "tofrender.integrators.confocal",
@@ -52,6 +53,7 @@ PLUGINS = {
     "PathTracerMats": ("path_tracer_mats", "tofrender.integrators.path_tracer_mats"),
     "PathTracerNEE": ("path_tracer_nee", "tofrender.integrators.path_tracer_nee"),
     "PhasorHDRFilm": ("phasor_hdr_film", "tofrender.films.phasor"),
+    "Retroreflector": ("retroreflector", "tofrender.bsdfs.retroreflector"),
     "Simple": ("simple", "tofrender.integrators.simple"),
     "TimeGatedTransientPath": (
         "time_gated_transient_path",

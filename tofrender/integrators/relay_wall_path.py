@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from .. import checks
+from ..corner import CornerConnections
 from ..lights.laser_spot import LaserSpot, Spot
 from ..relay_wall import DEFAULT_ID, find_relay_wall
 from ..targets import Targets
@@ -58,6 +59,7 @@ class RelayWallPath(TransientPath):
     "relay_wall". Everything else is hidden geometry, whose points are chosen by area.
     """
 
+    needs_lights = False
     counts_legs_by_default = True
 
     def __init__(self, props: mi.Properties) -> None:
@@ -126,11 +128,19 @@ class RelayWallPath(TransientPath):
         """Follow camera rays through a scene that a laser lights."""
         active = mi.Bool(active)
         laser, seen = self.laser(lights, ray, origin, active)
+        if self.targets and isinstance(laser, LaserSpot) and self._counts_three():
+            corner = CornerConnections(scene, self.targets, laser)
+            start = None if self.camera_unwarp else origin
+            measurement = corner.add(ray, start, sampler, measurement, active)
         if seen is not None and not self.use_nlos_only and self.filter_bounces in (-1, 1):
             measurement.add(*seen)
         return super().trace(
             scene, sampler, ray, origin, measurement, laser, active=active, last_opl=last_opl
         )
+
+    def _counts_three(self) -> bool:
+        """Whether paths of three bounces count."""
+        return self.filter_bounces in (-1, 3) and (self.max_depth < 0 or self.max_depth >= 3)
 
     def spot(self, scene: mi.Scene, ray: mi.Ray3f, origin: Any, power: Any, active: Any) -> Spot:
         """Where a beam lands; its length counts as `account_first_and_last_bounces` says."""

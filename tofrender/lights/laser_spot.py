@@ -12,6 +12,9 @@ import mitsuba as mi
 from ..targets import is_on
 from .scene_lights import Connection, PathState
 
+SAME = 1e-10
+"""Squared distance of two points, over that to a third, below which they are one."""
+
 
 @dataclass
 class Spot:
@@ -62,6 +65,10 @@ class LaserSpot:
         wall: Shapes of the relay wall; needed for `hidden_only`.
         hidden_only: Whether only paths count that have met something else than the wall.
         bounces: Count only paths of so many surface points, the lit one included; -1 means all.
+
+    Attributes:
+        shared: Takes a vertex and its `PathState`, gives the share of its connection that counts
+            where another technique finds the same paths; None if nothing else does.
     """
 
     connects = True
@@ -77,12 +84,26 @@ class LaserSpot:
     ) -> None:
         self.scene, self.beam = scene, beam
         self.wall, self.hidden_only, self.bounces = list(wall), hidden_only, bounces
+        self.shared: Callable[[mi.SurfaceInteraction3f, PathState], mi.Float] | None = None
 
     def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Whether a vertex so far, `si` included, is off the wall."""
         return memory | (active & ~is_on(si, self.wall)) if self.hidden_only else memory
 
     def connect(
+        self,
+        si: mi.SurfaceInteraction3f,
+        path: PathState,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+    ) -> Connection:
+        """Connect to the lit point, with its shadow ray; the share of it that counts here."""
+        em = self.lit(si, path, sampler, active)
+        if self.shared is not None:
+            em.weight *= self.shared(si, path)
+        return em
+
+    def lit(
         self,
         si: mi.SurfaceInteraction3f,
         path: PathState,
@@ -103,7 +124,9 @@ class LaserSpot:
         f = lit.bsdf().eval(mi.BSDFContext(), lit, leaving, active)
         weight = spot.power * mi.unpolarized_spectrum(f) / r2
         active = active & dr.any(weight != 0)
-        active = active & ~self.scene.ray_test(si.spawn_ray_to(lit.p), active)
+        # A path that goes back to where it has come from has nothing in its way
+        back = dr.squared_norm(lit.p - path.previous.p) <= SAME * r2
+        active = active & ~self.scene.ray_test(si.spawn_ray_to(lit.p), active & ~back)
         weight = dr.select(active, weight, 0)
         length = dr.sqrt(r2) + spot.distance
         return Connection(d, weight, mi.Float(1), mi.Bool(True), length, active)

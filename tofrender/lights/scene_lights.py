@@ -17,12 +17,16 @@ class PathState:
         η: Index of refraction around the vertex.
         depth: Surface vertices before it.
         memory: What the strategy's `remember` has made of the vertices, this one included.
+        previous: The vertex before.
+        pdf: Density of the direction that led from there to here [1/sr].
     """
 
     opl: mi.Float
     η: mi.Float
     depth: mi.UInt32
     memory: mi.Bool
+    previous: mi.Interaction3f
+    pdf: mi.Float
 
 
 MANY_EMITTERS = 8

@@ -13,6 +13,13 @@ from .boxes import (
     cornell_box_steady_state,
     small_box,
 )
+from .confocal import (
+    ourbox_confocal,
+    wall_box_behind,
+    wall_box_hi_nlos,
+    wall_box_sphere_nlos,
+    wall_box_spheres_nlos,
+)
 from .light_transport import (
     bust_ao,
     bust_simple,
@@ -23,6 +30,7 @@ from .light_transport import (
     sphere_light_small,
     veach,
 )
+from .nlos import nlos_bunny, nlos_patch, nlos_plane, nlos_z
 from .parts import SAMPLER, Dict
 
 __all__ = [
@@ -37,6 +45,11 @@ __all__ = [
     "cornell_box_mirror",
     "cornell_box_steady_state",
     "describe",
+    "nlos_bunny",
+    "nlos_patch",
+    "nlos_plane",
+    "nlos_z",
+    "ourbox_confocal",
     "rectangle_light_quad",
     "rectangle_light_triangles",
     "small_box",
@@ -44,6 +57,10 @@ __all__ = [
     "sphere_light_medium",
     "sphere_light_small",
     "veach",
+    "wall_box_behind",
+    "wall_box_hi_nlos",
+    "wall_box_sphere_nlos",
+    "wall_box_spheres_nlos",
 ]
 
 BUILT_IN: dict[str, Callable[..., Dict]] = {
@@ -63,6 +80,15 @@ BUILT_IN: dict[str, Callable[..., Dict]] = {
         rectangle_light_quad,
         rectangle_light_triangles,
         small_box,
+        nlos_z,
+        nlos_bunny,
+        nlos_patch,
+        nlos_plane,
+        wall_box_sphere_nlos,
+        wall_box_spheres_nlos,
+        wall_box_hi_nlos,
+        wall_box_behind,
+        ourbox_confocal,
     )
 }
 """The built-in scenes by name; a builder's first line of documentation describes its scene."""

@@ -11,8 +11,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from .bunny import bunny
 from .bust import bust
 from .parts import Dict
+
+STROKE = 0.103
+"""Width of the strokes of the letter Z [m]."""
 
 # The two halves of Mitsuba's `rectangle`, which spans [-1, 1] x [-1, 1] and faces +z.
 HALVES = {
@@ -30,6 +34,57 @@ def bust_mesh(**parts: Dict) -> Any:
     return _mesh("bust", *bust(), **parts)
 
 
+def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
+    """The rabbit as an `mi.Mesh`.
+
+    Args:
+        to_world: Where it stands; a turn and a shift.
+        **parts: As for `bust_mesh`.
+    """
+    vertices, faces, normals = bunny()
+    turned = normals if to_world is None else normals @ np.array(to_world.matrix)[:3, :3].T
+    return _mesh("bunny", placed(vertices, to_world), faces, turned, **parts)
+
+
+def letter_z() -> tuple[np.ndarray, np.ndarray]:
+    """The letter Z, flat at z = 0, 0.8 m wide and high, its strokes `STROKE` wide.
+
+    It faces -z, and reads as a Z for who looks along -z, at its back.
+
+    Returns:
+        Vertices [m], shape (12, 3), and indices of each triangle's corners, shape (6, 3).
+
+    Example:
+        >>> vertices, faces = letter_z()
+        >>> float(vertices[:, :2].min()), float(vertices[:, :2].max())
+        (-0.4, 0.4)
+    """
+    half, inner = 0.4, 0.4 - STROKE
+    # The diagonal's horizontal width w makes it STROKE wide: w = STROKE sqrt(1 + (run / rise)^2)
+    rise, w = 2 * inner, STROKE
+    for _ in range(30):
+        w = STROKE * float(np.hypot(1, (2 * half - w) / rise))
+    strokes = [
+        [(-half, inner), (half, inner), (half, half), (-half, half)],
+        [(-half, -inner), (w - half, -inner), (half, inner), (half - w, inner)],
+        [(-half, -half), (half, -half), (half, -inner), (-half, -inner)],
+    ]
+    vertices = np.array([(x, y, 0.0) for stroke in strokes for x, y in stroke])
+    faces = [(k + a, k + b, k + c) for k in (0, 4, 8) for a, b, c in ((0, 2, 1), (0, 3, 2))]
+    return vertices, np.array(faces)
+
+
+def letter_z_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
+    """The letter Z as an `mi.Mesh`.
+
+    Args:
+        to_world: Where it is.
+        **parts: As for `bust_mesh`.
+    """
+    vertices, faces = letter_z()
+    return _mesh("letter_z", placed(vertices, to_world), faces, None, **parts)
+
+
 def half_rectangle(half: str, to_world: Any | None = None, **parts: Dict) -> Any:
     """One of the two triangles that make up a `rectangle`.
 
@@ -38,11 +93,16 @@ def half_rectangle(half: str, to_world: Any | None = None, **parts: Dict) -> Any
         to_world: The rectangle's transform.
         **parts: As for `bust_mesh`.
     """
-    corners = HALVES[half]
-    if to_world is not None:
-        matrix = np.array(to_world.matrix)
-        corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = placed(HALVES[half], to_world)
     return _mesh(f"{half}_triangle", corners, np.array([[0, 1, 2]]), None, **parts)
+
+
+def placed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
+    """Points (n, 3) after a transform, if there is one."""
+    if to_world is None:
+        return points
+    matrix = np.array(to_world.matrix)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _mesh(
@@ -63,14 +123,14 @@ def _mesh(
 
 
 def write(folder: str | Path) -> None:
-    """Write bust.ply, lower_triangle.ply and upper_triangle.ply into `folder`.
+    """Write a PLY file of each mesh into `folder`.
 
     Raises:
         NotADirectoryError: There is no such folder.
     """
     if not Path(folder).is_dir():
         raise NotADirectoryError(f"folder = {str(folder)!r}: must be a folder that exists")
-    meshes = {"bust": bust_mesh()}
+    meshes = {"bust": bust_mesh(), "bunny": bunny_mesh(), "letter_z": letter_z_mesh()}
     meshes |= {f"{half}_triangle": half_rectangle(half) for half in HALVES}
     for name, mesh in meshes.items():
         mesh.write_ply(str(Path(folder) / f"{name}.ply"))

@@ -9,10 +9,12 @@ from __future__ import annotations
 from .animation import plot_pixel_transient, visualize_transient
 from .flight import light_in_flight
 from .phasors import phasor_panel
+from .plans import plan_figure
 from .summary import summary_figure
 from .tone import LUMINANCE, auto_exposure, check_exposure, luminance, tonemap
 from .transient import Transient
 from .unwarp import unwarp_camera
+from .warps import verdict_figure, warp_figure
 
 __all__ = [
     "LUMINANCE",
@@ -22,9 +24,12 @@ __all__ = [
     "light_in_flight",
     "luminance",
     "phasor_panel",
+    "plan_figure",
     "plot_pixel_transient",
     "summary_figure",
     "tonemap",
     "unwarp_camera",
+    "verdict_figure",
     "visualize_transient",
+    "warp_figure",
 ]

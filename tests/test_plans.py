@@ -1,0 +1,60 @@
+"""Plans of scenes: outlines, cameras and lights from above and from the side."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from nlos_support import ALL, WALLS, WITH_WALL, builder, register_retroreflector, stands_alone
+
+from tofrender.vis.plans import plan_figure
+
+
+@pytest.fixture(autouse=True)
+def _registered():
+    """Register the retroreflector in the active variant."""
+    register_retroreflector()
+
+
+@pytest.mark.parametrize("view", ["above", "side"])
+@pytest.mark.parametrize("name", ALL)
+def test_plans_show_wall_hidden_shapes_and_laser(name, view):
+    scene = stands_alone(builder(name))
+    figure = plan_figure(scene, view=view, laser=[0, 0, 0.1], title=name)
+    axes = figure.axes[0]
+    assert axes.get_title() == name
+    assert axes.get_xlabel() == ("x [m]" if view == "above" else "z [m]")
+    legend = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"camera", "laser"} <= legend
+    if name in WITH_WALL:
+        assert {"relay wall", "hidden"} <= legend
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    depth, across = (
+        ((low, high), (left, right)) if view == "above" else ((left, right), (low, high))
+    )
+    wall = {**dict.fromkeys(WALLS, (0, 2)), "ourbox_confocal": (-0.5, 0.9)}.get(name, (-2, 4))
+    assert depth[0] < wall[0] < depth[1]
+    assert wall[1] < across[1] - across[0] < 2.5 * wall[1]
+    figure.canvas.draw()  # warns, and so fails, where parts do not fit
+    assert len(np.unique(np.asarray(figure.canvas.buffer_rgba()))) > 20
+
+
+def test_plan_of_a_camera_draws_what_it_sees():
+    scene = stands_alone(builder("wall_box_behind"))
+    wedge = next(p for p in plan_figure(scene).axes[0].patches if p.get_alpha() == 0.18).get_xy()
+    np.testing.assert_allclose(wedge[0], [0, 0], atol=2e-3)
+    edge = 2 * np.tan(np.deg2rad(22.5))
+    np.testing.assert_allclose(abs(wedge[1:66, 0]).max(), edge, rtol=0.01)
+    np.testing.assert_allclose(wedge[1:66, 1], -2, atol=1e-3)
+
+
+def test_bad_plans_are_one_line():
+    with pytest.raises(ValueError, match="scene = dict: must be an mi"):
+        plan_figure({})
+    scene = stands_alone(builder("wall_box_behind"))
+    with pytest.raises(ValueError, match="view = 'top': must be one of above, side"):
+        plan_figure(scene, view="top")
+    with pytest.raises(ValueError, match=r"laser = \[0, 1\]: must be three finite numbers"):
+        plan_figure(scene, laser=[0, 1])
+    with pytest.raises(ValueError, match="scene: has no shapes to draw"):
+        plan_figure(mi.load_dict({"type": "scene"}))

@@ -1,0 +1,1 @@
+"""Materials; their plugin is registered by `tofrender.backend`."""

@@ -1,0 +1,321 @@
+"""The capture Dataset: what a time-resolved sensor saw of a relay wall, with all geometry.
+
+`transient` holds radiance per bin: `(y, x, opl, channel)` of a single or confocal capture,
+`(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The points of the wall that were
+looked at and lit, and the wall's normals there, are variables of the same Dataset, in world space.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import checks
+from ..dataset import plain, time_axis
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MODES = ("single", "confocal", "exhaustive")
+"""One lit point for all; each point lit by itself; each point of one grid for all of the other."""
+
+_PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
+_LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)  # as mi.luminance has it
+
+
+def make_capture(
+    transient: Any,
+    *,
+    mode: str,
+    start_opl: float,
+    bin_width_opl: float,
+    sensor_grid: Any,
+    sensor_normals: Any,
+    laser_grid: Any = None,
+    laser_normals: Any = None,
+    sensor_origin: Any = None,
+    laser_origin: Any = None,
+    counts_first_and_last_legs: bool = False,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Make the Dataset of a capture, and check it.
+
+    Args:
+        transient: Radiance per bin [W m^-2 sr^-1], shape (rows, columns, bins), exhaustive
+            (laser rows, laser columns, rows, columns, bins), each with or without an axis of 1 or
+            3 channels at the end.
+        mode: `"single"`, `"confocal"` or `"exhaustive"`.
+        start_opl: Path length where the first bin starts [m].
+        bin_width_opl: Width of a bin [m].
+        sensor_grid: Points of the wall that the sensor looks at [m], (rows, columns, 3).
+        sensor_normals: The wall's unit normals there, towards the hidden scene.
+        laser_grid: Points of the wall that the laser lights [m]: single (3,) or (1, 1, 3),
+            exhaustive (laser rows, laser columns, 3); of a confocal capture the sensor's.
+        laser_normals: The wall's unit normals there; of a confocal capture the sensor's.
+        sensor_origin: Where the sensor is [m], None if unknown.
+        laser_origin: Where the laser is [m], None if unknown.
+        counts_first_and_last_legs: Whether path lengths include those from the laser to the wall
+            and from the wall to the sensor.
+        attrs: More attributes: text, ints and floats.
+
+    Returns:
+        A Dataset with the variables `transient`, `sensor_grid`, `sensor_normals`, `laser_grid`,
+        `laser_normals`, `sensor_origin` and `laser_origin`, all float32.
+
+    Raises:
+        ValueError: One line that names what is wrong.
+
+    Example:
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 8), np.linspace(-1, 1, 8))
+        >>> wall = np.stack([x, y, 0 * x], axis=-1)
+        >>> capture = make_capture(
+        ...     np.zeros((8, 8, 100)),
+        ...     mode="confocal",
+        ...     start_opl=1.0,
+        ...     bin_width_opl=0.01,
+        ...     sensor_grid=wall,
+        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
+        ... )
+        >>> capture["transient"].dims
+        ('y', 'x', 'opl', 'channel')
+    """
+    import xarray as xr
+
+    checks.one_of("mode", mode, MODES)
+    start = checks.metres("start_opl", start_opl)
+    width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+    values, dims = np.asarray(transient, dtype=np.float32), dimensions(mode)["transient"]
+    if values.ndim == len(dims) - 1:
+        values = values[..., None]
+    if values.ndim != len(dims) or values.shape[-1] not in (1, 3) or 0 in values.shape:
+        raise ValueError(
+            f"transient with shape {np.shape(transient)}: must be {dims} of a {mode} capture, "
+            "with 1 or 3 channels"
+        )
+    if mode == "confocal":
+        given = (laser_grid, laser_normals)
+        if any(each is not None for each in given):
+            raise ValueError("laser_grid: must be None, as a confocal capture has the sensor's")
+        laser_grid, laser_normals = sensor_grid, sensor_normals
+    elif mode == "single" and np.shape(laser_grid) == (3,):
+        laser_grid, laser_normals = (np.reshape(v, (1, 1, -1)) for v in (laser_grid, laser_normals))
+    unknown = np.full(3, np.nan, np.float32)
+    arrays = {
+        "transient": values,
+        "sensor_grid": sensor_grid,
+        "sensor_normals": sensor_normals,
+        "laser_grid": laser_grid,
+        "laser_normals": laser_normals,
+        "sensor_origin": unknown if sensor_origin is None else sensor_origin,
+        "laser_origin": unknown if laser_origin is None else laser_origin,
+    }
+    variables = {}
+    for name, axes in dimensions(mode).items():
+        array = np.asarray(arrays[name], dtype=np.float32)
+        array = array if name == "transient" else array.copy()
+        if array.ndim != len(axes) or (axes[-1] == "xyz" and array.shape[-1] != 3):
+            raise ValueError(f"{name} with shape {array.shape}: must be {axes}, xyz of size 3")
+        variables[name] = (axes, array)
+    sizes = _sizes(variables)
+    coords: dict[str, Any] = {a: np.arange(n) for a, n in sizes.items() if a[-1] in "xy"}
+    coords |= {
+        "opl": start + (np.arange(sizes["opl"]) + 0.5) * width,
+        "channel": np.array(["L"] if sizes["channel"] == 1 else ["R", "G", "B"]),
+        "xyz": np.array(["x", "y", "z"]),
+    }
+    standard = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1", "mode": mode}
+    standard |= {"start_opl": start, "bin_width_opl": width}
+    standard["counts_first_and_last_legs"] = int(bool(counts_first_and_last_legs))
+    capture = xr.Dataset(variables, coords=coords, attrs=dict(attrs or {}) | standard)
+    capture["opl"].attrs.update(units="m", long_name="optical path length")
+    check_capture(capture)
+    return capture
+
+
+def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
+    """Axes of each variable of a capture in this mode."""
+    laser = _PIXELS if mode == "confocal" else _LASERS
+    return {
+        "transient": (*(_LASERS if mode == "exhaustive" else ()), *_PIXELS, "opl", "channel"),
+        "sensor_grid": (*_PIXELS, "xyz"),
+        "sensor_normals": (*_PIXELS, "xyz"),
+        "laser_grid": (*laser, "xyz"),
+        "laser_normals": (*laser, "xyz"),
+        "sensor_origin": ("xyz",),
+        "laser_origin": ("xyz",),
+    }
+
+
+def _sizes(variables: Mapping[str, tuple[tuple[str, ...], np.ndarray]]) -> dict[str, int]:
+    """Size of each axis, on which all variables must agree."""
+    sizes: dict[str, int] = {}
+    for name, (axes, array) in variables.items():
+        for axis, size in zip(axes, array.shape, strict=True):
+            if sizes.setdefault(axis, size) != size:
+                raise ValueError(
+                    f"{name} with shape {array.shape}: must have size {sizes[axis]} on the axis "
+                    f"{axis}, as what comes before it has"
+                )
+    return sizes
+
+
+def check_capture(dataset: Any) -> None:
+    """Refuse anything but a capture, or a part of one.
+
+    Raises:
+        ValueError: One line that says what is missing or contradicts itself.
+    """
+    import xarray as xr
+
+    if not isinstance(dataset, xr.Dataset):
+        raise ValueError(f"capture = {type(dataset).__name__}: must be an xarray.Dataset")
+    attrs = plain(dataset.attrs)
+    mode = checks.one_of("capture: attribute mode", attrs.get("mode"), MODES)
+    expected = dimensions(mode)
+    found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
+    for name in sorted({*expected, *found}):
+        if found.get(name) != expected.get(name):
+            what = f"must have the axes {expected[name]}" if name in expected else "is not allowed"
+            raise ValueError(f"capture: variable {name} with axes {found.get(name)}: {what}")
+    if any(v.dtype.kind != "f" for v in dataset.data_vars.values()):
+        raise ValueError("capture: all variables must hold real numbers")
+    axes = {axis for each in expected.values() for axis in each}
+    if set(dataset.coords) != axes or not all(dataset.sizes.values()):
+        raise ValueError(f"capture with {dict(dataset.sizes)}: must have coordinates on all axes")
+    if dataset.sizes["channel"] not in (1, 3) or dataset.sizes["xyz"] != 3:
+        raise ValueError(f"capture with {dict(dataset.sizes)}: must have 1 or 3 channels, 3 xyz")
+    if mode == "single" and dataset["laser_grid"].shape != (1, 1, 3):
+        raise ValueError("capture: laser_grid: a single capture must have one lit point")
+    _check_geometry(dataset, mode)
+    _check_attributes(dataset, attrs)
+
+
+def _check_geometry(capture: xr.Dataset, mode: str) -> None:
+    for name in ("sensor_grid", "sensor_normals", "laser_grid", "laser_normals"):
+        if not np.isfinite(capture[name].values).all():
+            raise ValueError(f"capture: {name}: must hold finite numbers only")
+    for name in ("sensor_normals", "laser_normals"):
+        if not np.allclose(np.linalg.norm(capture[name].values, axis=-1), 1, atol=1e-3):
+            raise ValueError(f"capture: {name}: must hold vectors of length 1")
+    if mode == "confocal":
+        for what in ("grid", "normals"):
+            pair = (capture[f"{device}_{what}"].values for device in ("laser", "sensor"))
+            if not np.array_equal(*pair):
+                raise ValueError(f"capture: laser_{what}: a confocal one must equal sensor_{what}")
+
+
+def _check_attributes(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
+    start, width = time_axis(capture)
+    stated = [attrs.get(name) for name in ("start_opl", "bin_width_opl")]
+    if not np.allclose(np.array(stated, dtype=float), (start, width), rtol=1e-6, atol=1e-3 * width):
+        raise ValueError(
+            f"capture: attributes start_opl, bin_width_opl = {stated}; must be [{start:g}, "
+            f"{width:g}], as the coordinate opl has it"
+        )
+    counts = attrs.get("counts_first_and_last_legs")
+    if counts not in (0, 1):
+        raise ValueError(
+            f"capture: attribute counts_first_and_last_legs = {counts!r}: must be 0, 1"
+        )
+    if counts and not all(np.isfinite(capture[f"{d}_origin"].values).all() for d in DEVICES):
+        raise ValueError(
+            "capture: sensor_origin, laser_origin: must be known where path lengths count the "
+            "legs to them (counts_first_and_last_legs = 1)"
+        )
+    for name, value in attrs.items():
+        if not isinstance(value, str | int | float):
+            raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
+
+
+DEVICES = ("laser", "sensor")
+
+
+def luminance(capture: xr.Dataset) -> np.ndarray:
+    """The transient without its channel axis: luminance of colours, as it is of a mono one."""
+    values = capture["transient"].values
+    return values[..., 0] if values.shape[-1] == 1 else values @ _LUMINANCE
+
+
+def first_and_last_legs(capture: xr.Dataset) -> np.ndarray:
+    """Lengths laser origin -> wall -> ... -> wall -> sensor origin outside the hidden scene [m].
+
+    Returns:
+        float64, (rows, columns), of an exhaustive capture (laser rows, laser columns, rows,
+        columns): what `opl` counts besides the way from wall to wall; 0 if it counts nothing else.
+    """
+    laser, sensor = (
+        np.linalg.norm(
+            capture[f"{device}_grid"].values.astype(np.float64)
+            - capture[f"{device}_origin"].values.astype(np.float64),
+            axis=-1,
+        )
+        for device in DEVICES
+    )
+    if capture.attrs["mode"] == "exhaustive":
+        laser = laser[:, :, None, None]
+    legs = laser + sensor  # Of a single capture, laser is of shape (1, 1)
+    return legs if capture.attrs["counts_first_and_last_legs"] else np.zeros(legs.shape)
+
+
+def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
+    """The capture with path lengths from wall to wall only.
+
+    Each pixel's bins move by the pixel's own legs. What falls between two new bins is divided
+    among both, so that energy and mean path length stay what they were. The time axis starts as
+    early as the pixel with the longest legs asks for and keeps its bin width; bins are added for
+    the differences between pixels.
+
+    Args:
+        capture: A capture; one that does not count the legs is returned as it is.
+
+    Returns:
+        A capture with `counts_first_and_last_legs` 0.
+
+    Raises:
+        ValueError: Not a capture.
+
+    Example:
+        >>> wall = np.zeros((1, 2, 3))
+        >>> wall[0, 1, 0] = 1
+        >>> capture = make_capture(
+        ...     [[[1, 0], [0, 2]]],
+        ...     mode="confocal",
+        ...     start_opl=3,
+        ...     bin_width_opl=1,
+        ...     sensor_grid=wall,
+        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
+        ...     sensor_origin=(0, 0, 1),
+        ...     laser_origin=(0, 0, 1),
+        ...     counts_first_and_last_legs=True,
+        ... )
+        >>> bare = without_first_and_last_legs(capture)
+        >>> round(bare.attrs["start_opl"], 3), bare["transient"].values[0, 0, :, 0].round(3)
+        (0.172, array([0.172, 0.828, 0.   ], dtype=float32))
+    """
+    check_capture(capture)
+    if not capture.attrs["counts_first_and_last_legs"]:
+        return capture
+    legs = first_and_last_legs(capture)
+    start, width = time_axis(capture)
+    shift = (legs.max() - legs) / width  # to later bins, in bins
+    extra = math.ceil(shift.max())
+    whole = np.minimum(np.floor(shift), max(extra - 1, 0)).astype(np.int64)
+    late = (shift - whole).astype(np.float32)[..., None, None]
+    old = capture["transient"].values
+    bins = old.shape[-2]
+    new = np.zeros((*old.shape[:-2], bins + extra, old.shape[-1]), np.float32)
+    for steps in np.unique(whole):
+        here = whole == steps
+        new[here, steps : steps + bins] += old[here] * (1 - late[here])
+        if extra:
+            new[here, steps + 1 : steps + 1 + bins] += old[here] * late[here]
+    start -= float(legs.max())
+    attrs = capture.attrs | {"start_opl": start, "counts_first_and_last_legs": 0}
+    result = capture.drop_vars(["transient", "opl"]).assign_attrs(attrs)
+    result["transient"] = (capture["transient"].dims, new, capture["transient"].attrs)
+    result = result.assign_coords(opl=start + (np.arange(bins + extra) + 0.5) * width)
+    result["opl"].attrs.update(capture["opl"].attrs)
+    return result[list(capture.data_vars)]

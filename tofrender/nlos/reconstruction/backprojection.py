@@ -1,0 +1,159 @@
+"""Backprojection: each voxel adds up the light of the paths that could have gone through it.
+
+    I(v) = 1/N sum over pairs (l, s) of w(v) H(l, s, |v - l| + |v - s|)
+
+over all N pairs of a lit point l and a point s that is looked at (in a confocal capture l = s:
+spheres instead of ellipsoids). Between bin centres, H is interpolated linearly.
+A. Velten et al., Recovering three-dimensional shape around a corner using ultrafast time-of-flight
+imaging, Nature Communications 3 (2012).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ... import checks
+from ...backend import require_vectorised
+from ...progress import progress_bar
+from .volume import VolumeGrid
+from .wall import Measured
+
+WEIGHTINGS = ("uniform", "r2")
+"""w = 1, or |v - l| |v - s|, which makes up for a part of the falloff with distance."""
+
+_PAIRS_A_STEP = 1 << 28
+"""Pairs of voxel and wall point that one kernel launch goes through: a fraction of a second."""
+
+
+def backproject(
+    measured: Measured, grid: VolumeGrid, weighting: str = "uniform", progress: bool = True
+) -> np.ndarray:
+    """Intensities (z, y, x) by backprojection.
+
+    The voxels are Dr.Jit's lanes, and a loop goes over the points that are looked at, so memory
+    holds the capture, the volume and nothing of the size of their product.
+
+    Args:
+        measured: The capture.
+        grid: The voxels.
+        weighting: One of WEIGHTINGS.
+        progress: Show a bar if it takes long.
+    """
+    require_vectorised()
+    checks.one_of("weighting", weighting, WEIGHTINGS)
+    points = measured.sensors.reshape(-1, 3)
+    bins = measured.light.shape[-1]
+    if len(points) * (bins + 2) > np.iinfo(np.uint32).max:
+        raise ValueError(f"capture of {len(points)} x {bins} bins: must have less than 2^32 bins")
+    voxels = math.prod(grid.shape)
+    step = max(1, _PAIRS_A_STEP // len(points))
+    slabs = [(first, min(step, voxels - first)) for first in range(0, voxels, step)]
+    result = np.zeros(voxels, np.float32)
+    lasers = len(measured.light)
+    with progress_bar("backprojection", lasers * len(slabs), unit="step", enabled=progress) as bar:
+        for index in range(lasers):
+            wall = _Wall(measured, index, weighting)
+            for first, count in slabs:
+                result[first : first + count] += wall.light_through(grid, first, count)
+                bar.update()
+    return (result / (lasers * len(points))).reshape(grid.shape)
+
+
+class _Wall:
+    """One lit point (or each point by itself), all points that are looked at, and their bins."""
+
+    def __init__(self, measured: Measured, index: int, weighting: str):
+        points = measured.sensors.reshape(-1, 3)
+        light = measured.light[index].reshape(len(points), -1)
+        self.count, bins = light.shape
+        self.bins = mi.Float32(bins)
+        self.row = mi.UInt32(bins + 2)
+        padded = np.zeros((self.count, bins + 2), np.float32)  # no light before and after
+        padded[:, 1:-1] = light
+        self.light = mi.Float32(padded.reshape(-1))
+        # Position in bins, from the centre of the first: (path - start) / width - 1/2
+        offset = (measured.legs[index].reshape(-1) - measured.start) / measured.width - 0.5
+        columns = [*points.T, offset]
+        self.points = [mi.Float32(np.ascontiguousarray(c, dtype=np.float32)) for c in columns]
+        self.per_width = mi.Float32(1 / measured.width)
+        self.confocal = measured.mode == "confocal"
+        self.weighted = weighting == "r2"
+        self.laser = None if self.confocal else measured.lasers[index]
+        dr.make_opaque(self.bins, self.row, self.per_width)
+
+    def light_through(self, grid: VolumeGrid, first: int, count: int) -> np.ndarray:
+        """Sum over the points for `count` voxels from `first` on, x fastest."""
+        voxel = _centres(grid, first, count)
+        to_laser = 0 if self.laser is None else _distance(voxel, _opaque(self.laser))
+
+        def add(index: Any, total: Any) -> Any:
+            x, y, z, offset = (dr.gather(mi.Float32, array, index) for array in self.points)
+            to_sensor = _distance(voxel, (x, y, z))
+            path = 2 * to_sensor if self.confocal else to_laser + to_sensor
+            at = dr.fma(path, self.per_width, offset)
+            within = (at > -1) & (at < self.bins)
+            below = dr.floor(at)
+            cell = dr.fma(index, self.row, mi.UInt32(mi.Int32(below) + 1))
+            early = dr.gather(mi.Float32, self.light, cell, within)
+            late = dr.gather(mi.Float32, self.light, cell + 1, within)
+            found = dr.fma(at - below, late - early, early)
+            if self.weighted:
+                found *= dr.square(to_sensor) if self.confocal else to_laser * to_sensor
+            return index + 1, total + found
+
+        points = mi.UInt32(self.count)
+        dr.make_opaque(points)
+        _, total = dr.while_loop(
+            (mi.UInt32(0), dr.zeros(mi.Float32, count)),
+            lambda index, total: index < points,
+            add,
+            labels=("index", "total"),
+        )
+        return total.numpy()
+
+
+def _centres(grid: VolumeGrid, first: int, count: int) -> tuple[Any, Any, Any]:
+    """Centres of voxels [m]."""
+    index = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first)
+    _, ny, nx = grid.shape
+    line = index // nx
+    steps = (index - line * nx, line % ny, line // ny)
+    lows = _opaque([getattr(grid, axis)[0] + grid.step(axis) / 2 for axis in "xyz"])
+    sizes = _opaque([grid.step(axis) for axis in "xyz"])
+    voxel = tuple(
+        dr.fma(mi.Float32(n), size, low) for n, size, low in zip(steps, sizes, lows, strict=True)
+    )
+    dr.eval(voxel)
+    return voxel  # pyright: ignore[reportReturnType]
+
+
+def _opaque(numbers: Any) -> list[Any]:
+    """Numbers that the kernel reads, rather than being compiled for them."""
+    return [dr.opaque(mi.Float32, float(number)) for number in numbers]
+
+
+def _distance(a: Any, b: Any) -> Any:
+    x, y, z = (p - q for p, q in zip(a, b, strict=True))
+    return dr.sqrt(dr.fma(x, x, dr.fma(y, y, z * z)))
+
+
+def sharpen(values: np.ndarray, grid: VolumeGrid) -> np.ndarray:
+    """Minus the Laplacian of intensities (z, y, x) [m^-2], where it is above 0.
+
+    Backprojection blurs a surface over all that is equally far; the second derivative finds where
+    that adds up. All three axes count, so that surfaces of any orientation stand out alike; an
+    axis of one voxel does not.
+    """
+    result = np.zeros_like(values)
+    for number, axis in enumerate("zyx"):
+        if values.shape[number] > 1:
+            along = np.moveaxis(values, number, 0)
+            padded = np.concatenate([along[:1], along, along[-1:]])
+            second = padded[:-2] + padded[2:] - 2 * along
+            result -= np.moveaxis(second, 0, number) / np.float32(grid.step(axis) ** 2)
+    return np.maximum(result, 0)

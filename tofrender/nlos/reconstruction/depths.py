@@ -1,0 +1,148 @@
+"""What a volume shows: maximum projection, depth, and how far that is from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_AXES = ("z", "y", "x")
+
+
+def check_volume(volume: Any) -> np.ndarray:
+    """Intensities (z, y, x) of what `reconstruct` returns.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    import xarray as xr
+
+    if not isinstance(volume, xr.Dataset) or volume.get("intensity", np.array(0)).ndim != 3:
+        raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
+    if volume["intensity"].dims != _AXES:
+        raise ValueError(f"volume with axes {volume['intensity'].dims}: must be {_AXES}")
+    return volume["intensity"].values
+
+
+def max_projection(volume: xr.Dataset) -> xr.DataArray:
+    """Largest intensity along z, (y, x).
+
+    Raises:
+        ValueError: Not a result of `reconstruct`.
+    """
+    check_volume(volume)
+    return volume["intensity"].max("z")
+
+
+def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
+    """Distance from the wall of what is brightest behind each (y, x) [m].
+
+    Args:
+        volume: A result of `reconstruct`.
+        threshold: Where the maximum along z is less than this part of the volume's maximum there
+            is nothing; in [0, 1].
+
+    Returns:
+        (y, x) float64: z of the maximum, refined by the parabola through the voxels before and
+        after it; NaN where there is nothing.
+
+    Raises:
+        ValueError: Not a result of `reconstruct`, or a threshold out of range.
+    """
+    import xarray as xr
+
+    values = check_volume(volume)
+    if not 0 <= threshold <= 1:
+        raise ValueError(f"threshold = {threshold!r}: must be from 0 to 1")
+    z = volume["z"].values
+    peak = values.argmax(axis=0)
+    inner = np.clip(peak, 1, max(len(z) - 2, 1))
+    depth = z[peak]
+    if len(z) > 2:
+        before, at, after = (
+            np.take_along_axis(values, (inner + step)[None], axis=0)[0].astype(np.float64)
+            for step in (-1, 0, 1)
+        )
+        bend = before - 2 * at + after
+        refined = (inner == peak) & (bend < 0)
+        shift = np.divide(before - after, 2 * bend, out=np.zeros(bend.shape), where=refined)
+        depth = depth + shift * (z[1] - z[0])
+    brightest = values.max(axis=0)
+    found = (brightest > 0) & (brightest >= threshold * values.max())
+    result = np.where(found, depth, np.nan)
+    coords = {axis: volume[axis] for axis in ("y", "x")}
+    return xr.DataArray(result, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
+
+
+@dataclass(frozen=True)
+class DepthError:
+    """How a depth map differs from the true one.
+
+    Attributes:
+        median: Median of the absolute difference [m], over pixels where both have a depth.
+        mean: Mean of the absolute difference [m].
+        rms: Root of the mean squared difference [m].
+        bias: Median of found less true depth [m].
+        pixels: Number of pixels where both have a depth.
+        found: Part of the true pixels that have a depth, 0 to 1.
+        extra: Part of the pixels with a depth where in truth there is nothing, 0 to 1.
+    """
+
+    median: float
+    mean: float
+    rms: float
+    bias: float
+    pixels: int
+    found: float
+    extra: float
+
+
+def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> DepthError:
+    """Compare the depth map of a volume with the true one.
+
+    Args:
+        volume: A result of `reconstruct`.
+        truth: Distance of the nearest hidden surface from the wall [m] at the volume's (y, x), NaN
+            where there is none.
+        threshold: As in `depth_map`.
+
+    Returns:
+        The differences; NaN if no pixel has both.
+
+    Raises:
+        ValueError: A truth of another shape or without any depth.
+
+    Example:
+        >>> import xarray as xr
+        >>> z = [0.9, 1.0, 1.1]
+        >>> values = np.zeros((3, 2, 2), np.float32)
+        >>> values[1] = 1
+        >>> volume = xr.Dataset({"intensity": (("z", "y", "x"), values)}, {"z": z})
+        >>> volume = volume.assign_coords(y=[0, 1], x=[0, 1])
+        >>> round(depth_error(volume, np.full((2, 2), 1.02)).median, 3)
+        0.02
+    """
+    depth = depth_map(volume, threshold).values
+    true = np.asarray(truth, dtype=np.float64)
+    if true.shape != depth.shape:
+        raise ValueError(f"truth with shape {true.shape}: must be {depth.shape}, as the volume has")
+    there, seen = np.isfinite(true), np.isfinite(depth)
+    if not there.any():
+        raise ValueError("truth: must have a depth in one pixel or more")
+    both = there & seen
+    off = (depth - true)[both]
+    if not off.size:
+        off = np.array([np.nan])
+    return DepthError(
+        median=float(np.median(abs(off))),
+        mean=float(abs(off).mean()),
+        rms=float(np.sqrt(np.square(off).mean())),
+        bias=float(np.median(off)),
+        pixels=int(both.sum()),
+        found=float(both.sum() / there.sum()),
+        extra=float((seen & ~there).sum() / max(seen.sum(), 1)),
+    )

@@ -1,0 +1,110 @@
+"""f-k migration: confocal light as a wave that left the hidden scene when the clock was zero.
+
+Light from wall point to surface and back takes as long as a wave of half the speed takes from the
+surface to the wall. With τ = opl / 2 that wave obeys f² = kx² + ky² + kz², so its spectrum at the
+wall, Ψ(kx, ky, f), is the spectrum of the scene at time 0 after Stolt's change of variables:
+
+    Φ(kx, ky, kz) = kz / f  Ψ(kx, ky, f = √(kx² + ky² + kz²)),      intensity = |φ(x, y, z)|².
+
+The amplitude of the wave is taken as √(H τ^p), p = 4 for diffuse surfaces, 2 for retroreflective.
+D. Lindell, G. Wetzstein and M. O'Toole, Wave-based non-line-of-sight imaging using fast f-k
+migration, ACM Transactions on Graphics 38 (2019).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..extras import optional
+from .fourier import Steps, forward, require_memory
+from .volume import VolumeGrid, native_volume
+from .wall import Measured
+
+SURFACES = {"diffuse": 4, "retroreflective": 2}
+
+
+def fk_migration(measured: Measured, surface: str, steps: Steps) -> tuple[np.ndarray, VolumeGrid]:
+    """Intensities (z, y, x) on the migration's own grid.
+
+    Args:
+        measured: A confocal capture on a lattice, without legs.
+        surface: One of SURFACES.
+        steps: Told of each step.
+    """
+    fft = optional("scipy.fft")
+    grid = native_volume(measured)
+    lattice = measured.lattice
+    assert lattice is not None
+    rows, columns, bins = measured.light.shape[1:]
+    lines = _padded_bins(measured, grid)
+    sides = fft.next_fast_len(2 * rows), fft.next_fast_len(2 * columns)
+    require_memory("fk", (*sides, lines // 2 + 1), copies=2.4)
+    depth = grid.centres("z")
+    light = np.maximum(measured.light[0], 0) * (depth ** SURFACES[surface]).astype(np.float32)
+    spectrum = forward(np.sqrt(light, out=light), (*sides, lines))
+    steps.done()
+    frequencies = fft.fftfreq(sides[0], lattice.dy), fft.fftfreq(sides[1], lattice.dx)
+    _stolt(spectrum, frequencies, grid, lines)
+    steps.done()
+    field = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[:rows]
+    field = fft.ifft(field, axis=1, workers=-1)[:, :columns]
+    field = fft.ifft(field, lines, axis=2, workers=-1, overwrite_x=True)[..., :bins]
+    steps.done()
+    values = np.square(field.real) + np.square(field.imag)
+    return np.ascontiguousarray(values.transpose(2, 0, 1)), grid
+
+
+def _padded_bins(measured: Measured, grid: VolumeGrid) -> int:
+    """Length of the transform along z.
+
+    Long enough that what is migrated to before the first voxel does not come back at the end.
+    """
+    fft = optional("scipy.fft")
+    low, high, bins = grid.z
+    points = measured.sensors.reshape(-1, 3)
+    across = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    nearest = math.sqrt(max(0.0, low * low - across * across))
+    wanted = max(2 * bins, math.ceil((high - nearest) / grid.step("z")))
+    return fft.next_fast_len(wanted + wanted % 2, real=True)
+
+
+def _stolt(
+    spectrum: np.ndarray, frequencies: tuple[np.ndarray, np.ndarray], grid: VolumeGrid, lines: int
+) -> None:
+    """Change variables from f to kz, in place.
+
+    The spectrum is interpolated linearly, which needs it to be smooth: the origin of time is moved
+    to the middle of the window for that, and what this turns the phases by is undone exactly.
+    """
+    low, high, bins = grid.z
+    step = grid.step("z")
+    kz = np.arange(lines // 2 + 1) / (lines * step)
+    middle = (low + high) / 2
+    inside = (bins - 1) / 2 * step  # from the first bin's centre to the middle
+    # Samples start at 0 in the transform, at low + step / 2 in the world.
+    centred = np.exp(2j * math.pi * kz * inside).astype(np.complex64)
+    back = np.conjugate(centred)
+    by_kx = _mirrored(frequencies[1])
+    for rows in _mirrored(frequencies[0]):
+        ky = frequencies[0][rows[0]]
+        spectrum[rows] *= centred
+        for columns in by_kx:
+            kx = frequencies[1][columns[0]]
+            f = np.sqrt(kx * kx + ky * ky + kz * kz)
+            at = f * (lines * step)
+            below = np.minimum(at.astype(np.int64), len(kz) - 2)
+            late = (at - below).astype(np.float32)
+            ratio = np.divide(kz, f, out=np.zeros(len(kz)), where=f > 0)
+            factor = ratio * (at <= len(kz) - 1) * np.exp(2j * math.pi * (kz - f) * middle)
+            factor = factor.astype(np.complex64) * back
+            here = np.ix_(rows, columns)
+            old = spectrum[here]
+            spectrum[here] = factor * (old[..., below] * (1 - late) + old[..., below + 1] * late)
+
+
+def _mirrored(frequencies: np.ndarray) -> list[list[int]]:
+    """Indices of each frequency and its negative."""
+    count = len(frequencies)
+    return [sorted({index, -index % count}) for index in range(count // 2 + 1)]

@@ -1,0 +1,118 @@
+"""The light-cone transform: confocal light as a convolution that can be undone.
+
+With v = (opl / 2)² and u = z², light from a diffuse hidden scene of albedo ρ obeys
+
+    v^(3/2) H(x', y', 2 √v) = ∫∫∫ ρ(x, y, √u) / (2 √u) δ((x' - x)² + (y' - y)² + u - v) dx dy du,
+
+a convolution in (x, y, v); retroreflective surfaces have v^(1/2). A Wiener filter inverts it.
+M. O'Toole, D. Lindell and G. Wetzstein, Confocal non-line-of-sight imaging based on the light-cone
+transform, Nature 555 (2018).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..extras import optional
+from .fourier import Steps, even_lags, forward, inverse, require_memory
+from .volume import VolumeGrid, native_volume
+from .wall import Lattice, Measured
+
+SURFACES = {"diffuse": 3, "retroreflective": 1}
+"""Power of the distance in √v that undoes the falloff with it, by kind of hidden surface."""
+
+
+def light_cone_transform(
+    measured: Measured, surface: str, snr: float, steps: Steps
+) -> tuple[np.ndarray, VolumeGrid]:
+    """Intensities (z, y, x) on the transform's own grid.
+
+    Args:
+        measured: A confocal capture on a lattice, without legs.
+        surface: One of SURFACES.
+        snr: Signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency of
+            the transform over that of the noise. Less is smoother.
+        steps: Told of each step.
+
+    Returns:
+        Albedo in arbitrary units, at least 0, and its voxels.
+    """
+    grid = native_volume(measured)
+    lattice = measured.lattice
+    assert lattice is not None
+    rows, columns, bins = measured.light.shape[1:]
+    lines, sides = 2 * bins, (2 * rows, 2 * columns)
+    require_memory("lct", (*sides, bins + 1), copies=3.2)
+    low, high = (edge * edge for edge in grid.z[:2])
+    width = (high - low) / bins  # of a bin of v: half a bin of path length at mid-depth
+
+    light = _to_squared_depth(measured.light[0], grid, low + width * np.arange(bins + 1), surface)
+    spectrum = forward(light, (*sides, lines))
+    steps.done()
+    kernel = _kernel_spectrum(lattice, rows, columns, bins, width)
+    steps.done()
+    power = np.square(kernel.real) + np.square(kernel.imag)
+    power += np.float32(power.mean(dtype=np.float64) / snr)
+    np.conjugate(kernel, out=kernel)
+    kernel /= power
+    del power
+    spectrum *= kernel
+    del kernel
+    steps.done()
+    found = inverse(spectrum, (rows, columns), lines)[..., :bins]
+    steps.done()
+    return _to_depth(found, grid, low, width), grid
+
+
+def _to_squared_depth(
+    light: np.ndarray, grid: VolumeGrid, edges: np.ndarray, surface: str
+) -> np.ndarray:
+    """Mean over each bin of v of v^(p/2) H(2 √v), of light (rows, columns, bins)."""
+    sparse = optional("scipy.sparse")
+    bins = light.shape[-1]
+    depth = np.sqrt(np.maximum(edges, 0))
+    at = (depth - grid.z[0]) / grid.step("z")  # in bins of the capture
+    first = np.clip(np.floor(at[:-1] + 1e-9), 0, bins - 1).astype(np.int64)
+    last = np.clip(np.ceil(at[1:] - 1e-9), 1, bins).astype(np.int64)
+    count = np.maximum(last - first, 1)
+    row = np.repeat(np.arange(len(count)), count)
+    column = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + first[row]
+    overlap = np.minimum(at[1:][row], column + 1) - np.maximum(at[:-1][row], column)
+    middle = (depth[1:] + depth[:-1]) / 2
+    scale = middle ** SURFACES[surface] / np.maximum(at[1:] - at[:-1], 1e-12)
+    weights = (np.maximum(overlap, 0) * scale[row]).astype(np.float32)
+    matrix = sparse.csr_array((weights, (row, column)), shape=(len(count), bins))
+    flat = matrix @ np.ascontiguousarray(light.reshape(-1, bins).T)
+    return np.ascontiguousarray(flat.T).reshape(light.shape)
+
+
+def _kernel_spectrum(lattice: Lattice, rows: int, columns: int, bins: int, width: float) -> Any:
+    """Spectrum of the cone: δ(x² + y² - v) on lags of the lattice, divided between two bins."""
+    fft = optional("scipy.fft")
+    y, x = (lattice.dy * np.arange(rows + 1))[:, None], lattice.dx * np.arange(columns + 1)
+    at = (x * x + y * y) / width
+    below = np.floor(at)
+    cone = np.zeros((rows + 1, columns + 1, 2 * bins), np.float32)
+    row, column = np.nonzero(below < bins - 1)
+    cell = below[row, column].astype(np.int64)
+    late = (at - below)[row, column]
+    cone[row, column, cell] = 1 - late
+    cone[row, column, cell + 1] = late
+    lines = fft.rfft(cone, axis=2, workers=-1)
+    lines = lines[even_lags(rows)][:, even_lags(columns)]
+    return fft.fft2(lines, axes=(0, 1), workers=-1, overwrite_x=True)
+
+
+def _to_depth(found: np.ndarray, grid: VolumeGrid, low: float, width: float) -> np.ndarray:
+    """2 z ρ'(z²) at the voxels' depths, linear between bins of v, from (rows, columns, bins)."""
+    depth = grid.centres("z")
+    bins = found.shape[-1]
+    at = np.clip((depth * depth - low) / width - 0.5, 0, bins - 1)
+    below = np.minimum(np.floor(at).astype(np.int64), max(bins - 2, 0))
+    late = (at - below).astype(np.float32)
+    above = np.minimum(below + 1, bins - 1)
+    values = found[..., below] * (1 - late) + found[..., above] * late
+    values *= (2 * depth).astype(np.float32)
+    return np.ascontiguousarray(np.maximum(values, 0).transpose(2, 0, 1))

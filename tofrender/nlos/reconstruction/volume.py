@@ -1,0 +1,183 @@
+"""Volumes of voxels in front of the wall, and the Dataset of what was found in them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ... import checks
+from .wall import Measured, WallFrame
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MAX_VOXELS = 1 << 30
+
+
+@dataclass(frozen=True)
+class VolumeGrid:
+    """A box of voxels in the wall's frame: x along columns, y along rows, z away from the wall.
+
+    Each axis is (low edge [m], high edge [m], number of voxels).
+
+    Raises:
+        ValueError: An axis that is not such a triple, or that lies behind the wall.
+
+    Example:
+        >>> VolumeGrid((-1, 1, 4), (-1, 1, 4), (0.5, 1.5, 10)).centres("x").tolist()
+        [-0.75, -0.25, 0.25, 0.75]
+    """
+
+    x: tuple[float, float, int]
+    y: tuple[float, float, int]
+    z: tuple[float, float, int]
+
+    def __post_init__(self):
+        for name in "xyz":
+            object.__setattr__(self, name, _axis(name, getattr(self, name)))
+        if self.z[0] < 0:
+            raise ValueError(f"volume: z = {self.z}: must not lie behind the wall, z >= 0")
+        if math.prod(self.shape) > MAX_VOXELS:
+            raise ValueError(f"volume of {self.shape} voxels: must be at most {MAX_VOXELS}")
+
+    @classmethod
+    def of(cls, value: Any) -> VolumeGrid:
+        """Take a grid, or its three axes (low, high, count) in a sequence."""
+        if isinstance(value, cls):
+            return value
+        try:
+            x, y, z = value
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"volume = {value!r}: must be a VolumeGrid or (low, high, count) for x, y, z"
+            ) from None
+        return cls(x, y, z)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along (z, y, x), as the result has them."""
+        return self.z[2], self.y[2], self.x[2]
+
+    def step(self, axis: str) -> float:
+        """Size of a voxel along an axis [m]."""
+        low, high, count = getattr(self, axis)
+        return (high - low) / count
+
+    def centres(self, axis: str) -> np.ndarray:
+        """Centres of the voxels along an axis [m]."""
+        low, _, count = getattr(self, axis)
+        return low + (np.arange(count) + 0.5) * self.step(axis)
+
+
+def _axis(name: str, value: Any) -> tuple[float, float, int]:
+    try:
+        low, high, count = value
+    except (TypeError, ValueError):
+        raise ValueError(f"volume: {name} = {value!r}: must be (low, high, count)") from None
+    low, high = (checks.metres(f"volume: {name}", edge) for edge in (low, high))
+    count = checks.integer(f"volume: count of {name}", count, 1, checks.MAX_SIZE)
+    if not low < high:
+        raise ValueError(f"volume: {name} = {value!r}: low must be less than high")
+    return low, high, count
+
+
+def default_volume(measured: Measured) -> VolumeGrid:
+    """The volume that a capture speaks of.
+
+    Voxels lie opposite to the wall's grid, one for each of its points. Along z they reach from
+    where the shortest paths of the window can come from to half the longest one, in steps of the
+    longer one of half a bin and half the grid's spacing.
+    """
+    shortest, longest = measured.path_range()
+    if longest <= 0:
+        raise ValueError(
+            f"capture: its bins end {-longest:g} m before light can come back; must hold later ones"
+        )
+    z_high = longest / 2
+    z_low = math.sqrt(max(0.0, max(0.0, shortest) ** 2 - _farthest_pair(measured) ** 2)) / 2
+    step = max(measured.width / 2, measured.spacing / 2)
+    count = max(1, min(round((z_high - z_low) / step), checks.MAX_SIZE))
+    return VolumeGrid(*_lateral(measured), (z_low, z_high, count))
+
+
+def native_volume(measured: Measured) -> VolumeGrid:
+    """Voxels opposite to the points of a lattice; along z one for each bin, half as deep."""
+    shortest, _ = measured.path_range()
+    bins = measured.light.shape[-1]
+    low = max(0.0, shortest / 2)
+    return VolumeGrid(*_lateral(measured), (low, low + bins * measured.width / 2, bins))
+
+
+def _farthest_pair(measured: Measured) -> float:
+    """Largest distance of a lit point from a point looked at [m], 0 in a confocal capture."""
+    if measured.mode == "confocal":
+        return 0.0
+    sensors = measured.sensors.reshape(-1, 3)
+    return max(float(np.linalg.norm(sensors - laser, axis=1).max()) for laser in measured.lasers)
+
+
+def _lateral(measured: Measured) -> list[tuple[float, float, int]]:
+    points, axes = measured.sensors, []
+    for coordinate, count in ((0, points.shape[1]), (1, points.shape[0])):
+        values = points[..., coordinate]
+        low, high = float(values.min()), float(values.max())
+        margin = (high - low) / (2 * (count - 1)) if count > 1 else measured.spacing / 2 or 0.5
+        axes.append((low - margin, high + margin, count))
+    return axes
+
+
+def resample(values: np.ndarray, given: VolumeGrid, wanted: VolumeGrid) -> np.ndarray:
+    """Values (z, y, x) on another grid of voxels; 0 outside of the given ones.
+
+    Along each axis, between centres of the given voxels values are interpolated linearly; voxels
+    that are larger than the given ones take the mean of what they cover.
+    """
+    if given == wanted:
+        return values
+    for number, axis in enumerate("zyx"):
+        weights = _weights(given, wanted, axis)
+        values = np.moveaxis(np.tensordot(weights, values, axes=(1, number)), 0, number)
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def _weights(given: VolumeGrid, wanted: VolumeGrid, axis: str) -> np.ndarray:
+    """(wanted voxels, given voxels) along one axis."""
+    old, new = given.step(axis), wanted.step(axis)
+    distance = wanted.centres(axis)[:, None] - given.centres(axis)
+    if new <= old * (1 + 1e-9):
+        weights = np.maximum(0, 1 - abs(distance) / old)
+        low, high, _ = getattr(given, axis)
+        inside = (wanted.centres(axis) > low) & (wanted.centres(axis) < high)
+        total = weights.sum(axis=1)  # below 1 in the outer half of the outermost voxels
+        factor = np.divide(inside, total, out=np.zeros(len(total)), where=total > 0)
+        return (weights * factor[:, None]).astype(np.float32)
+    overlap = np.minimum(distance + new / 2, old / 2) - np.maximum(distance - new / 2, -old / 2)
+    return (np.maximum(overlap, 0) / new).astype(np.float32)
+
+
+def label(
+    values: np.ndarray, grid: VolumeGrid, frame: WallFrame, attrs: dict[str, str | int | float]
+) -> xr.Dataset:
+    """The Dataset of intensities (z, y, x)."""
+    import xarray as xr
+
+    names = {"z": "distance from the wall", "y": "along the wall's rows", "x": "along its columns"}
+    dataset = xr.Dataset(
+        {
+            "intensity": (("z", "y", "x"), values.astype(np.float32, copy=False)),
+            "frame_origin": (("xyz",), frame.origin),
+            "frame_axes": (("axis", "xyz"), frame.axes),
+        },
+        coords={
+            **{axis: grid.centres(axis) for axis in names},
+            "xyz": ["x", "y", "z"],
+            "axis": ["x", "y", "z"],
+        },
+        attrs=attrs,
+    )
+    for axis, name in names.items():
+        dataset[axis].attrs.update(units="m", long_name=name)
+    return dataset

@@ -1,0 +1,173 @@
+"""A sitting rabbit: ellipsoids that melt into each other, turned into one closed mesh.
+
+Each part is an ellipsoid with an approximate signed distance d. Their smooth union is the surface
+
+    -K log(sum of exp(-d / K)) = 0.
+
+A regular grid is laid over it. Every cell that the surface passes through gets a vertex, at the
+mean of the points where its edges cross the surface, and every grid edge that crosses it gets the
+quad of the four cells around it (S. Gibson, "Constrained Elastic Surface Nets", MICCAI 1998). The
+vertices then move apart and onto the surface, whose gradient also gives the normals.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# center x, y, z; half-axes x, y, z [m]; lean about z, spread about x [degrees]; z also mirrored
+PARTS = np.array(
+    [
+        (-0.08, 0.24, 0.000, 0.26, 0.20, 0.165, 12, 0),  # body
+        (-0.17, 0.17, 0.100, 0.16, 0.15, 0.085, 20, 0),  # haunches
+        (0.10, 0.27, 0.000, 0.13, 0.19, 0.125, -14, 0),  # chest
+        (0.20, 0.48, 0.000, 0.13, 0.12, 0.108, -12, 0),  # head
+        (0.29, 0.45, 0.000, 0.075, 0.063, 0.068, -15, 0),  # snout
+        (0.25, 0.43, 0.050, 0.055, 0.050, 0.045, 0, 0),  # cheeks
+        (0.12, 0.70, 0.075, 0.055, 0.170, 0.032, 16, 10),  # ears
+        (-0.36, 0.20, 0.000, 0.075, 0.075, 0.075, 0, 0),  # tail
+        (0.15, 0.10, 0.075, 0.055, 0.120, 0.050, 6, 0),  # forelegs
+        (0.18, 0.035, 0.075, 0.085, 0.036, 0.048, 0, 0),  # forefeet
+        (-0.13, 0.040, 0.125, 0.135, 0.042, 0.058, 0, 0),  # hind feet
+    ]
+)
+
+K = 0.018
+"""How far parts melt into each other [m]."""
+
+CELL = 0.0135
+"""Width of a grid cell [m]."""
+
+
+@cache
+def bunny() -> tuple[Array, NDArray[np.int64], Array]:
+    """The rabbit as a closed triangle mesh, standing on y = 0 and looking along +x.
+
+    Returns:
+        The same arrays every time; they cannot be written to.
+
+        vertices: Positions [m], shape (v, 3).
+        faces: Indices of each triangle's corners, counter-clockwise from outside, shape (f, 3).
+        normals: Unit normals of the smooth surface at the vertices, outwards, shape (v, 3).
+
+    Example:
+        >>> vertices, faces, normals = bunny()
+        >>> bool(5000 < len(faces) < 20000)
+        True
+    """
+    low, high = np.array([-0.48, -0.04, -0.24]), np.array([0.42, 0.92, 0.24])
+    axes = [np.arange(a, b, CELL) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    vertices, quads = _surface_net(_distance(grid), low)
+    for _ in range(4):
+        vertices = _onto_surface(_relaxed(vertices, quads))
+    normals = _gradient(vertices)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    faces = _halves(vertices, quads)
+    vertices = vertices - [0, vertices[:, 1].min(), 0]
+    for array in (vertices, faces, normals):
+        array.flags.writeable = False
+    return vertices, faces, normals
+
+
+def _relaxed(vertices: Array, quads: NDArray[np.int64]) -> Array:
+    """Each vertex in the middle of its neighbours, so that no triangle is a sliver."""
+    total, count = np.zeros_like(vertices), np.zeros(len(vertices))
+    for k in range(4):
+        for neighbour in (quads[:, k - 1], quads[:, k - 3]):
+            np.add.at(total, quads[:, k], vertices[neighbour])
+            np.add.at(count, quads[:, k], 1)
+    return total / count[:, None]
+
+
+def _onto_surface(vertices: Array) -> Array:
+    """Newton's step along the gradient."""
+    gradient = _gradient(vertices)
+    step = _distance(vertices) / (gradient**2).sum(axis=-1)
+    return vertices - step[:, None] * gradient
+
+
+def _distance(points: Array) -> Array:
+    """Approximate signed distance to the surface [m], of points (..., 3)."""
+    total = np.zeros(points.shape[:-1])
+    for *center, a, b, c, lean, spread in PARTS:
+        axes = _turn(lean, spread)
+        for side in (1, -1) if center[2] else (1,):
+            p = (points - center) if side > 0 else (points * [1, 1, -1] - center)
+            p = p @ axes / (a, b, c)  # in the ellipsoid's own frame, where it is a unit sphere
+            length = np.linalg.norm(p, axis=-1)
+            slope = np.linalg.norm(p / (a, b, c), axis=-1)
+            d = length * (length - 1) / np.maximum(slope, 1e-9)
+            total += np.exp(-np.maximum(d, -0.5) / K)
+    return -K * np.log(np.maximum(total, 1e-300))
+
+
+def _turn(lean: float, spread: float) -> Array:
+    """Axes of a part in the columns: turned about x by `spread`, then about z by `lean`."""
+    (s, c), (t, u) = ((np.sin(a), np.cos(a)) for a in np.deg2rad([lean, spread]))
+    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    about_x = np.array([[1, 0, 0], [0, u, -t], [0, t, u]])
+    return about_z @ about_x
+
+
+def _gradient(points: Array, step: float = 1e-5) -> Array:
+    """Central differences of the distance."""
+    return np.stack(
+        [(_distance(points + e) - _distance(points - e)) / (2 * step) for e in step * np.eye(3)],
+        axis=-1,
+    )
+
+
+def _surface_net(values: Array, low: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices [m], and quads (q, 4) of their indices, counter-clockwise from outside."""
+    cells = tuple(n - 1 for n in values.shape)
+    inside = values < 0
+    count, total = np.zeros(cells), np.zeros((*cells, 3))
+    quads = []
+    index = np.arange(np.prod(cells)).reshape(cells)
+    for axis in range(3):
+        # edges along this axis, and where the surface crosses them
+        first, second = (np.take(values, range(k, k + cells[axis]), axis) for k in (0, 1))
+        crossed = (first < 0) != (second < 0)
+        along = np.where(crossed, first / np.where(crossed, first - second, 1.0), 0.0)
+        point = np.indices(first.shape).transpose(1, 2, 3, 0).astype(float)
+        point[..., axis] += along
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        around = ((0, 0), (1, 0), (1, 1), (0, 1))
+        for i, j in around:  # the four cells that share an edge
+            window = [slice(None)] * 3
+            window[u], window[v] = slice(i, i + cells[u]), slice(j, j + cells[v])
+            count += crossed[tuple(window)]
+            total += (crossed[..., None] * point)[(*window, slice(None))]
+        where = np.argwhere(crossed)
+        where = where[
+            (where[:, u] > 0)
+            & (where[:, v] > 0)
+            & (where[:, u] < cells[u])
+            & (where[:, v] < cells[v])
+        ]
+        ring = np.stack([where] * 4, axis=1)
+        ring[..., u] -= [1, 0, 0, 1]
+        ring[..., v] -= [1, 1, 0, 0]
+        quad = index[tuple(np.moveaxis(ring, -1, 0))]
+        outwards = inside[tuple(where.T)]  # the surface faces along the axis
+        quads.append(np.where(outwards[:, None], quad, quad[:, ::-1]))
+    used = count.ravel() > 0
+    renumber = np.cumsum(used) - 1
+    vertices = low + CELL * total.reshape(-1, 3)[used] / count.ravel()[used][:, None]
+    return vertices, renumber[np.concatenate(quads)]
+
+
+def _halves(vertices: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cut each quad along its shorter diagonal."""
+    a, b, c, d = quads.T
+    shorter = np.linalg.norm(vertices[a] - vertices[c], axis=1) <= np.linalg.norm(
+        vertices[b] - vertices[d], axis=1
+    )
+    one = np.where(shorter, [a, b, c], [a, b, d]).T
+    two = np.where(shorter, [a, c, d], [b, c, d]).T
+    return np.concatenate([one, two])
