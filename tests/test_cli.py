@@ -96,7 +96,7 @@ def test_scenes(capsys):
         (["--bins", "many"], "--bins = 'many': must be an integer"),
         (["--bins", "0"], "--bins = 0: must be an integer"),
         (["--bins", "nan"], "--bins = nan: must be an integer"),
-        (["--size", "64"], "--size = '64': must be width x height in pixels, like 256x256"),
+        (["--size", "64"], "--size = '64': must be width x height, like 256x256"),
         (["--size", "0x64"], "--size = 0: must be an integer from 1 to 65536"),
         (["--size", "64x"], "--size = '': must be an integer"),
         (["--bin-width", "0"], "--bin-width = 0: must be a finite number of metres above 0"),

@@ -62,8 +62,10 @@ _HOMES = {
         "wall_box_spheres_nlos",
     ),
     "io": (
+        "load_capture",
         "load_exr_stack",
         "load_npz",
+        "save_capture",
         "save_exr_stack",
         "save_npz",
         "save_png_frames",
@@ -74,6 +76,7 @@ _HOMES = {
         "phasor_panel",
         "plan_figure",
         "plot_pixel_transient",
+        "reconstruction_figure",
         "summary_figure",
         "tonemap",
         "unwarp_camera",

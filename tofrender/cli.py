@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import cli_time, cli_warp
+from . import cli_nlos, cli_time, cli_warp
 from .cli_options import FILES, check_out, definitions, load_render, number, split_size
 
 if TYPE_CHECKING:
@@ -127,6 +127,8 @@ _option = typer.Option
 
 app.command()(cli_time.phasor)
 app.command()(cli_time.gate)
+app.command()(cli_nlos.capture)
+app.command()(cli_nlos.reconstruct)
 app.command()(cli_warp.warp)
 
 

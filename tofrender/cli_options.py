@@ -24,11 +24,11 @@ def number(text: str) -> int | float | str:
         return text
 
 
-def split_size(text: str) -> tuple[str, str]:
+def split_size(text: str, option: str = "--size", example: str = "256x256") -> tuple[str, str]:
     """Width and height of `64x48`."""
     width, separator, height = text.lower().partition("x")
     if not separator:
-        raise ValueError(f"--size = {text!r}: must be width x height in pixels, like 256x256")
+        raise ValueError(f"{option} = {text!r}: must be width x height, like {example}")
     return width, height
 
 

@@ -27,12 +27,14 @@ class TransientNLOSPath(RelayWallPath):
     The scene's one emitter, a projector or spot, is the laser. With `nlos_laser_sampling` it lights
     a single point: in a single capture the one that it looks at, in a confocal capture the one that
     the camera ray meets, as if the emitter were turned there. The power that arrives is the
-    irradiance at that point times one square metre. Besides those of `RelayWallPath`, with
+    irradiance at that point times one square metre, which falls with the distance of the laser, or
+    `laser_power`, as of a real one. Besides those of `RelayWallPath`, with
     `account_first_and_last_bounces` false by default:
 
     | parameter | default | meaning |
     |---|---|---|
     | `capture_type` | "single" | or "confocal" (1 or 2); `capture` makes exhaustive ones |
+    | `laser_power` | none | power that arrives on the wall, wherever it is lit [W] |
     | `nlos_laser_sampling` | false | connect to the lit point; else to the emitter |
     | `nlos_hidden_geometry_sampling` | false | as in `RelayWallPath` |
     | `nlos_hidden_geometry_sampling_do_rroulette` | false | also by material; else by area alone |
@@ -76,6 +78,12 @@ class TransientNLOSPath(RelayWallPath):
         checks.integer(f"{hidden}_max_depth", props.get(f"{hidden}_max_depth", -1), -1, 1 << 16)
         if hidden not in props:
             props[hidden] = False
+        power = props.get("laser_power", None)
+        if power is not None:
+            power = checks.metres("laser_power", power, positive=True, unit="watts")
+            if not self.laser_sampling:
+                raise ValueError("laser_power: must be left out without nlos_laser_sampling")
+        self.laser_power = power
         super().__init__(props)
 
     def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
@@ -127,11 +135,12 @@ class TransientNLOSPath(RelayWallPath):
 
         confocal = self.capture_type == "confocal"
         towards = dr.normalize(scene.ray_intersect(ray, active).p - source) if confocal else axis
-        spot = self.spot(scene, mi.Ray3f(source, towards), source, 1.0, active)
+        carried = mi.UnpolarizedSpectrum(1)
+        spot = self.spot(scene, mi.Ray3f(source, towards), source, carried, active)
         r = dr.norm(spot.si.p - source)
-        spot.power = in_focus(towards, r) * spot.power * dr.abs(spot.si.wi.z) * AREA
+        spot.power *= self.laser_power or in_focus(towards, r) * dr.abs(spot.si.wi.z) * AREA
         seen = None
-        if self.shows_spot:
+        if self.shows_spot and not self.laser_power:
             light = in_focus if confocal else irradiance
             seen = self.from_laser(scene, ray, origin, source, light, active)
         return self.lit_point(scan, lambda sampler, active: spot), seen

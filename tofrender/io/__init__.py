@@ -2,6 +2,7 @@
 
 from .atomic import replacing
 from .exr import load_exr_stack, save_exr_stack
+from .hdf5 import load_capture, save_capture
 from .layers import save_exr_layers
 from .npz import load_npz, save_npz
 from .output import check_output, output_folder
@@ -9,10 +10,12 @@ from .pictures import save_png_frames, save_video
 
 __all__ = [
     "check_output",
+    "load_capture",
     "load_exr_stack",
     "load_npz",
     "output_folder",
     "replacing",
+    "save_capture",
     "save_exr_layers",
     "save_exr_stack",
     "save_npz",

@@ -15,9 +15,13 @@ from .atomic import TEMPORARY_PREFIX, disk_full, nearest_folder, replacing
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}
 #: Files that carry our mark in their first bytes; an output folder of ours holds at least one ...
-_MARKED = re.compile(r"(frame_\d{4,}|steady|phasor_\w+|gate)\.(exr|png)|stack\.exr|transient\.npz")
+_MARKED = re.compile(
+    r"(frame_\d{4,}|steady|phasor_\w+|gate|brightness|depth)\.(exr|png)|stack\.exr|transient\.npz"
+)
 #: ... and beside them only these. Nothing but such a folder is ever replaced.
-_UNMARKED = re.compile(r"video\.(mp4|gif)|(summary|panel|picture)\.(png|pdf|svg)")
+_UNMARKED = re.compile(
+    r"video\.(mp4|gif)|(summary|panel|picture|volume)\.(png|pdf|svg)|volume\.npz"
+)
 _MARK = b"tofrender"
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from .captures import MODES, check_capture, make_capture, without_first_and_last_legs
-from .capturing import capture, focus_laser
 from .reconstruction import (
     METHODS,
     DepthError,
@@ -13,6 +14,9 @@ from .reconstruction import (
     max_projection,
     reconstruct,
 )
+
+if TYPE_CHECKING:
+    from .capturing import capture, focus_laser
 
 __all__ = [
     "METHODS",
@@ -29,3 +33,12 @@ __all__ = [
     "reconstruct",
     "without_first_and_last_legs",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """What renders is imported when it is asked for: captures can be read without a variant."""
+    if name in ("capture", "focus_laser"):
+        from . import capturing
+
+        return getattr(capturing, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -176,6 +176,7 @@ def _integrator() -> Dict:
     return {
         "type": "transient_nlos_path",
         "capture_type": 1,  # one laser point; `tofrender.nlos.capture` changes it
+        "laser_power": 1.0,
         "nlos_laser_sampling": True,
         "nlos_hidden_geometry_sampling": True,
         "account_first_and_last_bounces": False,

@@ -10,6 +10,7 @@ from .animation import plot_pixel_transient, visualize_transient
 from .flight import light_in_flight
 from .phasors import phasor_panel
 from .plans import plan_figure
+from .reconstructions import reconstruction_figure
 from .summary import summary_figure
 from .tone import LUMINANCE, auto_exposure, check_exposure, luminance, tonemap
 from .transient import Transient
@@ -26,6 +27,7 @@ __all__ = [
     "phasor_panel",
     "plan_figure",
     "plot_pixel_transient",
+    "reconstruction_figure",
     "summary_figure",
     "tonemap",
     "unwarp_camera",

@@ -62,8 +62,8 @@ def reconstruct(
             rows, z into the hidden scene. By default voxels lie opposite to the grid's points and
             reach through the depths that the bins speak of, in steps of half a bin (`lct`, `fk`) or
             of the longer one of half a bin and half the grid's spacing (the others). `lct` and `fk`
-            work on their own default and are interpolated linearly to another volume, with 0
-            outside of it.
+            work on their own default; other voxels get its linear interpolation, or the mean of
+            what they cover where they are larger, and 0 outside of it.
         weighting: bp, fbp: "r2" (the default) multiplies light by the product of the distances to
             the lit point and to the point looked at, "uniform" takes it as it is.
         surface: lct, fk: what falloff to undo, of "diffuse" (the default) or "retroreflective"

@@ -1,0 +1,284 @@
+"""Captures in HDF5, as y-tal and the tools around it lay them out.
+
+`H` (T, Sx, Sy) or (T, Lx, Ly, Sx, Sy): time first, x before y, one value per bin. Lengths are
+metres of path. Coordinates of the wall are our world's; those tools expect the wall at z = 0 and
+the hidden scene at z > 0 where they do not take the grids as they are.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..dataset import plain
+from ..nlos.captures import DEVICES, MODES, check_capture, luminance, make_capture
+from ..nlos.extras import optional
+from .atomic import replacing
+from .output import check_file, check_writable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SUFFIXES = (".h5", ".hdf5")
+_H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
+_GRID_AXES = {1: "N_3", 2: "X_Y_3"}
+_OURS = "tofrender"  # our part of scene_info
+_IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
+
+
+def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
+    """Write a capture as HDF5 in the layout of y-tal, which reads it as its own.
+
+    That layout knows no colour: of a capture with three channels its luminance (ITU-R BT.709) is
+    written, and read back as one channel "L". A mono capture comes back bit by bit. Attributes
+    are kept in the field `scene_info`; devices whose place is unknown are NaN. The file appears
+    whole or not at all.
+
+    Args:
+        capture: What `make_capture` or `capture` returns.
+        path: A file name that ends in .h5 or .hdf5.
+        overwrite: Replace a file that is there.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ValueError: Not a capture, or another suffix.
+        FileExistsError: The file exists.
+        PermissionError: The place is not writable.
+        OSError: The disk is full; nothing half-written remains.
+
+    Example:
+        >>> import tempfile
+        >>> wall = np.zeros((4, 4, 3))
+        >>> wall[..., 0], wall[..., 1] = np.meshgrid(range(4), range(4))
+        >>> capture = make_capture(
+        ...     np.ones((4, 4, 10)),
+        ...     mode="confocal",
+        ...     start_opl=1.0,
+        ...     bin_width_opl=0.01,
+        ...     sensor_grid=wall,
+        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
+        ... )
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
+        True
+    """
+    h5py = optional("h5py")
+    check_capture(capture)
+    target = check_file(path, *_SUFFIXES, overwrite=overwrite)
+    check_writable(path)
+    fields = _fields(capture)
+    needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
+    with replacing(path, needed_bytes=needed) as temporary, h5py.File(temporary, "w") as file:
+        for name, value in fields.items():
+            file[name] = h5py.Empty("f8") if value is None else value
+    return target
+
+
+def _fields(capture: xr.Dataset) -> dict[str, Any]:
+    exhaustive = capture.attrs["mode"] == "exhaustive"
+    values = luminance(capture)
+    order = (4, 1, 0, 3, 2) if exhaustive else (2, 1, 0)
+    fields: dict[str, Any] = {
+        "H": values.transpose(order).astype(np.float32, copy=False),
+        "H_format": np.array([2 if exhaustive else 1], np.int32),
+        "delta_t": float(capture.attrs["bin_width_opl"]),
+        "t_start": float(capture.attrs["start_opl"]),
+        "t_accounts_first_and_last_bounces": bool(capture.attrs["counts_first_and_last_legs"]),
+        "volume_format": None,
+        "scene_info": _yaml({_OURS: _about(capture)}),
+    }
+    for device in DEVICES:
+        grid, normals, origin = (
+            capture[f"{device}_{what}"].values.astype(np.float32)
+            for what in ("grid", "normals", "origin")
+        )
+        fields[f"{device}_xyz"] = origin
+        fields[f"{device}_grid_xyz"] = grid.swapaxes(0, 1)
+        fields[f"{device}_grid_normals"] = normals.swapaxes(0, 1)
+        fields[f"{device}_grid_format"] = np.array([2], np.int32)
+    return fields
+
+
+def _about(capture: xr.Dataset) -> dict[str, Any]:
+    """What the layout has no field for."""
+    attrs = {k: v for k, v in plain(capture.attrs).items() if k not in _IN_FIELDS}
+    pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
+    return {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
+
+
+def _yaml(value: Any) -> str:
+    """JSON that YAML 1.1 reads in the same way: 1e-05 would be text there, 1.0e-05 is a number."""
+    if isinstance(value, dict):
+        items = (f"{json.dumps(str(k), ensure_ascii=False)}: {_yaml(v)}" for k, v in value.items())
+        return "{" + ",\n".join(items) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_yaml, value)) + "]"
+    text = json.dumps(value, ensure_ascii=False)
+    return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
+
+
+def load_capture(path: str | os.PathLike) -> xr.Dataset:
+    """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
+
+    Points that a file holds as a list (its formats T_Si, T_Li_Si, N_3) become one row. Normals
+    that it leaves out are those of y-tal's wall, +z, if all points have the same z. What others
+    put into `scene_info` becomes the attribute `scene_info`, as text.
+
+    Args:
+        path: An HDF5 file.
+
+    Returns:
+        A capture with one channel, as `make_capture` describes it.
+
+    Raises:
+        FileNotFoundError: There is nothing at `path`.
+        ValueError: One line: not HDF5, cut short, a field that is missing or of a wrong shape, a
+            format or mode that is unknown, a grid with NaN.
+    """
+    h5py = optional("h5py")
+    with open(path, "rb") as stream:
+        is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
+    if not is_hdf5:
+        raise ValueError(f"path = {path}: must be an HDF5 file")
+    try:
+        with h5py.File(path, "r") as file:
+            return _restore({name: _read(file[name], h5py) for name in file})
+    except OSError as error:
+        reason = "is cut short" if "truncated" in str(error) else "cannot be read"
+        raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
+    except (ValueError, KeyError, TypeError, RuntimeError) as error:
+        what = " ".join(str(error.args[0] if error.args else error).split())
+        raise ValueError(f"path = {path}: {what}") from None
+
+
+def _read(item: Any, h5py: Any) -> Any:
+    """Value of a dataset, None of an empty one."""
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        return None
+    return item[()]
+
+
+def _restore(fields: dict[str, Any]) -> xr.Dataset:
+    if "H" not in fields and {"data", "data_t"} & set(fields):
+        raise ValueError("holds another layout of y-tal's; must be converted with tal.io first")
+    axes = _code(fields, "H_format", _H_AXES)
+    transient = _array(fields, "H")
+    if transient.ndim != len(axes.split("_")):
+        raise ValueError(f"H with shape {transient.shape}: must be {axes}, as H_format says")
+    if axes == "T_Si":
+        transient = transient[:, :, None]
+    elif axes == "T_Li_Si":
+        transient = transient[:, :, None, :, None]
+    exhaustive = transient.ndim == 5
+    about, foreign = _scene_info(fields.get("scene_info"))
+    grids = {name: _grid(fields, name) for name in DEVICES}
+    mode = "exhaustive" if exhaustive else _mode(grids, about.get("mode"))
+    given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
+    if mode != "confocal":
+        given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
+    capture = make_capture(
+        np.ascontiguousarray(transient.transpose((2, 1, 4, 3, 0) if exhaustive else (2, 1, 0))),
+        mode=mode,
+        start_opl=_number(fields, "t_start"),
+        bin_width_opl=_number(fields, "delta_t"),
+        sensor_origin=_origin(fields, "sensor_xyz"),
+        laser_origin=_origin(fields, "laser_xyz"),
+        counts_first_and_last_legs=bool(_number(fields, "t_accounts_first_and_last_bounces")),
+        attrs=foreign | about.get("attrs", {}),
+        **given,
+    )
+    return capture.assign_coords(about.get("pixels", {}))
+
+
+def _code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
+    code = int(_number(fields, name))
+    if code not in known:
+        allowed = ", ".join(f"{number} ({axes})" for number, axes in known.items())
+        raise ValueError(f"{name} = {code}: must be one of {allowed}")
+    return known[code]
+
+
+def _field(fields: dict[str, Any], name: str) -> Any:
+    if fields.get(name) is None:
+        raise ValueError(f"{'lacks' if name not in fields else 'has nothing in'} the field {name}")
+    return fields[name]
+
+
+def _array(fields: dict[str, Any], name: str) -> np.ndarray:
+    values = np.asarray(_field(fields, name))
+    if values.dtype.kind not in "fiu":
+        raise ValueError(f"{name} of type {values.dtype}: must hold real numbers")
+    return values.astype(np.float32, copy=False)
+
+
+def _number(fields: dict[str, Any], name: str) -> float:
+    value = np.asarray(_field(fields, name))
+    if value.size != 1 or value.dtype.kind not in "fiub":
+        raise ValueError(f"{name} with shape {value.shape}: must be one number")
+    return float(value.reshape(-1)[0])
+
+
+def _origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
+    if fields.get(name) is None:
+        return None
+    values = _array(fields, name)
+    if values.size != 3:
+        raise ValueError(f"{name} with shape {values.shape}: must be (3,)")
+    return values.reshape(3)
+
+
+def _grid(fields: dict[str, Any], device: str) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals, (rows, columns, 3), of the sensor or the laser."""
+    axes = _code(fields, f"{device}_grid_format", _GRID_AXES)
+    name = f"{device}_grid_normals"
+    points = _array(fields, f"{device}_grid_xyz")
+    normals = _array(fields, name) if fields.get(name) is not None else _default_normals(points)
+    for what, values in ((f"{device}_grid_xyz", points), (name, normals)):
+        if values.ndim != len(axes.split("_")) or values.shape[-1] != 3:
+            raise ValueError(f"{what} with shape {values.shape}: must be {axes}")
+        if not np.isfinite(values).all():
+            raise ValueError(f"{what}: must hold finite numbers only")
+    if axes == "N_3":
+        points, normals = points[:, None], normals[:, None]
+    return points.swapaxes(0, 1), normals.swapaxes(0, 1)
+
+
+def _default_normals(points: np.ndarray) -> np.ndarray:
+    depth = points[..., 2]
+    if np.ptp(depth) > 1e-4:
+        raise ValueError("has no normals, and points at several z; must have both or one z")
+    return np.broadcast_to(np.array([0, 0, 1], np.float32), points.shape)
+
+
+def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:
+    """Single or confocal, by the grids; where one point is both, by what we wrote."""
+    laser, sensor = grids["laser"][0], grids["sensor"][0]
+    modes = ["confocal"] * (laser.shape == sensor.shape and np.allclose(laser, sensor))
+    modes += ["single"] * (laser.shape[:2] == (1, 1))
+    if not modes:
+        raise ValueError(
+            f"laser_grid_xyz with {laser.shape[:2]} points: must be one point or equal "
+            "sensor_grid_xyz"
+        )
+    return stated if stated in modes and stated in MODES else modes[0]
+
+
+def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Our own part of it, and the attributes that keep another's."""
+    text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text or "")
+    try:
+        ours = json.loads(text)[_OURS]
+        return {
+            "attrs": dict(ours["attrs"]),
+            "pixels": dict(ours["pixels"]),
+            "mode": ours["mode"],
+        }, {}
+    except (KeyError, TypeError, ValueError):
+        return {}, {"scene_info": text} if text else {}
