@@ -1,4 +1,4 @@
-"""python -m benchmarks [--quick] [--runs N] [CASE ...]."""
+"""python -m benchmarks [--quick] [--runs N] [--variant NAME] [CASE ...]."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ def main() -> None:
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}")
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that it runs")
     parser.add_argument("--runs", type=int, default=5, help="runs of each function (5)")
+    parser.add_argument("--variant", help="Mitsuba variant, e.g. llvm_ad_mono")
     options = parser.parse_args()
     unknown = [name for name in options.cases if name not in CASES]
     if unknown or options.runs < 1:
@@ -28,6 +29,11 @@ def main() -> None:
             else (f"--runs = {options.runs}: must be 1 or more")
         )
         parser.exit(2, f"{parser.prog}: error: {what}\n")
+    if options.variant:
+        try:
+            tofrender.backend.activate(options.variant)
+        except (ValueError, tofrender.backend.BackendError) as error:
+            parser.exit(2, f"{parser.prog}: error: {error}\n")
     logging.getLogger().setLevel(logging.ERROR)
     mi.set_log_level(mi.LogLevel.Error)
     print(

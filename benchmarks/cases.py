@@ -14,8 +14,10 @@ import numpy as np
 
 import tofrender
 
+from .case_nlos import nlos
+from .case_reconstruction import reconstruction
 from .case_warps import warps
-from .timing import Times, in_turn
+from .timing import in_turn, noise
 
 Row = tuple[str, float, float | None]
 
@@ -194,20 +196,6 @@ def _plain_gate(size: int, spp: int, opl: float) -> Callable[[int], np.ndarray]:
     return lambda seed: np.array(mi.render(scene, spp=spp, seed=seed)[1])[:, :, 0]
 
 
-def _noise(
-    functions: dict[str, Callable[[int], np.ndarray]], runs: int
-) -> tuple[dict[str, float], dict[str, Times]]:
-    """Variance over seeds, mean over pixels, and times."""
-    images: dict[str, list[np.ndarray]] = {name: [] for name in functions}
-
-    def draw(name: str) -> None:
-        images[name].append(functions[name](len(images[name])))
-
-    times = in_turn({name: partial(draw, name) for name in functions}, max(runs, 4))
-    variance = {name: float(np.var(s[1:], axis=0, ddof=1).mean()) for name, s in images.items()}
-    return variance, times
-
-
 def gates(runs: int, quick: bool) -> list[Row]:
     """300 gates: variance times time of one trace a gate, as the course text does it, over ours.
 
@@ -224,7 +212,7 @@ def gates(runs: int, quick: bool) -> list[Row]:
         return tofrender.render_transient(scene, integrator, sensor, window, spp, seed)[:, :, k]
 
     functions = {"one trace": one_trace, "loop": _plain_gate(size, spp, 5.91)}
-    variance, times = _noise(functions, runs)
+    variance, times = noise(functions, runs)
     wall, cpu = times["loop"].ratio(times["one trace"])
     gain = 300 * variance["loop"] / variance["one trace"]
     what = f"{size}x{size}, 300 gates, {spp} spp: loop over one trace"
@@ -244,7 +232,7 @@ def one_gate(runs: int, quick: bool) -> list[Row]:
     rows: list[Row] = []
     for opl in (5.2, 5.9, 6.7, 8.0):
         ours = partial(tofrender.render_at_time, scene, integrator, sensor, opl, spp)
-        variance, times = _noise({"plain": _plain_gate(size, spp, opl), "ours": ours}, runs)
+        variance, times = noise({"plain": _plain_gate(size, spp, opl), "ours": ours}, runs)
         wall, cpu = times["plain"].ratio(times["ours"])
         gain = variance["plain"] / variance["ours"]
         what = f"{size}x{size}, gate at {opl} m, {spp} spp: plain over ours, variance x time"
@@ -288,5 +276,7 @@ CASES = {
     "gates": gates,
     "one-gate": one_gate,
     "path-tracers": path_tracers,
+    "nlos": nlos,
+    "reconstruction": reconstruction,
     "warps": warps,
 }

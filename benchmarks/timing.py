@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import drjit as dr
 import numpy as np
@@ -42,3 +43,17 @@ def in_turn(functions: Mapping[str, Callable[[], object]], runs: int) -> dict[st
             wall[name].append(time.perf_counter() - start[0])
             cpu[name].append(time.process_time() - start[1])
     return {name: Times(np.array(wall[name]), np.array(cpu[name])) for name in functions}
+
+
+def noise(
+    functions: dict[str, Callable[[int], np.ndarray]], runs: int
+) -> tuple[dict[str, float], dict[str, Times]]:
+    """Variance over seeds, mean over pixels, and times."""
+    images: dict[str, list[np.ndarray]] = {name: [] for name in functions}
+
+    def draw(name: str) -> None:
+        images[name].append(functions[name](len(images[name])))
+
+    times = in_turn({name: partial(draw, name) for name in functions}, max(runs, 4))
+    variance = {name: float(np.var(s[1:], axis=0, ddof=1).mean()) for name, s in images.items()}
+    return variance, times

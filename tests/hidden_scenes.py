@@ -1,0 +1,212 @@
+"""Captures of hidden patches by closed form: f1 of many small patches, exact path lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofrender.nlos import make_capture
+
+FINE = 8
+"""Fine bins in a bin: path lengths are right to a sixteenth of a bin."""
+
+
+@dataclass
+class Patches:
+    """Small diffuse patches in the wall's frame; z is the distance from the wall."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+
+    def __add__(self, other: Patches) -> Patches:
+        return Patches(
+            np.concatenate([self.points, other.points]),
+            np.concatenate([self.normals, other.normals]),
+            np.concatenate([self.areas, other.areas]),
+        )
+
+
+def rectangle(x: tuple, y: tuple, z: float, step: float) -> Patches:
+    """Parallel to the wall and facing it."""
+    counts = [max(1, round((high - low) / step)) for low, high in (x, y)]
+    axes = [
+        low + (np.arange(n) + 0.5) * (high - low) / n
+        for (low, high), n in zip((x, y), counts, strict=True)
+    ]
+    across, along = (a.ravel() for a in np.meshgrid(*axes))
+    points = np.stack([across, along, np.full(across.shape, z)], axis=-1)
+    area = (x[1] - x[0]) * (y[1] - y[0]) / len(points)
+    return Patches(points, np.tile([0.0, 0, -1], (len(points), 1)), np.full(len(points), area))
+
+
+def letter_z(z: float = 1.0, step: float = 0.04) -> Patches:
+    """Two bars and a diagonal from (-, -) to (+, +)."""
+    bars = rectangle((-0.4, 0.4), (0.3, 0.4), z, step) + rectangle(
+        (-0.4, 0.4), (-0.4, -0.3), z, step
+    )
+    diagonal = rectangle((-0.4, 0.4), (-0.05, 0.05), z, step)
+    diagonal.points[:, 1] += 0.75 * diagonal.points[:, 0]
+    return bars + diagonal
+
+
+def letter_f(z: float = 1.0, step: float = 0.04) -> Patches:
+    """A letter that no turn or reflection maps to itself: it grows from the wall's (-, -)."""
+    stem = rectangle((-0.3, -0.2), (-0.5, 0.5), z, step)
+    arms = rectangle((-0.2, 0.3), (0.4, 0.5), z, step) + rectangle((-0.2, 0.1), (0, 0.1), z, step)
+    return stem + arms
+
+
+def sphere(centre: tuple, radius: float, count: int = 2000) -> Patches:
+    """The front of a sphere, by a Fibonacci lattice."""
+    index = np.arange(count) + 0.5
+    cos = 1 - 2 * index / count
+    phi = np.pi * (1 + 5**0.5) * index
+    sin = np.sqrt(1 - cos * cos)
+    normals = np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], axis=-1)
+    normals = normals[normals[:, 2] < 0]
+    areas = np.full(len(normals), 4 * np.pi * radius**2 / count)
+    return Patches(np.asarray(centre) + radius * normals, normals, areas)
+
+
+def two_spheres() -> Patches:
+    """Of different size and distance, on one side of the wall's centre."""
+    return sphere((-0.35, 0.3, 1.1), 0.25) + sphere((0.45, -0.1, 0.9), 0.2)
+
+
+@dataclass
+class Wall:
+    """A square wall of side 2 m and its place in the world."""
+
+    size: int = 32
+    origin: tuple = (0.0, 0.0, 0.0)
+    axes: tuple = ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0))
+    side: float = 2.0
+
+    def grid(self, size: int | None = None, side: float | None = None) -> np.ndarray:
+        """Pixel centres in the wall's frame, (rows, columns, 3)."""
+        size, side = size or self.size, side or self.side
+        at = ((np.arange(size) + 0.5) / size - 0.5) * side
+        x, y = np.meshgrid(at, at)
+        return np.stack([x, y, 0 * x], axis=-1)
+
+    def world(self, points: np.ndarray) -> np.ndarray:
+        return np.asarray(self.origin) + points @ np.asarray(self.axes)
+
+    def normals(self, grid: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(np.asarray(self.axes)[2], grid.shape)
+
+
+STRAIGHT = Wall()
+"""At z = 0, facing +z."""
+
+
+def turned(size: int = 32) -> Wall:
+    """A wall anywhere, turned about a skew axis, its rows downwards: a left-handed frame."""
+    a, b = 0.7, -1.1
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    axes = (about_x @ about_y).T * [[1], [-1], [1]]
+    return Wall(size, (3.0, -2.0, 5.0), tuple(map(tuple, axes)))
+
+
+def capture_of(
+    patches: Patches,
+    wall: Wall = STRAIGHT,
+    mode: str = "confocal",
+    *,
+    start: float = 1.5,
+    width: float = 0.006,
+    bins: int = 256,
+    legs: bool = False,
+    laser: tuple = (0.1, -0.2, 0.0),
+    lasers: int = 4,
+    delay: float = 0.0,
+    noise: float = 0.0,
+):
+    """The capture of patches in the wall's frame: 1 W, albedos 1, pulse of one bin (sigma).
+
+    Args:
+        start: Path from wall to wall where the window starts; with `legs`, those of the wall's
+            centre are added.
+        delay: An error in all path lengths [m], planted.
+        noise: Standard deviation of noise over the largest value.
+    """
+    sensors = wall.grid()
+    devices = {"sensor": np.array([0.4, 0.3, 1.7]), "laser": np.array([-0.6, 0.1, 1.4])}
+    lit = {"single": np.array(laser).reshape(1, 1, 3), "confocal": sensors}
+    lit["exhaustive"] = wall.grid(lasers, 1.6)
+    points, lit_points = sensors.reshape(-1, 3), lit[mode].reshape(-1, 3)
+    pairs = [(points, points)] if mode == "confocal" else [(p[None], points) for p in lit_points]
+    sensor_leg, laser_leg = (
+        np.linalg.norm(p - devices[d], axis=1)
+        for d, p in (("sensor", points), ("laser", lit_points))
+    )
+    first = start + (np.linalg.norm(devices["sensor"]) + np.linalg.norm(devices["laser"])) * legs
+    cubes = []
+    for index, (lit_from, seen) in enumerate(pairs):
+        extra = legs * (sensor_leg + (laser_leg if mode == "confocal" else laser_leg[index]))
+        cubes.append(_light(patches, lit_from, seen, extra + delay - first, width, bins))
+    shape = (*sensors.shape[:2], bins)
+    light = cubes[0].reshape(shape)
+    if mode == "exhaustive":
+        light = np.stack(cubes).reshape(lasers, lasers, *shape)
+    if noise:
+        light = light + np.random.default_rng(1).normal(0, noise * light.max(), light.shape)
+    more = {}
+    if mode != "confocal":
+        grid = lit[mode]
+        more = {"laser_grid": wall.world(grid), "laser_normals": wall.normals(grid)}
+    return make_capture(
+        light,
+        mode=mode,
+        start_opl=first,
+        bin_width_opl=width,
+        sensor_grid=wall.world(sensors),
+        sensor_normals=wall.normals(sensors),
+        sensor_origin=wall.world(devices["sensor"]),
+        laser_origin=wall.world(devices["laser"]),
+        counts_first_and_last_legs=legs,
+        **more,
+    )
+
+
+def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
+    """(points, bins) by f1: cos_w1 cos_h1 cos_h2 cos_w2 A / (pi^3 r1^2 r2^2)."""
+    margin = 6  # bins, for what the pulse carries over the edges
+    fine = (bins + 2 * margin) * FINE
+    result = np.zeros((len(seen), fine))
+    for number, point in enumerate(seen):
+        r, cos = [], []
+        for wall_point in (lit[number if len(lit) > 1 else 0], point):
+            to = patches.points - wall_point
+            distance = np.linalg.norm(to, axis=1)
+            r.append(distance)
+            at_patch = -np.einsum("ij,ij->i", to, patches.normals) / distance
+            cos.append(np.maximum(at_patch, 0) * to[:, 2] / distance)
+        light = cos[0] * cos[1] * patches.areas / (np.pi**3 * r[0] ** 2 * r[1] ** 2)
+        opl = r[0] + r[1] + np.broadcast_to(offset, len(seen))[number]
+        at = np.floor((opl / width + margin) * FINE).astype(int)
+        kept = (at >= 0) & (at < fine)
+        result[number] = np.bincount(at[kept], light[kept], fine)
+    t = np.arange(-margin * FINE, margin * FINE + 1) / FINE
+    pulse = np.exp(-t * t / 2)
+    size = fine + len(t) - 1
+    spread = np.fft.irfft(np.fft.rfft(result, size) * np.fft.rfft(pulse / pulse.sum(), size), size)
+    spread = spread[:, margin * FINE : margin * FINE + fine].reshape(len(seen), -1, FINE).sum(2)
+    return np.maximum(spread[:, margin:-margin], 0)
+
+
+def true_depth(patches: Patches, volume) -> np.ndarray:
+    """Mean z of the patches in each column of voxels, NaN in columns without."""
+    edges = []
+    for axis in ("y", "x"):
+        centres = volume[axis].values
+        step = centres[1] - centres[0]
+        edges.append(np.append(centres - step / 2, centres[-1] + step / 2))
+    counts, _, _ = np.histogram2d(patches.points[:, 1], patches.points[:, 0], edges)
+    sums, _, _ = np.histogram2d(
+        patches.points[:, 1], patches.points[:, 0], edges, weights=patches.points[:, 2]
+    )
+    return np.divide(sums, counts, out=np.full(counts.shape, np.nan), where=counts > 0)

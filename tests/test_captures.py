@@ -1,0 +1,151 @@
+"""Captures: how they are built and checked, and what taking off the first and last legs keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from hidden_scenes import Wall, capture_of, sphere, turned
+
+from tofrender.nlos import check_capture, make_capture, without_first_and_last_legs
+from tofrender.nlos.captures import first_and_last_legs, luminance
+
+WALL = Wall(4)
+GRID = WALL.grid()
+BASE = {
+    "mode": "confocal",
+    "start_opl": 1.0,
+    "bin_width_opl": 0.01,
+    "sensor_grid": GRID,
+    "sensor_normals": WALL.normals(GRID),
+}
+LASER = {"laser_grid": (0, 0, 0), "laser_normals": (0, 0, 1)}
+
+
+def make(transient=None, **changes) -> xr.Dataset:
+    return make_capture(np.ones((4, 4, 10)) if transient is None else transient, **BASE | changes)
+
+
+def test_dimensions_of_each_mode():
+    confocal = make()
+    assert confocal["transient"].dims == ("y", "x", "opl", "channel")
+    assert confocal["laser_grid"].dims == ("y", "x", "xyz")
+    assert confocal["laser_grid"].values.tobytes() == confocal["sensor_grid"].values.tobytes()
+    single = make(mode="single", **LASER)
+    assert single["transient"].dims == ("y", "x", "opl", "channel")
+    assert single["laser_grid"].shape == (1, 1, 3)
+    lit = WALL.grid(2)
+    more = {"laser_grid": lit, "laser_normals": WALL.normals(lit)}
+    exhaustive = make(np.ones((2, 2, 4, 4, 10, 3)), mode="exhaustive", **more)
+    assert exhaustive["transient"].dims == ("laser_y", "laser_x", "y", "x", "opl", "channel")
+    assert exhaustive["channel"].values.tolist() == ["R", "G", "B"]
+    for capture in (confocal, single, exhaustive):
+        assert all(v.dtype == np.float32 for v in capture.data_vars.values())
+        np.testing.assert_allclose(capture["opl"][[0, -1]], [1.005, 1.095])
+        assert np.isnan(capture["sensor_origin"]).all()
+
+
+def test_what_a_caller_changes_later_stays_out():
+    grid = GRID.astype(np.float32)
+    capture = make(sensor_grid=grid)
+    grid[:] = 7
+    assert capture["sensor_grid"].values.max() < 1
+    assert not np.shares_memory(capture["sensor_grid"].values, capture["laser_grid"].values)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mode": "confocl"}, r"mode = 'confocl': did you mean 'confocal'\? Must be one of single"),
+        ({"bin_width_opl": 0}, "bin_width_opl = 0: must be a finite number of metres above 0"),
+        ({"start_opl": np.nan}, "start_opl = nan: must be a finite"),
+        ({"transient": np.ones((4, 4))}, r"transient with shape \(4, 4\): must be"),
+        ({"transient": np.ones((4, 4, 10, 2))}, "with 1 or 3 channels"),
+        ({"transient": np.ones((4, 4, 0))}, r"transient with shape \(4, 4, 0\)"),
+        ({"transient": np.ones((4, 5, 10))}, r"sensor_grid with shape .* must have size 5 on .* x"),
+        ({"sensor_grid": GRID[..., :2]}, "sensor_grid with shape .*xyz of size 3"),
+        ({"sensor_grid": GRID * np.nan}, "sensor_grid: must hold finite numbers"),
+        ({"sensor_normals": 2 * BASE["sensor_normals"]}, "sensor_normals: .*length 1"),
+        ({"laser_grid": GRID}, "laser_grid: must be None"),
+        ({"mode": "single"}, "laser_grid with shape"),
+        ({"mode": "single", **LASER, "laser_grid": GRID}, "laser_"),
+        ({"counts_first_and_last_legs": True}, "sensor_origin, laser_origin: must be known"),
+        ({"attrs": {"list": [1]}}, r"attribute list = \[1\]: must be text"),
+    ],
+)
+def test_bad_input_in_one_line(changes, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        make(**changes)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c["transient"], "capture = DataArray: must be an xarray.Dataset"),
+        (lambda c: c.drop_vars("laser_grid"), "variable laser_grid with axes None: must have"),
+        (lambda c: c.assign(extra=1), "variable extra with axes .*is not allowed"),
+        (lambda c: c.drop_attrs(), "attribute mode = None"),
+        (lambda c: c.drop_vars("opl"), "must have coordinates on all axes"),
+        (lambda c: c.isel(opl=slice(2, None)), "start_opl, bin_width_opl = .*must be"),
+        (lambda c: c.isel(opl=slice(0, 0)), "must have coordinates"),
+        (lambda c: c.assign_attrs(counts_first_and_last_legs=2), "must be 0, 1"),
+        (lambda c: c.assign(laser_grid=c["laser_grid"] + 1), "laser_grid: a confocal one must"),
+    ],
+)
+def test_check_refuses(change, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        check_capture(change(make()))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_part_of_a_capture_is_one():
+    check_capture(make().isel(x=slice(0, 3), y=[1, 3]))
+
+
+def test_luminance():
+    color = np.zeros((4, 4, 10, 3))
+    color[..., 1] = 2
+    np.testing.assert_allclose(luminance(make(color)), 2 * 0.71516, rtol=1e-6)
+    assert luminance(make()).shape == (4, 4, 10)
+
+
+# ------------------------------------------------------------------------ first and last legs
+
+
+@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+def test_legs_by_hand(mode):
+    capture = capture_of(sphere((0, 0, 1), 0.1, 50), turned(4), mode, bins=40, legs=True, lasers=2)
+    legs = first_and_last_legs(capture)
+    where = {"single": (2, 1), "confocal": (2, 1), "exhaustive": (1, 0, 2, 1)}[mode]
+    laser = capture["laser_grid"].values[{"single": (0, 0), "confocal": (2, 1)}.get(mode, (1, 0))]
+    sensor = capture["sensor_grid"].values[2, 1]
+    by_hand = np.linalg.norm(laser - capture["laser_origin"].values) + np.linalg.norm(
+        sensor - capture["sensor_origin"].values
+    )
+    np.testing.assert_allclose(legs[where], by_hand, rtol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+def test_without_legs_is_the_capture_that_does_not_count_them(mode):
+    patches = sphere((0.2, -0.1, 1), 0.1, 60)
+    kwargs = {"bins": 300, "width": 0.01, "lasers": 2}
+    with_legs = capture_of(patches, turned(4), mode, legs=True, start=0.8, **kwargs)
+    without = capture_of(patches, turned(4), mode, start=0.8, **kwargs)
+    bare = without_first_and_last_legs(with_legs)
+    check_capture(bare)
+    assert bare.attrs["counts_first_and_last_legs"] == 0
+    light = [c["transient"].values.astype(np.float64) for c in (bare, without)]
+    np.testing.assert_allclose(light[0].sum(), with_legs["transient"].values.sum(), rtol=1e-5)
+    np.testing.assert_allclose(light[0].sum(axis=-2), light[1].sum(axis=-2), rtol=1e-3)
+    means = [
+        np.einsum("...tc,t->...c", each, capture["opl"].values) / each.sum(axis=-2)
+        for each, capture in zip(light, (bare, without), strict=True)
+    ]
+    # The closed form is binned to a sixteenth of a bin.
+    np.testing.assert_allclose(means[0], means[1], atol=0.01 / 12)
+
+
+def test_legs_that_are_not_counted_stay():
+    capture = capture_of(sphere((0, 0, 1), 0.1, 20), Wall(4), bins=20)
+    assert without_first_and_last_legs(capture) is capture

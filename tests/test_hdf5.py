@@ -1,0 +1,344 @@
+"""Captures in HDF5: exact round trips, the layout, other people's files, broken ones, y-tal."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
+
+from tofrender.io import atomic
+from tofrender.io.hdf5 import load_capture, save_capture
+from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
+
+h5py = pytest.importorskip("h5py")
+modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+ATTRS = {"scene": "bördér: [Z]", "spp": 64, "seed": 2**32 - 1, "fraction": 1e-5, "third": 1 / 3}
+
+
+def example(mode="confocal", **kwargs) -> xr.Dataset:
+    """Not square, and nothing symmetric."""
+    options = {"bins": 30, "lasers": 2, "legs": True, "start": 1.8, "width": 0.013} | kwargs
+    patch = rectangle((0.1, 0.3), (-0.4, -0.2), 1.0, 0.1)
+    capture = capture_of(patch, turned(6), mode, **options).isel(x=slice(0, 5))
+    for device in ("sensor", "laser"):  # a bumpy wall
+        normals = capture[f"{device}_normals"].values
+        normals[..., 0] += 0.1 * np.sin(np.arange(normals[..., 0].size)).reshape(normals.shape[:2])
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    return capture.assign_attrs(ATTRS)
+
+
+def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
+    """Equal bit by bit, with equal types of everything."""
+    assert a.identical(b)
+    assert {k: type(v) for k, v in a.attrs.items()} == {k: type(v) for k, v in b.attrs.items()}
+    for name in a.variables:
+        assert a[name].dtype == b[name].dtype
+        assert a[name].values.tobytes() == b[name].values.tobytes()
+
+
+@modes
+@pytest.mark.parametrize("legs", [False, True])
+def test_round_trip_is_exact(tmp_path, mode, legs):
+    capture = example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7])
+    values = capture["transient"].values
+    values[..., 1, 2, :, 0] = np.nan  # an unfinished pixel
+    values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.inf
+    path = tmp_path / "capture.h5"
+    assert save_capture(capture, path) == path
+    assert_same(load_capture(path), capture)
+    assert os.listdir(tmp_path) == ["capture.h5"]
+
+
+def test_unknown_devices_come_back_unknown(tmp_path):
+    capture = example(legs=False)
+    for device in ("sensor", "laser"):
+        capture[f"{device}_origin"].values[:] = np.nan
+    assert_same(load_capture(save_capture(capture, tmp_path / "c.hdf5")), capture)
+
+
+def test_colors_become_luminance(tmp_path):
+    rng = np.random.default_rng(0)
+    color = rng.random((6, 5, 30, 3), dtype=np.float32)
+    mono = example()
+    capture = mono.drop_dims("channel").assign_coords(channel=["R", "G", "B"])
+    capture["transient"] = (mono["transient"].dims, color)
+    loaded = load_capture(save_capture(capture, tmp_path / "c.h5"))
+    assert loaded["channel"].values.tolist() == ["L"]
+    expected = color @ np.array([0.212671, 0.71516, 0.072169])
+    np.testing.assert_allclose(loaded["transient"].values[..., 0], expected, rtol=1e-5)
+
+
+@modes
+def test_the_layout(tmp_path, mode):
+    """Time first, x before y, and no field besides those that y-tal knows."""
+    capture = example(mode)
+    with h5py.File(save_capture(capture, tmp_path / "c.h5"), "r") as file:
+        fields = {name: file[name] for name in file}
+        pairs = [f"{d}_{w}" for d in ("laser", "sensor") for w in ("grid_xyz", "grid_normals")]
+        formats = ["laser_grid_format", "sensor_grid_format", "H_format", "volume_format"]
+        scalars = ["delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"]
+        assert sorted(fields) == sorted(
+            [*pairs, *formats, *scalars, "H", "laser_xyz", "sensor_xyz"]
+        )
+        light, values = capture["transient"].values[..., 0], fields["H"]
+        assert values.dtype == np.float32
+        if mode == "exhaustive":
+            assert values.shape == (30, 2, 2, 5, 6)
+            assert values[7, 1, 0, 4, 2] == light[0, 1, 2, 4, 7]
+        else:
+            assert values.shape == (30, 5, 6)
+            assert values[7, 4, 2] == light[2, 4, 7]
+        assert fields["H_format"][()].tolist() == [2 if mode == "exhaustive" else 1]
+        assert fields["H_format"].dtype == fields["laser_grid_format"].dtype == np.int32
+        assert fields["sensor_grid_xyz"].shape == (5, 6, 3)
+        np.testing.assert_array_equal(
+            fields["sensor_grid_xyz"][4, 2], capture["sensor_grid"].values[2, 4]
+        )
+        laser = {"single": (1, 1, 3), "confocal": (5, 6, 3), "exhaustive": (2, 2, 3)}[mode]
+        assert fields["laser_grid_xyz"].shape == fields["laser_grid_normals"].shape == laser
+        assert fields["delta_t"][()] == 0.013
+        assert fields["t_start"][()] == capture.attrs["start_opl"]
+        assert fields["delta_t"].dtype == fields["t_start"].dtype == np.float64
+        assert fields["t_accounts_first_and_last_bounces"][()] is np.True_
+        assert fields["volume_format"].shape is None
+        info = json.loads(fields["scene_info"][()])
+    assert info["tofrender"]["attrs"]["scene"] == ATTRS["scene"]
+
+
+def test_scene_info_is_yaml(tmp_path):
+    yaml = pytest.importorskip("yaml", reason="PyYAML comes with y-tal")
+    with h5py.File(save_capture(example(), tmp_path / "c.h5"), "r") as file:
+        info = yaml.safe_load(file["scene_info"][()])
+    assert {k: info["tofrender"]["attrs"][k] for k in ATTRS} == ATTRS
+
+
+# ------------------------------------------------------------------------- other people's files
+
+
+def rewritten(path, **changes):
+    """The file with fields replaced; None empties one, "delete" takes it out."""
+    with h5py.File(path, "a") as file:
+        for name, value in changes.items():
+            if name in file:
+                del file[name]
+            if not (isinstance(value, str) and value == "delete"):
+                file[name] = h5py.Empty("f8") if value is None else value
+    return path
+
+
+def test_lists_of_points_become_a_row(tmp_path):
+    capture = example("confocal").isel(y=[0])
+    path = save_capture(capture, tmp_path / "c.h5")
+    with h5py.File(path, "r") as file:
+        fields = {name: file[name][()] for name in file}
+    changes = {"H": fields["H"][:, :, 0], "H_format": np.int32(3), "scene_info": None}
+    for device in ("laser", "sensor"):
+        changes[f"{device}_grid_format"] = np.int32([1])
+        changes |= {n: fields[n][:, 0] for n in (f"{device}_grid_xyz", f"{device}_grid_normals")}
+    loaded = load_capture(rewritten(path, **changes))
+    assert loaded.attrs["mode"] == "confocal"
+    for name in capture.data_vars:
+        np.testing.assert_array_equal(loaded[name], capture[name])
+
+
+def test_lists_of_pairs_become_exhaustive(tmp_path):
+    path = save_capture(example("exhaustive"), tmp_path / "c.h5")
+    with h5py.File(path, "r") as file:
+        fields = {name: file[name][()] for name in file}
+    changes = {"H": fields["H"].reshape(30, 4, 30), "H_format": np.int32([4])}
+    for device in ("laser", "sensor"):
+        changes[f"{device}_grid_format"] = np.int32([1])
+        names = (f"{device}_grid_xyz", f"{device}_grid_normals")
+        changes |= {name: fields[name].reshape(-1, 3) for name in names}
+    loaded = load_capture(rewritten(path, scene_info="delete", **changes))
+    assert loaded["transient"].shape == (1, 4, 1, 30, 30, 1)
+    values = loaded["transient"].values[0, :, 0, :, :, 0]
+    np.testing.assert_array_equal(values, changes["H"].transpose(1, 2, 0))
+    np.testing.assert_array_equal(loaded["laser_grid"].values[0], changes["laser_grid_xyz"])
+
+
+def test_foreign_scene_info_and_missing_normals(tmp_path):
+    capture = capture_of(rectangle((0, 0.1), (0, 0.1), 1, 0.1), Wall(4), bins=10)
+    path = save_capture(capture, tmp_path / "c.h5")
+    rewritten(path, sensor_grid_normals=None, laser_grid_normals=None, scene_info="args:\n- !!x 1")
+    loaded = load_capture(path)
+    assert loaded.attrs["scene_info"] == "args:\n- !!x 1"
+    assert_same(loaded.drop_attrs(), capture.drop_attrs())
+    save_capture(loaded, tmp_path / "again.h5")
+    assert load_capture(tmp_path / "again.h5").attrs == loaded.attrs
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"H": "delete"}, "lacks the field H"),
+        ({"H": None}, "has nothing in the field H"),
+        ({"H": np.ones((30, 5))}, r"H with shape \(30, 5\): must be T_Sx_Sy, as H_format says"),
+        ({"H": np.ones((30, 6, 5))}, "with shape .*must have size"),
+        ({"H": np.full((30, 5, 6), b"x")}, "H of type .*: must hold real numbers"),
+        ({"H_format": np.int32([9])}, r"H_format = 9: must be one of 1 \(T_Sx_Sy\)"),
+        ({"H_format": np.int32([0])}, "H_format = 0"),
+        ({"H_format": np.int32([2])}, "H with shape .*: must be T_Lx_Ly_Sx_Sy"),
+        ({"sensor_grid_xyz": "delete"}, "lacks the field sensor_grid_xyz"),
+        ({"sensor_grid_xyz": np.full((5, 6, 3), np.nan)}, "sensor_grid_xyz: must hold finite"),
+        ({"sensor_grid_xyz": np.zeros((5, 6, 2))}, r"sensor_grid_xyz with shape .*: must be X_Y_3"),
+        ({"laser_grid_xyz": np.zeros((2, 2, 3))}, "laser_grid_xyz with .*one point or equal"),
+        ({"sensor_grid_format": np.int32([7])}, "sensor_grid_format = 7: must be one of"),
+        ({"sensor_grid_normals": None}, "has no normals, and points at several z"),
+        ({"sensor_grid_normals": np.zeros((5, 6, 3))}, "sensor_normals: .*length 1"),
+        ({"sensor_xyz": np.zeros(2)}, r"sensor_xyz with shape \(2,\): must be \(3,\)"),
+        ({"sensor_xyz": None}, "sensor_origin, laser_origin: must be known"),
+        ({"delta_t": 0.0}, "bin_width_opl = 0.0: must be a finite"),
+        ({"delta_t": np.ones(2)}, r"delta_t with shape \(2,\): must be one number"),
+        ({"t_start": np.nan}, "start_opl = nan"),
+        ({"t_start": None}, "has nothing in the field t_start"),
+        ({"t_accounts_first_and_last_bounces": "delete"}, "lacks the field t_accounts"),
+        ({"H": "delete", "data": np.ones(3)}, "holds another layout of y-tal's"),
+    ],
+)
+def test_broken_files_in_one_line(tmp_path, changes, message):
+    path = rewritten(save_capture(example(), tmp_path / "c.h5"), **changes)
+    with pytest.raises(ValueError, match=message) as caught:
+        load_capture(path)
+    assert str(caught.value).startswith(f"path = {path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_not_a_whole_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.h5"):
+        load_capture(tmp_path / "nothing.h5")
+    path = save_capture(example(), tmp_path / "c.h5")
+    content = path.read_bytes()
+    for size in (0, 5, 100, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:size])
+        with pytest.raises(ValueError, match=r"c\.h5: (must be an|is cut short; must be a whole)"):
+            load_capture(path)
+    path.write_bytes(b"text" * 100)
+    with pytest.raises(ValueError, match=r"c\.h5: must be an HDF5 file"):
+        load_capture(path)
+
+
+# ------------------------------------------------------------------------------------- writing
+
+
+def test_what_may_be_written(tmp_path, monkeypatch):
+    capture, path = example(), tmp_path / "c.h5"
+    with pytest.raises(ValueError, match=r"c\.npz: must be .* that ends in .h5 or .hdf5"):
+        save_capture(capture, tmp_path / "c.npz")
+    with pytest.raises(ValueError, match="variable laser_grid"):
+        save_capture(capture.drop_vars("laser_grid"), path)
+    save_capture(capture, path)
+    before = path.read_bytes()
+    with pytest.raises(FileExistsError, match="pass overwrite=True"):
+        save_capture(capture, path)
+
+    def fail(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "_take_place", fail)
+        with pytest.raises(KeyboardInterrupt):
+            save_capture(example(start=2.0), path, overwrite=True)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["c.h5"]
+    save_capture(example(start=2.0), path, overwrite=True)
+    assert load_capture(path).attrs["start_opl"] != capture.attrs["start_opl"]
+
+
+# --------------------------------------------------------------------------------------- y-tal
+
+_YTAL = """
+import json, sys
+import numpy as np
+import tal
+from tal.reconstruct import bp
+path, volume, output = sys.argv[1:]
+data = tal.io.read_capture(path)
+axes = [low + (np.arange(n) + 0.5) * (high - low) / n for low, high, n in json.loads(volume)]
+voxels = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+found = bp.solve(data, voxels, tal.enums.VolumeFormat.X_Y_Z_3, progress=False)
+assert set(data.scene_info) == {"tofrender"}, data.scene_info
+np.savez(
+    output,
+    H=data.H,
+    found=found,
+    format=data.H_format.name,
+    confocal=data.is_confocal(),
+    paired=data.is_laser_paired_to_sensor(),
+    delta_t=data.delta_t,
+    t_start=data.t_start,
+    counts=bool(data.t_accounts_first_and_last_bounces),
+)
+tal.io.write_capture(output + ".hdf5", data)
+"""
+
+
+@pytest.fixture(scope="module")
+def ytal_python():
+    """A Python that has y-tal: this one, or the one that YTAL_PYTHON names."""
+    python = os.environ.get("YTAL_PYTHON", sys.executable)
+    if subprocess.run([python, "-c", "import tal"], capture_output=True, check=False).returncode:
+        pytest.skip(
+            "y-tal is not installed; it needs NumPy 1, so install it into an environment of its "
+            "own and name that one's Python in YTAL_PYTHON"
+        )
+    return python
+
+
+@modes
+@pytest.mark.parametrize("legs", [False, True])
+def test_ytal_reads_our_file_and_finds_the_z(tmp_path, ytal_python, mode, legs):
+    patches = letter_z(step=0.05)
+    size = {"exhaustive": 8}.get(mode, 16)
+    capture = capture_of(patches, Wall(size), mode, legs=legs, bins=160, width=0.01, lasers=8)
+    path = save_capture(capture, tmp_path / "z.h5")
+    volume = ((-0.7, 0.6, 13), (-0.6, 0.6, 12), (0.7, 1.3, 20))
+    output = str(tmp_path / "read")
+    command = [ytal_python, "-c", _YTAL, str(path), json.dumps(volume), output]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    with np.load(output + ".npz") as read:
+        values = capture["transient"].values[..., 0]
+        order = (4, 1, 0, 3, 2) if mode == "exhaustive" else (2, 1, 0)
+        np.testing.assert_array_equal(read["H"], values.transpose(order))
+        assert str(read["format"]) == ("T_Lx_Ly_Sx_Sy" if mode == "exhaustive" else "T_Sx_Sy")
+        assert bool(read["confocal"]) == bool(read["paired"]) == (mode == "confocal")
+        assert bool(read["counts"]) == legs
+        assert (float(read["delta_t"]), float(read["t_start"])) == (
+            capture.attrs["bin_width_opl"],
+            capture.attrs["start_opl"],
+        )
+        theirs = read["found"].transpose(2, 1, 0)  # (X, Y, Z)
+    ours = reconstruct(capture, "bp", volume=volume, weighting="uniform", progress=False)
+    intensity = ours["intensity"].values
+    assert np.corrcoef(theirs.ravel(), intensity.ravel())[0, 1] > 0.995
+    sharp = reconstruct(capture, "fbp", volume=volume, progress=False)
+    assert depth_error(sharp, true_depth(patches, sharp)).median < 0.02
+    found = ours.assign(intensity=(("z", "y", "x"), theirs))
+    assert depth_error(found, true_depth(patches, found)).median < 0.04
+    again = load_capture(output + ".hdf5")  # what y-tal writes
+    assert_same(again.drop_attrs(), capture.drop_attrs())
+    check_capture(again)
+
+
+def test_a_capture_of_one_point_keeps_its_mode(tmp_path):
+    for mode, more in (
+        ("confocal", {}),
+        ("single", {"laser_grid": (0, 0, 0), "laser_normals": (0, 0, 1)}),
+    ):
+        capture = make_capture(
+            [[[1, 2]]],
+            mode=mode,
+            start_opl=0,
+            bin_width_opl=1,
+            sensor_grid=np.zeros((1, 1, 3)),
+            sensor_normals=[[[0, 0, 1]]],
+            **more,
+        )
+        assert_same(load_capture(save_capture(capture, tmp_path / f"{mode}.h5")), capture)
