@@ -14,6 +14,41 @@ NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 
 # What must hold of a notebook's variables after its last cell
 KEY_NUMBERS = {
+    "00_sampling_and_path_tracing": """
+        assert -0.6 < slopes["independent"] < -0.4, slopes
+        assert -0.9 < slopes["stratified"] < -0.6, slopes
+        assert suite.passed and passing.passed and image_verdict.passed
+        assert all(verdict.passed for verdict in light_verdicts.values())
+        assert not broken.passed and "integrates to 1.043" in broken.reason, broken.reason
+        assert consistent.passed and "mean of z (known)" in known.reason, known.reason
+        (by_cosine_mean, by_cosine_sd), (by_light_mean, by_light_sd) = irradiance.values()
+        assert abs(by_cosine_mean - by_light_mean) < 5 * by_cosine_sd / 256, irradiance
+        assert by_light_sd < 0.2 * by_cosine_sd, irradiance
+        assert 0 < occlusion.min() < 0.3 and occlusion.max() == 1, occlusion
+        assert agreement > 0.9, agreement
+        large_in_smooth = deviation["smooth plate", "large lights"]
+        assert large_in_smooth["nee"] > 20 * large_in_smooth["mats"], large_in_smooth
+        small_in_rough = deviation["roughest plate", "small lights"]
+        assert small_in_rough["mats"] > 5 * small_in_rough["nee"], small_in_rough
+        for row in deviation.values():
+            assert row["mis"] < 1.4 * min(row["mats"], row["nee"]), deviation
+        assert max(sphere_means) < 1.002 * min(sphere_means), sphere_means
+        assert max(wall_light.values()) < 1.01 * min(wall_light.values()), wall_light
+        assert all(error < 0.2 for error in sphere_errors.values()), sphere_errors
+        for means in growth.values():
+            assert all(np.diff(means) > 0), growth
+        for noise in (veach_noise, box_noise):
+            for name, row in noise.items():
+                for mean, spread in row.values():
+                    error = np.hypot(spread, row["mis"][1]) / SEEDS**0.5
+                    assert abs(mean - row["mis"][0]) < 5 * error, (name, row)
+        assert veach_noise["wall"]["mats"][1] > 3 * veach_noise["wall"]["nee"][1], veach_noise
+        glossy = veach_noise["glossy plate, large light"]
+        assert glossy["nee"][1] > 10 * glossy["mats"][1], veach_noise
+        assert box_noise["back wall"]["mats"][1] > 5 * box_noise["back wall"]["nee"][1], box_noise
+        spot = [spread for _, spread in box_noise["below the glass sphere"].values()]
+        assert max(spot) < 2.5 * min(spot), box_noise
+    """,
     "01_pulses_and_gates": """
         assert all(abs(integral - 1) < 2e-3 for integral in integrals.values()), integrals
         assert cube.shape == (SIZE, SIZE, 300, 3)

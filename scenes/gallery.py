@@ -1,0 +1,175 @@
+"""Pictures of the built-in scenes: `python -m scenes.gallery [NAME ...]` makes all, or some.
+
+All of them take a few minutes. Every picture is rendered from a fixed seed, so the same versions of
+everything make the same file, up to the rounding of sums in floating point.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+from tofrender import checks
+from tofrender.scenes import BUILT_IN
+
+FOLDER = Path(__file__).parent / "pictures"
+PANEL_WIDTH = 256  # pixels
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of a scene.
+
+    Attributes:
+        scene: A built-in scene.
+        label: What is written in the picture, "" for nothing.
+        options: Arguments of the scene's builder.
+        spp: Samples per pixel.
+        exposure: Radiance 1 / exposure is white.
+    """
+
+    scene: str
+    label: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    spp: int = 256
+    exposure: float = 1.0
+
+
+ONE_BIN = {"temporal_bins": 1}  # only the steady picture is shown
+
+
+def _by(strategy: str) -> Panel:
+    return Panel("veach", strategy, {"integrator": f"path_tracer_{strategy}"}, 16, 1.2)
+
+
+PICTURES: dict[str, tuple[Panel, ...]] = {
+    "cornell_box": (
+        Panel("cornell_box", "ceiling light", ONE_BIN),
+        Panel("cornell_box_flash", "flash", ONE_BIN, exposure=4.0),
+        Panel("cornell_box_glass", "glass", ONE_BIN, 1024),
+        Panel("cornell_box_mirror", "mirror", ONE_BIN, 4096),
+    ),
+    "bust_simple": (Panel("bust_simple", spp=64),),
+    "bust_ao": (Panel("bust_ao"),),
+    "veach": (_by("mats"), _by("nee"), _by("mis")),
+    "sphere_lights": tuple(
+        Panel(f"sphere_light_{size}", size) for size in ("small", "medium", "large")
+    ),
+    "rectangle_lights": (
+        Panel("rectangle_light_quad", "quad"),
+        Panel("rectangle_light_triangles", "triangles"),
+    ),
+    "small_box": (
+        Panel("small_box", "direct", {"max_bounces": 1}, 256, 1.2),
+        Panel("small_box", "8 bounces", {}, 512, 1.2),
+        Panel("small_box", "mirror_glass", {"spheres": "mirror_glass"}, 1024, 1.2),
+    ),
+}
+"""What each file `pictures/NAME.png` shows, from left to right."""
+
+
+def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
+    """The steady picture of a scene, sRGB.
+
+    Args:
+        panel: What to render.
+        width: Width [pixels], 1 to 65536; the height follows from the scene's proportions.
+
+    Returns:
+        uint8 (height, width, 3).
+    """
+    builder = BUILT_IN[panel.scene]
+    film = builder(**panel.options)["sensor"]["film"]
+    height = max(1, round(width * film["height"] / film["width"]))
+    described = builder(width=width, height=height, **panel.options)
+    scene = tofrender.load_scene(described, sampler="padded_sobol")
+    found = mi.render(scene, spp=panel.spp, seed=0)
+    image = found[0] if isinstance(found, tuple) else found  # without its bins
+    return tofrender.tonemap(np.array(image)[..., :3], exposure=panel.exposure)
+
+
+def picture(panels: Iterable[Panel], width: int = PANEL_WIDTH) -> np.ndarray:
+    """Panels side by side with their labels, two white pixels between them.
+
+    Args:
+        panels: Panels of one height.
+        width: Width of each [pixels].
+
+    Returns:
+        uint8 (height, columns, 3).
+    """
+    parts: list[np.ndarray] = []
+    for panel in panels:
+        image = labelled(render_panel(panel, width), panel.label)
+        gap = np.full((image.shape[0], 2, 3), 255, np.uint8)
+        parts += [gap, image] if parts else [image]
+    return np.concatenate(parts, axis=1)
+
+
+def labelled(image: np.ndarray, text: str) -> np.ndarray:
+    """The image with white text on black in its lower left corner.
+
+    Example:
+        >>> labelled(np.full((40, 80, 3), 128, np.uint8), "nee").max()
+        255
+    """
+    if not text:
+        return image
+    from PIL import Image, ImageDraw, ImageFont
+
+    canvas = Image.fromarray(image)
+    draw = ImageDraw.Draw(canvas)
+    font = ImageFont.load_default(14)
+    bottom = image.shape[0]
+    draw.rectangle((0, bottom - 22, draw.textlength(text, font) + 11, bottom), fill=(0, 0, 0))
+    draw.text((6, bottom - 7), text, (255, 255, 255), font, anchor="ls")
+    return np.asarray(canvas)
+
+
+def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> list[Path]:
+    """Render pictures and save them.
+
+    Args:
+        folder: Where `NAME.png` go; made if it does not exist.
+        names: Names in `PICTURES`; none means all.
+        width: Width of a panel [pixels].
+
+    Returns:
+        The files.
+
+    Raises:
+        ValueError: There is no such picture; one line, before anything is rendered.
+    """
+    from PIL import Image
+
+    chosen = [checks.one_of("NAME", name, PICTURES) for name in names] or list(PICTURES)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name in chosen:
+        path = folder / f"{name}.png"
+        Image.fromarray(picture(PICTURES[name], width)).save(path, optimize=True)
+        print(f"{path}: {path.stat().st_size // 1024} KiB")
+        paths.append(path)
+    return paths
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m scenes.gallery", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PICTURES)}")
+    options = parser.parse_args()
+    try:
+        write(FOLDER, options.names)
+    except ValueError as error:
+        parser.exit(2, f"{parser.prog}: error: {error}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""The gallery of scenes: the script makes pictures, and its page shows all there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenes import gallery
+from tofrender.scenes import BUILT_IN
+
+PAGE = (Path(gallery.__file__).parent / "README.md").read_text(encoding="utf-8")
+SHOWN = {panel.scene for panels in gallery.PICTURES.values() for panel in panels}
+SAME_PICTURE = {"cornell_box_steady_state": "cornell_box"}
+"""Scenes that look as another one does."""
+ONLY_IN_TIME = {
+    name
+    for name, builder in BUILT_IN.items()
+    if builder.__module__.rpartition(".")[2] in ("nlos", "confocal")
+}
+"""Scenes whose steady picture shows nothing."""
+
+
+def small(panel: gallery.Panel) -> gallery.Panel:
+    return gallery.Panel(panel.scene, panel.label, panel.options, 2, panel.exposure)
+
+
+def test_every_scene_has_a_line_and_a_picture():
+    listed = re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(set(listed))
+    missing = [name for name in BUILT_IN if name not in listed]
+    assert not missing, f"not in scenes/README.md: {missing}"
+    unknown = [name for name in listed if name not in BUILT_IN]
+    assert not unknown, f"in scenes/README.md, but there is no such scene: {unknown}"
+    assert set(SAME_PICTURE.values()) <= SHOWN
+    needed = BUILT_IN.keys() - ONLY_IN_TIME - SAME_PICTURE.keys()
+    assert needed <= SHOWN, f"not in gallery.PICTURES: {needed - SHOWN}"
+
+
+def test_the_page_shows_the_pictures_that_there_are():
+    on_page = re.findall(r"\(pictures/(\w+)\.png\)", PAGE)
+    kept = [path.stem for path in gallery.FOLDER.glob("*.png")]
+    assert sorted(on_page) == sorted(kept) == sorted(gallery.PICTURES)
+    sizes = {path.name: path.stat().st_size for path in gallery.FOLDER.iterdir()}
+    assert sum(sizes.values()) < 1.5e6, sizes
+
+
+@pytest.mark.parametrize("name", gallery.PICTURES)
+def test_pictures_kept_are_of_these_panels(name):
+    panels = gallery.PICTURES[name]
+    with Image.open(gallery.FOLDER / f"{name}.png") as kept:
+        assert kept.width == len(panels) * (gallery.PANEL_WIDTH + 2) - 2
+
+
+@pytest.mark.parametrize("name", gallery.PICTURES)
+def test_pictures_are_made(name, tmp_path, monkeypatch):
+    panels = tuple(small(panel) for panel in gallery.PICTURES[name])
+    monkeypatch.setitem(gallery.PICTURES, name, panels)
+    (path,) = gallery.write(tmp_path / "new", [name], width=32)
+    assert path == tmp_path / "new" / f"{name}.png"
+    image = np.asarray(Image.open(path))
+    assert image.shape[1:] == (34 * len(panels) - 2, 3)
+    for k, panel in enumerate(panels):
+        part = image[:, 34 * k : 34 * k + 32]
+        assert part.shape[0] > 16
+        assert 10 < part.mean() < 250, panel  # neither black nor white
+        assert part.std() > 5, panel
+    again = gallery.picture(panels, width=32).astype(int)
+    assert np.abs(again - image).max() <= 1  # the same but for the rounding of sums
+
+
+def test_labels_are_legible():
+    dark = np.zeros((64, 128, 3), np.uint8)
+    found = gallery.labelled(dark, "nee")
+    assert found.shape == dark.shape
+    assert (found[-22:, :40] > 200).any()
+    assert not found[:-22].any()
+    bright = gallery.labelled(dark + np.uint8(255), "nee")
+    assert (bright[-22:, :40] < 50).mean() > 0.3
+    assert gallery.labelled(dark, "") is dark
+
+
+def test_other_names_are_one_line(tmp_path, monkeypatch, capsys):
+    with pytest.raises(ValueError, match=r"NAME = 'veech': did you mean 'veach'\?") as error:
+        gallery.write(tmp_path / "new", ["veech"])
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "new").exists()
+    monkeypatch.setattr("sys.argv", ["gallery", "veech"])
+    with pytest.raises(SystemExit) as stop:
+        gallery.main()
+    assert stop.value.code == 2
+    assert "did you mean 'veach'?" in capsys.readouterr().err.splitlines()[-1]
