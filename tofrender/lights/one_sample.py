@@ -30,17 +30,17 @@ class OneSampleLights(SceneLights):
         to_light = sampler.next_1d() < 0.5
         em = super().connect(si, path, sampler, active & to_light)
 
-        # Mirrors and glass are left to the path itself
-        smooth = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.Smooth))
-        bsdf = si.bsdf()
+        # A sample of a mirror's or glass's only direction is left to the path itself
+        ctx, bsdf = mi.BSDFContext(), si.bsdf()
         by_material = active & ~to_light
-        bs, _ = bsdf.sample(smooth, si, sampler.next_1d(), sampler.next_2d(), by_material)
+        bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)
+        by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
         ray = si.spawn_ray(si.to_world(bs.wo))
-        seen = self.scene.ray_intersect(ray, by_material & (bs.pdf > 0))
-        Le, pdf_light, length = self.hit(seen, si, ray, by_material & (bs.pdf > 0))
+        seen = self.scene.ray_intersect(ray, by_material)
+        Le, pdf_light, length = self.hit(seen, si, ray, by_material)
 
         # A point light cannot be hit: the lights' half of the samples has all of it
-        pdf_material = bsdf.pdf(smooth, si, si.to_local(em.direction), em.active)
+        pdf_material = bsdf.pdf(ctx, si, si.to_local(em.direction), em.active)
         pdf_material = dr.select(em.delta, 0, pdf_material)
         by_light = em.weight * em.pdf
         pdf = 0.5 * dr.select(to_light, em.pdf + pdf_material, pdf_light + bs.pdf)
@@ -50,5 +50,5 @@ class OneSampleLights(SceneLights):
             pdf=pdf,
             delta=mi.Bool(True),
             length=dr.select(to_light, em.length, length),
-            active=dr.select(to_light, em.active, by_material & (bs.pdf > 0)),
+            active=dr.select(to_light, em.active, by_material),
         )
