@@ -19,7 +19,7 @@ from tofrender.walk import walk
 ALPHA = 1e-3
 """Chance that right code fails anywhere in the suite, had its seeds not been fixed."""
 
-COMPARISONS = 100
+COMPARISONS = 1000
 """Statistical comparisons that ALPHA is split over; the suite has fewer."""
 
 TIME = ("temporal_bins", "start_opl", "bin_width_opl")
