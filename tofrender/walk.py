@@ -168,8 +168,8 @@ def walk(
     prev.p = mi.Point3f(ray.o if origin is None else origin)
     prev_pdf = mi.Float(1)
     prev_delta = mi.Bool(True)
-    aimed = mi.Float(0)              # Distance to the point that the ray was sent to, or 0 [m]
-    memory = mi.Bool(False)          # What the light strategy remembers of the vertices
+    aimed = mi.Float(0)  # Distance to the point that the ray was sent to, or 0 [m]
+    memory = mi.Bool(False)  # What the light strategy remembers of the vertices
 
     while dr.hint(active, max_iterations=max_depth if bounded else -1, label="walk"):
         si = scene.ray_intersect(
