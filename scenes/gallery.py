@@ -1,6 +1,6 @@
 """Pictures of the built-in scenes: `python -m scenes.gallery [NAME ...]` makes all, or some.
 
-All of them take a few minutes. Every picture is rendered from a fixed seed, so the same versions of
+All of them take a few minutes. Hidden scenes are drawn as plans. Every other picture is rendered from a fixed seed, so the same versions of
 everything make the same file, up to the rounding of sums in floating point.
 """
 
@@ -72,7 +72,40 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("small_box", "mirror_glass", {"spheres": "mirror_glass"}, 1024, 1.2),
     ),
 }
-"""What each file `pictures/NAME.png` shows, from left to right."""
+"""What each rendered file `pictures/NAME.png` shows, from left to right."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A drawing of a scene whose steady picture shows nothing of what is hidden.
+
+    Attributes:
+        scene: A built-in scene.
+        view: "above" or "side", as of `tofrender.plan_figure`.
+    """
+
+    scene: str
+    view: str = "above"
+
+
+PLANS: dict[str, tuple[tuple[Plan, ...], ...]] = {
+    "plans_wall": (
+        (Plan("nlos_z"), Plan("nlos_bunny")),
+        (Plan("nlos_patch"), Plan("nlos_plane")),
+    ),
+    "plans_box": (
+        (
+            Plan("wall_box_sphere_nlos"),
+            Plan("wall_box_sphere_nlos", "side"),
+            Plan("wall_box_spheres_nlos"),
+        ),
+        (Plan("wall_box_hi_nlos"), Plan("wall_box_behind"), Plan("ourbox_confocal")),
+    ),
+}
+"""What each drawn file `pictures/NAME.png` shows, in rows."""
+
+PLAN_SIZE = (5.4, 4.8)  # inches
+PLAN_DPI = 64
 
 
 def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
@@ -113,6 +146,28 @@ def picture(panels: Iterable[Panel], width: int = PANEL_WIDTH) -> np.ndarray:
     return np.concatenate(parts, axis=1)
 
 
+def draw_plan(plan: Plan) -> np.ndarray:
+    """The plan of a scene, uint8 (height, width, 3), of the same size for all scenes."""
+    scene = tofrender.load_scene(BUILT_IN[plan.scene](), optimize=False)
+    laser = None
+    if isinstance(scene.integrator(), tofrender.ConfocalTransientIntegrator):
+        ray, _ = scene.sensors()[0].sample_ray(0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
+        laser = np.array(ray.o).ravel().tolist()  # one device with the camera
+    title = f"{plan.scene}, from {'the side' if plan.view == 'side' else plan.view}"
+    figure = tofrender.plan_figure(scene, view=plan.view, laser=laser, title=title)
+    figure.set_size_inches(*PLAN_SIZE)
+    figure.set_dpi(PLAN_DPI)
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
+
+
+def plans_picture(rows: Iterable[Iterable[Plan]]) -> np.ndarray:
+    """Plans in rows, as many in each, uint8 (height, width, 3)."""
+    return np.concatenate(
+        [np.concatenate([draw_plan(plan) for plan in row], axis=1) for row in rows]
+    )
+
+
 def labelled(image: np.ndarray, text: str) -> np.ndarray:
     """The image with white text on black in its lower left corner.
 
@@ -134,12 +189,12 @@ def labelled(image: np.ndarray, text: str) -> np.ndarray:
 
 
 def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> list[Path]:
-    """Render pictures and save them.
+    """Render or draw pictures and save them.
 
     Args:
         folder: Where `NAME.png` go; made if it does not exist.
-        names: Names in `PICTURES`; none means all.
-        width: Width of a panel [pixels].
+        names: Names in `PICTURES` and `PLANS`; none means all.
+        width: Width of a rendered panel [pixels].
 
     Returns:
         The files.
@@ -149,12 +204,18 @@ def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> 
     """
     from PIL import Image
 
-    chosen = [checks.one_of("NAME", name, PICTURES) for name in names] or list(PICTURES)
+    known = [*PICTURES, *PLANS]
+    chosen = [checks.one_of("NAME", name, known) for name in names] or known
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name in chosen:
         path = folder / f"{name}.png"
-        Image.fromarray(picture(PICTURES[name], width)).save(path, optimize=True)
+        if name in PLANS:
+            # Few colours: half the file
+            image = Image.fromarray(plans_picture(PLANS[name])).quantize(64)
+        else:
+            image = Image.fromarray(picture(PICTURES[name], width))
+        image.save(path, optimize=True)
         print(f"{path}: {path.stat().st_size // 1024} KiB")
         paths.append(path)
     return paths
@@ -163,7 +224,7 @@ def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> 
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m scenes.gallery", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PICTURES)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join([*PICTURES, *PLANS])}")
     options = parser.parse_args()
     try:
         write(FOLDER, options.names)

@@ -156,10 +156,13 @@ def chi_square_test(
         wrong.append("there are too few valid samples, or cells that expect any")
     elif not p_value >= bound_p:
         wrong.append(f"counts do not follow the pdf (p = {p_value:.2g})")
-    for moment in moments:
-        if not moment.p_value >= bound_p:
-            values = f"{moment.sampled:.6g}, not {moment.expected:.6g}"
-            wrong.append(f"the mean of {moment.name} is {values} ({moment.z:+.1f} standard errors)")
+    off = [moment for moment in moments if not moment.p_value >= bound_p]
+    off.sort(key=lambda moment: -abs(np.nan_to_num(moment.z, nan=np.inf)))
+    for moment in off[:2]:
+        values = f"{moment.sampled:.6g}, not {moment.expected:.6g}"
+        wrong.append(f"the mean of {moment.name} is {values} ({moment.z:+.1f} standard errors)")
+    if len(off) > 2:
+        wrong.append(f"{len(off) - 2} more moments are off")
     verdict = Verdict(
         name=name,
         passed=not wrong,
