@@ -48,13 +48,13 @@ def test_furnace_in_time(tracer):
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
-@pytest.mark.parametrize("name", ["glass", "constant environment", "many lights"])
+@pytest.mark.parametrize("name", ["glass", "environment map"])
 def test_bins_hold_the_picture(tracer, name):
-    """Window after window, they add up to the picture of a film without time."""
+    """Both windows add up to the picture of a film without time."""
     described = traced(SCENES[name](), tracer)
     whole = picture(steady(described), seed=3)
     parts = []
-    for start, bins in [(0.0, 300), (6.0, 150), (9.0, 1500)]:
+    for start, bins in [(0.0, 450), (9.0, 1500)]:
         window = {"start_opl": start, "temporal_bins": bins, "bin_width_opl": 0.02}
         total, part = rendered(with_film(described, **window), seed=3)
         assert largest(total, whole) < 1e-5

@@ -14,7 +14,8 @@ WHITE = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 1.0}}
 class FirstSurface(PathTracer):
     """Direct light of what is seen, as if it were white and diffuse: f cos = cos / pi.
 
-    The scene's own lights and materials make no difference. A subclass says in `lights` where the
+    Surfaces are lit on the side that is seen. The scene's own lights and materials make no
+    difference. A subclass says in `lights` where the
     light comes from. Takes `hide_emitters`, `camera_unwarp`, and for films with time what
     `TransientPath` takes.
     """

@@ -129,7 +129,7 @@ class TransientPath(TransientIntegrator):
             *("emitter_sampling", "temporal_filter", "gaussian_stddev", "pulse"),
         )
         values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
-        return f"TransientPath[{values}]"
+        return f"{type(self).__name__}[{values}]"
 
 
 for name in ("transient_path", "tofrender_transient_path"):
