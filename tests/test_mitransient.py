@@ -12,6 +12,7 @@ import pytest
 from support import largest, with_sampler
 
 import tofrender
+from tofrender.integrators import confocal
 from tofrender.scenes import cornell_box_glass
 
 NAMES = ("transient_path", "transient_hdr_film")
@@ -34,7 +35,9 @@ def theirs(monkeypatch):
 
 def give_names_back() -> None:
     """Other tests load our plugins by name."""
-    mi.register_integrator("transient_path", tofrender.TransientPath)
+    mi.register_integrator("transient_path", confocal.transient_path)
+    mi.register_integrator("transient_nlos_path", tofrender.TransientNLOSPath)
+    mi.register_sensor("nlos_capture_meter", tofrender.NLOSCaptureMeter)
     mi.register_film("transient_hdr_film", tofrender.TransientHDRFilm)
     mi.register_film("phasor_hdr_film", tofrender.PhasorHDRFilm)
 

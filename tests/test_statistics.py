@@ -46,7 +46,7 @@ def test_false_alarms_are_as_rare_as_promised():
 
 
 def test_finds_what_is_too_bright():
-    assert alarms(50, ALPHA / COMPARISONS, shift=1.6) == 1
+    assert alarms(50, ALPHA / COMPARISONS, shift=1.8) == 1
 
 
 def test_values_that_are_not_finite_fail():

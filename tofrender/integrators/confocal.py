@@ -119,5 +119,7 @@ def _chooser(plain: type, confocal: type) -> Callable[[mi.Properties], Any]:
 
 for name in ("confocal_transient_path", "tofrender_confocal_transient_path"):
     mi.register_integrator(name, ConfocalTransientIntegrator)
+transient_path = _chooser(TransientPath, ConfocalTransientIntegrator)
+
 for name in ("transient_path", "tofrender_transient_path"):
-    mi.register_integrator(name, _chooser(TransientPath, ConfocalTransientIntegrator))
+    mi.register_integrator(name, transient_path)
