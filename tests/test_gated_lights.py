@@ -75,7 +75,7 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         si.n = mi.Normal3f(0, 1, 0)
         si.sh_frame = mi.Frame3f(si.n)
         before = dr.zeros(mi.Interaction3f)
-        path = PathState(opl, η, mi.UInt32(0), mi.Bool(False), before, mi.Float(1))
+        path = PathState(opl, η, mi.UInt32(0), mi.Bool(False), before, mi.Float(1), mi.Bool(False))
         em = lights.connect(si, path, sampler, mi.Bool(True))
         assert dr.all(~em.active | (em.length >= lights.nearest(si.p) - 1e-5))
         cos = dr.maximum(dr.dot(em.direction, si.n), 0)

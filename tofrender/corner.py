@@ -23,6 +23,9 @@ from .targets import REACHED, Targets, is_on
 CONNECTIONS = 16
 """Target points for each camera ray."""
 
+GOLDEN = 0.6180339887498949
+"""Step of the lattice's second coordinate, which no few multiples of come close to 0."""
+
 
 class CornerConnections:
     """Three-bounce light by connections, shared with the paths that are walked.
@@ -44,7 +47,8 @@ class CornerConnections:
     def walked_share(self, si: mi.SurfaceInteraction3f, path: PathState) -> mi.Float:
         """Weight of the connection of a walked path."""
         by_area = self.count * self.targets.density(si, path.previous)
-        return dr.select(path.depth == 1, path.pdf / (path.pdf + by_area), 1)
+        both = (path.depth == 1) & path.shared
+        return dr.select(both, path.pdf / (path.pdf + by_area), 1)
 
     def add(
         self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, measurement: Any, active: mi.Bool
@@ -92,7 +96,8 @@ class CornerConnections:
         density = walked + self.count * by_area
 
         memory = self.laser.remember(mi.Bool(False), y, active)
-        path = PathState(opl + r, mi.Float(1), mi.UInt32(1), memory, mi.Interaction3f(si), walked)
+        seen, one = mi.Interaction3f(si), mi.UInt32(1)
+        path = PathState(opl + r, mi.Float(1), one, memory, seen, walked, mi.Bool(True))
         em = self.laser.lit(y, path, sampler, active)
         f_y = mi.unpolarized_spectrum(y.bsdf().eval(ctx, y, y.to_local(em.direction), em.active))
         found = em.active & (by_area > 0)
@@ -110,7 +115,3 @@ def _connect(corner, si, bsdf, opl, shift, sampler, measurement, active):
         measurement.add(spectrum, length, found)
         k += 1
     return measurement
-
-
-GOLDEN = 0.6180339887498949
-"""Step of the lattice's second coordinate, which no few multiples of come close to 0."""

@@ -212,7 +212,8 @@ def walk(
             # Connections to a smooth BSDF only: a delta lobe reflects none of them
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             memory = lights.remember(memory, si, active_next)
-            path = PathState(opl, η, depth, memory, prev, prev_pdf)
+            shared = (aimed != 0) & ~prev_delta
+            path = PathState(opl, η, depth, memory, prev, prev_pdf, shared)
             em = lights.connect(si, path, sampler, active_em)
             wo = si.to_local(em.direction)
             f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(

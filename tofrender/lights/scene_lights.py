@@ -19,6 +19,7 @@ class PathState:
         memory: What the strategy's `remember` has made of the vertices, this one included.
         previous: The vertex before.
         pdf: Density of the direction that led from there to here [1/sr].
+        shared: Whether targets and material competed for that direction (see `targets`).
     """
 
     opl: mi.Float
@@ -27,6 +28,7 @@ class PathState:
     memory: mi.Bool
     previous: mi.Interaction3f
     pdf: mi.Float
+    shared: mi.Bool
 
 
 MANY_EMITTERS = 8
