@@ -87,7 +87,7 @@ class CornerConnections:
         r = dr.norm(to_target)
         d = to_target / r
         wo = si.to_local(d)
-        y = self.scene.ray_intersect(si.spawn_ray(d), active)
+        y = self.scene.ray_intersect(targets.send(si.spawn_ray(d), si, r), active)
         active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
 
         f, pdf = bsdf.eval_pdf(ctx, si, wo, active)

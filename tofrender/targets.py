@@ -71,7 +71,8 @@ class Targets:
         self.shapes, self.senders, self.share = list(shapes), list(senders), share
         areas = np.array([shape.surface_area()[0] for shape in self.shapes])
         cumulative = np.cumsum(areas) / areas.sum()
-        numbers = [k for k, shape in enumerate(scene.shapes()) if shape in self.shapes]
+        everything = scene.shapes()
+        numbers = [everything.index(shape) for shape in self.shapes]
         self.area = dr.opaque(mi.Float, float(areas.sum()))
         self.upper = mi.Float(cumulative)
         self.lower = mi.Float(np.concatenate([[0.0], cumulative[:-1]]))
@@ -136,6 +137,12 @@ class Targets:
             dr.select(chosen, r, dr.select(sending, MATERIAL, 0)),
         )
 
+    def send(self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, aimed: mi.Float) -> mi.Ray3f:
+        """Turn rays that start a little off the surface to the very point that they are sent to."""
+        point = dr.fma(ray.d, aimed, si.p)
+        ray.d = dr.select(aimed > 0, dr.normalize(point - ray.o), ray.d)
+        return ray
+
     def arrive(
         self,
         si: mi.SurfaceInteraction3f,
@@ -156,9 +163,11 @@ class Targets:
         hidden = sent & (~si.is_valid() | (dr.abs(r - aimed) > REACHED * aimed))
         shared = sent | ((aimed < 0) & ~delta)
         by_material = (1 - self.share) * pdf
-        mixed = by_material + self.share * self.density(si, previous)
+        by_area = self.share * self.density(si, previous)
+        mixed = by_material + by_area
         chosen = dr.select(sent, self._sent_density(aimed), by_material)
-        β = dr.select(shared, β * dr.select(mixed > 0, chosen / mixed, 0), β)
+        counts = (mixed > 0) & ~(sent & (by_area == 0))  # Not where a target is seen edge-on
+        β = dr.select(shared, β * dr.select(counts, chosen / mixed, 0), β)
         return β, dr.select(shared, mixed, pdf), active & ~hidden
 
     def _sent_density(self, r: mi.Float) -> mi.Float:

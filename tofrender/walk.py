@@ -239,6 +239,8 @@ def walk(
                 bsdf_ctx, si, bsdf, bs, bsdf_weight, sampler, active_next
             )
         ray = leave(si, si.to_world(bs.wo), mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta))
+        if dr.hint(targets is not None, mode="scalar"):
+            ray = targets.send(ray, si, aimed)
         β *= mi.unpolarized_spectrum(bsdf_weight)
         η *= bs.eta
         prev = mi.Interaction3f(si)
