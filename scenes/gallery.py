@@ -1,7 +1,8 @@
 """Pictures of the built-in scenes: `python -m scenes.gallery [NAME ...]` makes all, or some.
 
-All of them take a few minutes. Hidden scenes are drawn as plans. Every other picture is rendered from a fixed seed, so the same versions of
-everything make the same file, up to the rounding of sums in floating point.
+All of them take a few minutes. Scenes with something hidden are drawn as plans. Every other picture
+is rendered from a fixed seed, so the same versions of everything make the same file, up to the
+rounding of sums in floating point.
 """
 
 from __future__ import annotations
@@ -104,8 +105,8 @@ PLANS: dict[str, tuple[tuple[Plan, ...], ...]] = {
 }
 """What each drawn file `pictures/NAME.png` shows, in rows."""
 
-PLAN_SIZE = (5.4, 4.8)  # inches
-PLAN_DPI = 64
+PLAN_SIZE = (6.4, 5.2)  # inches
+PLAN_DPI = 60
 
 
 def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
@@ -224,7 +225,8 @@ def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> 
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m scenes.gallery", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join([*PICTURES, *PLANS])}")
+    known = ", ".join([*PICTURES, *PLANS])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {known}")
     options = parser.parse_args()
     try:
         write(FOLDER, options.names)

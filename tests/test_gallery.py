@@ -13,7 +13,8 @@ from scenes import gallery
 from tofrender.scenes import BUILT_IN
 
 PAGE = (Path(gallery.__file__).parent / "README.md").read_text(encoding="utf-8")
-SHOWN = {panel.scene for panels in gallery.PICTURES.values() for panel in panels}
+PLANS = {plan.scene for rows in gallery.PLANS.values() for row in rows for plan in row}
+SHOWN = {panel.scene for panels in gallery.PICTURES.values() for panel in panels} | PLANS
 SAME_PICTURE = {"cornell_box_steady_state": "cornell_box"}
 """Scenes that look as another one does."""
 ONLY_IN_TIME = {
@@ -21,7 +22,7 @@ ONLY_IN_TIME = {
     for name, builder in BUILT_IN.items()
     if builder.__module__.rpartition(".")[2] in ("nlos", "confocal")
 }
-"""Scenes whose steady picture shows nothing."""
+"""Scenes whose steady picture shows nothing of what is hidden."""
 
 
 def small(panel: gallery.Panel) -> gallery.Panel:
@@ -36,14 +37,15 @@ def test_every_scene_has_a_line_and_a_picture():
     unknown = [name for name in listed if name not in BUILT_IN]
     assert not unknown, f"in scenes/README.md, but there is no such scene: {unknown}"
     assert set(SAME_PICTURE.values()) <= SHOWN
-    needed = BUILT_IN.keys() - ONLY_IN_TIME - SAME_PICTURE.keys()
-    assert needed <= SHOWN, f"not in gallery.PICTURES: {needed - SHOWN}"
+    needed = BUILT_IN.keys() - SAME_PICTURE.keys()
+    assert needed <= SHOWN, f"not in gallery.PICTURES or PLANS: {needed - SHOWN}"
+    assert PLANS == ONLY_IN_TIME
 
 
 def test_the_page_shows_the_pictures_that_there_are():
     on_page = re.findall(r"\(pictures/(\w+)\.png\)", PAGE)
     kept = [path.stem for path in gallery.FOLDER.glob("*.png")]
-    assert sorted(on_page) == sorted(kept) == sorted(gallery.PICTURES)
+    assert sorted(on_page) == sorted(kept) == sorted([*gallery.PICTURES, *gallery.PLANS])
     sizes = {path.name: path.stat().st_size for path in gallery.FOLDER.iterdir()}
     assert sum(sizes.values()) < 1.5e6, sizes
 
@@ -70,6 +72,28 @@ def test_pictures_are_made(name, tmp_path, monkeypatch):
         assert part.std() > 5, panel
     again = gallery.picture(panels, width=32).astype(int)
     assert np.abs(again - image).max() <= 1  # the same but for the rounding of sums
+
+
+@pytest.mark.parametrize("name", gallery.PLANS)
+def test_plans_are_drawn(name, tmp_path, monkeypatch):
+    """A row of them; the file that is kept has a place for each."""
+    rows = gallery.PLANS[name]
+    assert len({len(row) for row in rows}) == 1
+    monkeypatch.setitem(gallery.PLANS, name, rows[:1])
+    (path,) = gallery.write(tmp_path, [name])
+    image = np.asarray(Image.open(path).convert("RGB")).astype(float)
+    width, height = (round(inches * gallery.PLAN_DPI) for inches in gallery.PLAN_SIZE)
+    assert image.shape == (height, len(rows[0]) * width, 3)
+    for k in range(len(rows[0])):
+        part = image[:, k * width : (k + 1) * width]
+        assert (part.min(axis=-1) > 250).mean() > 0.5  # a drawing on white, in colours
+        assert (np.ptp(part, axis=-1) > 40).mean() > 0.004
+        # Nothing is cut off at the left and right, where the legend is widest
+        assert (part[:, [0, 1, -2, -1]] > 250).all()
+    with Image.open(gallery.FOLDER / f"{name}.png") as kept:
+        assert kept.size == (len(rows[0]) * width, len(rows) * height)
+        first = np.asarray(kept.convert("RGB")).astype(float)[:height]
+    assert np.abs(first - image).mean() < 3  # up to fonts and colours left
 
 
 def test_labels_are_legible():

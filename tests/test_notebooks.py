@@ -77,6 +77,44 @@ KEY_NUMBERS = {
         assert all(abs(found / expected - 1) < 2e-4 for found, expected in dimming), dimming
         assert film_gap < 1e-4, film_gap
     """,
+    "04_confocal_nlos": """
+        for tilt, (found, formula, mean_opl, length) in patch.items():
+            assert abs(found / formula - 1) < 0.02, (tilt, found, formula)
+            assert abs(mean_opl - length) < 2e-3, (tilt, mean_opl, length)
+        first_hidden = 2 * d + 2.0  # the letter is 1 m from the wall
+        assert max(abs(arrives["filter_bounces = 1"][k] - 2 * d) for k in (1, 2)) < 0.03, arrives
+        for name in ("use_nlos_only", "filter_bounces = 3"):
+            assert abs(arrives[name][1] - first_hidden) < 0.03, arrives
+        assert arrives["filter_bounces = 5"][1] > first_hidden + 1.9, arrives
+        parts = [arrives[f"filter_bounces = {n}"][0] for n in (3, 5)]
+        assert abs(sum(parts) / arrives["use_nlos_only"][0] - 1) < 0.01, arrives
+        assert 1e5 < relay_over_hidden < 1e7, relay_over_hidden
+        assert all(abs(a / b - 1) < 0.01 for a, b in spots.values()), spots
+        assert spots[0.3][0] < 0.75 * spots[0.0][0], spots
+        assert variance_ratio > 50, variance_ratio
+        assert abs(means[True] / means[False] - 1) < 0.2, means
+        assert early == 0 and sphere_ratio > 1e6, (early, sphere_ratio)
+        assert min(first_light) > -0.12 and np.median(first_light) < 0.05, first_light
+        assert all(error < 6e-3 for error in arrival_error.values()), arrival_error
+        assert place_error < 2e-3, place_error
+    """,
+    "05_reconstruction": """
+        assert file_error < 1e-5, file_error
+        assert all(error.median < 0.02 for error in errors.values()), errors
+        assert all(errors[name].median < 1.5e-3 for name in ("lct", "fk")), errors
+        assert all(errors[name].found > 0.8 for name in ("bp", "fbp", "lct", "fk")), errors
+        for name in ("fbp", "lct", "fk", "phasor"):
+            assert errors[name].extra < 0.7 * errors["bp"].extra, errors
+        assert abs(np.nanmedian(truth) - 1) < 1e-4, truth
+        for name in ("lct", "fk"):
+            assert noise_errors[name, 1000].median < 2e-3, noise_errors
+            assert noise_errors[name, 1].median < 0.05, noise_errors
+            assert bin_errors[name, 1].median < 1.5e-3, bin_errors
+            assert bin_errors[name, 10].median < 0.015, bin_errors
+        assert "a single capture on an even plane grid allows bp, fbp, phasor" in refused, refused
+        assert all(error.median < 0.03 for error in single_errors.values()), single_errors
+        assert bunny_error.median < 0.01 and bunny_error.found > 0.4, bunny_error
+    """,
 }
 
 # Each warning that a notebook is to show, in order
