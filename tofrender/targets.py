@@ -139,8 +139,8 @@ class Targets:
 
     def send(self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, aimed: mi.Float) -> mi.Ray3f:
         """Turn rays that start a little off the surface to the very point that they are sent to."""
-        point = dr.fma(ray.d, aimed, si.p)
-        ray.d = dr.select(aimed > 0, dr.normalize(point - ray.o), ray.d)
+        to_point = mi.Vector3f(dr.fma(ray.d, aimed, si.p) - ray.o)
+        ray.d = dr.select(aimed > 0, dr.normalize(to_point), ray.d)
         return ray
 
     def arrive(
