@@ -300,6 +300,23 @@ def test_half_hidden():
     assert agree(found(described, 4096)[:, 0, 0], np.array(expected), rounding=2e-3)
 
 
+@pytest.mark.statistical
+def test_shadow_of_the_lit_point():
+    """A small plate near the lit point, which the seen points look past."""
+    plate = Rectangle((-0.18, 0.175, 0.27), (0.07, 0, 0), (0, 0.07, 0), albedo=0.0)
+    black = plate.shape({"type": "twosided", "side": diffuse(0.0)})
+    nodes = FRONT.nodes(600, 600)
+    lit = ~crosses(plate, np.asarray(LIT), nodes.points)
+    assert 0.1 < lit.mean() < 0.9
+    expected = np.zeros((2, 2))
+    for place, point in zip(np.ndindex(2, 2), GRID.points().reshape(-1, 3), strict=True):
+        seen = lit & ~crosses(plate, point, nodes.points)
+        kept = Nodes(nodes.points[seen], nodes.normals[seen], nodes.areas[seen])
+        expected[place] = total(Setup(), kept, 0.7, LIT, point)
+    described = three_of("single", {"hidden": FRONT.shape(), "plate": black})
+    assert agree(found(described, 1024), expected, rounding=2e-3)
+
+
 def crosses(plate: Rectangle, point, others: np.ndarray) -> np.ndarray:
     """Whether the plate is between a point and others."""
     d = others - point

@@ -151,6 +151,44 @@ class ConfocalProjector(mi.Emitter):
         per_sr = 1 / (self.tan**2 * local.z**3)
         return dr.select(seen, _spectrum(total) * per_sr, 0)
 
+    # Mitsuba asks every emitter that exists, in whatever scene; this one is dark to all others.
+
+    def eval(self, si, active=True):
+        """0: it has no surface."""
+        return mi.Spectrum(0)
+
+    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+        """Nothing."""
+        return dr.zeros(mi.Ray3f), mi.Spectrum(0)
+
+    def sample_direction(self, it, sample, active=True):
+        """Nothing."""
+        return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
+
+    def pdf_direction(self, it, ds, active=True):
+        """0."""
+        return mi.Float(0)
+
+    def eval_direction(self, it, ds, active=True):
+        """0."""
+        return mi.Spectrum(0)
+
+    def sample_position(self, time, sample, active=True):
+        """Nothing."""
+        return dr.zeros(mi.PositionSample3f), mi.Float(0)
+
+    def pdf_position(self, ps, active=True):
+        """0."""
+        return mi.Float(0)
+
+    def sample_wavelengths(self, si, sample, active=True):
+        """Nothing."""
+        return si.wavelengths, mi.Spectrum(0)
+
+    def bbox(self):
+        """Empty."""
+        return mi.ScalarBoundingBox3f()
+
     def to_string(self) -> str:
         """Kind, number of spots and power."""
         kind = "confocal" if self.is_confocal else "fixed"
@@ -195,15 +233,14 @@ def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for name in LISTED:
         if name not in given:
             raise ValueError(f"{name}: is missing; must be given with {given[0]}")
-    positions = numbers("spot_positions", listed["spot_positions"]).reshape(-1, 2)
-    n = len(positions)
-    sigmas = numbers("spot_sigmas", listed["spot_sigmas"]).ravel()
-    powers = numbers("spot_intensities", listed["spot_intensities"]).reshape(n, -1)
-    if len(sigmas) != n or powers.shape[1] not in (1, 3):
+    positions, sigmas, powers = (numbers(name, listed[name]).ravel() for name in LISTED)
+    n = len(sigmas)
+    if len(positions) != 2 * n or len(powers) not in (n, 3 * n):
         raise ValueError(
-            f"spot_sigmas: {len(sigmas)} and spot_intensities: {powers.size} for {n} positions; "
-            "must be one sigma, and one power or three, for each"
+            f"spot_positions: {len(positions)} numbers, spot_sigmas: {n}, spot_intensities: "
+            f"{len(powers)}; must be two, one, and one or three for each spot"
         )
+    positions, powers = positions.reshape(n, 2), powers.reshape(n, -1)
     if np.any(np.abs(positions) > 1):
         raise ValueError("spot_positions: must be from -1 to 1")
     for name, values in (("spot_sigmas", sigmas), ("spot_intensities", powers.mean(axis=1))):

@@ -64,6 +64,8 @@ class RelayWallPath(TransientPath):
 
     def __init__(self, props: mi.Properties) -> None:
         wall: Any = props.get("relay_wall", None)
+        if wall is not None and not isinstance(wall, str):
+            raise ValueError(f"relay_wall = {wall!r}: must be ids of shapes, separated by commas")
         self.relay_wall: Any = None if wall is None else [each.strip() for each in wall.split(",")]
         self.use_nlos_only, self.samples_hidden, self.counts_legs = (
             checks.boolean(name, props.get(name, default))
@@ -100,7 +102,7 @@ class RelayWallPath(TransientPath):
 
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
         """The scan that the rays of this sensor belong to."""
-        wall = self._wall(scene, sensor)
+        wall = self.wall(scene, sensor)
         hidden = [s for s in scene.shapes() if s not in wall and not s.is_emitter()]
         if self.use_nlos_only and not hidden:
             raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
@@ -179,7 +181,7 @@ class RelayWallPath(TransientPath):
         opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
         return radiance, opl + (r if self.counts_legs else 0), seen & dr.any(radiance != 0)
 
-    def _wall(self, scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
+    def wall(self, scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
         """The relay wall; none where nobody asks for it and nothing says which it is."""
         if self.relay_wall is not None:
             return find_relay_wall(scene, self.relay_wall)

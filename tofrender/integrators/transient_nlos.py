@@ -92,6 +92,11 @@ class TransientNLOSPath(RelayWallPath):
 
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
         """The scan, once it is known that there is one laser."""
+        if self.capture_type == "confocal" and not self.laser_sampling:
+            raise ValueError(
+                "nlos_laser_sampling = False: must be true for confocal captures, whose laser "
+                "lights one point after the other"
+            )
         emitters = scene.emitters()
         delta = mi.EmitterFlags.DeltaPosition
         if len(emitters) != 1 or not mi.has_flag(emitters[0].flags(), delta):

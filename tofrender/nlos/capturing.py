@@ -76,7 +76,7 @@ def capture(
     camera, integrator = scene.sensors()[number], _integrator(scene, mode)
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
-    wall = integrator.lights(scene, camera).wall
+    wall = integrator.wall(scene, camera)
     points, normals = wall_points(scene, camera, wall)
     geometry: dict[str, Any] = {"sensor_grid": points, "sensor_normals": normals}
     geometry["sensor_origin"] = _origin(camera)
@@ -198,15 +198,26 @@ def focus_laser(
             raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
-        target = mi.Point3f(*(checks.metres("point", float(x)) for x in point))
+        target = mi.Point3f(*_three("point", point))
     emitter = _laser(scene)
     parameters = mi.traverse(emitter)
     origin = emitter.world_transform() @ mi.Point3f(0)
+    if not dr.norm(target - origin)[0] > 0:
+        raise ValueError(
+            f"point = {np.array(target).ravel().tolist()}: must not be the laser's own"
+        )
     axis = dr.normalize(target - origin)
     up = mi.Vector3f(0, 1, 0) if abs(axis.y[0]) < 0.99 else mi.Vector3f(1, 0, 0)
     parameters["to_world"] = mi.Transform4f().look_at(origin, target, up)
     parameters.update()
     return np.array(target).ravel()
+
+
+def _three(name: str, value: Any) -> list[float]:
+    """Three lengths [m]."""
+    if np.shape(value) != (3,):
+        raise ValueError(f"{name} = {value!r}: must be three numbers, in metres")
+    return [checks.metres(name, float(x)) for x in value]
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
