@@ -12,7 +12,7 @@ import pytest
 from support import largest, with_sampler
 
 import tofrender
-from tofrender.integrators import confocal
+from tofrender.integrators.confocal import chooser
 from tofrender.scenes import cornell_box_glass
 
 NAMES = ("transient_path", "transient_hdr_film")
@@ -35,7 +35,8 @@ def theirs(monkeypatch):
 
 def give_names_back() -> None:
     """Other tests load our plugins by name."""
-    mi.register_integrator("transient_path", confocal.transient_path)
+    classes = (tofrender.TransientPath, tofrender.ConfocalTransientIntegrator)  # Of this variant
+    mi.register_integrator("transient_path", chooser(*classes))
     mi.register_integrator("transient_nlos_path", tofrender.TransientNLOSPath)
     mi.register_sensor("nlos_capture_meter", tofrender.NLOSCaptureMeter)
     mi.register_film("transient_hdr_film", tofrender.TransientHDRFilm)

@@ -109,7 +109,7 @@ def round_beam(sigma: float, power: float) -> Any:
     )
 
 
-def _chooser(plain: type, confocal: type) -> Callable[[mi.Properties], Any]:
+def chooser(plain: type, confocal: type) -> Callable[[mi.Properties], Any]:
     """Makes `transient_path` as scenes name it: a confocal one with a projector nested in it.
 
     The classes are those of the active variant, whatever this module becomes in another one.
@@ -119,7 +119,5 @@ def _chooser(plain: type, confocal: type) -> Callable[[mi.Properties], Any]:
 
 for name in ("confocal_transient_path", "tofrender_confocal_transient_path"):
     mi.register_integrator(name, ConfocalTransientIntegrator)
-transient_path = _chooser(TransientPath, ConfocalTransientIntegrator)
-
 for name in ("transient_path", "tofrender_transient_path"):
-    mi.register_integrator(name, transient_path)
+    mi.register_integrator(name, chooser(TransientPath, ConfocalTransientIntegrator))
