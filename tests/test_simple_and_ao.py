@@ -367,3 +367,11 @@ def test_bad_input_is_one_line(plugin, text):
     with pytest.raises(ValueError, match=text) as error:
         tofrender.load_scene(described)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["bust_simple", "bust_ao"])
+def test_a_window_makes_them_transient(name):
+    window = {"temporal_bins": 20, "start_opl": 0.0, "bin_width_opl": 50.0}
+    loaded = tofrender.load_scene(name, width=4, height=4, **window)
+    dataset = tofrender.render(loaded, spp=4, progress=False)
+    assert float(dataset.transient.sum()) == pytest.approx(float(dataset.steady.sum()), rel=1e-3)

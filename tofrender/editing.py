@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 
 from . import backend, checks
-from .settings import INTEGRATORS
+from .settings import IN_TIME, INTEGRATORS
 
 parser: Any = mi.parser
 UNKNOWN = mi.ObjectType.Unknown
@@ -31,7 +31,7 @@ FILM_KEPT = (
 ENDINGS = {
     mi.ObjectType.Film: ("film",),
     mi.ObjectType.Sampler: ("sampler", "sobol"),
-    mi.ObjectType.Integrator: ("path", "integrator", "simple", *INTEGRATORS),
+    mi.ObjectType.Integrator: ("path", "integrator", *IN_TIME),
     mi.ObjectType.Sensor: ("camera", "meter"),
 }
 
@@ -169,7 +169,7 @@ def _change_integrator(integrator: Any, settings: Mapping[str, Any], turns: bool
     if "integrator" in settings:
         if settings["integrator"] != name:
             _become(integrator, settings["integrator"], INTEGRATOR_KEPT)
-    elif turns and name not in INTEGRATORS:
+    elif turns and name not in IN_TIME:
         if name != "path":
             raise ValueError(
                 f"integrator = {name!r}: a transient film needs another one; "

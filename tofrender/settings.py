@@ -25,6 +25,10 @@ INTEGRATORS = (
     "path_tracer_mis",
     "ao",
 )
+"""Integrators that a name is enough for."""
+
+IN_TIME = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
+"""Integrators that can put light into bins."""
 
 
 class Settings(TypedDict, total=False):
