@@ -90,7 +90,7 @@ class ConfocalProjector(mi.Emitter):
         dr.eval(self.positions, self.sigmas, self.colours, self.cumulative, self.inside)
 
     def axes(self, direction: Any, up: Any) -> mi.Frame3f:
-        """The projector's frame: its x axis to the right, y up, n along the axis."""
+        """The projector's frame: y up, n along the axis, x as in Mitsuba's `look_at`."""
         if not self.is_confocal:
             to_world = mi.Transform4f(self.frame)
             s, t, n = (to_world @ mi.Vector3f(*axis) for axis in np.eye(3).tolist())
