@@ -3,4 +3,4 @@
 from tofrender.scenes import *  # noqa: F403
 from tofrender.scenes import BUILT_IN
 
-__all__ = sorted(BUILT_IN)  # noqa: PLE0605
+__all__ = sorted(BUILT_IN)
