@@ -94,7 +94,7 @@ class RelayWallPath(TransientPath):
             A light strategy, and what the camera sees of the lit point itself, if the strategy does
             not find that.
         """
-        raise NotImplementedError
+        raise TypeError(f"{type(self).__name__}: must define laser, what its paths connect to")
 
     def lit_point(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Connections to where a beam lands."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,12 +41,13 @@ class EmitterRecord:
     valid: mi.Bool
 
 
-class Shape:
+class Shape(ABC):
     """What all shapes share; `sample` and `record` make it one."""
 
     area: float
     emission: tuple[float, ...]
 
+    @abstractmethod
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
         """A random direction towards the shape.
 
@@ -59,11 +61,10 @@ class Shape:
         Raises:
             AssertionError: A sample lies outside of the unit square; in debug mode only.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
         """What is seen from `o` in the direction `v`, and the density of that direction."""
-        raise NotImplementedError
 
     def pdf(self, o: mi.Point3f, v: mi.Vector3f) -> mi.Float:
         """Density of `sample` from `o` at the direction `v` [1/sr]; 0 if it misses the shape."""

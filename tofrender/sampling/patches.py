@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -69,12 +70,13 @@ class Patch(Shape):
         pdf = distance * dr.square(distance) / (self.area * height)
         return self.filled(o, p, n, d, distance, pdf, valid)
 
+    @abstractmethod
     def _coordinates(self, sample: mi.Point2f) -> tuple[mi.Float, mi.Float]:
         """Uniform (a, b) on the shape."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _contains(self, a: mi.Float, b: mi.Float) -> mi.Bool:
-        raise NotImplementedError
+        """Whether (a, b) is on the shape."""
 
 
 class Quad(Patch):
