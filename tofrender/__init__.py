@@ -15,7 +15,7 @@ import sys
 from pathlib import PurePath
 from typing import Any
 
-from . import backend
+from . import backend, withheld
 
 __version__ = "0.1.0"
 
@@ -127,7 +127,10 @@ def __getattr__(name: str) -> Any:
     if name in _SUBMODULES:
         return importlib.import_module(f".{name}", __name__)
     if name in _MODULE_OF:
-        value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+        try:
+            value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+        except withheld.Withheld as reason:
+            raise AttributeError(f"{__name__}.{name}: {reason}") from None
         globals()[name] = value
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,7 +13,7 @@ import os
 import sys
 from typing import Any
 
-from . import checks, llvm
+from . import checks, llvm, withheld
 
 PLUGIN_MODULES = (
     "tofrender.sampling.padded_sobol",
@@ -180,6 +180,9 @@ def plugin(name: str) -> Any:
         raise AttributeError(
             f"tofrender.{name} needs an llvm_* or cuda_* variant; the active one is {variant!r}"
         )
+    reason = withheld.refusal(PLUGINS[name][1])
+    if reason is not None:
+        raise AttributeError(f"tofrender.{name}: {reason}")
     _register(variant)
     return _classes[variant][name]
 
@@ -217,6 +220,12 @@ def _register(variant: str) -> None:
         return
     modules = {}
     for name in PLUGIN_MODULES:
-        loaded = sys.modules.get(name)
-        modules[name] = importlib.reload(loaded) if loaded else importlib.import_module(name)
-    _classes[variant] = {name: getattr(modules[home], name) for name, (_, home) in PLUGINS.items()}
+        if withheld.refusal(name) is None:
+            loaded = sys.modules.get(name)
+            modules[name] = importlib.reload(loaded) if loaded else importlib.import_module(name)
+    _classes[variant] = {}
+    for name, (plugin_name, home) in PLUGINS.items():
+        if home in modules:
+            _classes[variant][name] = getattr(modules[home], name)
+        elif ".integrators." in home:
+            withheld.stand_in(plugin_name, str(withheld.refusal(home)))

@@ -1,0 +1,225 @@
+"""The judge's end of the wire: a submission as a worker that can be asked, killed and replaced."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, cast
+
+import psutil
+
+from . import wire
+
+START_S = 90.0
+KEPT_OUTPUT = 4000
+MAX_ANSWER = 1 << 30
+
+
+class NoAnswer(AssertionError):
+    """A submission did not answer; the reason is one that a student can read."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a submission may use.
+
+    Attributes:
+        memory_bytes: Memory of the worker and what it starts, together; None is no limit.
+        confine: Whether the worker gives up its right to write outside its scratch folder.
+    """
+
+    memory_bytes: int | None = None
+    confine: bool = False
+
+
+class Worker:
+    """Runs one submission in processes of its own; a new one after each that dies.
+
+    Args:
+        assignment: Folder with `rubric.toml` and `tests/probes.py`.
+        submission: Folder of the files to judge; None for the package itself.
+        edition: Folder whose `tofrender` the submission sees; None for this one.
+        limits: What it may use.
+    """
+
+    def __init__(
+        self,
+        assignment: Path,
+        submission: Path | None,
+        edition: Path | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        self._assignment, self._submission = assignment, submission
+        self._edition, self._limits = edition, limits or Limits()
+        self._scratch = Path(tempfile.mkdtemp(prefix="tofrender-judge-"))
+        self._process: subprocess.Popen | None = None
+        self._number = 0
+        self._output = bytearray()
+
+    # ------------------------------------------------------------------ for tests
+
+    def ask(self, probe: str, arguments: dict[str, Any], timeout_s: float) -> Any:
+        """Ask for what a probe returns.
+
+        Args:
+            probe: Name of a function of `tests/probes.py`.
+            arguments: Its arguments, data as `wire` takes it.
+            timeout_s: Longest time for the answer, the start of a new process not counted [s].
+
+        Raises:
+            NoAnswer: It failed, crashed, took too long or too much; says which.
+        """
+        process = self._process
+        if process is None or process.poll() is not None:
+            process = self._start()
+        self._number += 1
+        wire.write(self._exchange / f"question-{self._number}.npz", [probe, arguments])
+        with suppress(OSError):  # if it has died, the wait says how
+            cast(IO[bytes], process.stdin).write(f"{self._number}\n".encode())
+        reply = self._wait(process, timeout_s)
+        if "error" in reply:
+            raise NoAnswer(str(reply["error"]))
+        return reply.get("answer")
+
+    def close(self) -> None:
+        """End the processes and remove their scratch folder."""
+        self._kill()
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    @property
+    def output(self) -> str:
+        """The last that the submission printed."""
+        return bytes(self._output[-KEPT_OUTPUT:]).decode(errors="replace")
+
+    # ------------------------------------------------------------------ processes
+
+    @property
+    def _exchange(self) -> Path:
+        return self._scratch / "exchange"
+
+    def _start(self) -> subprocess.Popen:
+        self._kill()
+        self._number = 0
+        self._output.clear()
+        for name in ("exchange", "work"):
+            shutil.rmtree(self._scratch / name, ignore_errors=True)
+            (self._scratch / name).mkdir()
+        limits = self._limits
+        confine = {"writable": [str(self._scratch)], "memory_bytes": limits.memory_bytes}
+        configuration = self._scratch / "configuration.json"
+        settings = {
+            "rubric": str(self._assignment / "rubric.toml"),
+            "probes": str(self._assignment / "tests" / "probes.py"),
+            "submission": None if self._submission is None else str(self._submission),
+            "exchange": str(self._exchange),
+            "variant": os.environ.get("TOFRENDER_VARIANT"),
+            "confine": confine if limits.confine else None,
+        }
+        configuration.write_text(json.dumps(settings), encoding="utf-8")
+        package = self._edition or Path(__file__).parents[2]
+        environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(self._scratch)}
+        process = self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "tofrender.course.worker", str(configuration)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            bufsize=0,
+            cwd=self._scratch / "work",
+            env=environment,
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._drain, args=(process,), daemon=True)
+        self._reader.start()
+        self._wait(process, START_S)
+        return process
+
+    def _drain(self, process: subprocess.Popen) -> None:
+        """Read what the submission prints, and keep the end of it."""
+        with cast(IO[bytes], process.stdout) as printed:
+            while chunk := printed.read(1 << 16):
+                if process is self._process:
+                    self._output += chunk
+                    del self._output[:-KEPT_OUTPUT]
+
+    def _wait(self, process: subprocess.Popen, timeout_s: float) -> dict[str, Any]:
+        """The answer, or the reason why there is none."""
+        answer = self._exchange / f"answer-{self._number}.npz"
+        begin, pause, looked = time.monotonic(), 0.001, 0.0
+        while not answer.exists():
+            if process.poll() is not None and not answer.exists():
+                raise NoAnswer(self._death(process.returncode))
+            now = time.monotonic()
+            if now - begin > timeout_s:
+                self._kill()
+                raise NoAnswer(f"no answer within {timeout_s:g} s; the process was ended")
+            if self._limits.memory_bytes is not None and now - looked > 0.1:
+                looked = now
+                if self._memory() > self._limits.memory_bytes:
+                    self._kill()
+                    gib = self._limits.memory_bytes / 2**30
+                    raise NoAnswer(f"used more than {gib:g} GiB of memory; the process was ended")
+            time.sleep(pause)
+            pause = min(1.5 * pause, 0.02)
+        if answer.stat().st_size > MAX_ANSWER:
+            raise NoAnswer(f"the answer has {answer.stat().st_size} bytes, more than {MAX_ANSWER}")
+        try:
+            reply = wire.read(answer)
+        except ValueError as error:
+            raise NoAnswer(str(error)) from None
+        answer.unlink(missing_ok=True)
+        return reply if isinstance(reply, dict) else {}
+
+    def _death(self, status: int) -> str:
+        """What the end of the process means."""
+        if status < 0:
+            name = signal.Signals(-status).name
+            what = f"the process crashed ({name})"
+            if name in ("SIGSEGV", "SIGBUS"):
+                what += ": a gather or scatter out of range, or too little memory?"
+        else:
+            what = f"the process ended itself with status {status} and gave no answer"
+        last = self.output.strip().splitlines()[-3:]
+        return "\n  ".join([what, *last])
+
+    def _memory(self) -> int:
+        """Memory of the worker and all that it has started [bytes]."""
+        total = 0
+        for process in self._tree():
+            with suppress(psutil.Error):
+                total += process.memory_info().rss
+        return total
+
+    def _tree(self) -> list[psutil.Process]:
+        if self._process is None:
+            return []
+        try:
+            root = psutil.Process(self._process.pid)
+            return [root, *root.children(recursive=True)]
+        except psutil.Error:
+            return []
+
+    def _kill(self) -> None:
+        """End the worker and everything that it has started."""
+        if self._process is None:
+            return
+        tree = self._tree()
+        with suppress(ProcessLookupError):  # the group first: it may still be forking
+            os.killpg(self._process.pid, signal.SIGKILL)
+        for process in tree:
+            with suppress(psutil.Error):
+                process.kill()
+        self._process.wait()
+        with suppress(OSError):
+            cast(IO[bytes], self._process.stdin).close()
+        self._reader.join(1.0)  # what has left our sight may still hold its end
+        self._process = None

@@ -1,0 +1,220 @@
+"""The pytest plugin of the assignments: `pytest -p tofrender.course.judge`.
+
+It reads `rubric.toml` beside the tests, makes a marker of each problem, and offers the fixture
+`submission`. Each failed test says in a few lines what was expected and what came.
+
+| option | meaning |
+|---|---|
+| `--submission=DIR` | what is judged; by default the ini file's `submission`, else the package |
+| `--seed N` | seed from which the tests derive theirs |
+| `--seeds N` | repeat every test under N seeds |
+| `--report FILE` | append a JSON line a test, as it ends |
+| `--edition DIR` | folder whose `tofrender` the submission sees |
+| `--memory-gib N`, `--confine` | limits of the submission's processes |
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from . import expect, rubric
+from .client import Limits, NoAnswer, Worker
+
+RUBRIC = pytest.StashKey[rubric.Rubric]()
+WORKER = pytest.StashKey[Worker]()
+
+
+class Submission:
+    """What a test asks: the fixture `submission`.
+
+    Attributes:
+        seed: Seed from which a test derives its own.
+    """
+
+    def __init__(self, worker: Worker, folder: Path | None, timeout_s: float, seed: int) -> None:
+        self._worker, self._folder, self._timeout_s, self.seed = worker, folder, timeout_s, seed
+
+    def ask(self, probe: str, **arguments: Any) -> Any:
+        """What a probe of `tests/probes.py` returns for this submission.
+
+        Args:
+            probe: The probe's name.
+            arguments: Its arguments: numbers, texts, arrays, or lists and dicts of them.
+
+        Raises:
+            NoAnswer: The submission failed; says how.
+        """
+        __tracebackhide__ = True
+        return self._worker.ask(probe, arguments, self._timeout_s)
+
+    def path(self, name: str) -> Path:
+        """A file that was handed in.
+
+        Raises:
+            Failure: It is missing.
+        """
+        __tracebackhide__ = True
+        if self._folder is None:
+            pytest.skip(f"{name} is a file, which the package itself does not hand in")
+        path = self._folder / name
+        expect.true(path.is_file(), f"{name} is missing", hint="the notebook writes it")
+        return path
+
+    def arrays(self, name: str) -> dict[str, np.ndarray]:
+        """The arrays of an npz file that was handed in.
+
+        Raises:
+            Failure: It is missing, or holds something else.
+        """
+        __tracebackhide__ = True
+        try:
+            with np.load(self.path(name), allow_pickle=False) as archive:
+                return {key: archive[key] for key in archive.files}
+        except (OSError, ValueError, EOFError, AttributeError, KeyError) as error:
+            raise expect.Failure(f"{name} is not an npz file of arrays: {error}") from None
+        except Exception as error:  # zipfile's and zlib's own, which have no common base
+            raise expect.Failure(f"{name} is damaged: {error}") from None
+
+
+@pytest.fixture
+def submission(request: pytest.FixtureRequest) -> Submission:
+    """The submission that is judged."""
+    config = request.config
+    problem = _problem(request.node)
+    timeout_s = problem.timeout_s if problem else 60.0
+    seed = int(config.getoption("--seed") or 0) + getattr(request, "param", 0) * 1_000_003
+    return Submission(config.stash[WORKER], _folder(config), timeout_s, seed)
+
+
+# ------------------------------------------------------------------------------ pytest's hooks
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of the table above."""
+    group = parser.getgroup("tofrender", "judging a submission")
+    group.addoption("--submission", metavar="DIR", help="folder of the files to judge")
+    group.addoption("--seed", type=int, default=0, metavar="N", help="seed of the tests")
+    group.addoption("--seeds", type=int, default=1, metavar="N", help="repeat under N seeds")
+    group.addoption("--report", metavar="FILE", help="append a JSON line for each test")
+    group.addoption("--edition", metavar="DIR", help="package that the submission sees")
+    group.addoption("--memory-gib", type=float, metavar="N", help="memory of the submission")
+    group.addoption("--confine", action="store_true", help="let it write in its scratch only")
+    parser.addini("submission", "folder of the files to judge, from the ini file's folder")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Read the rubric; make its markers and the worker."""
+    root = config.rootpath
+    try:
+        assignment = rubric.read(root)
+    except (ValueError, FileNotFoundError) as error:
+        raise pytest.UsageError(str(error)) from None
+    folder = _folder(config)
+    if folder is not None and not folder.is_dir():
+        raise pytest.UsageError(f"--submission {folder}: no such folder")
+    config.stash[RUBRIC] = assignment
+    for problem in assignment.problems:
+        config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
+    pictures = folder / "failures" if config.getini("submission") and folder else None
+    expect.configure(comparisons=assignment.comparisons, pictures=pictures)
+    memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
+    limits = Limits(memory and int(memory * 2**30), config.getoption("--confine"))
+    config.stash[WORKER] = Worker(root, folder, edition and Path(edition).resolve(), limits)
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """End the worker."""
+    if WORKER in config.stash:
+        config.stash[WORKER].close()
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Repeat each test under the seeds that were asked for."""
+    seeds = int(metafunc.config.getoption("--seeds") or 1)
+    if seeds > 1 and "submission" in metafunc.fixturenames:
+        ids = [f"seed{k}" for k in range(seeds)]
+        metafunc.parametrize("submission", range(seeds), indirect=True, ids=ids)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Name the pictures of a failure after the test."""
+    expect.configure(test=item.name)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo
+) -> Iterator[None] | pytest.TestReport:
+    """Show what was expected and what came instead of a traceback."""
+    report = yield
+    if call.excinfo is not None and call.excinfo.errisinstance((expect.Failure, NoAnswer)):
+        problem = _problem(item)
+        where = f"problem {problem.id}, {problem.file}" if problem else ""
+        about = (getattr(item, "function", item).__doc__ or "").strip().split("\n")[0]
+        report.longrepr = "\n".join(
+            filter(None, [where.rstrip(", "), about, str(call.excinfo.value)])
+        )
+    return report
+
+
+_reports: list[pytest.TestReport] = []  # of the test that runs
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Collect what `--report` writes."""
+    _reports.append(report)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
+    """Append a line to the report when a test has ended."""
+    _reports.clear()
+    result = yield
+    target = item.config.getoption("--report")
+    if target:
+        bad = [r for r in _reports if r.failed]
+        skipped = any(r.skipped for r in _reports)
+        line = {
+            "id": test_id(item.nodeid),
+            "case": item.nodeid.partition("[")[2].rstrip("]"),
+            "outcome": "failed" if bad else "skipped" if skipped else "passed",
+            "text": str(bad[0].longrepr) if bad else "",
+            "seconds": sum(r.duration for r in _reports),
+        }
+        with open(target, "a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+    return result
+
+
+def test_id(nodeid: str) -> str:
+    """The id of a test in the rubric: its file's name and its function's, without a case.
+
+    Example:
+        >>> test_id("tests/test_pulse.py::test_area[0.1-seed3]")
+        'test_pulse.py::test_area'
+    """
+    path, _, function = nodeid.partition("::")
+    return f"{Path(path).name}::{function.partition('[')[0]}"
+
+
+test_id.__test__ = False  # pytest: it is no test
+
+
+def _problem(item: Any) -> rubric.Problem | None:
+    """The problem that a test's marker names."""
+    problems = item.config.stash[RUBRIC].problems
+    return next((p for p in problems if item.get_closest_marker(p.marker)), None)
+
+
+def _folder(config: pytest.Config) -> Path | None:
+    """The folder that is judged, None for the package itself."""
+    option, line = config.getoption("--submission"), config.getini("submission")
+    if option:
+        return (config.invocation_params.dir / option).resolve()
+    return (config.rootpath / line).resolve() if line else None

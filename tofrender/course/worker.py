@@ -1,0 +1,170 @@
+"""The process that runs a submission: it loads the student's files and answers questions.
+
+    python -m tofrender.course.worker CONFIGURATION.json
+
+A question is the name of a probe and its arguments; the probe is a function of the assignment's
+`tests/probes.py` that gets the student's objects and returns data. Questions come as numbers on
+standard input, their content and the answers as files (see `wire`). Nothing that the submission
+does here can change what the judge thinks of another answer.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import json
+import os
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from . import rubric as rubrics
+from . import wire
+
+
+class NotTheirs(Exception):
+    """A name is not what the student has to write; one line."""
+
+
+class Theirs:
+    """The names that a submission defines, each loaded from its problem's file when asked for.
+
+    The reference's names are the package's own.
+    """
+
+    def __init__(self, rubric: rubrics.Rubric, folder: Path | None) -> None:
+        self._rubric, self._folder = rubric, folder
+
+    def __getattr__(self, name: str) -> Any:
+        problem = self._rubric.home_of.get(name)
+        if problem is None:
+            raise AttributeError(f"theirs.{name}: no problem of the rubric has this name")
+        if self._folder is None:
+            return getattr(importlib.import_module(problem.reference), name)
+        module = self._load(problem)
+        if not hasattr(module, name):
+            raise NotTheirs(f"{problem.file} defines no {name}")
+        value = getattr(module, name)
+        self._check_origin(name, value, problem)
+        return value
+
+    def _load(self, problem: rubrics.Problem) -> ModuleType:
+        """The module of a problem's file, which other files of the submission share."""
+        assert self._folder is not None
+        path = self._folder / problem.file
+        if not path.is_file():
+            raise NotTheirs(f"{problem.file} is missing (problem {problem.id})")
+        known = sys.modules.get(path.stem)
+        if known is not None and getattr(known, "__file__", None) == str(path):
+            return known
+        return load_file(path)
+
+    def _check_origin(self, name: str, value: Any, problem: rubrics.Problem) -> None:
+        """Refuse a class or function that was written elsewhere."""
+        if not (inspect.isclass(value) or inspect.isfunction(value)):
+            return
+        home = getattr(sys.modules.get(value.__module__), "__file__", None) or value.__module__
+        if Path(home).parent != self._folder:
+            raise NotTheirs(
+                f"{name} is defined in {value.__module__}; must be written in {problem.file}"
+            )
+
+
+def load_file(path: Path) -> ModuleType:
+    """Import a file under its own name, from wherever it lies."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    loader = spec and spec.loader
+    if spec is None or loader is None:
+        raise ImportError(f"{path.name}: is not a file of Python code")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    try:
+        loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(path.stem, None)
+        raise
+    return module
+
+
+def main(configuration: str) -> None:
+    """Answer questions until standard input ends."""
+    settings = json.loads(Path(configuration).read_text(encoding="utf-8"))
+    exchange = Path(settings["exchange"])
+    questions = os.fdopen(os.dup(0))
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    if settings["confine"] is not None:
+        from . import sandbox
+
+        sandbox.confine(**settings["confine"])
+
+    from .. import backend
+
+    backend.activate("llvm_ad_rgb" if settings["variant"] is None else settings["variant"])
+    rubric = rubrics.read(settings["rubric"])
+    folder = settings["submission"] and Path(settings["submission"])
+    if folder:
+        sys.path.insert(0, str(folder))
+    sys.path.append(str(Path(settings["probes"]).parent))
+    probes = load_file(Path(settings["probes"]))
+    theirs = Theirs(rubric, folder or None)
+    wire.write(exchange / "answer-0.npz", {"ready": True})
+    for number in questions:
+        number = int(number)
+        name, arguments = wire.read(exchange / f"question-{number}.npz")
+        try:
+            answer = {"answer": _plain(getattr(probes, name)(theirs, **arguments))}
+            wire.write(exchange / f"answer-{number}.npz", answer)
+        except BaseException as error:  # SystemExit and KeyboardInterrupt of the submission too
+            error_text = {"error": explain(error, folder or None)}
+            wire.write(exchange / f"answer-{number}.npz", error_text)
+
+
+def explain(error: BaseException, folder: Path | None) -> str:
+    """What went wrong in the submission, with the student's own lines of the traceback."""
+    while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
+        error = error.__cause__
+    if isinstance(error, NotTheirs):
+        return str(error)
+    if isinstance(error, NotImplementedError):
+        return f"not written yet: {error}" if str(error) else "not written yet"
+    if isinstance(error, SystemExit):
+        return f"the submission called sys.exit({error.code!r})"
+    lines = [f"{type(error).__name__}: {error}"]
+    if isinstance(error, SyntaxError):
+        lines = [f"{type(error).__name__} in line {error.lineno}: {error.msg}"]
+    frames = traceback.extract_tb(error.__traceback__)
+    for frame in frames:
+        if folder is None or Path(frame.filename).is_relative_to(folder):
+            lines.append(f"  {Path(frame.filename).name}, line {frame.lineno}: {frame.line}")
+    return "\n".join(lines[:1] + lines[-8:] if len(lines) > 9 else lines)
+
+
+def _plain(value: Any) -> Any:
+    """The value with NumPy arrays for Dr.Jit's, all of them evaluated together."""
+    import drjit as dr
+
+    dr.eval(value)
+    return _to_numpy(value)
+
+
+def _to_numpy(value: Any) -> Any:
+    import drjit as dr
+    import mitsuba as mi
+    import numpy as np
+
+    if isinstance(value, mi.Bitmap):
+        return np.array(value)
+    if dr.is_array_v(value):
+        return np.array(value.numpy())
+    if isinstance(value, dict):
+        return {key: _to_numpy(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_to_numpy(item) for item in value]
+    return value
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
