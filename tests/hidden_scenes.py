@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mitsuba as mi
 import numpy as np
 
-from tofrender.nlos import make_capture
+from tofrender.nlos import hidden_depth, make_capture
 
 FINE = 8
 """Fine bins in a bin: path lengths are right to a sixteenth of a bin."""
@@ -199,14 +200,22 @@ def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
 
 
 def true_depth(patches: Patches, volume) -> np.ndarray:
-    """Mean z of the patches in each column of voxels, NaN in columns without."""
-    edges = []
-    for axis in ("y", "x"):
-        centres = volume[axis].values
-        step = centres[1] - centres[0]
-        edges.append(np.append(centres - step / 2, centres[-1] + step / 2))
-    counts, _, _ = np.histogram2d(patches.points[:, 1], patches.points[:, 0], edges)
-    sums, _, _ = np.histogram2d(
-        patches.points[:, 1], patches.points[:, 0], edges, weights=patches.points[:, 2]
-    )
-    return np.divide(sums, counts, out=np.full(counts.shape, np.nan), where=counts > 0)
+    """Distance from the wall of the nearest patch, each a square, NaN where there is none."""
+    side = np.sqrt(patches.areas)[:, None] / 2
+    across = np.cross(patches.normals, [0.3, 1.0, 0.2])
+    across *= side / np.linalg.norm(across, axis=1, keepdims=True)
+    if np.ptp(patches.normals, axis=0).max() == 0:  # Rectangles, whose squares must not overlap
+        across = side * [1.0, 0, 0]
+    along = np.cross(patches.normals, across)
+    corners = [patches.points + s * across + t * along for s, t in SQUARE]
+    points = volume["frame_origin"].values + np.stack(corners, axis=1) @ volume["frame_axes"].values
+    squares = mi.Mesh("hidden", 4 * len(points), 2 * len(points))
+    parameters = mi.traverse(squares)
+    parameters["vertex_positions"] = points.ravel()
+    first = 4 * np.arange(len(points))[:, None]
+    parameters["faces"] = np.stack([first + np.array(k) for k in ([0, 1, 2], [0, 2, 3])]).ravel()
+    parameters.update()
+    return hidden_depth(mi.load_dict({"type": "scene", "hidden": squares}), volume).values
+
+
+SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))

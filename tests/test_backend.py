@@ -78,6 +78,7 @@ print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
     assert says(code) == ["llvm_ad_mono", "True"]
 
 
+@pytest.mark.slow
 def test_a_scalar_variant_that_is_set():
     """It stays, rendering refuses in one line, and a switch mends it."""
     code = """

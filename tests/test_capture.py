@@ -23,7 +23,8 @@ from nlos_oracles import (
 from support import agree, camera, film, over_seeds
 
 from tofrender.nlos import check_capture
-from tofrender.nlos.capturing import capture, focus_laser, wall_points
+from tofrender.nlos.capturing import capture, focus_laser
+from tofrender.nlos.wall_points import wall_points
 from tofrender.relay_wall import find_relay_wall
 
 DEVICE = (-0.6, 0.3, 1.2)
@@ -87,7 +88,7 @@ def test_crop():
     part = load_nlos(meter_scene(7, 5, **crop))
     expected = looked_at(whole, 7, 5)[1:3, 2:5]
     assert looked_at(part, 3, 2) == pytest.approx(expected, abs=1e-6)
-    points, _ = wall_points(part, part.sensors()[0], find_relay_wall(part))
+    points, _, _ = wall_points(part, part.sensors()[0], find_relay_wall(part))
     assert points == pytest.approx(expected, abs=1e-5)
 
 
@@ -108,7 +109,8 @@ def test_mitsuba_renders_with_the_meter():
 @pytest.mark.parametrize("to_world", [None, MOVED])
 def test_wall_points(to_world):
     loaded = load_nlos(meter_scene(4, 3, to_world))
-    points, normals = wall_points(loaded, loaded.sensors()[0], find_relay_wall(loaded))
+    points, normals, on_wall = wall_points(loaded, loaded.sensors()[0], find_relay_wall(loaded))
+    assert on_wall.all()
     assert points == pytest.approx(Grid(4, 3, matrix(to_world)).points(), abs=1e-5)
     across, along = matrix(to_world)[:3, 0], matrix(to_world)[:3, 1]
     normal = np.cross(across, along) / np.linalg.norm(np.cross(across, along))
@@ -169,6 +171,10 @@ def test_focus_on_every_pixel(size):
         ({"point": [0, 0]}, "point"),
         ({"point": list(LASER)}, "point"),
         ({"pixel": (0, 0), "sensor": 3}, "sensor"),
+        ({"pixel": 3}, "pixel = 3: must be its column and row"),
+        ({"pixel": (1, 2, 3)}, "pixel = .*: must be its column and row"),
+        ({"uv": (0.1, 0.2, 0.3)}, "uv = .*: must be two numbers"),
+        ({"uv": (0.1, "b")}, "uv = 'b'"),
     ],
 )
 def test_bad_aims(aim, words):
@@ -218,6 +224,7 @@ def sums(data) -> np.ndarray:
     return data["transient"].sum("opl").values[..., 0].astype(float)
 
 
+@pytest.mark.slow
 def test_exhaustive_capture_is_the_formula():
     """Each laser point with each sensor point; what is on its diagonal is the confocal capture."""
     expected = np.array(
@@ -270,6 +277,7 @@ def test_power_of_a_projector():
 # ------------------------------------------------------------------------------------ contract
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_dataset(mode):
     data = quiet(mode, 16)

@@ -218,6 +218,7 @@ def test_bad_density(bug, reason):
     assert reason in verdict.reason
 
 
+@pytest.mark.slow
 def test_spikes():
     """Two texels with 99 % of the light: most cells at their edges hold little of them."""
     image = np.full((64, 64), 1e-3)
@@ -233,6 +234,7 @@ def test_spikes():
     assert not Case(right.sample, other.pdf, "square").test(samples=200_000, alpha=EACH).passed
 
 
+@pytest.mark.slow
 def test_narrow_lobes_are_resolved():
     """All directions lie within half a degree, and the wrong spread is found in there."""
     right = (
@@ -415,6 +417,7 @@ def test_figure_on_failure(tmp_path):
     assert titles[:3] == ["observed density", "expected density", "difference"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bug", [lambda p: dr.nan, lambda p: 0 * p.x, lambda p: -p.x])
 def test_figure_of_whatever_was_found(bug, tmp_path):
     for sample, domain in ((square_to_tent, "plane"), (square_to_cosine_hemisphere, "sphere")):

@@ -187,6 +187,7 @@ def test_render_and_render_again(capsys, tmp_path):
     assert dict(dataset.sizes) == {"y": 6, "x": 8, "opl": 20, "channel": 3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("layout", "file"), [("multipart", "stack.exr"), ("npz", "transient.npz")])
 def test_formats(capsys, tmp_path, layout, file):
     folder = tmp_path / "box"
@@ -298,6 +299,7 @@ def test_ctrl_c(tmp_path):
 # ---------------------------------------------------------------------------- phasors and gates
 
 
+@pytest.mark.slow
 def test_phasors_of_a_scene(tmp_path, capsys):
     out = tmp_path / "phasors"
     tiny = ["--size", "8x6", "--spp", "4"]
@@ -314,6 +316,7 @@ def test_phasors_of_a_scene(tmp_path, capsys):
     assert main([str(each) for each in again]) == 0
 
 
+@pytest.mark.slow
 def test_phasors_of_a_render(tmp_path, capsys):
     """Converted from bins, they are those that are rendered, up to what the window lost."""
     folder, converted, direct = (tmp_path / name for name in ("render", "converted", "direct"))

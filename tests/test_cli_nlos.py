@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import peer_scenes
 import pytest
 from test_cli import refused, run
 
@@ -25,6 +26,7 @@ def test_the_options_name_what_there_is():
     assert set(MODES) == set(ALL_MODES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     out = tmp_path / method
@@ -70,6 +72,33 @@ def test_bad_capture(tmp_path, monkeypatch, arguments, text, capsys):
     monkeypatch.chdir(tmp_path)
     assert text in refused(capsys, "capture", "nlos-z", "--out", "z.h5", *arguments)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
+    out = tmp_path / "box.h5"
+    arguments = ("capture", "wall-box-sphere-nlos", "--grid", "4x4", "--spp", "2", "--out", out)
+    status, told, err = run(capsys, *arguments)
+    assert err.startswith("warning: sensor: 8 of 16 pixels do not look at the relay wall; they")
+    assert err.count("\n") == 1
+    assert (status, told.strip()) == (0, f"{out}: confocal, 4x4 points, 1000 bins of 10 mm")
+    assert tofrender.load_capture(out)["on_wall"].sum() == 8
+
+
+def test_the_file_is_refused_before_anything_is_rendered(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(tofrender.nlos, "capture", lambda *_, **__: pytest.fail("rendered"))
+    out = tmp_path / "z.txt"
+    said = refused(capsys, "capture", "nlos-z", "--out", out)
+    assert said == f"--out = {out}: must end in .h5 or .hdf5"
+
+
+def test_the_wall_by_its_id(tmp_path, capsys):
+    path = peer_scenes.z_room(tmp_path)
+    out = tmp_path / "room.h5"
+    arguments = ("capture", path, "--grid", "2x2", "--spp", "1", "--wall")
+    assert run(capsys, *arguments, "elm__4", "--out", out)[0] == 0
+    said = refused(capsys, *arguments, "wand", "--out", tmp_path / "no.h5")
+    assert "relay_wall = 'wand': the scene has no such shape; must be one of 'elm__3'" in said
+    assert not (tmp_path / "no.h5").exists()
 
 
 def test_a_scene_without_a_wall(tmp_path, capsys):

@@ -30,6 +30,7 @@ def run(monkeypatch, capsys):
     return call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", ["independent", "grid", "stratified"])
 def test_figure_and_verdict(run, tmp_path, points):
     out = tmp_path / "new" / "beckmann.png"
@@ -40,6 +41,7 @@ def test_figure_and_verdict(run, tmp_path, points):
     assert np.array(Image.open(out)).std() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, each in WARPS.items() if not each.parameter])
 def test_every_warp(run, tmp_path, name):
     status, text, _ = run(name, "--count", "100", "--out", tmp_path / f"{name}.png")
@@ -47,6 +49,7 @@ def test_every_warp(run, tmp_path, name):
     assert f"{name}: passed" in text
 
 
+@pytest.mark.slow
 def test_image(run, tmp_path):
     image = tmp_path / "image.png"
     Image.fromarray(np.array([[250, 200], [20, 90]], dtype=np.uint8)).save(image)

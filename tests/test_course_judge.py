@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_assignment import PULSE, RUBRIC, write_assignment, write_submission
+from judged_pulse import PULSE, RUBRIC, write_assignment, write_submission
 
 from tofrender.course import expect, judge, rubric, wire, worker
 from tofrender.course.client import Limits, NoAnswer, Worker

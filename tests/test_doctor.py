@@ -27,6 +27,7 @@ def run_doctor(library: str) -> subprocess.CompletedProcess:
     )
 
 
+@pytest.mark.slow
 def test_where_rendering_works():
     chosen = llvm.choose()
     result = run_doctor(str(chosen.path) if chosen else "")
@@ -58,6 +59,7 @@ def test_an_exception_in_a_process_is_a_result():
     assert doctor._in_process("raise ValueError('spp = 0')") == ({}, "ValueError: spp = 0")
 
 
+@pytest.mark.slow
 def test_an_abort_while_rendering_fails_with_a_remedy(monkeypatch):
     monkeypatch.setattr(doctor, "_TEST_RENDER", "import os; os.kill(os.getpid(), 11)")
     check = doctor._check_render()

@@ -134,6 +134,7 @@ def test_crop_in_expectation():
 # ---------------------------------------------------------------- bins against the steady image
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spp", [1, 2, 3, 4, 6, 7, 64])
 @pytest.mark.parametrize("bins", [2, 400])
 def test_no_deposit_is_lost_where_pixels_are_private(spp, bins):

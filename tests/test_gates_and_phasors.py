@@ -72,6 +72,7 @@ def test_all_gates_are_one_trace():
     assert float(gated(target_time=5.0).last_opl()[0]) == pytest.approx(5.5)
 
 
+@pytest.mark.slow
 def test_gates_are_the_histogram_convolved():
     loaded = box(width=16, height=16, temporal_bins=12000, start_opl=3.0, bin_width_opl=0.001)
     fine = tofrender.render(loaded, spp=16, progress=False)

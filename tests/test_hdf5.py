@@ -55,6 +55,16 @@ def test_round_trip_is_exact(tmp_path, mode, legs):
     assert os.listdir(tmp_path) == ["capture.h5"]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_pixels_off_the_wall_come_back(tmp_path, seed):
+    capture = capture_of(rectangle((-0.1, 0.1), (-0.1, 0.1), 1, 0.1), Wall(4), bins=8)
+    on_wall = np.random.default_rng(seed).uniform(size=(4, 4)) < (0.1, 0.5, 0.9, 0.0)[seed]
+    on_wall[seed, 1:3] = True, False
+    capture["on_wall"] = (("y", "x"), on_wall)
+    again = load_capture(save_capture(capture, tmp_path / "part.h5"))
+    assert again.identical(capture)
+
+
 def test_unknown_devices_come_back_unknown(tmp_path):
     capture = example(legs=False)
     for device in ("sensor", "laser"):

@@ -31,6 +31,9 @@ from test_confocal import (
     totals,
 )
 
+from tofrender import targets
+from tofrender.scenes.meshes import bunny_mesh, letter_z_mesh
+
 SEEDS = range(16)
 HIDDEN = {"nlos_hidden_geometry_sampling": True}
 ROULETTE = HIDDEN | {"nlos_hidden_geometry_sampling_do_rroulette": True}
@@ -288,3 +291,47 @@ def test_the_emitter_itself(name):
     assert agree(three, by_mitsuba(4, 4096) - by_mitsuba(3, 4096)[::-1])
     up_to_four = found(lamp_scene(filter_bounces=-1, max_depth=5, **options), 512)
     assert agree(up_to_four, by_mitsuba(5, 4096))
+
+
+# ----------------------------------------------------------- points that need not be found
+
+
+RED = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.5, 0.3]}}
+BOARD = {"type": "diffuse", "reflectance": {"type": "checkerboard"}}
+MIRRORS = {"type": "retroreflector", "reflectance": 0.5, "lobe_exponent": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "bsdf", "plain"),
+    [
+        ("rectangle", RED, True),
+        ("rectangle", {"type": "twosided", "bsdf": RED}, True),
+        ("rectangle", MIRRORS, True),
+        ("rectangle", BOARD, False),
+        ("rectangle", {"type": "roughconductor", "alpha": 0.3}, False),
+        ("disk", RED, True),
+        ("cylinder", RED, True),
+        ("cube", RED, True),
+        ("sphere", RED, False),
+    ],
+)
+@pytest.mark.parametrize("flip", [False, True])
+def test_sampled_points_are_those_that_rays_find(kind, bsdf, plain, flip, monkeypatch):
+    """Where the shortcut is taken, it gives the light that a ray to the point gives."""
+    pose = mi.ScalarTransform4f().translate([0.3, 0.1, 1]).rotate([0, 1, 0], 200).scale(0.3)
+    shape = {"type": kind, "to_world": pose, "bsdf": bsdf, "flip_normals": flip}
+    setup = Setup(sensor=(-0.6, 0.3, 1.2))
+    loaded = load_nlos(confocal(setup, {"hidden": shape}, film(2, 2)))
+
+    def picture() -> np.ndarray:
+        return np.array(mi.render(loaded, spp=1024, seed=1)[0], dtype=np.float64)
+
+    shown = picture()
+    assert loaded.integrator().targets.plain == plain
+    monkeypatch.setattr(targets, "is_plain", lambda shape: False)
+    assert shown == pytest.approx(picture(), rel=2e-3, abs=1e-6)
+
+
+def test_meshes_with_shading_normals_are_looked_at_by_rays():
+    for mesh, plain in ((letter_z_mesh(), True), (bunny_mesh(), False)):
+        assert targets.is_plain(mesh) == plain

@@ -125,6 +125,7 @@ def test_xml_of_the_small_box_knows_both_kinds_of_spheres():
     assert abs(pictures[0] - other).max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_every_scene_loads_under_other_variants(variant):
     mi.set_variant(variant)

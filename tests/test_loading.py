@@ -220,6 +220,13 @@ def test_bad_xml_says_where(tmp_path, body, text):
     assert "scene.xml" in line
 
 
+def test_unknown_parameters_are_told_with_settings_too(tmp_path):
+    """Looking for the film of a sensor does not count as reading all that the sensor has."""
+    body = '<sensor type="perspective"><float name="fovv" value="3"/></sensor>'
+    path = write(tmp_path, f'<scene version="3.0.0">{body}</scene>')
+    assert '"fovv"' in refusal(path, width=4)
+
+
 @pytest.mark.parametrize("content", [b"", b"no xml", b"\x00\xff\x13"])
 def test_file_that_is_not_xml(tmp_path, content):
     path = tmp_path / "scene.xml"

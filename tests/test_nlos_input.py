@@ -7,11 +7,22 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import Rectangle, Setup, confocal, load_nlos, single, spot
-from support import camera, diffuse, film, point_light, rendered
+from nlos_oracles import (
+    Grid,
+    Rectangle,
+    Setup,
+    confocal,
+    estimates,
+    load_nlos,
+    single,
+    spot,
+    total,
+)
+from support import agree, camera, diffuse, film, over_seeds, point_light, rendered
 from test_projector import lit_by, projector, spots
 
 import tofrender
+from tofrender.nlos import check_capture
 from tofrender.nlos.capturing import capture
 from tofrender.relay_wall import find_relay_wall, is_on_relay_wall
 
@@ -79,6 +90,7 @@ def test_capture_type(value):
     assert "capture_type" in refusal(shot(capture_type=value))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options"),
     [
@@ -224,9 +236,34 @@ def test_capture_with_an_ordinary_integrator():
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_pixels_beside_the_wall(mode):
-    with pytest.raises(ValueError, match="pixel") as error:
-        capture(by_camera(shot(), fov=120), mode=mode, spp=1, progress=False)
-    assert "\n" not in str(error.value)
+    """Some: dark, and marked. All: refused."""
+    described = by_camera(shot(nlos_hidden_geometry_sampling=True), fov=120)
+    with pytest.warns(UserWarning, match=r"\Asensor: 12 of 16 pixels do not look at .* dark.*\Z"):
+        data = capture(described, mode=mode, spp=64, progress=False)
+    check_capture(data)
+    on_wall = np.zeros((4, 4), bool)
+    on_wall[1:3, 1:3] = True
+    assert np.array_equal(data["on_wall"].values, on_wall)
+    light = data["transient"].sum(("opl", "channel")).transpose("y", "x", ...).values
+    assert np.isfinite(light).all()
+    assert np.all(light[~on_wall] == 0)
+    assert (light[on_wall].reshape(4, -1).sum(axis=1) > 0).sum() >= 3
+    if mode == "exhaustive":
+        lit = np.moveaxis(light, (2, 3), (0, 1))
+        assert np.all(lit[~on_wall] == 0)
+        assert lit[on_wall].sum() > 0
+    # The points of the others continue the wall: all on its plane, in rows and columns
+    grid, normals = data["sensor_grid"].values, data["sensor_normals"].values
+    assert np.isfinite(grid).all()
+    assert normals == pytest.approx(np.broadcast_to([0, 0, 1], grid.shape), abs=1e-5)
+    towards = (grid - DEVICE) @ (np.array(DEVICE) / -np.linalg.norm(DEVICE))
+    ahead = towards > 0
+    assert ahead.sum() > 4
+    assert grid[..., 2] == pytest.approx(0, abs=1e-4)
+    away = by_camera(shot(), fov=1)
+    away["relay_wall"]["to_world"] = mi.ScalarTransform4f().translate([9, 0, 0])
+    with pytest.raises(ValueError, match=r"\A.*0 of 16 pixels look at the relay wall.*\Z"):
+        capture(away, mode=mode, spp=1, progress=False)
 
 
 def test_capture_whose_laser_misses():
@@ -236,6 +273,7 @@ def test_capture_whose_laser_misses():
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
 def test_scans_do_not_care_where_the_laser_looks(mode):
     described = shot() | {"laser": spot(LASER, (3.0, 0.0, 0.0))}
@@ -270,6 +308,7 @@ def test_load_without_optimization_keeps_shapes_apart():
     assert rendered(loaded, spp=256)[0].max() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nlos_only", [True, False])
 def test_a_default_load_is_right_or_refused(nlos_only):
     described = alike()
@@ -299,3 +338,113 @@ def test_named_walls_of_a_meter():
     described = scan(use_nlos_only=True)
     described["anything"] = described.pop("relay_wall")
     assert rendered(load_nlos(described), spp=64)[0].max() > 0
+
+
+# ----------------------------------------------------------------- what sampling aims at
+
+
+PLATES = {
+    "hidden": Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)),
+    "other": Rectangle.turned((-0.4, -0.3, 0.9), 20, 30, half=(0.2, 0.2)),
+}
+
+
+def two_plates(**options) -> dict:
+    return scan({name: plate.shape() for name, plate in PLATES.items()}, **options)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("value", ["hidden", "other", "hidden, other"])
+def test_hidden_shapes_change_the_noise_alone(value):
+    setup, points = Setup(sensor=DEVICE), Grid(2, 2).points().reshape(4, 3)
+    expected = sum(total(setup, p.nodes(), 0.7, w, w) for p in PLATES.values() for w in points)
+    loaded = load_nlos(two_plates(hidden_shapes=value))
+    found = over_seeds(lambda seed: estimates(loaded, 1 << 14)(seed).sum(), range(12))
+    assert agree(found, np.array(expected), rounding=1e-3)
+    assert not agree(1.1 * found, np.array(expected), rounding=1e-3)
+    names = [shape.id() for shape in loaded.integrator().targets.shapes]
+    assert names == value.split(", ")
+    by_list = load_nlos(two_plates())
+    by_list.integrator().hidden_shapes = [s for s in by_list.shapes() if s.id() in names]
+    assert rendered(by_list, spp=64)[0] == pytest.approx(rendered(loaded, spp=64)[0], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (
+            "wand",
+            "hidden_shapes = 'wand': the scene has no such shape; must be one of 'relay_wall'",
+        ),
+        ("", "hidden_shapes = '': the scene has no such shape; must be one of 'relay_wall'"),
+        ("relay_wall", "hidden_shapes = 'relay_wall': is the relay wall; must be other shapes"),
+        (3, "hidden_shapes = 3: must be ids of shapes, separated by commas"),
+    ],
+)
+def test_bad_hidden_shapes(value, said):
+    assert said in refusal(two_plates(hidden_shapes=value))
+
+
+def test_hidden_shapes_without_sampling():
+    options = {"hidden_shapes": "hidden", "nlos_hidden_geometry_sampling": False}
+    assert "hidden_shapes = 'hidden': must be left out without" in refusal(two_plates(**options))
+
+
+def test_the_box_can_be_left_out():
+    """A capture of a scene of the text, whose box blocks half of the view."""
+    described = tofrender.wall_box_sphere_nlos(width=8, height=8, spp=4)
+    described["integrator"] = described["integrator"] | {"hidden_shapes": "hidden_sphere"}
+    loaded = load_nlos(described)
+    with pytest.warns(UserWarning, match="32 of 64 pixels"):
+        data = capture(loaded, progress=False)
+    assert [s.id() for s in loaded.integrator().targets.shapes] == ["hidden_sphere"]
+    assert data["on_wall"].values[:4].all()
+    assert not data["on_wall"].values[4:].any()
+
+
+# ------------------------------------------------------------------------------ other walls
+
+
+def test_nothing_says_which_shape_is_the_wall():
+    described = by_camera(shot(), fov=120)
+    described["screen"] = described.pop("relay_wall")
+    described["plate"] = Rectangle((3.0, 0, -0.5), (4.0, 0, 0), (0, 8.0, 0)).shape()
+    with pytest.raises(ValueError, match=r"\Arelay_wall: is not known, and the sensor sees .*\Z"):
+        capture(described, progress=False)
+    with pytest.warns(UserWarning, match="do not look"):
+        data = capture(described, relay_wall="screen", spp=4096, progress=False)
+    assert data["transient"].sum() > 0
+
+
+def test_capture_of_nothing_hidden():
+    with pytest.raises(ValueError, match=r"\Ascene: has no hidden geometry.*\Z"):
+        capture(scan({}), progress=False)
+
+
+def test_capture_with_a_fixed_projector():
+    frame = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0])
+    described = lit_by(projector(is_confocal=False, frame=frame), PATCH)
+    with pytest.raises(ValueError, match=r"\Ais_confocal = False: must be True.*\Z"):
+        capture(described, progress=False)
+
+
+BENT = np.eye(4)
+BENT[0, 0] = math.nan
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.diag([1.0, 1, 0, 1]), np.diag([0.0, 0, 0, 1]), np.ones((4, 4)), BENT],
+)
+def test_frames_that_are_none(matrix):
+    """Flat, a point, skew to nothing, not finite."""
+    options = {"is_confocal": False, "frame": mi.ScalarTransform4f(matrix)}
+    assert "must be finite, with three axes that span space" in refusal(
+        lit_by(projector(**options))
+    )
+
+
+def test_small_frames_are_frames():
+    frame = mi.ScalarTransform4f(np.diag([1e-4, 1e-4, 1e-4, 1]))
+    assert projector(is_confocal=False, frame=frame)["frame"] is frame
+    mi.load_dict(projector(is_confocal=False, frame=frame))

@@ -79,7 +79,7 @@ KEY_NUMBERS = {
     """,
     "04_confocal_nlos": """
         for tilt, (found, formula, mean_opl, length) in patch.items():
-            assert abs(found / formula - 1) < 0.02, (tilt, found, formula)
+            assert abs(found / formula - 1) < 5e-3, (tilt, found, formula)
             assert abs(mean_opl - length) < 2e-3, (tilt, mean_opl, length)
         first_hidden = 2 * d + 2.0  # the letter is 1 m from the wall
         assert max(abs(arrives["filter_bounces = 1"][k] - 2 * d) for k in (1, 2)) < 0.03, arrives

@@ -49,6 +49,7 @@ from tofrender.scenes import BUILT_IN
 # ----------------------------------------------------------- same random numbers, same picture
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("name", SCENES)
 def test_reuse_is_mitsubas_path(name):
@@ -58,6 +59,7 @@ def test_reuse_is_mitsubas_path(name):
     assert largest(picture(steady(traced(described, "reuse")), seed=1), reference) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("name", COURSE)
 def test_reuse_is_mitsubas_path_in_the_course(name):
@@ -67,6 +69,7 @@ def test_reuse_is_mitsubas_path_in_the_course(name):
     assert largest(found, reference) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("bounces", [0, 1, 2, -1])
 @pytest.mark.parametrize("options", [{"rr_depth": 1}, {"hide_emitters": True}])
@@ -79,6 +82,7 @@ def test_bounces_roulette_and_hidden_emitters_are_mitsubas(bounces, options):
     assert (reference.max() == 0) == (options == {"hide_emitters": True} and bounces == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_without_a_bounce_there_are_only_lights(tracer):
     described = steady(SCENES["cornell"]())
@@ -88,6 +92,7 @@ def test_without_a_bounce_there_are_only_lights(tracer):
     assert picture(traced(described, tracer, max_bounces=0, hide_emitters=True)).max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_depth_is_one_more_than_bounces(tracer):
     described = steady(traced(SCENES["glass"](), tracer, max_bounces=2))
@@ -232,6 +237,7 @@ def test_materials_in_expectation(lamps):
 # --------------------------------------------------------------- no light is counted twice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 @pytest.mark.parametrize("bounces", [0, 1, 3, 60])
 def test_furnace(tracer, bounces):
@@ -252,6 +258,7 @@ def test_furnace_without_limit(tracer):
 VARIANTS = [name for name in mi.variants() if name.startswith("llvm")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_furnace_in_every_variant(variant, tracer):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from nlos_support import ALL, WALLS, WITH_WALL, builder, register_retroreflector, stands_alone
 
+import tofrender
 from tofrender.vis.plans import plan_figure
 
 
@@ -16,11 +17,12 @@ def _registered():
     register_retroreflector()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", ["above", "side"])
 @pytest.mark.parametrize("name", ALL)
 def test_plans_show_wall_hidden_shapes_and_laser(name, view):
-    scene = stands_alone(builder(name))
-    figure = plan_figure(scene, view=view, laser=[0, 0, 0.1], title=name)
+    scene = tofrender.load_scene(builder(name), optimize=False)
+    figure = plan_figure(scene, view=view, title=name)
     axes = figure.axes[0]
     assert axes.get_title() == name
     assert axes.get_xlabel() == ("x [m]" if view == "above" else "z [m]")
@@ -37,6 +39,12 @@ def test_plans_show_wall_hidden_shapes_and_laser(name, view):
     assert wall[1] < across[1] - across[0] < 2.5 * wall[1]
     figure.canvas.draw()  # warns, and so fails, where parts do not fit
     assert len(np.unique(np.asarray(figure.canvas.buffer_rgba()))) > 20
+    for width in (4.0, 6.4):
+        figure.set_size_inches(width, 0.75 * width)
+        figure.canvas.draw()
+        legend = figure.legends[0].get_window_extent()
+        assert legend.x0 >= 0
+        assert legend.x1 <= figure.bbox.x1
 
 
 def test_plan_of_a_camera_draws_what_it_sees():
@@ -58,3 +66,24 @@ def test_bad_plans_are_one_line():
         plan_figure(scene, laser=[0, 1])
     with pytest.raises(ValueError, match="scene: has no shapes to draw"):
         plan_figure(mi.load_dict({"type": "scene"}))
+
+
+def laser(figure) -> np.ndarray:
+    """Where the star is."""
+    line = next(each for each in figure.axes[0].lines if each.get_label() == "laser")
+    return np.ravel(line.get_xydata())
+
+
+def test_the_laser_of_a_confocal_integrator():
+    described = builder("wall_box_behind")
+    scene = tofrender.load_scene(described, optimize=False)
+    assert laser(plan_figure(scene)) == pytest.approx([0, 0], abs=1e-5)
+    assert laser(plan_figure(scene, laser=[1, 2, 3])) == pytest.approx([1, 3])
+    frame = mi.ScalarTransform4f().look_at([0.5, 0, -1], [0, 0, -2], [0, 1, 0])
+    projector = described["integrator"]["confocal_projector"]
+    projector = projector | {"is_confocal": False, "frame": frame}
+    described["integrator"] = described["integrator"] | {"confocal_projector": projector}
+    scene = tofrender.load_scene(described, optimize=False)
+    assert laser(plan_figure(scene)) == pytest.approx([0.5, -1], abs=1e-5)
+    with pytest.raises(StopIteration):
+        laser(plan_figure(stands_alone(builder("wall_box_behind"))))

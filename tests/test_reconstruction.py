@@ -88,6 +88,7 @@ LIMITS = {("plane", "bp"): 0.06, ("spheres", "bp"): 0.11}
 COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
 def test_depth_of_scenes(scene, mode, method):
@@ -111,6 +112,7 @@ def test_depth_of_scenes_at_full_size(scene, mode, method):
     assert error.median < LIMITS.get((scene, method), 0.02)
 
 
+@pytest.mark.slow
 def test_exhaustive():
     capture = light_of(letter_z, turned(16), "exhaustive")
     for method in ("bp", "fbp", "phasor"):
@@ -120,6 +122,7 @@ def test_exhaustive():
         assert error.found > 0.9
 
 
+@pytest.mark.slow
 @pairs
 def test_a_letter_is_no_mirror_image(mode, method):
     """The projection is the letter's, and none of its seven turned or flipped images'."""
@@ -150,6 +153,7 @@ def opposite(wall: Wall) -> tuple:
     return float(x[abs(x - POINT[0]).argmin()]), float(y[abs(y - POINT[1]).argmin()]), POINT[2]
 
 
+@pytest.mark.slow
 @pairs
 @pytest.mark.parametrize("wall", [STRAIGHT, turned(32)], ids=["straight", "turned"])
 @pytest.mark.parametrize("legs", [False, True])
@@ -165,6 +169,7 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
     np.testing.assert_allclose(frame, wall.world(brightest(volume)), atol=1e-5)
 
 
+@pytest.mark.slow
 @pairs
 @pytest.mark.parametrize("shift", [0.5, 20.5])
 def test_the_window_may_start_anywhere(mode, method, shift):
@@ -178,6 +183,7 @@ def test_the_window_may_start_anywhere(mode, method, shift):
     np.testing.assert_allclose(places[0], places[1], atol=0.005)
 
 
+@pytest.mark.slow
 @pairs
 def test_a_planted_half_bin_is_seen(mode, method):
     """A path that is counted half a bin (6 mm) too long is 3 mm too far away."""

@@ -635,6 +635,7 @@ print(json.dumps(dict(dataset.attrs) | sums))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to one process")
 def test_ctrl_c_returns_what_is_finished():
     """A real SIGINT in the middle: as bright as a whole render, with noise of fewer samples."""

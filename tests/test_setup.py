@@ -170,6 +170,7 @@ def test_new_constraints_are_installed_into_the_same_environment(user):
     assert "-m venv" not in user.ran
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["moved", "interrupted", "no python"])
 def test_a_broken_environment_is_made_anew(user, damage):
     user.library("libLLVM.so.19.1")

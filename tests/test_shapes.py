@@ -228,6 +228,7 @@ def test_triangles_of_many_lanes():
 CAPS = [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cosine", CAPS)
 def test_cap_samples_and_density(cosine):
     height = 1 - cosine
@@ -325,6 +326,7 @@ def test_directions_from_the_surface_of_a_sphere():
     assert np.array(record.distance).max() < 5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("origin", ORIGINS)
 @pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
 def test_records(shape, origin):

@@ -186,6 +186,7 @@ def test_simple_is_path_with_a_white_world():
 VARIANTS = [name for name in mi.variants() if name.startswith("llvm")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant(variant):
     mi.set_variant(variant)

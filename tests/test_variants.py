@@ -43,6 +43,7 @@ def test_closed_form(variant):
     assert steady[0, 0] == pytest.approx(transient[0, 0].sum(axis=0), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("name", ["cornell", "glass"])
 @pytest.mark.usefixtures("mitsubas_steps")

@@ -213,6 +213,7 @@ def test_summary_of_chosen_pixels_and_an_unfinished_crop():
         vis.summary_figure(dataset, pixels=[(22, 3)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1, 1), (1, 40, 3), (40, 1, 3)])
 @pytest.mark.parametrize("fill", [None, 0.0, np.nan])
 def test_summary_of_extreme_data(size, fill):

@@ -64,6 +64,7 @@ def test_channels_are_added_before_phase_and_depth():
     assert not plt.get_fignums()
 
 
+@pytest.mark.slow
 def test_every_map_has_units():
     figure = vis.phasor_panel([20e6, 1.5e9], *parts_of(random_phasors(2, 6, 9, 1)))
     drawn(figure)
@@ -91,6 +92,7 @@ def test_images_without_channels_are_drawn_as_they_are():
     assert depth.norm.vmax == 4.25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fill", [0, np.nan, np.inf])
 def test_pixels_without_a_phase_are_left_open(fill):
     phasor = random_phasors(4, 6, 3)
@@ -209,6 +211,7 @@ def test_unfinished_and_lost_light(style):
     assert dataset.identical(before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["arrival", "peak", "rainbow"])
 @pytest.mark.parametrize("fill", [0.0, -1.0, np.nan, np.inf])
 @pytest.mark.parametrize("shape", [(1, 1, 1), (2, 40, 3, 3)])
@@ -355,6 +358,7 @@ def distances_in(described, samples):
 # --------------------------------------------------------------------------------- in notebooks
 
 
+@pytest.mark.slow
 def test_a_notebook_plays_the_animation(monkeypatch):
     """Every third frame of 23 where eight are allowed; the whole animation stays as it was."""
     monkeypatch.setattr(vis.animation, "_PLAYER_FRAMES", 8)

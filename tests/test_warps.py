@@ -299,6 +299,7 @@ WRONG_WARPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("bug", WRONG_DENSITIES)
 def test_wrong_density_is_found(name, bug):
@@ -316,6 +317,7 @@ def test_wrong_density_is_found(name, bug):
     assert verdict.passed == harmless, str(verdict)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("bug", WRONG_WARPS)
 def test_wrong_warp_is_found(name, bug):
@@ -332,6 +334,7 @@ def test_wrong_warp_is_found(name, bug):
     assert not verdict.passed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_other_numbers_do_not_matter(name):
     """Flipped and sheared, the unit square is as uniform as before."""

@@ -1,4 +1,4 @@
-"""An assignment of two problems that is judged in a second, for the tests of the course."""
+"""Quick assignments and right submissions for tests of the course's tools."""
 
 from __future__ import annotations
 
@@ -6,129 +6,160 @@ from pathlib import Path
 
 RUBRIC = """
 [assignment]
-id = "t1"
-title = "Tiny"
-comparisons = 10
-submit = ["*.py"]
+id = "a0"
+title = "Arithmetic"
+also_withhold = ["tofrender.targets"]
+submit = ["*.py", "deliverables/*"]
 
 [[problem]]
-id = "t1.pulse"
-title = "A pulse"
-file = "pulse.py"
-names = ["GaussianPulse"]
-withholds = ["tofrender.pulses"]
-timeout_s = 3
+id = "a0.add"
+title = "Addition"
+file = "add.py"
+names = ["add"]
+withholds = ["tofrender.corner"]
+timeout_s = 4
+takes_s = 1
 tests = [
-  { id = "test_pulse.py::test_area", points = 2 },
-  { id = "test_pulse.py::test_draws", points = 1 },
+  { id = "test_add.py::test_numbers", points = 1 },
+  { id = "test_add.py::test_arrays", points = 2, visibility = "after_published" },
 ]
 
 [[problem]]
-id = "t1.square"
-title = "A square"
-file = "square.py"
-names = ["AMCWPulse"]
-timeout_s = 3
-tests = [{ id = "test_square.py::test_one", points = 3 }]
+id = "a0.mean"
+title = "Mean"
+file = "mean.py"
+names = ["mean"]
+needs = ["a0.add"]
+timeout_s = 4
+takes_s = 1
+tests = [
+  { id = "test_mean_staff.py::test_mean", points = 3 },
+  { id = "test_mean_staff.py::test_one", points = 1 },
+]
+
+[[problem]]
+id = "a0.file"
+title = "A file"
+timeout_s = 4
+takes_s = 1
+bonus = true
+tests = [{ id = "test_file.py::test_file", points = 0.5 }]
 """
 
-PYTEST_INI = """
+FILES = {
+    "rubric.toml": RUBRIC,
+    "pytest.ini": """
 [pytest]
 addopts = -p tofrender.course.judge --strict-markers
 testpaths = tests
 pythonpath = tests
-"""
+""",
+    "tests/probes.py": """
+def add(theirs, a, b):
+    return theirs.add(a, b)
 
-PROBES = """
-import mitsuba as mi
-import numpy as np
-
-def density(theirs, width, t):
-    return theirs.GaussianPulse(width_opl=width).eval(mi.Float(t))
-
-def draws(theirs, width, seed):
-    xi = np.random.default_rng(seed).random(1000).astype(np.float32)
-    return theirs.GaussianPulse(width_opl=width).sample(mi.Float(xi))[0]
-
-def one(theirs, opl):
-    return theirs.AMCWPulse(frequency_hz=1e6).eval(mi.Float(opl))
-"""
-
-TEST_PULSE = '''
+def mean(theirs, x):
+    return theirs.mean(x)
+""",
+    "tests/test_add.py": """
 import numpy as np
 import pytest
+
 from tofrender.course import expect
 
-pytestmark = pytest.mark.t1_pulse
+pytestmark = pytest.mark.a0_add
 
-def test_area(submission):
-    """The density integrates to one."""
-    t = np.linspace(-0.5, 0.5, 1001)
-    density = submission.ask("density", width=0.05, t=t)
-    wanted = np.exp(-(t**2) / 2 / 0.05**2) / 0.05 / np.sqrt(2 * np.pi)
-    expect.close(np.trapezoid(density, t), 1, "the integral", hint="is 1/σ there?")
-    expect.close(density, wanted, "the density", atol=1e-5, x=t, x_label="t [m]")
 
-def test_draws(submission):
-    draws = [submission.ask("draws", width=0.05, seed=submission.seed + k) for k in range(16)]
-    expect.estimate(np.mean(draws, axis=1), 0, "the mean of the samples")
-'''
+def test_numbers(submission):
+    expect.close(submission.ask("add", a=2, b=3), 5.0, "the sum", hint="2 + 3")
 
-TEST_SQUARE = """
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_arrays(submission, count):
+    a = np.arange(float(count))
+    expect.close(submission.ask("add", a=a, b=a), 2 * a, "the sum of arrays")
+""",
+    "tests/test_mean_staff.py": """
+import numpy as np
 import pytest
+
 from tofrender.course import expect
 
-pytestmark = pytest.mark.t1_square
+pytestmark = pytest.mark.a0_mean
+
+
+def test_mean(submission):
+    expect.close(submission.ask("mean", x=np.arange(4.0)), 1.5, "the mean")
+
 
 def test_one(submission):
-    expect.close(submission.ask("one", opl=0.0), [1.0], "the modulation at 0")
+    expect.close(submission.ask("mean", x=np.array([2.0])), 2.0, "the mean of one number")
+""",
+    "tests/test_file.py": """
+import pytest
+
+from tofrender.course import expect
+
+pytestmark = pytest.mark.a0_file
+
+
+def test_file(submission):
+    expect.close(submission.arrays("deliverables/x.npz")["x"], [1.0, 2.0], "x")
+""",
+    "starter/add.py": "def add(a, b):\n    raise NotImplementedError('a0.add: add two numbers')\n",
+    "starter/mean.py": "def mean(x):\n    raise NotImplementedError('a0.mean: the mean')\n",
+    "solutions/add.py": "def add(a, b):\n    return a + b\n",
+    "solutions/mean.py": "def mean(x):\n    return sum(x.tolist()) / len(x)\n",
+}
+"""The assignment's files by their names."""
+
+RIGHT = {name: FILES[f"solutions/{name}"] for name in ("add.py", "mean.py")}
+"""A submission that gets all points but the bonus."""
+
+
+PROBLEM = """
+[[problem]]
+id = "a0.p{0}"
+title = "{1}"
+file = "p{0}.py"
+names = ["add{0}"]
+timeout_s = 6
+takes_s = 1
+tests = [{{ id = "test_p{0}.py::test_numbers", points = 1 }}]
 """
 
-PULSE = """
-import drjit as dr
-import mitsuba as mi
+TEST = """
+import numpy as np
+import pytest
 
-class GaussianPulse:
-    def __init__(self, width_opl):
-        self.width_opl = width_opl
+from tofrender.course import expect
 
-    def eval(self, t):
-        return dr.exp(-t * t / (2 * self.width_opl**2)) / (self.width_opl * dr.sqrt(dr.two_pi))
+pytestmark = pytest.mark.a0_p{0}
 
-    def sample(self, xi):
-        return self.width_opl * dr.sqrt(2) * dr.erfinv(2 * xi - 1), mi.Float(1)
+
+def test_numbers(submission):
+    expect.close(submission.ask("call", name="add{0}", a=2, b=3), 5.0, "the sum")
 """
 
-SQUARE = """
-import drjit as dr
-
-class AMCWPulse:
-    def __init__(self, frequency_hz):
-        self.frequency_hz = frequency_hz
-
-    def eval(self, opl):
-        return dr.cos(dr.two_pi * self.frequency_hz * opl / 299792458.0)
-"""
+CALL = "def call(theirs, name, **arguments):\n    return getattr(theirs, name)(**arguments)\n"
 
 
-def write_assignment(folder: Path) -> Path:
-    """The assignment in a new folder."""
-    (folder / "tests").mkdir(parents=True)
-    for name, text in {
-        "rubric.toml": RUBRIC,
-        "pytest.ini": PYTEST_INI,
-        "tests/probes.py": PROBES,
-        "tests/test_pulse.py": TEST_PULSE,
-        "tests/test_square.py": TEST_SQUARE,
-    }.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return folder
+def wide(titles: list[str]) -> dict[str, str]:
+    """Files of an assignment with a problem for each title: add two numbers in p0.py, p1.py ..."""
+    head = '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.corner"]\n'
+    files = {
+        "rubric.toml": head + "".join(PROBLEM.format(*each) for each in enumerate(titles)),
+        "pytest.ini": FILES["pytest.ini"],
+        "tests/probes.py": CALL,
+        "solutions/p0.py": "",
+    }
+    return files | {f"tests/test_p{n}.py": TEST.format(n) for n in range(len(titles))}
 
 
-def write_submission(folder: Path, pulse: str | None = PULSE, square: str | None = SQUARE) -> Path:
-    """A submission in a new folder; a file whose text is None is missing."""
-    folder.mkdir(parents=True)
-    for name, text in (("pulse.py", pulse), ("square.py", square)):
-        if text is not None:
-            (folder / name).write_text(text, encoding="utf-8")
+def write(folder: Path, files: dict[str, str]) -> Path:
+    """Write files into a folder; returns it."""
+    for name, text in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
     return folder

@@ -88,6 +88,7 @@ _HOMES = {
         "depth_error",
         "depth_map",
         "focus_laser",
+        "hidden_depth",
         "make_capture",
         "max_projection",
         "reconstruct",
@@ -130,7 +131,7 @@ def __getattr__(name: str) -> Any:
         try:
             value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
         except withheld.Withheld as reason:
-            raise AttributeError(f"{__name__}.{name}: {reason}") from None
+            raise withheld.of_name(__name__, name, reason) from None
         globals()[name] = value
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

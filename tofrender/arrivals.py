@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from .camera import sample_camera, sampled_size
-from .pulses import Pulse
+
+if TYPE_CHECKING:
+    from .pulses import Pulse
 
 PATHS = 1 << 14
 BINS = 1 << 13

@@ -172,6 +172,7 @@ def plugin(name: str) -> Any:
 
     Raises:
         AttributeError: There is no such class, or the active variant cannot have it.
+        Withheld: Students write it.
     """
     import mitsuba as mi
 
@@ -182,7 +183,7 @@ def plugin(name: str) -> Any:
         )
     reason = withheld.refusal(PLUGINS[name][1])
     if reason is not None:
-        raise AttributeError(f"tofrender.{name}: {reason}")
+        raise withheld.of_name("tofrender", name, withheld.Withheld(reason))
     _register(variant)
     return _classes[variant][name]
 
@@ -227,5 +228,5 @@ def _register(variant: str) -> None:
     for name, (plugin_name, home) in PLUGINS.items():
         if home in modules:
             _classes[variant][name] = getattr(modules[home], name)
-        elif ".integrators." in home:
-            withheld.stand_in(plugin_name, str(withheld.refusal(home)))
+        else:
+            withheld.stand_in(plugin_name, home)

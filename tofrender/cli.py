@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import cli_nlos, cli_time, cli_warp
+from . import cli_course, cli_grade, cli_nlos, cli_time, cli_warp
 from .cli_options import FILES, check_out, definitions, load_render, number, split_size
 
 if TYPE_CHECKING:
@@ -130,6 +130,9 @@ app.command()(cli_time.gate)
 app.command()(cli_nlos.capture)
 app.command()(cli_nlos.reconstruct)
 app.command()(cli_warp.warp)
+for command in (cli_course.start, cli_course.submit, cli_course.release, cli_course.verify):
+    app.command()(command)
+app.command()(cli_grade.grade)
 
 
 @app.command()

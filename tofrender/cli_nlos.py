@@ -23,6 +23,10 @@ def capture(
     grid: Annotated[
         str | None, typer.Option("--grid", metavar="WxH", help="Points on the wall.")
     ] = None,
+    wall: Annotated[
+        str | None,
+        typer.Option("--wall", metavar="ID", help="Shape that is the wall, if not relay_wall."),
+    ] = None,
     spp: Spp = None,
     seed: Seed = "0",
     variant: Variant = None,
@@ -43,6 +47,8 @@ def capture(
     seed_number = checks.integer("--seed", number(seed), 0, checks.MAX_SEED)
     if out.exists():
         raise ValueError(f"--out = {out}: exists already; must be a new file")
+    if out.suffix.lower() not in (".h5", ".hdf5"):
+        raise ValueError(f"--out = {out}: must end in .h5 or .hdf5")
     if not out.absolute().parent.is_dir():
         raise ValueError(f"--out = {out}: its folder does not exist; must be in one that does")
     backend.activate(variant)
@@ -51,9 +57,14 @@ def capture(
     from tofrender import io
     from tofrender.loading import find_scene
     from tofrender.nlos import capture as render_capture
+    from tofrender.nlos.extras import optional
 
+    optional("h5py")  # Before there is something to lose
     source = find_scene(scene)
-    captured = render_capture(source, mode=mode, grid=size, spp=given.get("spp"), seed=seed_number)
+    names = None if wall is None else [each.strip() for each in wall.split(",")]
+    captured = render_capture(
+        source, mode=mode, grid=size, spp=given.get("spp"), seed=seed_number, relay_wall=names
+    )
     io.save_capture(captured, out)
     rows, columns = captured["sensor_grid"].shape[:2]
     bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]

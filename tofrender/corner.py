@@ -23,6 +23,9 @@ from .targets import REACHED, Targets, is_on
 CONNECTIONS = 16
 """Target points for each camera ray."""
 
+SHORT = 1e-4
+"""Part of the way to a target point in which nothing is looked for, because of rounding."""
+
 GOLDEN = 0.6180339887498949
 """Step of the lattice's second coordinate, which no few multiples of come close to 0."""
 
@@ -83,12 +86,18 @@ class CornerConnections:
     ) -> tuple[Any, mi.Float, mi.Bool]:
         """Connect over one target point: spectrum, optical path length and lanes."""
         ctx, targets = mi.BSDFContext(), self.targets
-        to_target = targets.sample(u, active) - si.p
-        r = dr.norm(to_target)
-        d = to_target / r
+        ps, shape = targets.sample(u, active)
+        r = dr.norm(ps.p - si.p)
+        d = (ps.p - si.p) / r
         wo = si.to_local(d)
-        y = self.scene.ray_intersect(targets.send(si.spawn_ray(d), si, r), active)
-        active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
+        if targets.plain:  # There is no need to find a point that is known
+            y = _at_point(si, ps, shape, d, r)
+            ray = si.spawn_ray_to(ps.p)
+            ray.maxt = dr.norm(ps.p - ray.o) * (1 - SHORT)
+            active = active & ~self.scene.ray_test(ray, active)
+        else:
+            y = self.scene.ray_intersect(targets.send(si.spawn_ray(d), si, r), active)
+            active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
 
         f, pdf = bsdf.eval_pdf(ctx, si, wo, active)
         by_area = targets.density(y, mi.Interaction3f(si))
@@ -103,6 +112,22 @@ class CornerConnections:
         found = em.active & (by_area > 0)
         spectrum = dr.select(found, mi.unpolarized_spectrum(f) * f_y * em.weight / density, 0)
         return spectrum, opl + r + em.length, found & dr.any(spectrum != 0)
+
+
+def _at_point(
+    si: mi.SurfaceInteraction3f,
+    ps: mi.PositionSample3f,
+    shape: mi.ShapePtr,
+    d: mi.Vector3f,
+    r: mi.Float,
+) -> mi.SurfaceInteraction3f:
+    """What is known of a sampled point that is seen from `si` along `d`."""
+    y: Any = dr.zeros(mi.SurfaceInteraction3f)
+    y.p, y.n, y.shape, y.t = ps.p, ps.n, shape, r
+    y.sh_frame = mi.Frame3f(ps.n)
+    y.wi = y.to_local(-d)
+    y.time, y.wavelengths = si.time, si.wavelengths
+    return y
 
 
 @dr.syntax

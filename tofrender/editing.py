@@ -45,6 +45,22 @@ def use_own_plugins(state: Any) -> None:
         node.props.set_plugin_name(backend.own_name(node.props.plugin_name()))
 
 
+def name_shapes(state: Any) -> None:
+    """Give shapes without an id the name that an XML file gives them, as exporters do."""
+    for parent in state.nodes:
+        for name, value in _parts(parent.props):
+            if isinstance(value, mi.Properties.ResolvedReference) and not name.startswith("_"):
+                node = state.nodes[value.index()]
+                if node.type == mi.ObjectType.Shape and not node.props.id():
+                    node.props.set_id(name)
+
+
+def _parts(props: mi.Properties) -> list[tuple[str, Any]]:
+    """References and ready-made objects; Mitsuba tells of other properties that nobody reads."""
+    kinds = (mi.Properties.Type.ResolvedReference, mi.Properties.Type.Object)
+    return [(name, props[name]) for name in props if props.type(name) in kinds]
+
+
 def change(state: Any, settings: Mapping[str, Any]) -> None:
     """Put settings into a scene that Mitsuba's parser has read.
 
@@ -99,7 +115,7 @@ class _Nodes:
         """
         what = kind.name.lower()
         unknown = None
-        for _, value in self.nodes[parent].props.items():
+        for _, value in _parts(self.nodes[parent].props):
             if isinstance(value, mi.Properties.ResolvedReference):
                 node = self.nodes[value.index()]
                 if _is(node, kind):

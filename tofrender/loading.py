@@ -17,7 +17,8 @@ from typing import Any, Unpack
 import mitsuba as mi
 
 from . import backend
-from .editing import change, use_own_plugins
+from .editing import change, name_shapes, use_own_plugins
+from .laser import follow_meters
 from .scenes import BUILT_IN
 from .settings import Settings, check_settings
 
@@ -36,6 +37,8 @@ def load_scene(
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
     the filter that it names (box if it names none), its integrator its depths.
+
+    A shape of an XML file that has a name and no id gets the name as its id.
 
     Args:
         source: A built-in name (`tofrender scenes` lists them), the path of a Mitsuba XML file, a
@@ -80,12 +83,14 @@ def load_scene(
             parser.transform_resolve(config, state)
             change(state, given)
             use_own_plugins(state)
+            name_shapes(state)
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"scene: its outermost part is a {type(scene).__name__}, must be a scene")
+    follow_meters(scene)
     return scene
 
 

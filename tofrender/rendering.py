@@ -21,11 +21,13 @@ from .films.image import transient_film
 from .fingerprint import fingerprint
 from .loading import load_plugin, load_scene, require_light, require_sensor
 from .progress import deferred_stop, progress_bar
-from .pulses import Pulse
 from .settings import INTEGRATORS, SAMPLERS
+from .withheld import Withheld
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from .pulses import Pulse
 
 DEFAULT_SAMPLER = "padded_sobol"
 MANY_HITS = 250
@@ -168,6 +170,9 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     if isinstance(integrator, Mapping):
         integrator = load_plugin("integrator", integrator)
     found = scene.integrator() if integrator is None else integrator
+    withheld = getattr(found, "withheld", None)
+    if withheld is not None:
+        raise Withheld(f"integrator = {withheld}")
     if not getattr(found, "fills_bins", False):
         cls = type(found)
         foreign = cls.__module__.partition(".")[0] not in ("mitsuba", "builtins", "tofrender")

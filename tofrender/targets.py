@@ -15,6 +15,7 @@ away and is black there reflects nothing by its own BSDF.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -48,6 +49,24 @@ def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
     return found & si.is_valid()
 
 
+PLAIN_SHAPES = ("Rectangle", "Cube", "Disk", "Cylinder")
+"""Where a sampled point has the very normal that a ray finds there; not so on a `Sphere`."""
+
+PLAIN_MATERIALS = re.compile(r"(\w+\.)*(reflectance\.value|lobe_exponent)")
+
+
+def is_plain(shape: Any) -> bool:
+    """Whether position and normal of a surface point are all that its material looks at.
+
+    So it is of surfaces without shading normals that are diffuse or retroreflecting in one colour.
+    """
+    flat = shape.is_mesh() and not shape.has_vertex_normals()
+    if not flat and shape.class_name() not in PLAIN_SHAPES:
+        return False
+    names = [name for name, _ in mi.traverse(shape.bsdf())]
+    return bool(names) and all(PLAIN_MATERIALS.fullmatch(name) for name in names)
+
+
 class Targets:
     """Target surfaces, and the vertices from which paths are sent to them.
 
@@ -59,6 +78,9 @@ class Targets:
         shapes: The targets, whose `sample_position` must be even in area.
         senders: Shapes at whose points paths are sent to targets.
         share: Probability s of that, above 0 and at most 1. With 1 only targets are found.
+
+    Attributes:
+        plain: Whether all targets are as `is_plain` says.
     """
 
     def __init__(
@@ -77,21 +99,22 @@ class Targets:
         self.upper = mi.Float(cumulative)
         self.lower = mi.Float(np.concatenate([[0.0], cumulative[:-1]]))
         self.pointers = dr.gather(mi.ShapePtr, scene.shapes_dr(), mi.UInt32(numbers))
+        self.plain = all(map(is_plain, self.shapes))
         dr.eval(self.upper, self.lower, self.pointers)
 
     def material_share(self, si: mi.SurfaceInteraction3f) -> mi.Float:
         """Probability with which the material chooses the direction at `si`."""
         return dr.select(is_on(si, self.senders), 1 - self.share, 1)
 
-    def sample(self, u: mi.Point2f, active: mi.Bool) -> mi.Point3f:
-        """A point on the targets, even in area."""
+    def sample(self, u: mi.Point2f, active: mi.Bool) -> tuple[mi.PositionSample3f, mi.ShapePtr]:
+        """A point on the targets, even in area, and the shape that it is on."""
         index = mi.UInt32(0)
         for k in range(len(self.shapes) - 1):
             index[u.x >= dr.gather(mi.Float, self.upper, k)] = k + 1
         low, high = dr.gather(mi.Float, self.lower, index), dr.gather(mi.Float, self.upper, index)
         inside = dr.clip((u.x - low) / (high - low), 0, dr.one_minus_epsilon(mi.Float))
         shape = dr.gather(mi.ShapePtr, self.pointers, index, active)
-        return shape.sample_position(0.0, mi.Point2f(inside, u.y), active).p
+        return shape.sample_position(0.0, mi.Point2f(inside, u.y), active), shape
 
     def density(self, si: mi.SurfaceInteraction3f, previous: mi.Interaction3f) -> mi.Float:
         """Density r^2 / (A |cos|) of the direction from `previous` to a target point [1/sr]."""
@@ -121,7 +144,7 @@ class Targets:
         sending = active & smooth & is_on(si, self.senders)
         chosen = sending & (xi < self.share)
 
-        to_target = self.sample(u, chosen) - si.p
+        to_target = self.sample(u, chosen)[0].p - si.p
         r = dr.norm(to_target)
         sent: Any = dr.zeros(mi.BSDFSample3f)
         sent.wo = si.to_local(to_target / r)

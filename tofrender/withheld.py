@@ -3,10 +3,14 @@
 A file `withheld.json` beside this module, which only a student edition has, names modules and
 packages that are not there, each with the problem that it solves:
 
-    {"modules": {"tofrender.pulses": "a2.gaussian_pulse", "tofrender.walk": null}}
+    {
+        "modules": {"tofrender.pulses": "a2.gaussian_pulse", "tofrender.walk": null},
+        "names": {"GaussianPulse": "a2.gaussian_pulse"}
+    }
 
-Importing one raises `Withheld`, which names the problem. A scene that asks for the plugin of such
-a module still loads: an integrator stands in for it that refuses to render.
+Importing one raises `Withheld`, which names the problem; a public name of such a module names the
+problem in which that very name is written. A scene that asks for an integrator or an emitter of
+such a module still loads: one stands in for it that refuses to render.
 """
 
 from __future__ import annotations
@@ -27,7 +31,16 @@ class Withheld(ImportError):
 
 def modules() -> dict[str, str | None]:
     """The withheld modules and packages, with the problem that each solves; none, as a rule."""
-    return json.loads(FILE.read_text(encoding="utf-8"))["modules"] if FILE.is_file() else {}
+    return _content().get("modules", {})
+
+
+def names() -> dict[str, str]:
+    """The withheld public names, with the problem in which each is written; none, as a rule."""
+    return _content().get("names", {})
+
+
+def _content() -> dict[str, Any]:
+    return json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
 
 
 def refusal(module: str) -> str | None:
@@ -62,12 +75,38 @@ class _Finder(MetaPathFinder):
             raise Withheld(reason, name=fullname)
 
 
-def stand_in(plugin_name: str, reason: str) -> None:
-    """Register an integrator of this name that refuses to render, for scenes that ask for it."""
+def of_name(package: str, name: str, reason: Withheld) -> Withheld:
+    """Why a public name is not there: the problem in which it is written, else why its module."""
+    problem = _NAMES.get(name)
+    what = f"{package}.{name}"
+    text = (
+        f"{what}: {reason}" if problem is None else f"{what} is yours to write: problem {problem}"
+    )
+    return Withheld(text, name=package)
+
+
+def stand_in(plugin_name: str, home: str) -> None:
+    """Register a plugin of this name that does nothing, for scenes that ask for it.
+
+    Args:
+        plugin_name: The name.
+        home: The withheld module that has the plugin.
+    """
     import mitsuba as mi
 
-    class YoursToWrite(mi.SamplingIntegrator):
-        """Takes any parameters, and says at the first sample which problem to solve."""
+    kinds: dict[str, tuple[Any, Any]] = {
+        "integrators": (mi.SamplingIntegrator, mi.register_integrator),
+        "emitters": (mi.Emitter, mi.register_emitter),
+    }
+    kind, register = kinds.get(home.split(".")[1], (None, None))
+    if kind is None:
+        return
+    reason = refusal(home)
+
+    class YoursToWrite(kind):
+        """Takes any parameters; an integrator says which problem to solve when it renders."""
+
+        withheld = f"{plugin_name!r}: {reason}"
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(mi.Properties())
@@ -75,16 +114,17 @@ def stand_in(plugin_name: str, reason: str) -> None:
                 props.mark_queried(name)
 
         def render(self, *_: Any, **__: Any) -> Any:
-            raise Withheld(f"integrator {plugin_name!r}: {reason}")
+            raise Withheld(self.withheld)
 
         sample = render
 
         def to_string(self) -> str:
             return f"YoursToWrite[{plugin_name}]"
 
-    mi.register_integrator(plugin_name, YoursToWrite)
+    for name in (plugin_name, f"tofrender_{plugin_name}"):
+        register(name, YoursToWrite)
 
 
-_WITHHELD = modules()
+_WITHHELD, _NAMES = modules(), names()
 if _WITHHELD:
     sys.meta_path.insert(0, _Finder())

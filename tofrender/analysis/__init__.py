@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from ..phasors import phasor_parts
-from .correlation import MultipathError, four_bucket, from_four_bucket, multipath_error, true_depth
-from .phasors import sum_channels, transient_to_phasor, unambiguous_range, unwrap
+from typing import TYPE_CHECKING
+
+from ..lazy import names_of
+
+if TYPE_CHECKING:
+    from ..phasors import phasor_parts
+    from .correlation import (
+        MultipathError,
+        four_bucket,
+        from_four_bucket,
+        multipath_error,
+        true_depth,
+    )
+    from .phasors import sum_channels, transient_to_phasor, unambiguous_range, unwrap
 
 __all__ = [
     "MultipathError",
@@ -18,3 +29,19 @@ __all__ = [
     "unambiguous_range",
     "unwrap",
 ]
+
+__getattr__, __dir__ = names_of(
+    __name__,
+    {
+        ".phasors": ("phasor_parts",),
+        "correlation": (
+            "MultipathError",
+            "four_bucket",
+            "from_four_bucket",
+            "multipath_error",
+            "true_depth",
+        ),
+        "phasors": ("sum_channels", "transient_to_phasor", "unambiguous_range", "unwrap"),
+        "statistics": (),
+    },
+)

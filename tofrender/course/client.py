@@ -62,9 +62,12 @@ class Worker:
         self._assignment, self._submission = assignment, submission
         self._edition, self._limits = edition, limits or Limits()
         self._scratch = Path(tempfile.mkdtemp(prefix="tofrender-judge-"))
+        self._place = self._scratch / "none yet"
         self._process: subprocess.Popen | None = None
         self._number = 0
         self._output = bytearray()
+        self.used: set[str] = set()
+        """Names of the submission that the last question used, as it says itself."""
 
     # ------------------------------------------------------------------ for tests
 
@@ -83,10 +86,12 @@ class Worker:
         if process is None or process.poll() is not None:
             process = self._start()
         self._number += 1
-        wire.write(self._exchange / f"question-{self._number}.npz", [probe, arguments])
+        question = self._place / "questions" / f"{self._number}.npz"
+        wire.write(question, [probe, arguments])
         with suppress(OSError):  # if it has died, the wait says how
             cast(IO[bytes], process.stdin).write(f"{self._number}\n".encode())
         reply = self._wait(process, timeout_s)
+        self.used = set(map(str, reply.get("uses") or ()))
         if "error" in reply:
             raise NoAnswer(str(reply["error"]))
         return reply.get("answer")
@@ -103,38 +108,44 @@ class Worker:
 
     # ------------------------------------------------------------------ processes
 
-    @property
-    def _exchange(self) -> Path:
-        return self._scratch / "exchange"
-
     def _start(self) -> subprocess.Popen:
         self._kill()
         self._number = 0
         self._output.clear()
-        for name in ("exchange", "work"):
-            shutil.rmtree(self._scratch / name, ignore_errors=True)
-            (self._scratch / name).mkdir()
+        # Fresh folders each time: nothing that a worker has left meets the next one
+        shutil.rmtree(self._place, ignore_errors=True)
+        self._place = Path(tempfile.mkdtemp(dir=self._scratch))
+        for name in ("questions", "answers", "work", "tmp"):
+            (self._place / name).mkdir()
         limits = self._limits
-        confine = {"writable": [str(self._scratch)], "memory_bytes": limits.memory_bytes}
-        configuration = self._scratch / "configuration.json"
+        tests = self._assignment / "tests"
+        confine = {
+            "writable": [str(self._place / name) for name in ("answers", "work", "tmp")],
+            "hidden": [str(path) for path in tests.glob("test_*.py")],
+            "memory_bytes": limits.memory_bytes,
+        }
         settings = {
             "rubric": str(self._assignment / "rubric.toml"),
-            "probes": str(self._assignment / "tests" / "probes.py"),
+            "probes": str(tests / "probes.py"),
             "submission": None if self._submission is None else str(self._submission),
-            "exchange": str(self._exchange),
+            "questions": str(self._place / "questions"),
+            "answers": str(self._place / "answers"),
             "variant": os.environ.get("TOFRENDER_VARIANT"),
             "confine": confine if limits.confine else None,
         }
+        configuration = self._place / "questions" / "configuration.json"
         configuration.write_text(json.dumps(settings), encoding="utf-8")
         package = self._edition or Path(__file__).parents[2]
-        environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(self._scratch)}
+        environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(self._place / "tmp")}
+        if limits.confine:
+            environment["HOME"] = str(self._place / "tmp")  # Dr.Jit keeps its kernels there
         process = self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "tofrender.course.worker", str(configuration)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             bufsize=0,
-            cwd=self._scratch / "work",
+            cwd=self._place / "work",
             env=environment,
             start_new_session=True,
         )
@@ -153,10 +164,10 @@ class Worker:
 
     def _wait(self, process: subprocess.Popen, timeout_s: float) -> dict[str, Any]:
         """The answer, or the reason why there is none."""
-        answer = self._exchange / f"answer-{self._number}.npz"
+        answer = self._place / "answers" / f"{self._number}.npz"
         begin, pause, looked = time.monotonic(), 0.001, 0.0
-        while not answer.exists():
-            if process.poll() is not None and not answer.exists():
+        while not os.path.lexists(answer):
+            if process.poll() is not None and not os.path.lexists(answer):
                 raise NoAnswer(self._death(process.returncode))
             now = time.monotonic()
             if now - begin > timeout_s:
@@ -170,6 +181,8 @@ class Worker:
                     raise NoAnswer(f"used more than {gib:g} GiB of memory; the process was ended")
             time.sleep(pause)
             pause = min(1.5 * pause, 0.02)
+        if answer.is_symlink():
+            raise NoAnswer("the answer is a link to another file")
         if answer.stat().st_size > MAX_ANSWER:
             raise NoAnswer(f"the answer has {answer.stat().st_size} bytes, more than {MAX_ANSWER}")
         try:

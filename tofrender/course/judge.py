@@ -28,17 +28,26 @@ from .client import Limits, NoAnswer, Worker
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKER = pytest.StashKey[Worker]()
+ASKED = pytest.StashKey["Submission"]()
 
 
 class Submission:
     """What a test asks: the fixture `submission`.
 
     Attributes:
-        seed: Seed from which a test derives its own.
+        is_seeded: Whether the test has asked for its seed.
+        uses: The submission's names that the probes have used.
     """
 
     def __init__(self, worker: Worker, folder: Path | None, timeout_s: float, seed: int) -> None:
-        self._worker, self._folder, self._timeout_s, self.seed = worker, folder, timeout_s, seed
+        self._worker, self._folder, self._timeout_s, self._seed = worker, folder, timeout_s, seed
+        self.is_seeded, self.uses = False, set[str]()
+
+    @property
+    def seed(self) -> int:
+        """Seed from which a test derives its own."""
+        self.is_seeded = True
+        return self._seed
 
     def ask(self, probe: str, **arguments: Any) -> Any:
         """What a probe of `tests/probes.py` returns for this submission.
@@ -51,7 +60,9 @@ class Submission:
             NoAnswer: The submission failed; says how.
         """
         __tracebackhide__ = True
-        return self._worker.ask(probe, arguments, self._timeout_s)
+        answer = self._worker.ask(probe, arguments, self._timeout_s)
+        self.uses |= self._worker.used
+        return answer
 
     def path(self, name: str) -> Path:
         """A file that was handed in.
@@ -73,8 +84,9 @@ class Submission:
             Failure: It is missing, or holds something else.
         """
         __tracebackhide__ = True
+        path = self.path(name)
         try:
-            with np.load(self.path(name), allow_pickle=False) as archive:
+            with np.load(path, allow_pickle=False) as archive:
                 return {key: archive[key] for key in archive.files}
         except (OSError, ValueError, EOFError, AttributeError, KeyError) as error:
             raise expect.Failure(f"{name} is not an npz file of arrays: {error}") from None
@@ -89,7 +101,9 @@ def submission(request: pytest.FixtureRequest) -> Submission:
     problem = _problem(request.node)
     timeout_s = problem.timeout_s if problem else 60.0
     seed = int(config.getoption("--seed") or 0) + getattr(request, "param", 0) * 1_000_003
-    return Submission(config.stash[WORKER], _folder(config), timeout_s, seed)
+    asked = Submission(config.stash[WORKER], _folder(config), timeout_s, seed)
+    request.node.stash[ASKED] = asked
+    return asked
 
 
 # ------------------------------------------------------------------------------ pytest's hooks
@@ -118,6 +132,11 @@ def pytest_configure(config: pytest.Config) -> None:
     folder = _folder(config)
     if folder is not None and not folder.is_dir():
         raise pytest.UsageError(f"--submission {folder}: no such folder")
+    if folder == root != config.invocation_params.dir:  # pytest.ini of the submission was found
+        raise pytest.UsageError(
+            f"--submission {folder}: pytest has taken it for the folder of the tests; "
+            "write --submission=DIR"
+        )
     config.stash[RUBRIC] = assignment
     for problem in assignment.problems:
         config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
@@ -180,12 +199,15 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
     if target:
         bad = [r for r in _reports if r.failed]
         skipped = any(r.skipped for r in _reports)
+        asked = item.stash.get(ASKED, None)
         line = {
             "id": test_id(item.nodeid),
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
             "text": str(bad[0].longrepr) if bad else "",
             "seconds": sum(r.duration for r in _reports),
+            "seeded": asked is not None and asked.is_seeded,
+            "uses": sorted(asked.uses) if asked is not None else [],
         }
         with open(target, "a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")

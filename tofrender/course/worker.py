@@ -15,8 +15,10 @@ import importlib.util
 import inspect
 import json
 import os
+import re
 import sys
 import traceback
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -37,11 +39,13 @@ class Theirs:
 
     def __init__(self, rubric: rubrics.Rubric, folder: Path | None) -> None:
         self._rubric, self._folder = rubric, folder
+        self.asked_for: set[str] = set()
 
     def __getattr__(self, name: str) -> Any:
         problem = self._rubric.home_of.get(name)
         if problem is None:
             raise AttributeError(f"theirs.{name}: no problem of the rubric has this name")
+        self.asked_for.add(name)
         if self._folder is None:
             return getattr(importlib.import_module(problem.reference), name)
         module = self._load(problem)
@@ -92,8 +96,8 @@ def load_file(path: Path) -> ModuleType:
 def main(configuration: str) -> None:
     """Answer questions until standard input ends."""
     settings = json.loads(Path(configuration).read_text(encoding="utf-8"))
-    exchange = Path(settings["exchange"])
-    questions = os.fdopen(os.dup(0))
+    questions, answers = Path(settings["questions"]), Path(settings["answers"])
+    numbers = os.fdopen(os.dup(0))
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     if settings["confine"] is not None:
         from . import sandbox
@@ -110,16 +114,16 @@ def main(configuration: str) -> None:
     sys.path.append(str(Path(settings["probes"]).parent))
     probes = load_file(Path(settings["probes"]))
     theirs = Theirs(rubric, folder or None)
-    wire.write(exchange / "answer-0.npz", {"ready": True})
-    for number in questions:
-        number = int(number)
-        name, arguments = wire.read(exchange / f"question-{number}.npz")
+    wire.write(answers / "0.npz", {"ready": True})
+    for number in map(int, numbers):
+        name, arguments = wire.read(questions / f"{number}.npz")
         try:
-            answer = {"answer": _plain(getattr(probes, name)(theirs, **arguments))}
-            wire.write(exchange / f"answer-{number}.npz", answer)
+            theirs.asked_for.clear()
+            answer = _plain(getattr(probes, name)(theirs, **arguments))
+            reply = {"answer": answer, "uses": sorted(theirs.asked_for)}
+            wire.write(answers / f"{number}.npz", reply)
         except BaseException as error:  # SystemExit and KeyboardInterrupt of the submission too
-            error_text = {"error": explain(error, folder or None)}
-            wire.write(exchange / f"answer-{number}.npz", error_text)
+            wire.write(answers / f"{number}.npz", {"error": explain(error, folder or None)})
 
 
 def explain(error: BaseException, folder: Path | None) -> str:
@@ -132,14 +136,32 @@ def explain(error: BaseException, folder: Path | None) -> str:
         return f"not written yet: {error}" if str(error) else "not written yet"
     if isinstance(error, SystemExit):
         return f"the submission called sys.exit({error.code!r})"
-    lines = [f"{type(error).__name__}: {error}"]
+    inner = _RAISED_INSIDE.search(str(error).rpartition("Traceback (most recent call last):")[2])
+    if isinstance(error, RuntimeError) and inner:  # Mitsuba's, for what a plugin raises
+        if inner["kind"] == "NotImplementedError":
+            return f"not written yet: {inner['text']}"
+        places = re.findall(r'  File "(.+)", line (\d+)', inner["frames"])
+        frames = [traceback.FrameSummary(name, int(line), "") for name, line in places]
+        return _with_lines(f"{inner['kind']}: {inner['text']}", frames, folder)
+    head = f"{type(error).__name__}: {error}"
     if isinstance(error, SyntaxError):
-        lines = [f"{type(error).__name__} in line {error.lineno}: {error.msg}"]
-    frames = traceback.extract_tb(error.__traceback__)
-    for frame in frames:
-        if folder is None or Path(frame.filename).is_relative_to(folder):
-            lines.append(f"  {Path(frame.filename).name}, line {frame.lineno}: {frame.line}")
-    return "\n".join(lines[:1] + lines[-8:] if len(lines) > 9 else lines)
+        head = f"{type(error).__name__} in line {error.lineno}: {error.msg}"
+    return _with_lines(head, traceback.extract_tb(error.__traceback__), folder)
+
+
+_RAISED_INSIDE = re.compile(
+    r"^\n(?P<frames>(?:  .*\n)+)(?P<kind>[A-Za-z_][\w.]*): ?(?P<text>[\s\S]*)"
+)
+
+
+def _with_lines(head: str, frames: Iterable[traceback.FrameSummary], folder: Path | None) -> str:
+    """A message, and below it the lines of the traceback that are the student's."""
+    lines = [
+        f"  {Path(frame.filename).name}, line {frame.lineno}: {frame.line}"
+        for frame in frames
+        if folder is None or Path(frame.filename).is_relative_to(folder)
+    ]
+    return "\n".join([head, *lines[-8:]])
 
 
 def _plain(value: Any) -> Any:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from .. import checks
-from ..pulses import GaussianPulse, Pulse, SampledPulse
+
+if TYPE_CHECKING:
+    from ..pulses import Pulse
 
 MAX_SPOTS = 65536
 SPACINGS = ("uniform", "random")
@@ -69,8 +71,8 @@ class ConfocalProjector(mi.Emitter):
         frame: Any = props.get("frame", None)
         if frame is None and not self.is_confocal:
             raise ValueError("frame: is missing; must be given if is_confocal is false")
-        self.frame = None if frame is None else mi.ScalarTransform4f(frame.matrix)
-        self.pulse = _pulse(props)
+        self.frame = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
+        self._pulse_width_opl, self._histogram = _pulse(props)
         positions, sigmas, powers = _spots(props)
         self._use(positions, sigmas, powers)
 
@@ -88,6 +90,13 @@ class ConfocalProjector(mi.Emitter):
         inside = np.prod([_between(positions[:, k], sigmas) for k in (0, 1)], axis=0)
         self.inside = mi.Float(inside)
         dr.eval(self.positions, self.sigmas, self.colours, self.cumulative, self.inside)
+
+    @property
+    def pulse(self) -> Pulse:
+        """The temporal profile of the light."""
+        from ..pulses import GaussianPulse
+
+        return GaussianPulse(self._pulse_width_opl) if self._histogram is None else self._histogram
 
     def axes(self, direction: Any, up: Any) -> mi.Frame3f:
         """The projector's frame: y up, n along the axis, x as in Mitsuba's `look_at`."""
@@ -195,6 +204,21 @@ class ConfocalProjector(mi.Emitter):
         return f"ConfocalProjector[{kind}, {self.count} spots, power = {self.power}]"
 
 
+def _pose(matrix: Any) -> np.ndarray:
+    """A finite matrix whose axes span space.
+
+    Raises:
+        ValueError: It is another; one line.
+    """
+    pose = np.array(matrix, dtype=np.float64).reshape(4, 4)
+    lengths = np.linalg.norm(pose[:3, :3], axis=0)
+    spans = np.isfinite(pose).all() and lengths.min() > 0
+    if not spans or abs(np.linalg.det(pose[:3, :3] / lengths)) < 1e-6:
+        rows = pose[:3].tolist()
+        raise ValueError(f"frame = {rows}: must be finite, with three axes that span space")
+    return pose
+
+
 def _spectrum(colour: mi.Color3f) -> Any:
     """A colour in what the variant calculates with."""
     if mi.is_monochromatic:
@@ -211,16 +235,19 @@ def _between(x0: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return 0.5 * (upper - lower)
 
 
-def _pulse(props: mi.Properties) -> Pulse:
+def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
+    """Width of a Gaussian pulse [m], and the pulse of a histogram, which replaces it."""
     kind = checks.one_of("pulse_type", props.get("pulse_type", "gaussian"), PULSES)
     width = props.get("pulse_width_opl", 0.01)
     start, bin_width = props.get("pulse_start_opl", 0.0), props.get("pulse_bin_width_opl", 0.001)
     values = props.get("pulse_values", None)
     if kind == "gaussian":
-        return GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
+        return checks.metres("pulse_width_opl", width, positive=True), None
     if values is None:
         raise ValueError("pulse_values: are missing; must be given if pulse_type is 'histogram'")
-    return SampledPulse(numbers("pulse_values", values).ravel(), start, bin_width)
+    from ..pulses import SampledPulse
+
+    return 0.0, SampledPulse(numbers("pulse_values", values).ravel(), start, bin_width)
 
 
 def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -260,7 +287,7 @@ def _grid(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     sigma, power = (
         checks.metres(name, props.get(name, default), positive=True, unit=unit)
         for name, default, unit in (
-            ("grid_sigma", 0.01, "halves of the field of view"),
+            ("grid_sigma", 0.01, "half fields of view"),
             ("grid_intensity", 1.0, "watts"),
         )
     )

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 
-from ..pulses import Pulse
+if TYPE_CHECKING:
+    from ..pulses import Pulse
 
 Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
 """Takes (spectrum, opl, active)."""

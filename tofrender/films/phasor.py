@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 
 from .. import checks
 from ..phasors import check_frequencies
-from ..pulses import Pulse
 from ..units import SPEED_OF_LIGHT
 from .image import image_film
 from .phasor_sum import PhasorSum
+
+if TYPE_CHECKING:
+    from ..pulses import Pulse
 
 MAX_FREQUENCIES = 64
 

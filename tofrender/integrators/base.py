@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -11,11 +11,13 @@ import mitsuba as mi
 from .. import backend, checks, memory
 from ..camera import CameraSample, behind_emitters, sample_camera
 from ..lights import EmitterHits, SceneLights
-from ..pulses import Pulse
 from ..targets import Targets
 from ..walk import Radiance, walk
 from . import passes
 from .passes import image_channels, to_rgb
+
+if TYPE_CHECKING:
+    from ..pulses import Pulse
 
 
 class TransientIntegrator(mi.SamplingIntegrator):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -13,7 +14,7 @@ import numpy as np
 from .. import checks
 from ..corner import CornerConnections
 from ..lights.laser_spot import LaserSpot, Spot
-from ..relay_wall import DEFAULT_ID, find_relay_wall
+from ..relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, names_of, seen_shapes
 from ..targets import Targets
 from .transient_path import TransientPath
 
@@ -34,12 +35,14 @@ class Scan:
         wall: Shapes of the relay wall, empty if it is not known.
         up: The camera's upward direction.
         origin: Where the sensor is, None without one [m].
+        follows_camera: Whether the laser is turned to where each camera ray meets the scene.
     """
 
     scene: mi.Scene
     wall: list[mi.Shape]
     up: list[float]
     origin: list[float] | None
+    follows_camera: bool = False
 
 
 class RelayWallPath(TransientPath):
@@ -50,23 +53,36 @@ class RelayWallPath(TransientPath):
     | parameter | default | meaning |
     |---|---|---|
     | `relay_wall` | see below | ids of the wall's shapes, separated by commas |
+    | `hidden_shapes` | see below | ids of the shapes that hidden-geometry sampling aims at |
     | `use_nlos_only` | false | count only paths that have met something else than the wall |
     | `filter_bounces` | -1 | count only paths of so many surface points (3: wall, object, wall) |
     | `nlos_hidden_geometry_sampling` | true | send paths from the wall to hidden geometry, too |
     | `account_first_and_last_bounces` | true | count the legs from laser and sensor to the wall |
+    | `block_size` | 0 | as in Mitsuba: for scalar variants only, else a warning |
 
     The wall is by default the shape that the sensor is a child of, else the one that is called
-    "relay_wall". Everything else is hidden geometry, whose points are chosen by area.
+    "relay_wall". Everything else is hidden geometry, whose points are chosen by area, unless
+    `hidden_shapes` says which of it: light of the others counts as well, but by the wall's
+    material alone. Where nothing says which shape is the wall, and sampling is asked for by name,
+    paths are sent from the shapes that the camera's pixels look at to the others. After a load,
+    `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
     """
 
     needs_lights = False
     counts_legs_by_default = True
 
     def __init__(self, props: mi.Properties) -> None:
-        wall: Any = props.get("relay_wall", None)
-        if wall is not None and not isinstance(wall, str):
-            raise ValueError(f"relay_wall = {wall!r}: must be ids of shapes, separated by commas")
-        self.relay_wall: Any = None if wall is None else [each.strip() for each in wall.split(",")]
+        self.relay_wall, self.hidden_shapes = (
+            cast(Any, names_of(name, props.get(name, None)))
+            for name in ("relay_wall", "hidden_shapes")
+        )
+        self._sampling_is_asked_for = props.get("nlos_hidden_geometry_sampling", None) is True
+        block = props.get("block_size", 0)
+        if block:
+            warnings.warn(
+                f"block_size = {block}: has no effect; only scalar variants render in blocks",
+                stacklevel=2,
+            )
         self.use_nlos_only, self.samples_hidden, self.counts_legs = (
             checks.boolean(name, props.get(name, default))
             for name, default in (
@@ -75,6 +91,11 @@ class RelayWallPath(TransientPath):
                 ("account_first_and_last_bounces", self.counts_legs_by_default),
             )
         )
+        if self.hidden_shapes is not None and not self.samples_hidden:
+            raise ValueError(
+                f"hidden_shapes = {props['hidden_shapes']!r}: must be left out without "
+                "nlos_hidden_geometry_sampling"
+            )
         self.filter_bounces = _bounces("filter_bounces", props.get("filter_bounces", -1))
         super().__init__(props)
         self.camera_unwarp |= not self.counts_legs
@@ -103,16 +124,37 @@ class RelayWallPath(TransientPath):
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
         """The scan that the rays of this sensor belong to."""
         wall = self.wall(scene, sensor)
-        hidden = [s for s in scene.shapes() if s not in wall and not s.is_emitter()]
-        if self.use_nlos_only and not hidden:
+        surfaces = [s for s in scene.shapes() if not s.is_emitter()]
+        if self.use_nlos_only and all(shape in wall for shape in surfaces):
             raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
         self.targets = None
-        if self.samples_hidden and wall and hidden:
-            self.targets = self.aim_at(scene, hidden, wall)
+        if self.samples_hidden:
+            senders = wall
+            if not wall and (self._sampling_is_asked_for or self.hidden_shapes is not None):
+                senders = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
+            aims = self._aims(scene, surfaces, senders)
+            if senders and not wall and len(surfaces) == 1:
+                _tell_of_one_shape(surfaces[0])
+            if senders and (aims or not wall):
+                self.targets = self.aim_at(scene, aims or surfaces, senders)
         if sensor is None:
             return Scan(scene, wall, [0, 1, 0], None)
         pose = np.array(sensor.world_transform().matrix).reshape(4, 4)
         return Scan(scene, wall, pose[:3, 1].tolist(), pose[:3, 3].tolist())
+
+    def _aims(
+        self, scene: mi.Scene, surfaces: list[mi.Shape], senders: list[mi.Shape]
+    ) -> list[mi.Shape]:
+        """What hidden-geometry sampling aims at."""
+        if self.hidden_shapes is None:
+            return [shape for shape in surfaces if shape not in senders]
+        found = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
+        for shape in found:
+            if shape in senders:
+                raise ValueError(
+                    f"hidden_shapes = {shape.id()!r}: is the relay wall; must be other shapes"
+                )
+        return found
 
     def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
         """Which surfaces paths are sent to, and from where."""
@@ -197,6 +239,16 @@ class RelayWallPath(TransientPath):
         names = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")
         values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
         return f"{type(self).__name__}[{values}]"
+
+
+def _tell_of_one_shape(shape: mi.Shape) -> None:
+    """Warn that a load may have merged the wall with what it hides."""
+    warnings.warn(
+        f"nlos_hidden_geometry_sampling: the scene is one shape, {shape.id()!r}; if that is relay "
+        "wall and hidden geometry merged, tofrender.load_scene(..., optimize=False) keeps them "
+        "apart and has less noise",
+        stacklevel=4,
+    )
 
 
 def _bounces(name: str, value: Any) -> int:

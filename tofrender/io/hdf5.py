@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..dataset import plain
-from ..nlos.captures import DEVICES, MODES, check_capture, luminance, make_capture
+from ..nlos.captures import (
+    DEVICES,
+    MODES,
+    ON_WALL,
+    check_capture,
+    luminance,
+    make_capture,
+)
 from ..nlos.extras import optional
 from .atomic import replacing
 from .output import check_file, check_writable
@@ -110,7 +117,12 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
     """What the layout has no field for."""
     attrs = {k: v for k, v in plain(capture.attrs).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
-    return {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
+    about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
+    if ON_WALL in capture:  # As runs of pixels in reading order: off, on, off, ...
+        row = np.concatenate([[False], capture[ON_WALL].values.ravel()])
+        changes = np.flatnonzero(np.diff(row))
+        about[ON_WALL] = np.diff(changes, prepend=0, append=len(row) - 1).tolist()
+    return about
 
 
 def _yaml(value: Any) -> str:
@@ -143,6 +155,9 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
             format or mode that is unknown, a grid with NaN.
     """
     h5py = optional("h5py")
+    if not Path(path).is_file():
+        what = "is a folder" if Path(path).is_dir() else "does not exist"
+        raise FileNotFoundError(f"path = {path}: {what}; must be an HDF5 file")
     with open(path, "rb") as stream:
         is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
     if not is_hdf5:
@@ -191,10 +206,18 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         sensor_origin=_origin(fields, "sensor_xyz"),
         laser_origin=_origin(fields, "laser_xyz"),
         counts_first_and_last_legs=bool(_number(fields, "t_accounts_first_and_last_bounces")),
+        on_wall=_runs(about.get(ON_WALL), given["sensor_grid"].shape[:2]),
         attrs=foreign | about.get("attrs", {}),
         **given,
     )
     return capture.assign_coords(about.get("pixels", {}))
+
+
+def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Which pixels are on the wall, from the lengths of runs that are off and on in turn."""
+    if runs is None:
+        return None
+    return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape)
 
 
 def _code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
@@ -279,6 +302,7 @@ def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
             "attrs": dict(ours["attrs"]),
             "pixels": dict(ours["pixels"]),
             "mode": ours["mode"],
+            ON_WALL: ours.get(ON_WALL),
         }, {}
     except (KeyError, TypeError, ValueError):
         return {}, {"scene_info": text} if text else {}

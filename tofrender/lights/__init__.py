@@ -26,11 +26,18 @@ on the plane that touches the sphere around scene and sensor and faces the light
 direction's wavefront is plane, all of it starts at OPL 0, and no length is negative.
 """
 
-from .gated import GatedLights
-from .laser_spot import LaserSpot
-from .one_sample import OneSampleLights
-from .outside import OpenSky, PointSource
-from .scene_lights import Connection, ConnectionsOnly, EmitterHits, PathState, SceneLights
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy import names_of
+
+if TYPE_CHECKING:
+    from .gated import GatedLights
+    from .laser_spot import LaserSpot
+    from .one_sample import OneSampleLights
+    from .outside import OpenSky, PointSource
+    from .scene_lights import Connection, ConnectionsOnly, EmitterHits, PathState, SceneLights
 
 __all__ = [
     "Connection",
@@ -44,3 +51,20 @@ __all__ = [
     "PointSource",
     "SceneLights",
 ]
+
+__getattr__, __dir__ = names_of(
+    __name__,
+    {
+        "gated": ("GatedLights",),
+        "laser_spot": ("LaserSpot",),
+        "one_sample": ("OneSampleLights",),
+        "outside": ("OpenSky", "PointSource"),
+        "scene_lights": (
+            "Connection",
+            "ConnectionsOnly",
+            "EmitterHits",
+            "PathState",
+            "SceneLights",
+        ),
+    },
+)

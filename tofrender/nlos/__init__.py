@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from .captures import MODES, check_capture, make_capture, without_first_and_last_legs
-from .reconstruction import (
-    METHODS,
-    DepthError,
-    VolumeGrid,
-    depth_error,
-    depth_map,
-    max_projection,
-    reconstruct,
-)
+from ..lazy import names_of
 
 if TYPE_CHECKING:
+    from .captures import MODES, check_capture, make_capture, without_first_and_last_legs
     from .capturing import capture, focus_laser
+    from .reconstruction import (
+        METHODS,
+        DepthError,
+        VolumeGrid,
+        depth_error,
+        depth_map,
+        max_projection,
+        reconstruct,
+    )
+    from .truth import hidden_depth
 
 __all__ = [
     "METHODS",
@@ -28,17 +30,28 @@ __all__ = [
     "depth_error",
     "depth_map",
     "focus_laser",
+    "hidden_depth",
     "make_capture",
     "max_projection",
     "reconstruct",
     "without_first_and_last_legs",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """What renders is imported when it is asked for: captures can be read without a variant."""
-    if name in ("capture", "focus_laser"):
-        from . import capturing
-
-        return getattr(capturing, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# What renders is a module of its own: captures can be read without a variant
+__getattr__, __dir__ = names_of(
+    __name__,
+    {
+        "captures": ("MODES", "check_capture", "make_capture", "without_first_and_last_legs"),
+        "capturing": ("capture", "focus_laser"),
+        "reconstruction": (
+            "METHODS",
+            "DepthError",
+            "VolumeGrid",
+            "depth_error",
+            "depth_map",
+            "max_projection",
+            "reconstruct",
+        ),
+        "truth": ("hidden_depth",),
+    },
+)

@@ -3,6 +3,7 @@
 `transient` holds radiance per bin: `(y, x, opl, channel)` of a single or confocal capture,
 `(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The points of the wall that were
 looked at and lit, and the wall's normals there, are variables of the same Dataset, in world space.
+Where some pixels do not look at the wall, `on_wall (y, x)` says which do; the others are dark.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 MODES = ("single", "confocal", "exhaustive")
 """One lit point for all; each point lit by itself; each point of one grid for all of the other."""
 
+ON_WALL = "on_wall"
+"""The variable that says which pixels look at the wall, where some do not."""
+
 _PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)  # as mi.luminance has it
 
@@ -39,6 +43,7 @@ def make_capture(
     sensor_origin: Any = None,
     laser_origin: Any = None,
     counts_first_and_last_legs: bool = False,
+    on_wall: Any = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Make the Dataset of a capture, and check it.
@@ -59,11 +64,13 @@ def make_capture(
         laser_origin: Where the laser is [m], None if unknown.
         counts_first_and_last_legs: Whether path lengths include those from the laser to the wall
             and from the wall to the sensor.
+        on_wall: Whether each pixel looks at the wall, bool (rows, columns). None if all do.
         attrs: More attributes: text, ints and floats.
 
     Returns:
         A Dataset with the variables `transient`, `sensor_grid`, `sensor_normals`, `laser_grid`,
-        `laser_normals`, `sensor_origin` and `laser_origin`, all float32.
+        `laser_normals`, `sensor_origin` and `laser_origin`, all float32; where some pixels do not
+        look at the wall also `on_wall`, bool.
 
     Raises:
         ValueError: One line that names what is wrong.
@@ -119,6 +126,11 @@ def make_capture(
         if array.ndim != len(axes) or (axes[-1] == "xyz" and array.shape[-1] != 3):
             raise ValueError(f"{name} with shape {array.shape}: must be {axes}, xyz of size 3")
         variables[name] = (axes, array)
+    if on_wall is not None and not np.all(on_wall):
+        mask = np.array(on_wall)
+        if mask.dtype != bool or mask.ndim != 2:
+            raise ValueError(f"on_wall = {mask.dtype} {mask.shape}: must be bool (rows, columns)")
+        variables[ON_WALL] = (_PIXELS, mask)
     sizes = _sizes(variables)
     coords: dict[str, Any] = {a: np.arange(n) for a, n in sizes.items() if a[-1] in "xy"}
     coords |= {
@@ -176,11 +188,16 @@ def check_capture(dataset: Any) -> None:
     mode = checks.one_of("capture: attribute mode", attrs.get("mode"), MODES)
     expected = dimensions(mode)
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
+    mask = dataset.get(ON_WALL)
+    if mask is not None:
+        expected = expected | {ON_WALL: _PIXELS}
+        if mask.dtype != bool:
+            raise ValueError(f"capture: on_wall of type {mask.dtype}: must hold booleans")
     for name in sorted({*expected, *found}):
         if found.get(name) != expected.get(name):
             what = f"must have the axes {expected[name]}" if name in expected else "is not allowed"
             raise ValueError(f"capture: variable {name} with axes {found.get(name)}: {what}")
-    if any(v.dtype.kind != "f" for v in dataset.data_vars.values()):
+    if any(v.dtype.kind != "f" for name, v in dataset.data_vars.items() if name != ON_WALL):
         raise ValueError("capture: all variables must hold real numbers")
     axes = {axis for each in expected.values() for axis in each}
     if set(dataset.coords) != axes or not all(dataset.sizes.values()):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -14,11 +15,14 @@ import numpy as np
 from .. import backend, checks
 from ..films.image import transient_film
 from ..integrators.passes import take
+from ..laser import axis, find_laser, follow_meters, forget_meters, turn
 from ..loading import load_scene, require_sensor
 from ..progress import progress_bar
-from ..relay_wall import is_on_relay_wall
+from ..relay_wall import DEFAULT_ID as WALL
+from ..relay_wall import find_shapes, ids, is_on_relay_wall, seen_shapes
 from ..rendering import render
 from .captures import MODES, make_capture
+from .wall_points import wall_points
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,12 +36,16 @@ def capture(
     spp: int | None = None,
     seed: int = 0,
     sensor: int = 0,
+    relay_wall: Any = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Capture a hidden scene by its relay wall.
 
     The sensor's pixels are the points of the wall that are looked at: the centres of the cells of
-    an `nlos_capture_meter`, or what a camera's pixels see.
+    an `nlos_capture_meter`, or what the centres of a camera's pixels see. Pixels that look at
+    something else, or at nothing, are dark, and the variable `on_wall` says which (a warning says
+    how many). Their points continue the plane of the wall; on a wall that is not flat they are the
+    nearest pixel's.
 
     Args:
         scene: As for `render`. Its integrator must be a `transient_nlos_path` or, for confocal
@@ -49,6 +57,9 @@ def capture(
         spp: Samples per pixel (and laser point); by default the sampler's.
         seed: Seed of the random numbers.
         sensor: Number of the sensor.
+        relay_wall: The wall, if the scene does not say which shape that is: a shape, its id, or a
+            list of either. By default the shape that the sensor is a child of, or the one that is
+            called "relay_wall", or the only one that the sensor's pixels look at.
         progress: Whether long work shows a bar.
 
     Returns:
@@ -56,7 +67,7 @@ def capture(
 
     Raises:
         ValueError: An argument is wrong, the scene has no laser or relay wall, the laser misses it,
-            or a pixel does not look at it; one line.
+            or no pixel looks at it; one line.
 
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
@@ -73,77 +84,54 @@ def capture(
         raise ValueError("grid: must be None for a loaded scene, whose film has its size already")
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
-    camera, integrator = scene.sensors()[number], _integrator(scene, mode)
+    camera: Any = scene.sensors()[number]
+    integrator = _integrator(scene, mode)
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
-    wall = integrator.wall(scene, camera)
-    points, normals = wall_points(scene, camera, wall)
+    follow_meters(scene)
+    if hasattr(camera, "follow_laser"):
+        camera.follow_laser(scene)
+    wall = _wall(scene, integrator, camera, relay_wall)
+    points, normals, on_wall = wall_points(scene, camera, wall)
+    _tell_misses(on_wall)
     geometry: dict[str, Any] = {"sensor_grid": points, "sensor_normals": normals}
     geometry["sensor_origin"] = _origin(camera)
     geometry["laser_origin"] = _laser_origin(scene, integrator, camera)
     attrs = {"scene": name, "spp": samples, "seed": seed, "variant": mi.variant()}
-    if mode == "exhaustive":
-        values = _exhaustive(scene, integrator, camera, points, samples, seed, progress)
-        film: Any = camera.film()
-        start, width = film.start_opl, film.bin_width_opl
-        geometry |= {"laser_grid": points, "laser_normals": normals}
-    else:
-        with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
-            warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
-            dataset = render(
-                scene,
-                integrator=integrator,
-                sensor=number,
-                spp=samples,
-                seed=seed,
-                progress=progress,
-            )
-        values = dataset["transient"].values
-        start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
-        attrs |= {k: dataset.attrs[k] for k in ("pulse", "energy_outside_window", "complete")}
-        if mode == "single":
-            geometry |= _laser_point(scene, wall)
+    kind = "confocal" if mode == "confocal" else "single"
+    with _set(integrator, capture_type=kind, relay_wall=wall):
+        if mode == "exhaustive":
+            lit = np.where(on_wall[..., None], points, np.nan)
+            values = _exhaustive(scene, integrator, camera, lit, samples, seed, progress)
+            film: Any = camera.film()
+            start, width = film.start_opl, film.bin_width_opl
+            geometry |= {"laser_grid": points, "laser_normals": normals}
+        else:
+            with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
+                warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
+                dataset = render(
+                    scene,
+                    integrator=integrator,
+                    sensor=number,
+                    spp=samples,
+                    seed=seed,
+                    progress=progress,
+                )
+            values = dataset["transient"].values
+            start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
+            attrs |= {k: dataset.attrs[k] for k in ("pulse", "energy_outside_window", "complete")}
+            if mode == "single":
+                geometry |= _laser_point(scene, wall)
     return make_capture(
-        values,
+        np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
         start_opl=start,
         bin_width_opl=width,
         counts_first_and_last_legs=integrator.counts_legs,
+        on_wall=on_wall,
         attrs=attrs,
         **geometry,
     )
-
-
-def wall_points(
-    scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the wall that the centres of a sensor's pixels look at, and normals.
-
-    Args:
-        scene: The scene.
-        sensor: The sensor; its film's crop window counts.
-        wall: Shapes of the relay wall.
-
-    Returns:
-        Points [m] and unit normals on the side that the sensor sees, both (height, width, 3).
-
-    Raises:
-        ValueError: A pixel does not look at the wall; one line.
-    """
-    width, height = (int(n) for n in sensor.film().crop_size())
-    x, y = np.meshgrid(np.arange(width), np.arange(height))
-    centre = mi.Point2f(mi.Float(x.ravel()) + 0.5, mi.Float(y.ravel()) + 0.5)
-    centre /= mi.ScalarPoint2f(width, height)
-    ray, _ = sensor.sample_ray(0.0, 0.5, centre, mi.Point2f(0.5), mi.Bool(True))
-    si = scene.ray_intersect(mi.Ray3f(ray))
-    missing = int(np.sum(~np.array(is_on_relay_wall(si, wall))))
-    if missing:
-        raise ValueError(
-            f"sensor: {missing} of {width * height} pixels do not look at the relay wall; all must"
-        )
-    normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
-    points, normals = (np.array(v, dtype=np.float64).T for v in (si.p, normal))
-    return points.reshape(height, width, 3), normals.reshape(height, width, 3)
 
 
 def focus_laser(
@@ -179,9 +167,15 @@ def focus_laser(
     named = [name for name, value in given.items() if value is not None]
     if len(named) != 1:
         raise ValueError(f"focus_laser: got {named or 'nothing'}; must be one of point, uv, pixel")
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(f"scene = {scene!r}: must be a loaded scene; load_scene loads one")
+    laser = find_laser(scene)
+    follow_meters(scene)
+    forget_meters(scene)
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
     if pixel is not None:
+        _require_two("pixel", pixel, "its column and row")
         size = camera.film().size()
         place = [
             (checks.integer(f"pixel {axis}", k, 0, n - 1) + 0.5) / n
@@ -193,24 +187,21 @@ def focus_laser(
         else:
             target = _at_uv(camera, place)
     elif uv is not None:
-        u, v = (float(x) for x in uv)
+        _require_two("uv", uv, "two numbers from 0 to 1")
+        u, v = (checks.metres("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
             raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
         target = mi.Point3f(*_three("point", point))
-    emitter = _laser(scene)
-    parameters = mi.traverse(emitter)
-    origin = emitter.world_transform() @ mi.Point3f(0)
-    if not dr.norm(target - origin)[0] > 0:
-        raise ValueError(
-            f"point = {np.array(target).ravel().tolist()}: must not be the laser's own"
-        )
-    axis = dr.normalize(target - origin)
-    up = mi.Vector3f(0, 1, 0) if abs(axis.y[0]) < 0.99 else mi.Vector3f(1, 0, 0)
-    parameters["to_world"] = mi.Transform4f().look_at(origin, target, up)
-    parameters.update()
+    turn(laser, target)
     return np.array(target).ravel()
+
+
+def _require_two(name: str, value: Any, what: str) -> None:
+    """Refuse anything but two values."""
+    if np.shape(value) != (2,):
+        raise ValueError(f"{name} = {value!r}: must be {what}")
 
 
 def _three(name: str, value: Any) -> list[float]:
@@ -234,7 +225,9 @@ def _size(grid: Any) -> dict[str, int]:
     try:
         width, height = grid
     except (TypeError, ValueError):
-        raise ValueError(f"grid = {grid!r}: must be a width and a height") from None
+        raise ValueError(
+            f"grid = {grid!r}: must be a width and a height, for example (64, 64)"
+        ) from None
     return {
         name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)
         for name, n in (("width", width), ("height", height))
@@ -242,7 +235,7 @@ def _size(grid: Any) -> dict[str, int]:
 
 
 def _integrator(scene: mi.Scene, mode: str) -> Any:
-    """The scene's integrator, set to a mode."""
+    """The scene's integrator, if it can capture in this mode."""
     integrator: Any = scene.integrator()
     if isinstance(integrator, backend.plugin("ConfocalTransientIntegrator")):
         if mode != "confocal":
@@ -250,14 +243,59 @@ def _integrator(scene: mi.Scene, mode: str) -> Any:
                 f"mode = {mode!r}: must be 'confocal' with a confocal_transient_path; "
                 "the others need a transient_nlos_path"
             )
+        if integrator.projector is not None and not integrator.projector.is_confocal:
+            raise ValueError(
+                "is_confocal = False: must be True for a capture, whose laser follows the camera"
+            )
         return integrator
     if not isinstance(integrator, backend.plugin("TransientNLOSPath")):
         kind = "none" if integrator is None else type(integrator).__name__
         raise ValueError(
             f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
         )
-    integrator.capture_type = "confocal" if mode == "confocal" else "single"
     return integrator
+
+
+@contextmanager
+def _set(integrator: Any, **values: Any) -> Iterator[None]:
+    """Give an integrator other values of those attributes that it has, for a while."""
+    before = {name: getattr(integrator, name) for name in values if hasattr(integrator, name)}
+    try:
+        for name in before:
+            setattr(integrator, name, values[name])
+        yield
+    finally:
+        for name, value in before.items():
+            setattr(integrator, name, value)
+
+
+def _wall(scene: mi.Scene, integrator: Any, camera: mi.Sensor, given: Any) -> list[mi.Shape]:
+    """The relay wall, as `capture` describes it."""
+    wall = integrator.wall(scene, camera) if given is None else find_shapes(scene, given, WALL)
+    if not wall:
+        wall = seen_shapes(scene, camera)
+        if len(wall) != 1:
+            seen = ", ".join(repr(shape.id()) for shape in wall) or "nothing"
+            raise ValueError(
+                f"relay_wall: is not known, and the sensor sees {seen}; must be one of {ids(scene)}"
+            )
+    if all(shape in wall or shape.is_emitter() for shape in scene.shapes()):
+        raise ValueError(
+            f"scene: has no hidden geometry, its shapes are {ids(scene)}; must have another than "
+            "the relay wall (a load with optimize=False keeps meshes of equal material apart)"
+        )
+    return wall
+
+
+def _tell_misses(on_wall: np.ndarray) -> None:
+    """Warn of pixels that do not look at the wall."""
+    missing = on_wall.size - int(on_wall.sum())
+    if missing:
+        warnings.warn(
+            f"sensor: {missing} of {on_wall.size} pixels do not look at the relay wall; they are "
+            "dark, and on_wall is false there",
+            stacklevel=3,
+        )
 
 
 def _exhaustive(
@@ -278,6 +316,9 @@ def _exhaustive(
     with bar:
         for row in range(rows):
             for column in range(columns):
+                bar.update()
+                if np.isnan(points[row, column]).any():
+                    continue
                 focus_laser(scene, point=points[row, column])
                 film = transient_film(camera.film(), *window)
                 step = seed + row * columns + column
@@ -286,16 +327,8 @@ def _exhaustive(
                 if values is None:
                     values = np.zeros((rows, columns, *part.shape), np.float32)
                 values[row, column] = part
-                bar.update()
     assert values is not None
     return values
-
-
-def _laser(scene: mi.Scene) -> Any:
-    emitters = scene.emitters()
-    if len(emitters) != 1:
-        raise ValueError(f"emitters: {len(emitters)}; must be one laser, a projector or a spot")
-    return emitters[0]
 
 
 def _origin(sensor: mi.Sensor) -> np.ndarray:
@@ -306,13 +339,12 @@ def _laser_origin(scene: mi.Scene, integrator: Any, camera: mi.Sensor) -> np.nda
     """Where the laser is: with the camera, if the integrator brings it."""
     if isinstance(integrator, backend.plugin("ConfocalTransientIntegrator")):
         return _origin(camera)
-    return np.array(_laser(scene).world_transform() @ mi.Point3f(0)).ravel()
+    return np.array(axis(find_laser(scene))[0]).ravel()
 
 
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
     """The point that the laser of a single capture lights, and the wall's normal there."""
-    pose = _laser(scene).world_transform()
-    ray = mi.Ray3f(pose @ mi.Point3f(0), dr.normalize(pose @ mi.Vector3f(0, 0, 1)))
+    ray = mi.Ray3f(*axis(find_laser(scene)))
     si = scene.ray_intersect(ray)
     if not is_on_relay_wall(si, wall)[0]:
         raise ValueError("laser: does not light the relay wall; focus_laser turns it there")

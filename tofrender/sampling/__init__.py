@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+from ..lazy import names_of
 
 _HOMES = {
     "warps": (
@@ -48,22 +47,6 @@ _HOMES = {
     ),
     "scene_emitters": ("emitters_of",),
 }
-_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+__all__ = sorted({*_HOMES, *(name for names in _HOMES.values() for name in names)})  # pyright: ignore[reportUnsupportedDunderAll]
 
-__all__ = sorted({*_MODULE_OF, *_HOMES})  # pyright: ignore[reportUnsupportedDunderAll]
-
-
-def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is asked for."""
-    if name in _HOMES:
-        return importlib.import_module(f".{name}", __name__)
-    if name in _MODULE_OF:
-        value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """The public names, loaded or not."""
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names_of(__name__, _HOMES)

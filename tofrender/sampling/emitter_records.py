@@ -98,6 +98,7 @@ class Shape(ABC):
         radiance = dr.select(valid & (dr.dot(n, d) < 0), spectrum(self.emission), 0)
         pdf = dr.select(valid, pdf, 0)
         weight = dr.select(valid, radiance / pdf, 0)
+        p, n, d = mi.Point3f(p), mi.Vector3f(n), mi.Vector3f(d)  # one type, whatever came
         return EmitterRecord(mi.Point3f(o), p, n, d, distance, pdf, radiance, weight, valid)
 
 

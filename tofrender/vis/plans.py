@@ -52,8 +52,8 @@ def plan_figure(
     Args:
         scene: Any scene of the active variant.
         view: "above", x to the right and z upwards; or "side", z to the right and y upwards.
-        laser: Where a laser is that is no light of the scene, because an integrator has it:
-            (x, y, z) [m].
+        laser: Where a laser is that is no light of the scene: (x, y, z) [m]. By default that of an
+            integrator that has one: beside the first camera, or where its projector's `frame` is.
         title: Text above.
 
     Returns:
@@ -75,7 +75,7 @@ def plan_figure(
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
-    lamp = None if laser is None else _point("laser", laser)
+    lamp = _integrators_laser(scene) if laser is None else _point("laser", laser)
 
     figure = new_figure(6.4, 6.4)
     axes = figure.add_subplot()
@@ -105,7 +105,7 @@ def plan_figure(
         axes.set_title(title)
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=5)
+    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -189,6 +189,17 @@ def _wedge(scene: Any, sensor: Any, view: str) -> Array:
 
 def _at_a_point(light: Any) -> bool:
     return bool(mi.has_flag(light.flags(), mi.EmitterFlags.DeltaPosition))
+
+
+def _integrators_laser(scene: Any) -> Array | None:
+    """Where the laser is that a confocal integrator has [m], None if it has none."""
+    integrator, sensors = scene.integrator(), scene.sensors()
+    if not hasattr(integrator, "projector") or not sensors:
+        return None
+    camera = sensors[0].world_transform() @ mi.Point3f(0)
+    projector = integrator.projector
+    place = camera if projector is None else projector.origin(camera)
+    return np.array(place, dtype=np.float64).ravel()
 
 
 def _beam(scene: Any, light: Any) -> Array:

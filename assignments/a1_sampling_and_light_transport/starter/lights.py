@@ -1,0 +1,165 @@
+"""Problem a1.lights: shapes that emit light, sampled by direction.
+
+A light answers two questions about a point `o` that it lights: which direction shall a sample take
+(`sample`), and what is seen in a given direction (`record`). Both answers are an `EmitterRecord`:
+
+    o, p        the point that is lit, and the first point of the light in that direction
+    n           unit normal at p, on the side that emits
+    d, distance unit vector from o to p, and how far p is [m]
+    pdf         density of the direction d [1/sr], the same whether it was sampled or given
+    radiance    what arrives from p: the emission, or 0 if p shows its dark side
+    weight      radiance / pdf
+    valid       lanes in which the light is met; in the others pdf, radiance and weight are 0
+
+`Shape` has what follows from these two: `pdf(o, v)`, `intersect(o, v)`, `is_emissive`, and
+`filled`, which makes the record of a hit and fills in radiance and weight. `Quad` is given as the
+worked example. `o`, `v` and `sample` are Dr.Jit arrays of any number of lanes.
+
+`scene.sample_emitter_direction` and `mi.warp` are not allowed here: they have what you are asked
+to derive. Your `sample_triangle` and `sample_sphere_cap` can be imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from tofrender.sampling.emitter_records import EmitterRecord, Shape, emission_values
+
+
+class Quad(Shape):
+    """A parallelogram of a corner and the two edges that leave it; it emits on the side of e0 x e1.
+
+    Args:
+        corner: Three numbers [m].
+        e0: First edge.
+        e1: Second edge.
+        emission: Radiance on the side of the normal: a number, or three for R, G and B.
+    """
+
+    def __init__(
+        self, corner: Sequence[float], e0: Sequence[float], e1: Sequence[float], emission: Any = 0
+    ) -> None:
+        cross = np.cross(e0, e1)
+        self.area = float(np.linalg.norm(cross))
+        self.corner, self.e0, self.e1 = mi.Point3f(*corner), mi.Vector3f(*e0), mi.Vector3f(*e1)
+        self.normal = mi.Vector3f((cross / self.area).tolist())
+        self.emission = emission_values(emission)
+
+    def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
+        """A uniform point of the surface, as a direction from `o`."""
+        p = self.corner + sample.x * self.e0 + sample.y * self.e1
+        distance = dr.norm(p - o)
+        return self._hit(o, p, (p - o) / distance, distance, mi.Bool(True))
+
+    def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
+        """Where the ray o + t v meets the plane, if that is on the parallelogram."""
+        distance = dr.dot(self.normal, self.corner - o) / dr.dot(self.normal, v)
+        p = o + distance * v
+        # p - corner = a e0 + b e1, solved with the help of the normal
+        a = dr.dot(self.normal, dr.cross(p - self.corner, self.e1)) / self.area
+        b = dr.dot(self.normal, dr.cross(self.e0, p - self.corner)) / self.area
+        inside = (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
+        return self._hit(o, p, v, distance, inside & (distance > 0))
+
+    def _hit(
+        self, o: mi.Point3f, p: mi.Point3f, d: mi.Vector3f, distance: mi.Float, valid: mi.Bool
+    ) -> EmitterRecord:
+        """The record of a point: its density 1 / area, measured in solid angle."""
+        cos = dr.abs(dr.dot(self.normal, d))
+        pdf = dr.square(distance) / (self.area * cos)
+        return self.filled(o, p, self.normal, d, distance, pdf, valid & (cos > 0))
+
+
+class Triangle(Shape):
+    """A triangle; it emits on the side of (v1 - v0) x (v2 - v0).
+
+    Directions come from uniform points of the surface, as with `Quad`.
+
+    Args:
+        v0: First corner, three numbers [m].
+        v1: Second corner.
+        v2: Third corner.
+        emission: Radiance on the side of the normal: a number, or three for R, G and B.
+    """
+
+    def __init__(
+        self, v0: Sequence[float], v1: Sequence[float], v2: Sequence[float], emission: Any = 0
+    ) -> None:
+        raise NotImplementedError("a1.lights: Triangle")
+
+    def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
+        """A uniform point of the surface, as a direction from `o`."""
+        raise NotImplementedError("a1.lights: Triangle.sample")
+
+    def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
+        """What is seen of the triangle from `o` along `v`; both sides are met."""
+        raise NotImplementedError("a1.lights: Triangle.record")
+
+
+class Sphere(Shape):
+    """A sphere that emits outwards, sampled by the cone of directions that it fills.
+
+    From outside the density is constant over the cone, 1 / its solid angle; there is no geometry
+    factor. From inside every direction meets the sphere: density 1 / (4 pi), and dark. A sphere
+    may be far: with radius / distance = 1e-3 the density must be right to 1e-3, although the
+    cosine of the cone's angle is 1 in single precision.
+
+    Args:
+        centre: Three numbers [m].
+        radius: Radius [m], above 0.
+        emission: Radiance on the outside: a number, or three for R, G and B.
+        transform: None, or 4 x 4 numbers that move the sphere: rotation, one scale for all
+            directions, and translation.
+    """
+
+    def __init__(
+        self,
+        centre: Sequence[float] = (0, 0, 0),
+        radius: float = 1.0,
+        emission: Any = 0,
+        *,
+        transform: Any = None,
+    ) -> None:
+        raise NotImplementedError("a1.lights: Sphere")
+
+    def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
+        """A uniform direction of the cone, and the first point of the sphere along it."""
+        raise NotImplementedError("a1.lights: Sphere.sample")
+
+    def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
+        """What is seen of the sphere from `o` along `v`."""
+        raise NotImplementedError("a1.lights: Sphere.record")
+
+
+class SurfaceGroup(Shape):
+    """Several shapes, sampled as one light.
+
+    `sample` picks one of the n shapes with equal chance and asks it for a direction. The direction
+    could have come from any shape that it meets, so its density is the mean of all n densities, 0
+    for shapes that it misses. The record (point, distance, normal, radiance) is that of the nearest
+    shape along the direction, whichever was picked: lights may hide each other.
+
+    Args:
+        shapes: At least one shape.
+    """
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        raise NotImplementedError("a1.lights: SurfaceGroup")
+
+    @property
+    def is_emissive(self) -> bool:
+        """Whether any of the shapes is."""
+        raise NotImplementedError("a1.lights: SurfaceGroup.is_emissive")
+
+    def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
+        """A direction towards one of the shapes, and what is seen there."""
+        raise NotImplementedError("a1.lights: SurfaceGroup.sample")
+
+    def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
+        """What is seen of the group from `o` along `v`, with the mean density."""
+        raise NotImplementedError("a1.lights: SurfaceGroup.record")

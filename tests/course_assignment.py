@@ -1,0 +1,250 @@
+"""A whole small assignment for tests of what releases, starts, verifies and submits one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textwrap import dedent
+
+from tofrender.course.assignments import Assignment
+
+FILES = {
+    "README.md": "# Tiny\n\n[[a0.pulse]]\n\nText.\n\n[[a0.range]]\n![one](figures/one.png)\n",
+    "exercises.md": "# Exercises\n",
+    "solutions/exercises.md": "# Solutions\n",
+    "figures/make.py": "print('makes one.png')\n",
+    "figures/one.png": "a picture",
+    "pytest.ini": """
+        [pytest]
+        addopts = -p tofrender.course.judge --strict-markers
+        testpaths = tests
+        pythonpath = tests
+        """,
+    "rubric.toml": """
+        [assignment]
+        id = "a0"
+        title = "Tiny"
+        comparisons = 10
+        also_withhold = ["tofrender.corner"]
+        submit = ["*.py", "notebook.ipynb", "deliverables/*"]
+
+        [[problem]]
+        id = "a0.pulse"
+        title = "A pulse"
+        file = "pulse.py"
+        names = ["GaussianPulse"]
+        withholds = ["tofrender.pulses"]
+        tests = [
+          { id = "test_pulse.py::test_area", points = 2 },
+          { id = "test_pulse.py::test_fall_off", points = 1 },
+          { id = "test_pulse.py::test_peak", points = 1 },
+          { id = "test_pulse_staff.py::test_even", points = 1.5, visibility = "after_published" },
+        ]
+
+        [[problem]]
+        id = "a0.range"
+        title = "The range"
+        file = "wrapping.py"
+        names = ["unambiguous_range"]
+        reference = "tofrender.analysis"
+        withholds = ["tofrender.analysis.phasors"]
+        needs = ["a0.pulse"]
+        bonus = true
+        tests = [
+          { id = "test_range.py::test_range", points = 3 },
+          { id = "test_range.py::test_results", points = 1 },
+        ]
+        """,
+    "mutants.toml": """
+        [[mutant]]
+        id = "no_norm"
+        problem = "a0.pulse"
+        file = "pulse.py"
+        why = "The normalisation is missing."
+        edits = [[" / (self.width_opl * 2.50662827)", ""]]
+        fails = [
+          "test_pulse.py::test_area", "test_pulse.py::test_peak", "test_range.py::test_range",
+        ]
+        says = "sqrt(2 pi)"
+
+        [[mutant]]
+        id = "no_half"
+        problem = "a0.pulse"
+        file = "pulse.py"
+        why = "The half is missing."
+        edits = [["-0.5 * x * x", "-x * x"]]
+        fails = ["test_pulse.py::test_area", "test_pulse.py::test_fall_off"]
+        says = "half the square"
+
+        [[mutant]]
+        id = "there_and_back"
+        problem = "a0.range"
+        file = "wrapping.py"
+        why = "Light goes there and back."
+        edits = [["0.5 *", "1.0 *"]]
+        fails = ["test_range.py::test_range"]
+        says = "back"
+
+        [[mutant]]
+        id = "quarter"
+        problem = "a0.range"
+        file = "wrapping.py"
+        why = "Half of the half."
+        edits = [["0.5 *", "0.25 *"]]
+        fails = ["test_range.py::test_range"]
+        says = "back"
+        """,
+    "starter/pulse.py": '''
+        """A pulse."""
+
+
+        class GaussianPulse:
+            """A Gaussian of standard deviation `width_opl` [m]."""
+
+            def __init__(self, width_opl):
+                raise NotImplementedError("a0.pulse: write GaussianPulse")
+        ''',
+    "solutions/pulse.py": '''
+        """A pulse."""
+
+        import drjit as dr
+
+
+        class GaussianPulse:
+            """A Gaussian of standard deviation `width_opl` [m]."""
+
+            def __init__(self, width_opl):
+                self.width_opl = width_opl
+
+            def eval(self, t):
+                """The density at t [m]."""
+                x = t / self.width_opl
+                return dr.exp(-0.5 * x * x) / (self.width_opl * 2.50662827)
+        ''',
+    "starter/wrapping.py": '''
+        """The range."""
+
+
+        def unambiguous_range(frequency_hz):
+            """In metres."""
+            raise NotImplementedError("a0.range: write unambiguous_range")
+        ''',
+    "solutions/wrapping.py": '''
+        """The range."""
+
+        from pulse import GaussianPulse
+
+
+        def unambiguous_range(frequency_hz):
+            """In metres."""
+            one = GaussianPulse(width_opl=1.0).eval(0.0) * 2.50662827
+            return 0.5 * 299792458.0 / frequency_hz * one
+        ''',
+    "tests/probes.py": """
+        import mitsuba as mi
+        import numpy as np
+
+
+        def density(theirs, width_opl, t):
+            return theirs.GaussianPulse(width_opl=width_opl).eval(mi.Float(t))
+
+
+        def peaks(theirs, seed):
+            noise = 0.01 * np.random.default_rng(seed).standard_normal(16)
+            return theirs.GaussianPulse(width_opl=1.0).eval(mi.Float(0)).numpy() + noise
+
+
+        def wrap(theirs, frequency_hz):
+            return theirs.unambiguous_range(frequency_hz)
+        """,
+    "tests/test_pulse.py": """
+        import numpy as np
+        import pytest
+
+        from tofrender.course import expect
+
+        pytestmark = pytest.mark.a0_pulse
+
+
+        def test_area(submission):
+            t = np.linspace(-0.5, 0.5, 1001)
+            density = submission.ask("density", width_opl=0.05, t=t)
+            area = np.trapezoid(density, t)
+            expect.close(area, 1.0, "the area", hint="is 1 / (sqrt(2 pi) sigma) there?")
+
+
+        @pytest.mark.parametrize("width", [0.1, 0.2])
+        def test_fall_off(submission, width):
+            density = submission.ask("density", width_opl=width, t=np.array([0.0, width]))
+            ratio = density[1] / density[0]
+            expect.close(ratio, np.exp(-0.5), "the fall-off", hint="is it half the square?")
+
+
+        def test_peak(submission):
+            peaks = submission.ask("peaks", seed=submission.seed)
+            expect.estimate(peaks, 0.39894228, "the peak")
+        """,
+    "tests/test_pulse_staff.py": """
+        import numpy as np
+        import pytest
+
+        from tofrender.course import expect
+
+        pytestmark = pytest.mark.a0_pulse
+
+
+        def test_even(submission):
+            left, right = submission.ask("density", width_opl=0.3, t=np.array([-0.1, 0.1]))
+            expect.close(left, right, "the density at -t")
+        """,
+    "tests/test_range.py": """
+        import pytest
+
+        from tofrender.course import expect
+
+        pytestmark = pytest.mark.a0_range
+
+
+        def test_range(submission):
+            came = submission.ask("wrap", frequency_hz=100e6)
+            expect.close(came, 1.49896229, "the range", hint="light goes there and back")
+
+
+        def test_results(submission):
+            expect.close(submission.arrays("deliverables/x.npz")["x"], [1.0, 2.0], "x")
+        """,
+    "notebook.py": """
+        # %% [markdown]
+        # # Tiny
+
+        # %%
+        # %load_ext tofrender.course.notebooks
+        from pathlib import Path
+
+        import numpy as np
+
+        # %% [solution] pulse.py
+
+        # %% [solution] wrapping.py
+
+        # %%
+        from wrapping import unambiguous_range
+
+        print(round(unambiguous_range(100e6), 3))
+        Path("deliverables").mkdir(exist_ok=True)
+        np.savez("deliverables/x.npz", x=[1.0, 2.0])
+        """,
+}
+
+
+def write(folder: Path) -> Assignment:
+    """Write the assignment."""
+    for name, text in FILES.items():
+        put(folder, name, text)
+    return Assignment(folder)
+
+
+def put(folder: Path, name: str, text: str) -> None:
+    """Write one file of it."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(dedent(text).lstrip(), encoding="utf-8")

@@ -1,0 +1,91 @@
+"""Where assignments are: in a checkout's `assignments/`, or inside the student edition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from . import rubric as rubrics
+
+PACKAGE = Path(__file__).parents[1]
+FOLDERS = (PACKAGE.parent / "assignments", PACKAGE / "course" / "material")
+"""Folders that hold assignments: all of each, or what students get."""
+
+STAFF_TEST = "*_staff.py"
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """An assignment's folder.
+
+    Attributes:
+        folder: What holds `rubric.toml`.
+    """
+
+    folder: Path
+
+    @cached_property
+    def rubric(self) -> rubrics.Rubric:
+        """Its problems and points."""
+        return rubrics.read(self.folder)
+
+    @property
+    def name(self) -> str:
+        """The folder's name: "a2_time_of_flight"."""
+        return self.folder.name
+
+    @property
+    def solutions(self) -> Path:
+        """Folder of independent right solutions, which only teachers have."""
+        return self.folder / "solutions"
+
+    @property
+    def starter(self) -> Path:
+        """Folder of the stubs."""
+        return self.folder / "starter"
+
+    def require_staff(self, what: str) -> None:
+        """Refuse what needs the solutions.
+
+        Args:
+            what: What is refused.
+
+        Raises:
+            ValueError: There are none; one line.
+        """
+        if not self.solutions.is_dir():
+            raise ValueError(
+                f"{self.folder}: has no solutions/; {what} needs the course's checkout, "
+                "not the student edition"
+            )
+
+
+def known() -> dict[str, Assignment]:
+    """All assignments by their id, in the order of their folders."""
+    found = {}
+    for parent in reversed(FOLDERS):
+        for path in sorted(parent.glob("*/rubric.toml")):
+            assignment = Assignment(path.parent)
+            found[assignment.rubric.id] = assignment
+    return dict(sorted(found.items()))
+
+
+def find(name: str | Path) -> Assignment:
+    """The assignment of this id, or in this folder.
+
+    Args:
+        name: "a2", or the path of a folder with `rubric.toml`.
+
+    Raises:
+        ValueError: There is none; says which there are.
+    """
+    is_id = Path(name).name == str(name)  # even where a student has called a folder so
+    assignments = known() if is_id else {}
+    if str(name) not in assignments:
+        if (Path(name) / "rubric.toml").is_file():
+            return Assignment(Path(name).resolve())
+        assignments = known()
+        there = ", ".join(assignments) or "none; run this in a checkout, or in a student edition"
+        raise ValueError(f"ASSIGNMENT = {name}: must be one of {there}")
+    return assignments[str(name)]

@@ -1,0 +1,154 @@
+"""Run inside a student edition: what of it is there that should not be, and what does not work.
+
+    PYTHONPATH=EDITION python -P edition_check.py '{"modules": {...}, "names": [...], ...}'
+
+Prints a JSON line with the reasons against it. It is a script, so that nothing of the package from
+which it comes is imported.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pkgutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+NOT_PART = "is not part of the student edition"
+
+
+def main(question: dict[str, Any]) -> list[str]:
+    """All reasons against the edition."""
+    import tofrender
+
+    home = Path.cwd().resolve() / "tofrender"
+    if Path(tofrender.__file__).resolve().parent != home:
+        return [f"tofrender was imported from {tofrender.__file__}, not from the edition"]
+    reasons = []
+    for module in question["modules"]:
+        reasons += _refused(f"import {module}", module, None)
+    for module, name, problem in question["names"]:
+        reasons += _refused(f"from {module} import {name}", f"{module}.{name}", problem)
+    return [*reasons, *_all_import(question["modules"]), *_parts(question)]
+
+
+def _refused(statement: str, what: str, problem: str | None) -> Iterator[str]:
+    """What is wrong with the error of an import statement: it must say whose it is to write."""
+    try:
+        exec(statement, {})
+    except ImportError as error:
+        said = str(error)
+        if "is yours to write: problem " not in said and NOT_PART not in said:
+            yield f"{what}: is missing, but not because it is withheld: {said}"
+        elif problem is not None and f"problem {problem}" not in said:
+            yield f"{what}: says {said!r}, must name problem {problem}"
+    else:
+        yield f"{what}: can be imported, must be withheld"
+
+
+def _all_import(withheld: dict) -> Iterator[str]:
+    """A module that is there, but needs one that is withheld."""
+    import tofrender
+
+    for module in pkgutil.walk_packages(tofrender.__path__, "tofrender.", onerror=lambda _: None):
+        if module.name.endswith("__main__") or module.name.startswith("tofrender.course.material"):
+            continue
+        try:
+            importlib.import_module(module.name)
+        except Exception as error:
+            advice = "; withhold it, too" if isinstance(error, ImportError) else ""
+            yield f"{module.name}: cannot be imported: {error}{advice}"
+
+
+def _parts(question: dict) -> Iterator[str]:
+    """A part of the package that does not work: scenes, films, files, pictures, the command."""
+    for what, look in (
+        ("a scene", _scenes),
+        ("the film", _film),
+        ("files", _files),
+        ("pictures", _pictures),
+        ("the command", _command),
+        ("the assignment", lambda: _assignment(question["assignment"])),
+    ):
+        try:
+            look()
+        except Exception as error:
+            yield f"{what}: does not work: {type(error).__name__}: {error}"
+
+
+def _scenes() -> None:
+    from tofrender.loading import load_scene
+    from tofrender.scenes import BUILT_IN
+
+    for name in BUILT_IN:
+        load_scene(name)
+
+
+def _film() -> None:
+    import mitsuba as mi
+
+    import tofrender
+    from tofrender import withheld
+
+    if withheld.refusal("tofrender.films.transient"):
+        return
+    size = {"width": 4, "height": 2, "temporal_bins": 3}
+    film: Any = mi.load_dict({"type": "transient_hdr_film", **size})
+    assert isinstance(film, tofrender.TransientHDRFilm)
+    assert tuple(film.shape)[:3] == (2, 4, 3), film.shape
+
+
+def _dataset() -> Any:
+    import numpy as np
+
+    from tofrender.dataset import label
+
+    point = SimpleNamespace(x=4, y=2)
+    film = SimpleNamespace(shape=(2, 4, 3, 3), start_opl=0.0, bin_width_opl=0.1)
+    film.crop_offset, film.size = lambda: (0, 0), lambda: point
+    transient = np.random.default_rng(0).random(film.shape, np.float32)
+    attrs: dict = {"quantity": "radiance per bin", "start_opl": 0.0, "bin_width_opl": 0.1}
+    attrs |= {"units": "W m^-2 sr^-1", "scene": "none", "energy_outside_window": 0.0, "spp": 1}
+    return label(transient.sum(2), transient, film, attrs | {"complete": 1})
+
+
+def _files() -> None:
+    import numpy as np
+
+    from tofrender import io
+
+    dataset = _dataset()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.npz"
+        io.save_npz(dataset, path)
+        assert np.array_equal(io.load_npz(path).transient, dataset.transient)
+        io.save_exr_stack(dataset, Path(folder) / "exr")
+
+
+def _pictures() -> None:
+    from tofrender import vis
+
+    vis.summary_figure(_dataset())
+
+
+def _command() -> None:
+    from tofrender import cli, doctor
+
+    assert callable(doctor.diagnose)
+    assert callable(cli.main)
+
+
+def _assignment(name: str) -> None:
+    from tofrender.course import assignments
+
+    found = assignments.find(name)
+    assert found.folder.is_relative_to(Path.cwd().resolve()), found.folder
+    assert not found.solutions.exists()
+
+
+if __name__ == "__main__":
+    print("\n" + json.dumps({"reasons": main(json.loads(sys.argv[1]))}))

@@ -1,0 +1,177 @@
+"""Wrong solutions that students write: edits of right ones, with the tests that they must fail."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from . import notebooks, running
+from .assignments import Assignment
+from .rubric import Rubric
+from .start import NOTEBOOK
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A wrong solution.
+
+    Attributes:
+        id: Its name.
+        problem: The problem that it gets wrong.
+        file: The file of `solutions/` that is edited, or "notebook.py".
+        why: What is wrong with it.
+        edits: Pairs of what stands there once, and what replaces it.
+        fails: The tests that fail, and no others.
+        says: What the text of one of them has to hold: the cause.
+    """
+
+    id: str
+    problem: str
+    file: str
+    why: str
+    edits: tuple[tuple[str, str], ...]
+    fails: tuple[str, ...]
+    says: str
+
+
+def read(assignment: Assignment) -> list[Mutant]:
+    """The mutants of an assignment.
+
+    Raises:
+        ValueError: `mutants.toml` is missing, or not as it should be; one line.
+    """
+    path = assignment.folder / "mutants.toml"
+    if not path.is_file():
+        raise ValueError("mutants.toml: is missing")
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"mutants.toml: is not TOML: {error}") from None
+    found = [_mutant(entry) for entry in content.get("mutant", [])]
+    ids = [mutant.id for mutant in found]
+    double = sorted({name for name in ids if ids.count(name) > 1})
+    if double:
+        raise ValueError(f"mutants.toml: {double[0]} is there more than once")
+    return found
+
+
+def _mutant(entry: dict[str, Any]) -> Mutant:
+    where = f"mutants.toml: {entry.get('id', entry)}"
+    fields = set(Mutant.__dataclass_fields__)
+    if set(entry) != fields:
+        raise ValueError(f"{where}: must have exactly {', '.join(sorted(fields))}")
+    edits = tuple(tuple(edit) for edit in entry["edits"])
+    if not edits or any(len(edit) != 2 for edit in edits):
+        raise ValueError(f"{where}: edits must be pairs [old, new], one or more")
+    return Mutant(**entry | {"edits": edits, "fails": tuple(entry["fails"])})
+
+
+def source(assignment: Assignment, mutant: Mutant) -> Path:
+    """The right file that a mutant edits."""
+    folder = assignment.folder if mutant.file == "notebook.py" else assignment.solutions
+    return folder / mutant.file
+
+
+def apply(assignment: Assignment, mutant: Mutant) -> str:
+    """The text of the mutant's file.
+
+    Raises:
+        ValueError: An edit does not fit the file, or leaves no Python.
+    """
+    path = source(assignment, mutant)
+    if not path.is_file():
+        raise ValueError(f"mutants.toml: {mutant.id}: {mutant.file} does not exist")
+    text = path.read_text(encoding="utf-8")
+    for old, new in mutant.edits:
+        if text.count(old) != 1:
+            raise ValueError(
+                f"mutants.toml: {mutant.id}: {old!r} is {text.count(old)} times in "
+                f"{mutant.file}, must be once"
+            )
+        text = text.replace(old, new)
+    try:
+        compile(text, mutant.file, "exec")
+    except SyntaxError as error:
+        raise ValueError(f"mutants.toml: {mutant.id}: is no Python: {error}") from None
+    return text
+
+
+def affected(rubric: Rubric, mutant: Mutant) -> list[str]:
+    """The tests that can tell: those of the problems that use the mutant's file."""
+    needs = {problem.id: set(problem.needs) for problem in rubric.problems}
+    found = {problem.id for problem in rubric.problems if problem.file == mutant.file}
+    found.add(mutant.problem)
+    while more := {name for name, uses in needs.items() if uses & found} - found:
+        found |= more
+    return [test for test, problem in rubric.problem_of.items() if problem.id in found]
+
+
+def judge(
+    assignment: Assignment, mutant: Mutant, right: Path, folder: Path, edition: Path
+) -> list[str]:
+    """Run the tests on a mutant.
+
+    Args:
+        assignment: The whole assignment.
+        mutant: The mutant.
+        right: Folder of right solutions and what their notebook has written.
+        folder: A new folder for the wrong ones.
+        edition: The student edition.
+
+    Returns:
+        What is not as `mutants.toml` says, a line each.
+    """
+    shutil.copytree(right, folder)
+    (folder / mutant.file).write_text(apply(assignment, mutant), encoding="utf-8")
+    home = next((p for p in assignment.rubric.problems if p.id == mutant.problem), None)
+    if home is not None and not home.file:  # its mistake is in what the notebook writes
+        try:
+            solve_notebook(assignment, folder, edition)
+        except (RuntimeError, ValueError) as error:
+            return [f"{mutant.id}: {error}"]
+    tests = affected(assignment.rubric, mutant)
+    try:
+        outcomes = running.run(assignment.folder, tests=tests, submission=folder, edition=edition)
+    except RuntimeError as error:
+        return [f"{mutant.id}: {error}"]
+    failed = {name for name, outcome in outcomes.items() if outcome.outcome != "passed"}
+    failed |= set(tests) - outcomes.keys()
+    reasons = [
+        f"{mutant.id}: {name} passes, must fail ({mutant.why})"
+        for name in sorted(set(mutant.fails) - failed)
+    ]
+    for name in sorted(failed - set(mutant.fails)):
+        text = outcomes[name].texts if name in outcomes else ()
+        reasons.append(f"{mutant.id}: {name} fails, must pass: {one_line(' '.join(text))}")
+    texts = [text for name in failed if name in outcomes for text in outcomes[name].texts]
+    if mutant.says not in "\n".join(texts):
+        said = one_line(" ".join(texts)) or "nothing"
+        reasons.append(f"{mutant.id}: no failure says {mutant.says!r}; they say {said}")
+    return reasons
+
+
+def solve_notebook(assignment: Assignment, folder: Path, package: Path) -> None:
+    """Run the notebook in a folder of solutions, which gets what it writes.
+
+    Args:
+        assignment: The whole assignment.
+        folder: Holds the solutions; its own `notebook.py`, if it has one, is what runs.
+        package: Folder of the package that the notebook imports.
+
+    Raises:
+        RuntimeError: A cell failed.
+    """
+    own = folder / "notebook.py"
+    path = own if own.is_file() else assignment.folder / "notebook.py"
+    if path.is_file():
+        notebooks.write(path.read_text(encoding="utf-8"), folder, folder / NOTEBOOK)
+        notebooks.execute(folder / NOTEBOOK, PYTHONPATH=str(package))
+
+
+def one_line(text: str, length: int = 300) -> str:
+    """Text on one line, cut if it is longer."""
+    line = " ".join(text.split())
+    return line if len(line) <= length else f"{line[:length]} ..."

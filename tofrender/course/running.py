@@ -1,0 +1,128 @@
+"""Running an assignment's tests in a pytest of their own, and reading its report."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .assignments import PACKAGE
+from .rubric import Rubric
+
+OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a test, over all its cases and seeds.
+
+    Attributes:
+        outcome: "passed", "failed", or "skipped" if all its cases were.
+        texts: What the cases said that failed.
+        seconds: How long all its cases took.
+        cases: How many there were.
+        seeded: Whether the test draws random numbers.
+        uses: The submission's names that it has used.
+    """
+
+    outcome: str
+    texts: tuple[str, ...] = ()
+    seconds: float = 0.0
+    cases: int = 1
+    seeded: bool = False
+    uses: frozenset[str] = frozenset()
+
+
+def run(
+    folder: Path,
+    *,
+    tests: Iterable[str] | None = None,
+    submission: Path | None = None,
+    edition: Path | None = None,
+    seeds: int = 1,
+    more: Sequence[str] = (),
+) -> dict[str, Outcome]:
+    """Run tests of an assignment's folder.
+
+    Args:
+        folder: Holds `pytest.ini`, `rubric.toml` and `tests/`.
+        tests: Ids of the rubric; None for all.
+        submission: What is judged; None for what `pytest.ini` says, or the package.
+        edition: Folder of the package that tests and submission see; None for this one.
+        seeds: How often each test is repeated, each time under another seed.
+        more: Further options of pytest.
+
+    Returns:
+        The outcomes by the tests' ids.
+
+    Raises:
+        RuntimeError: pytest itself failed; the end of what it said.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        report = Path(scratch) / "report.jsonl"
+        options = [f"--report={report}", f"--seeds={seeds}", *more]
+        options += [] if submission is None else [f"--submission={submission.resolve()}"]
+        options += [] if tests is None else [f"tests/{test}" for test in tests]
+        result = pytest(folder, options, edition)
+        lines = report.read_text(encoding="utf-8").splitlines() if report.is_file() else []
+    if result.returncode not in (OK, SOME_FAILED):
+        raise RuntimeError(f"pytest failed in {folder.name}: {last_lines(result)}")
+    return join(json.loads(line) for line in lines)
+
+
+def join(lines: Iterable[dict]) -> dict[str, Outcome]:
+    """The outcomes of tests from those of their cases: one that fails fails its test."""
+    cases: dict[str, list[dict]] = {}
+    for line in lines:
+        cases.setdefault(line["id"], []).append(line)
+    return {name: _join(those) for name, those in cases.items()}
+
+
+def _join(cases: list[dict]) -> Outcome:
+    said = [case["outcome"] for case in cases]
+    outcome = next((o for o in ("failed", "passed") if o in said), "skipped")
+    texts = tuple(case["text"] for case in cases if case["outcome"] == "failed")
+    return Outcome(
+        outcome,
+        texts,
+        seconds=sum(case["seconds"] for case in cases),
+        cases=len(cases),
+        seeded=any(case["seeded"] for case in cases),
+        uses=frozenset(name for case in cases for name in case["uses"]),
+    )
+
+
+def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
+    """The points of each problem: those of its tests that passed."""
+    passed = {name for name, outcome in outcomes.items() if outcome.outcome == "passed"}
+    return {
+        problem.id: sum(test.points for test in problem.tests if test.id in passed)
+        for problem in rubric.problems
+    }
+
+
+def pytest(
+    folder: Path, options: Sequence[str], package: Path | None = None
+) -> subprocess.CompletedProcess:
+    """Run pytest in an assignment's folder, quietly, and leave nothing there."""
+    path = [str((package or PACKAGE.parent).resolve()), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(path),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTEST_ADDOPTS": "",
+    }
+    command = [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+def last_lines(result: subprocess.CompletedProcess, count: int = 3) -> str:
+    """The end of what a process said."""
+    lines = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
+    return " | ".join(lines[-count:]) or f"exit status {result.returncode}"

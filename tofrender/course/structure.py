@@ -1,0 +1,211 @@
+"""Whether an assignment's parts agree: rubric, tests, handout, stubs, solutions and mutants."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
+
+from . import material, mutants, notebooks, running
+from .assignments import STAFF_TEST, Assignment
+from .rubric import Rubric
+
+POINTS_IN_TEXT = re.compile(
+    r"\(\s*[\d.]+\s*(?:bonus )?(?:points?|pts?\.?)\s*\)|\bworth [\d.]+ |\bfor [\d.]+ points"
+    r"|[\d.]+ bonus points",
+    re.IGNORECASE,
+)
+LEAST_MUTANTS = 2
+
+
+def check(assignment: Assignment) -> Iterator[str]:
+    """What does not hold together, a line each.
+
+    Args:
+        assignment: The whole assignment.
+    """
+    yield from _files(assignment)
+    yield from _handout(assignment)
+    yield from _tests(assignment)
+    yield from _notebook(assignment)
+    yield from _mutants(assignment)
+
+
+def needed(rubric: Rubric, problem: str) -> set[str]:
+    """The problems whose code a problem uses, directly or not, itself included."""
+    needs = {each.id: each.needs for each in rubric.problems}
+    found, new = set(), [problem]
+    while new:
+        name = new.pop()
+        if name not in found:
+            found.add(name)
+            new += needs[name]
+    return found
+
+
+def collect(folder: Path, package: Path | None = None) -> dict[str, list[str]]:
+    """The tests of an assignment's folder, each with its markers.
+
+    Args:
+        folder: Holds `pytest.ini`, `rubric.toml` and `tests/`.
+        package: Folder of the package that pytest uses; None for this one.
+
+    Raises:
+        RuntimeError: pytest cannot collect them.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        target = Path(scratch) / "collected.json"
+        options = ["--collect-only", "-p", "tofrender.course.collecting", f"--collected={target}"]
+        result = running.pytest(folder, options, package)
+        if result.returncode not in (running.OK, running.NONE_COLLECTED):
+            raise RuntimeError(f"the tests cannot be collected: {running.last_lines(result)}")
+        return json.loads(target.read_text(encoding="utf-8"))
+
+
+# ------------------------------------------------------------------------------------- parts
+
+
+def _files(assignment: Assignment) -> Iterator[str]:
+    """Stubs and solutions of each problem, what they import, and whether they are handed in."""
+    rubric = assignment.rubric
+    stubs = {path.name for path in assignment.starter.glob("*.py")}
+    solutions = {path.name for path in assignment.solutions.glob("*.py")}
+    problems = [problem for problem in rubric.problems if problem.file]
+    for problem in problems:
+        for kind, names in (("starter", stubs), ("solutions", solutions)):
+            if problem.file not in names:
+                yield f"{kind}/{problem.file}: is missing (problem {problem.id})"
+        if not any(fnmatch(problem.file, pattern) for pattern in rubric.submit):
+            yield f"rubric.toml: submit does not cover {problem.file} (problem {problem.id})"
+        if not any(other.names for other in problems if other.file == problem.file):
+            yield f"rubric.toml: problem {problem.id}: no problem names what {problem.file} defines"
+    for name in sorted((stubs ^ solutions) - {problem.file for problem in problems}):
+        yield f"{name}: must be in starter/ and in solutions/, is in one of them"
+    for problem in problems:
+        if problem.file in stubs and problem.id not in _read(assignment.starter / problem.file):
+            yield f"starter/{problem.file}: does not name its problem {problem.id}"
+        if problem.other_points:
+            yield f"rubric.toml: problem {problem.id}: other_points is for released rubrics"
+    owners = {Path(problem.file).stem: problem.id for problem in problems}
+    for problem in problems:
+        path = assignment.solutions / problem.file
+        allowed = needed(rubric, problem.id)
+        for module in _imported(path) & owners.keys() if path.is_file() else ():
+            shared = {p.id for p in problems if Path(p.file).stem == module}
+            if not shared & allowed:
+                yield f"solutions/{problem.file}: imports {module}, not in needs of {problem.id}"
+    for name in ("exercises.md", "solutions/exercises.md", "README.md", "pytest.ini"):
+        if not (assignment.folder / name).is_file():
+            yield f"{name}: is missing"
+
+
+def _handout(assignment: Assignment) -> Iterator[str]:
+    """Each problem has its block, and no text states points."""
+    readme = assignment.folder / "README.md"
+    if not readme.is_file():
+        return
+    text = _read(readme)
+    blocks = Counter(material.BLOCK.findall(text))
+    ids = {problem.id for problem in assignment.rubric.problems}
+    for problem in sorted(ids | blocks.keys()):
+        if problem not in ids:
+            yield f"README.md: [[{problem}]]: the rubric has no such problem"
+        elif blocks[problem] != 1:
+            yield f"README.md: line [[{problem}]] is there {blocks[problem]} times, must be once"
+    places = ["README.md", "exercises.md", "notebook.py", *_names(assignment, "starter/*.py")]
+    for name in places:
+        path = assignment.folder / name
+        for match in POINTS_IN_TEXT.finditer(_read(path) if path.is_file() else ""):
+            yield f"{name}: states points ({match[0].strip()!r}); only rubric.toml may"
+    for match in re.finditer(r"!\[[^\]]*\]\(([^)]+)\)", text):
+        if "://" not in match[1] and not (assignment.folder / match[1]).is_file():
+            yield f"README.md: picture {match[1]} does not exist"
+
+
+def _tests(assignment: Assignment) -> Iterator[str]:
+    """The rubric has every test and no other; markers and visibilities agree."""
+    rubric = assignment.rubric
+    found = collect(assignment.folder)
+    graded = {test.id: test for problem in rubric.problems for test in problem.tests}
+    for name in sorted(graded.keys() - found.keys()):
+        yield f"rubric.toml: {name}: there is no such test"
+    for name in sorted(found.keys() - graded.keys()):
+        yield f"{name}: is in no problem of the rubric"
+    markers = {problem.marker for problem in rubric.problems}
+    for name in sorted(found.keys() & graded.keys()):
+        has, wanted = markers & set(found[name]), rubric.problem_of[name].marker
+        if has != {wanted}:
+            yield f"{name}: has the markers {sorted(has)}, must have {wanted}"
+        is_staff = Path(name.partition("::")[0]).match(STAFF_TEST)
+        if bool(is_staff) == (graded[name].visibility == "visible"):
+            kind = "visible" if is_staff else graded[name].visibility
+            yield f"{name}: is {kind}; visible tests must not be in {STAFF_TEST}, all others must"
+
+
+def _notebook(assignment: Assignment) -> Iterator[str]:
+    """Its solution cells are the problems' files."""
+    path = assignment.folder / "notebook.py"
+    if not path.is_file():
+        yield "notebook.py: is missing"
+        return
+    cells = notebooks.solution_files(_read(path))
+    files = {problem.file for problem in assignment.rubric.problems if problem.file}
+    for name in sorted(files - set(cells)):
+        yield f"notebook.py: has no cell [solution] {name}"
+    for name in sorted(set(cells) - {p.name for p in assignment.solutions.glob("*.py")}):
+        yield f"notebook.py: [solution] {name}: solutions/ has no such file"
+
+
+def _mutants(assignment: Assignment) -> Iterator[str]:
+    """There are enough, and each fits its file and the rubric."""
+    rubric = assignment.rubric
+    try:
+        those = mutants.read(assignment)
+    except ValueError as error:
+        yield str(error)
+        return
+    tests = rubric.problem_of
+    count = Counter(mutant.problem for mutant in those)
+    for problem in rubric.problems:
+        if count[problem.id] < LEAST_MUTANTS:
+            yield f"mutants.toml: {problem.id} has {count[problem.id]}, must have {LEAST_MUTANTS}"
+    for mutant in those:
+        where = f"mutants.toml: {mutant.id}"
+        if mutant.problem not in {problem.id for problem in rubric.problems}:
+            yield f"{where}: the rubric has no problem {mutant.problem}"
+        for name in mutant.fails:
+            if name not in tests:
+                yield f"{where}: the rubric has no test {name}"
+        if not mutant.fails:
+            yield f"{where}: fails no test"
+        if not mutant.says.strip():
+            yield f"{where}: says nothing"
+        try:
+            mutants.apply(assignment, mutant)
+        except ValueError as error:
+            yield str(error)
+
+
+def _names(assignment: Assignment, pattern: str) -> list[str]:
+    folder = assignment.folder
+    return [str(path.relative_to(folder)) for path in sorted(folder.glob(pattern))]
+
+
+def _imported(path: Path) -> set[str]:
+    """First names of the modules that a file imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(_read(path))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module.partition(".")[0])
+    return names
+
+
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8")

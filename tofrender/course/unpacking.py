@@ -1,0 +1,198 @@
+"""Take the files of a submission, a folder or a zip, that an assignment asks for; nothing else."""
+
+from __future__ import annotations
+
+import fnmatch
+import io
+import os
+import stat
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
+
+MAX_BYTES = 512 << 20
+"""Most bytes of all files together, as they really are."""
+MAX_FILES = 2000
+MAX_NAME = 250  # with its folders [bytes]
+MAX_DIRECTORY = 1 << 20  # of a zip: what it says of its files [bytes]
+NEVER = (
+    "conftest.py",
+    "pytest.ini",
+    ".pytest.ini",
+    "pyproject.toml",
+    "setup.cfg",
+    "tox.ini",
+    "rubric.toml",
+    "results.json",
+    "probes.py",
+    "sitecustomize.py",
+    "usercustomize.py",
+    "test_*.py",
+    "*_test.py",
+)
+"""Names of files that are the judge's business, in any folder."""
+
+BROKEN = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
+Opener = Callable[[], BinaryIO]
+
+
+class BadSubmission(ValueError):
+    """A submission cannot be taken; one line for the student."""
+
+
+def take(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
+    """Copy what is asked for from a submission into a new folder.
+
+    A single folder at the top is looked through, if nothing outside matches.
+
+    Args:
+        source: Folder or zip. Links in a folder are passed over, a zip with links is refused.
+        patterns: Patterns of names such as "*.py" and "deliverables/*", where `*` stays in its
+            folder.
+        target: Folder to make.
+
+    Returns:
+        Names of the files, sorted.
+
+    Raises:
+        BadSubmission: Too many or too large files, or a zip that is broken or dangerous.
+
+    Example:
+        >>> import tempfile
+        >>> top = Path(tempfile.mkdtemp())
+        >>> _ = (top / "pulse.py").write_text("x = 1"), (top / "conftest.py").write_text("")
+        >>> take(top, ["*.py"], top / "taken")
+        ['pulse.py']
+    """
+    with _opened(source, 1 + max(len(pattern.split("/")) for pattern in patterns)) as files:
+        chosen = {name: name for name in files if is_asked_for(name, patterns)}
+        if not chosen:
+            inner = {name: name.partition("/")[2] for name in files if not name.startswith(".")}
+            if len({name.partition("/")[0] for name in inner}) == 1:
+                chosen = {name: it for name, it in inner.items() if is_asked_for(it, patterns)}
+        if len(chosen) > MAX_FILES:
+            raise BadSubmission(f"has {len(chosen)} files, more than {MAX_FILES}")
+        folders = {str(up) for name in chosen.values() for up in PurePosixPath(name).parents}
+        for name in folders.intersection(chosen.values()):
+            raise BadSubmission(f"holds {name!a} as a file and as a folder")
+        target.mkdir(parents=True)
+        left = MAX_BYTES
+        for name, new in chosen.items():
+            path = target / new
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("xb") as outgoing:
+                for chunk in _chunks(files[name]):
+                    left -= len(chunk)
+                    if left < 0:
+                        raise BadSubmission(f"unpacks to more than {MAX_BYTES >> 20} MiB")
+                    outgoing.write(chunk)
+    return sorted(chosen.values())
+
+
+def is_asked_for(name: str, patterns: Iterable[str]) -> bool:
+    """Whether a file is one that a submission consists of.
+
+    Args:
+        name: Path inside the submission, with `/`.
+        patterns: As for `take`.
+
+    Example:
+        >>> is_asked_for("deliverables/a.png", ["deliverables/*"])
+        True
+        >>> is_asked_for("deliverables/old/a.png", ["deliverables/*"])
+        False
+        >>> is_asked_for("conftest.py", ["*.py"])
+        False
+    """
+    parts = name.split("/")
+    if any(fnmatch.fnmatchcase(parts[-1].lower(), never) for never in NEVER):
+        return False
+    return any(
+        len(parts) == len(wanted) and all(map(fnmatch.fnmatchcase, parts, wanted))
+        for wanted in (pattern.split("/") for pattern in patterns)
+    )
+
+
+@contextmanager
+def _opened(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
+    """Names of all files down to `depth`, each with what opens it."""
+    if source.is_dir():
+        yield dict(_files_of(source, depth))
+        return
+    with ExitStack() as stack:
+        with _readable():
+            file = stack.enter_context(_CarefulFile(source))
+            archive = stack.enter_context(zipfile.ZipFile(file))
+            files = _entries_of(archive)
+        yield files
+
+
+def _chunks(opener: Opener) -> Iterator[bytes]:
+    with _readable(), opener() as file:
+        while chunk := file.read(1 << 16):
+            yield chunk
+
+
+@contextmanager
+def _readable() -> Iterator[None]:
+    """Blame the submission for what goes wrong when it is read, but not for a disk that is full."""
+    try:
+        yield
+    except BadSubmission:
+        raise
+    except (*BROKEN, zipfile.BadZipFile, zlib.error) as error:
+        raise BadSubmission(f"cannot be read: {error}") from None
+
+
+class _CarefulFile(io.FileIO):
+    """A file of which nobody reads much at a time, as a zip with a huge directory asks for."""
+
+    def read(self, size: int = -1, /) -> bytes:
+        if size < 0 or size > MAX_DIRECTORY:
+            size = MAX_DIRECTORY + 1
+        data = super().read(size) or b""
+        if len(data) > MAX_DIRECTORY:
+            raise BadSubmission(f"has more than {MAX_FILES} files")
+        return data
+
+
+def _entries_of(archive: zipfile.ZipFile) -> dict[str, Opener]:
+    """The files of a zip, if none of its entries is suspicious."""
+    entries = archive.infolist()
+    if len(entries) > MAX_FILES:
+        raise BadSubmission(f"has {len(entries)} entries, more than {MAX_FILES}")
+    files: dict[str, Opener] = {}
+    for entry in entries:
+        name = entry.filename.replace("\\", "/")
+        shown = ascii(entry.filename[:100])
+        path, kind = PurePosixPath(name), stat.S_IFMT(entry.external_attr >> 16)
+        if ".." in path.parts or path.is_absolute() or name[1:2] == ":":
+            raise BadSubmission(f"holds {shown}, which lies outside of it")
+        if not name.isprintable() or len(name.encode()) > MAX_NAME:
+            raise BadSubmission(f"holds {shown}, a name with odd characters or too many")
+        if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+            raise BadSubmission(f"holds {shown}, which is a link or a device")
+        if entry.flag_bits & 1:
+            raise BadSubmission(f"holds {shown}, which is encrypted")
+        if name.endswith("/") or name.startswith("__MACOSX/"):
+            continue
+        if str(path) in files:
+            raise BadSubmission(f"holds {shown} twice")
+        files[str(path)] = lambda entry=entry: archive.open(entry)
+    return files
+
+
+def _files_of(source: Path, depth: int) -> Iterator[tuple[str, Opener]]:
+    """The regular files of a folder, without those behind links."""
+    for folder, folders, names in os.walk(source):
+        inside = Path(folder).relative_to(source)
+        if len(inside.parts) + 1 >= depth:
+            folders.clear()
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(names):
+            path = Path(folder, name)
+            if stat.S_ISREG(path.lstat().st_mode):
+                yield (inside / name).as_posix(), lambda path=path: path.open("rb")

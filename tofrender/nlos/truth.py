@@ -1,0 +1,108 @@
+"""The true depth of a hidden scene, to compare reconstructions with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..loading import load_scene
+from ..relay_wall import DEFAULT_ID, find_shapes
+from ..targets import is_on
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LAYERS = 256
+"""Other surfaces that a ray may pass on its way to a hidden one."""
+
+
+def hidden_depth(
+    scene: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
+    where: xr.Dataset,
+    *,
+    hidden_shapes: Any = None,
+) -> xr.DataArray:
+    """Distance of the nearest hidden surface from the relay wall.
+
+    Rays leave the wall along its normal, one for each (y, x) of a reconstruction or each pixel of a
+    capture, and pass through everything that is not hidden.
+
+    Args:
+        scene: As for `capture`.
+        where: What `reconstruct` or `capture` returns.
+        hidden_shapes: What is hidden: a shape, its id, or a list of either. By default the shapes
+            whose ids start with "hidden"; if there are none, all but those whose ids start with
+            "relay_wall" or "occluder" and those with a sensor or a light.
+
+    Returns:
+        (y, x) float64 [m], NaN where there is nothing.
+
+    Raises:
+        ValueError: No reconstruction or capture, or there is no such shape; one line.
+
+    Example:
+        >>> from tofrender import capture
+        >>> depth = hidden_depth("nlos_plane", capture("nlos_plane", grid=(2, 2), spp=1))
+        >>> depth.values.round(6).tolist()
+        [[1.0, 1.0], [1.0, 1.0]]
+    """
+    import xarray as xr
+
+    points, normals = _rays(where)
+    if not isinstance(scene, mi.Scene):
+        scene = load_scene(scene, optimize=False)
+    hidden = _hidden(scene, hidden_shapes)
+    origin, d = (mi.Point3f(v.reshape(-1, 3).T.copy()) for v in (points, normals))
+    depth = np.full(points.shape[:2], np.nan).ravel()
+    ray, left = mi.Ray3f(origin, mi.Vector3f(d)), mi.Bool(True)
+    for _ in range(LAYERS):
+        si = scene.ray_intersect(ray, left)
+        found = is_on(si, hidden) & left
+        r = np.array(dr.dot(si.p - origin, d), dtype=np.float64)
+        depth = np.where(np.array(found), r, depth)
+        left = left & si.is_valid() & ~found
+        if not dr.any(left):
+            break
+        ray = si.spawn_ray(ray.d)
+    shown = depth.reshape(points.shape[:2])
+    coords = {axis: where[axis] for axis in ("y", "x")}
+    return xr.DataArray(shown, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
+
+
+def _rays(where: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the wall and its normals there, both (rows, columns, 3)."""
+    import xarray as xr
+
+    names = set(where.data_vars) if isinstance(where, xr.Dataset) else set()
+    if {"frame_axes", "frame_origin"} <= names:
+        x, y = np.meshgrid(where["x"].values, where["y"].values)
+        along_x, along_y, along_z = where["frame_axes"].values.astype(np.float64)
+        points = where["frame_origin"].values + x[..., None] * along_x + y[..., None] * along_y
+        return points, np.broadcast_to(along_z, points.shape)
+    if {"sensor_grid", "sensor_normals"} <= names:
+        grid, normals = (where[f"sensor_{what}"].values for what in ("grid", "normals"))
+        return grid.astype(np.float64), normals.astype(np.float64)
+    kind = type(where).__name__
+    raise ValueError(f"where = {kind}: must be a result of reconstruct() or capture()")
+
+
+def _hidden(scene: mi.Scene, given: Any) -> list[mi.Shape]:
+    if given is not None:
+        return find_shapes(scene, given, "hidden_shapes")
+    shapes = scene.shapes()
+    known = [shape for shape in shapes if shape.id().startswith("hidden")]
+    if not known:
+        known = [
+            shape
+            for shape in shapes
+            if not shape.id().startswith((DEFAULT_ID, "occluder"))
+            and not (shape.is_sensor() or shape.is_emitter())
+        ]
+    if not known:
+        raise ValueError("scene: has no hidden shapes; hidden_shapes must name one or more")
+    return known
