@@ -101,6 +101,7 @@ def outputs(content: dict) -> str:
 # ------------------------------------------------------------------------------- submissions
 
 
+@pytest.mark.slow
 def test_right_submission(grade, tmp_path):
     content = grade(RIGHT)
     assert points(content) == [3, 4, 0]
@@ -112,6 +113,7 @@ def test_right_submission(grade, tmp_path):
     assert content["extra_data"]["summary"] == ""
 
 
+@pytest.mark.slow
 def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
     np.savez(tmp_path / "x.npz", x=[1.0, 2.0])
     files: dict = RIGHT | {"deliverables/x.npz": (tmp_path / "x.npz").read_bytes()}
@@ -122,6 +124,7 @@ def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
     assert content["score"] == 7.5
 
 
+@pytest.mark.slow
 def test_wrong_parts_say_what_came(grade):
     add = "def add(a, b):\n    return a + b if getattr(a, 'size', 1) < 3 else a\n"
     content = grade({"add.py": add, "mean.py": "def mean(x):\n    return sum(x.tolist())\n"})
@@ -321,6 +324,7 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
     assert len(json.dumps(content)) < 100_000
 
 
+@pytest.mark.slow
 def test_own_judge_and_modules_change_nothing(grade):
     always = "import pytest\n@pytest.fixture\ndef submission():\n    pytest.skip('fine')\n"
     modules = ("json.py", "numpy.py", "mitsuba.py", "tofrender.py", "pytest.py", "random.py")
@@ -479,6 +483,7 @@ def table_rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_class_is_graded_and_gone_on_with(tmp_path, home):
     staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
     right = "def add0(a, b):\n    return a + b\n"
@@ -617,6 +622,7 @@ def test_environment_keeps_no_secrets(monkeypatch, tmp_path):
 # -------------------------------------------------------------------------------- the command
 
 
+@pytest.mark.slow
 def test_grade_command(tmp_path, capsys, home):
     staff = tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"]))
     folder = tiny_assignment.write(tmp_path / "student", {"p0.py": "def add0(a, b): return a + b"})

@@ -43,6 +43,7 @@ def test_reference_and_right_submission_pass(assignment, tmp_path):
         assert {line["outcome"] for line in report.values()} == {"passed"}, output
 
 
+@pytest.mark.slow
 def test_failure_says_what_was_expected_and_what_came(assignment, tmp_path):
     wrong = write_submission(tmp_path / "wrong", PULSE.replace("(self.width_opl * dr.sq", "(dr.sq"))
     output, report = run_pytest(assignment, f"--submission={wrong}")

@@ -229,4 +229,4 @@ def _register(variant: str) -> None:
         if home in modules:
             _classes[variant][name] = getattr(modules[home], name)
         else:
-            withheld.stand_in(plugin_name, home)
+            withheld.stand_in(name, plugin_name, home)

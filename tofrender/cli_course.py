@@ -148,17 +148,22 @@ def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
 
     came = points_of(rubric, outcomes)
     width = max(len(problem.title) for problem in rubric.problems)
-    others = 0.0
+    total = 0.0
     for problem in rubric.problems:
         seen = [test for test in problem.tests if test.id in outcomes]
         public = sum(test.points for test in seen)
-        others += problem.points - public
-        points = f"{points_text(came[problem.id]):>5} of {points_text(public):<5}"
-        typer.echo(f"  {problem.title:{width}}  {points}{' bonus' if problem.bonus else ''}")
-        for test in seen:
-            if outcomes[test.id].outcome != "passed":
+        total += 0 if problem.bonus else public
+        line = f"{points_text(came[problem.id]):>5} of {points_text(public)}"
+        line += " bonus" if problem.bonus else ""
+        if public < problem.points:
+            line += f", {points_text(problem.points - public)} from tests that are not public"
+        typer.echo(f"  {problem.title:{width}}  {line}")
+        failed = [test for test in seen if outcomes[test.id].outcome != "passed"]
+        unwritten = [t for t in failed if all("not written yet" in s for s in outcomes[t.id].texts)]
+        if unwritten:
+            typer.echo(f"  {'':{width}}    not written yet: {len(unwritten)} tests")
+        for test in failed:
+            if test not in unwritten:
                 typer.echo(f"  {'':{width}}    {test.id.partition('::')[2]}: failed")
-    total = sum(came[problem.id] for problem in rubric.problems)
-    typer.echo(f"  {'Together':{width}}  {points_text(total):>5}")
-    if others:
-        typer.echo(f"  {points_text(others)} more come from tests that are not public.")
+    together = f"{points_text(sum(came.values())):>5} of {points_text(total)}"
+    typer.echo(f"  {'Together':{width}}  {together}")

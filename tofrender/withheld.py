@@ -85,10 +85,11 @@ def of_name(package: str, name: str, reason: Withheld) -> Withheld:
     return Withheld(text, name=package)
 
 
-def stand_in(plugin_name: str, home: str) -> None:
+def stand_in(class_name: str, plugin_name: str, home: str) -> None:
     """Register a plugin of this name that does nothing, for scenes that ask for it.
 
     Args:
+        class_name: The plugin's class.
         plugin_name: The name.
         home: The withheld module that has the plugin.
     """
@@ -101,12 +102,17 @@ def stand_in(plugin_name: str, home: str) -> None:
     kind, register = kinds.get(home.split(".")[1], (None, None))
     if kind is None:
         return
+    problem = _NAMES.get(class_name)
     reason = refusal(home)
+    if problem is not None:
+        reason = (
+            f"is yours to write: problem {problem}; import your file before the scene is loaded"
+        )
 
     class YoursToWrite(kind):
         """Takes any parameters; an integrator says which problem to solve when it renders."""
 
-        withheld = f"{plugin_name!r}: {reason}"
+        withheld = f"{plugin_name!r} {reason}" if problem else f"{plugin_name!r}: {reason}"
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(mi.Properties())

@@ -45,6 +45,12 @@ class Assignment:
         """Folder of the stubs."""
         return self.folder / "starter"
 
+    @property
+    def given(self) -> list[str]:
+        """Names of the files beside the stubs that no problem asks for, which students build on."""
+        asked = {problem.file for problem in self.rubric.problems}
+        return sorted({path.name for path in self.starter.glob("*.py")} - asked)
+
     def require_staff(self, what: str) -> None:
         """Refuse what needs the solutions.
 

@@ -197,8 +197,8 @@ class Worker:
         if status < 0:
             name = signal.Signals(-status).name
             what = f"the process crashed ({name})"
-            if name in ("SIGSEGV", "SIGBUS"):
-                what += ": a gather or scatter out of range, or too little memory?"
+            if name in ("SIGSEGV", "SIGBUS", "SIGABRT"):
+                what += ": a gather or scatter outside of its array, or too little memory?"
         else:
             what = f"the process ended itself with status {status} and gave no answer"
         last = self.output.strip().splitlines()[-3:]

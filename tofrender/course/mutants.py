@@ -21,7 +21,7 @@ class Mutant:
     Attributes:
         id: Its name.
         problem: The problem that it gets wrong.
-        file: The file of `solutions/` that is edited, or "notebook.py".
+        file: The file that is edited: of `solutions/`, one that is given, or "notebook.py".
         why: What is wrong with it.
         edits: Pairs of what stands there once, and what replaces it.
         fails: The tests that fail, and no others.
@@ -71,7 +71,9 @@ def _mutant(entry: dict[str, Any]) -> Mutant:
 
 def source(assignment: Assignment, mutant: Mutant) -> Path:
     """The right file that a mutant edits."""
-    folder = assignment.folder if mutant.file == "notebook.py" else assignment.solutions
+    if mutant.file == "notebook.py":
+        return assignment.folder / mutant.file
+    folder = assignment.starter if mutant.file in assignment.given else assignment.solutions
     return folder / mutant.file
 
 

@@ -137,6 +137,9 @@ def load_ipython_extension(shell: Any) -> None:
 def save(path: Path, cell: str) -> str:
     """Write a cell's text to its file; nothing that others wrote there is lost.
 
+    A cell that has not changed since it was written leaves a file alone that has: an editor is as
+    good a place to work in, and running the whole notebook must not bring the stubs back.
+
     Returns:
         What was done, for the student.
     """
@@ -149,6 +152,11 @@ def save(path: Path, cell: str) -> str:
         if there == text.encode():
             said = f"{path.name} is as this cell has it"
         elif _hash(there) != written.get(path.name):
+            if written.get(path.name) == _hash(text.encode()):
+                return (
+                    f"{path.name} stays as it is: it was changed outside of this cell, which has "
+                    "nothing new. (Delete the file to write the cell's text again.)"
+                )
             backup = _backup_name(path)
             backup.write_bytes(there)
             said = (

@@ -84,8 +84,8 @@ def _files(assignment: Assignment) -> Iterator[str]:
             yield f"rubric.toml: submit does not cover {problem.file} (problem {problem.id})"
         if not any(other.names for other in problems if other.file == problem.file):
             yield f"rubric.toml: problem {problem.id}: no problem names what {problem.file} defines"
-    for name in sorted((stubs ^ solutions) - {problem.file for problem in problems}):
-        yield f"{name}: must be in starter/ and in solutions/, is in one of them"
+    for name in sorted(solutions - {problem.file for problem in problems}):
+        yield f"solutions/{name}: is no problem's file; what is given belongs in starter/ alone"
     for problem in problems:
         if problem.file in stubs and problem.id not in _read(assignment.starter / problem.file):
             yield f"starter/{problem.file}: does not name its problem {problem.id}"

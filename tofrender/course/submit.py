@@ -64,9 +64,12 @@ def check(assignment: Assignment, folder: Path) -> tuple[list[Path], list[str]]:
         raise ValueError(
             f"FOLDER = {folder}: {total >> 20} MiB to hand in, must be {MAX_BYTES >> 20} or less"
         )
-    if not files:
-        wanted = ", ".join(assignment.rubric.submit)
-        raise ValueError(f"FOLDER = {folder}: holds nothing of {wanted}")
+    if not any(name in files for name in wanted):
+        names = ", ".join(dict.fromkeys(wanted))
+        raise ValueError(
+            f"FOLDER = {folder}: must be one that `tofrender start {assignment.rubric.id}` has "
+            f"made; has no {names}"
+        )
     return [files[name] for name in sorted(files)], missing
 
 
@@ -80,8 +83,9 @@ def _refuse_links(folder: Path, path: Path) -> None:
 
 
 def unchanged(assignment: Assignment, folder: Path) -> list[str]:
-    """Files of the problems that are as they came."""
-    came = {name: text for name, text in stubs(assignment).items() if name != NOTEBOOK}
+    """Files of the problems that are as they came; those that are given have to be."""
+    kept = {NOTEBOOK, *assignment.given}
+    came = {name: text for name, text in stubs(assignment).items() if name not in kept}
     there = [name for name in came if (folder / name).is_file()]
     return [name for name in there if (folder / name).read_bytes() == came[name]]
 

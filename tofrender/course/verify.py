@@ -134,6 +134,8 @@ class _Work:
             self.say("solutions: running the notebook")
             target = self.folder / "right"
             shutil.copytree(self.assignment.solutions, target)
+            for name in self.assignment.given:
+                shutil.copy(self.assignment.starter / name, target)
             mutants.solve_notebook(self.assignment, target, self._edition())
             self._ready["right"] = target
         return self._ready["right"]
@@ -204,10 +206,12 @@ class _Work:
             self.say("reference: running the notebook")
             folder = self.folder / "reference"
             folder.mkdir()
+            for name in self.assignment.given:
+                shutil.copy(self.assignment.starter / name, folder)
             for problem in self.assignment.rubric.problems:
-                if problem.file:
-                    text = f"from {problem.reference} import {', '.join(problem.names)}\n"
-                    (folder / problem.file).write_text(text, encoding="utf-8")
+                if problem.names:  # others share the file of one that has some
+                    with (folder / problem.file).open("a", encoding="utf-8") as file:
+                        file.write(f"from {problem.reference} import {', '.join(problem.names)}\n")
             mutants.solve_notebook(self.assignment, folder, PACKAGE.parent)
             outcomes |= running.run(self.assignment.folder, tests=files, submission=folder)
         verdict.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
