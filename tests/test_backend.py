@@ -135,6 +135,7 @@ def _libraries(folder: Path) -> dict[str, Path]:
     return {"missing": folder / "libLLVM.so", "text": text, "folder": folder}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["missing", "text", "folder", "another library", "old"])
 def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which):
     libraries = _libraries(tmp_path)
@@ -233,6 +234,7 @@ def test_plugins_follow_the_variant():
     assert len(set(classes.values())) == 2 * len(backend.PLUGINS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", LLVM_VARIANTS)
 def test_every_llvm_variant_renders(variant):
     mi.set_variant(variant)

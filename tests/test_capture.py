@@ -238,6 +238,7 @@ def test_exhaustive_capture_is_the_formula():
     assert sums(quiet("confocal", 4096)) == pytest.approx(diagonal, rel=0.02)
 
 
+@pytest.mark.slow
 def test_single_capture_is_one_laser_point_of_the_exhaustive():
     loaded = load_nlos(nlos())
     focus_laser(loaded, pixel=(2, 0))

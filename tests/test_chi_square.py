@@ -67,6 +67,7 @@ def test_domain_objects_of_mitsuba():
         assert chi_square_test(*HEMISPHERE[:2], domain, **QUICK).passed
 
 
+@pytest.mark.slow
 def test_pearson_is_scipys():
     stats = pytest.importorskip("scipy.stats")
     rng = np.random.default_rng(2)
@@ -406,6 +407,7 @@ def test_verdict_in_words():
     assert [moment.name for moment in verdict.moments] == ["x", "y", "xx", "xy", "yy"]
 
 
+@pytest.mark.slow
 def test_figure_on_failure(tmp_path):
     path = tmp_path / "failure.png"
     assert chi_square_test(*HEMISPHERE, **QUICK, figure=path).passed

@@ -44,6 +44,7 @@ def refused(capsys, *arguments: object) -> str:
 # ------------------------------------------------------------------------------------ help
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [[], ["render"], ["scenes"], ["doctor"]])
 def test_help_is_quick(arguments):
     """Nothing that takes long to import is imported for it."""
@@ -170,6 +171,7 @@ def names(folder: Path) -> set[str]:
 FRAMES = {f"frame_{k:04d}.exr" for k in range(20)} | {"steady.exr", "summary.png"}
 
 
+@pytest.mark.slow
 def test_render_and_render_again(capsys, tmp_path):
     folder = tmp_path / "box"
     arguments = ["render", "cornell-box", "--out", folder, *TINY, "--no-video"]
@@ -197,6 +199,7 @@ def test_formats(capsys, tmp_path, layout, file):
     assert names(folder) == {file, "summary.png"}
 
 
+@pytest.mark.slow
 def test_video(capsys, tmp_path):
     folder = tmp_path / "box"
     assert run(capsys, "render", "cornell_box", "--out", folder, *TINY)[0] == 0
@@ -218,6 +221,7 @@ def test_settings_arrive(capsys, tmp_path):
     assert "0.05" in dataset.attrs["pulse"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["cornell_box", "cornell_box_steady_state"])
 def test_window_auto(capsys, tmp_path, scene):
     arguments = ["--size", "8x6", "--spp", "4", "--bins", "16", "--window", "auto"]

@@ -74,6 +74,7 @@ def test_bad_capture(tmp_path, monkeypatch, arguments, text, capsys):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
     out = tmp_path / "box.h5"
     arguments = ("capture", "wall-box-sphere-nlos", "--grid", "4x4", "--spp", "2", "--out", out)

@@ -58,6 +58,7 @@ def test_image(run, tmp_path):
     assert text.startswith("hierarchical: passed")
 
 
+@pytest.mark.slow
 def test_broken_density_fails(run, tmp_path, monkeypatch):
     tent = WARPS["tent"]
     sample, pdf = tent.make()

@@ -233,6 +233,7 @@ def test_light_between_the_faces_of_a_groove():
     assert agree(samples, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["patch", "sphere"])
 def test_four_bounces_need_two_hidden_surfaces(name):
     """A flat wall and a convex object do not light themselves."""

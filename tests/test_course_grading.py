@@ -298,7 +298,8 @@ SLOW = {
 }
 
 
-@pytest.mark.parametrize("set_of", [HOSTILE, pytest.param(SLOW, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
 def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
     """All in one submission, where each could harm those after it."""
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(list(set_of)))
@@ -380,6 +381,7 @@ def test_bad_zip_gives_nothing_and_a_reason(tmp_path, name):
     assert not (tmp_path / "taken").exists()
 
 
+@pytest.mark.slow
 def test_bad_zip_through_grade(grade, tmp_path):
     path = tmp_path / "x.zip"
     path.write_bytes(b"PK\x03\x04 no zip at all")

@@ -43,6 +43,7 @@ OTHER_SEEDS = range(1000, 1016)
 # ----------------------------------------------------------- same random numbers, same picture
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_scene_has_all_its_light(name):
     described = SCENES[name]()

@@ -301,6 +301,7 @@ BOARD = {"type": "diffuse", "reflectance": {"type": "checkerboard"}}
 MIRRORS = {"type": "retroreflector", "reflectance": 0.5, "lobe_exponent": 20.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "bsdf", "plain"),
     [

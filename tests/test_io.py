@@ -184,6 +184,7 @@ def test_display_window_reaches_the_crop_if_the_film_is_unknown(tmp_path):
     assert [list(corner) for corner in header["displayWindow"]] == [[0, 0], [14, 12]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["half", "float"])
 def test_mitsuba_reads_the_same_values(tmp_path, precision):
     color = make_dataset(height=37, x0=5, y0=7)
@@ -433,6 +434,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(f): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("earlier", [False, True])
 @pytest.mark.parametrize(

@@ -87,6 +87,7 @@ def test_every_scene_has_a_file():
     assert {path.stem for path in (FOLDER / "a1").glob("*.xml")} == {*BUSTS, *PATH_TRACED}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*BUSTS, *PATH_TRACED])
 def test_xml_is_the_dict(name):
     described = load(BUILT_IN[name](**SMALL))
@@ -133,6 +134,7 @@ def test_every_scene_loads_under_other_variants(variant):
         assert np.isfinite(picture(load(BUILT_IN[name](**SMALL)), spp=1)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*BUSTS, *PATH_TRACED])
 def test_every_scene_loads_with_its_own_integrator(name):
     assert {plugin for plugin, _ in backend.PLUGINS.values()} >= OWN_INTEGRATORS

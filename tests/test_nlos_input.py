@@ -59,6 +59,7 @@ def refusal(described: dict) -> str:
     return str(error.value)
 
 
+@pytest.mark.slow
 def test_the_scenes_are_right_otherwise():
     for described in (scan(), shot(), by_camera(scan()), by_camera(shot())):
         steady, _ = rendered(load_nlos(described), spp=256)
@@ -234,6 +235,7 @@ def test_capture_with_an_ordinary_integrator():
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_pixels_beside_the_wall(mode):
     """Some: dark, and marked. All: refused."""
@@ -280,6 +282,7 @@ def test_scans_do_not_care_where_the_laser_looks(mode):
     assert capture(described, mode=mode, spp=16, progress=False)["transient"].max() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spot_sigma", [0.0, 0.02])
 def test_rays_that_miss_are_black(spot_sigma):
     """A small wall in a wide view; also rays that meet the hidden patch instead."""
@@ -390,6 +393,7 @@ def test_hidden_shapes_without_sampling():
     assert "hidden_shapes = 'hidden': must be left out without" in refusal(two_plates(**options))
 
 
+@pytest.mark.slow
 def test_the_box_can_be_left_out():
     """A capture of a scene of the text, whose box blocks half of the view."""
     described = tofrender.wall_box_sphere_nlos(width=8, height=8, spp=4)
@@ -405,6 +409,7 @@ def test_the_box_can_be_left_out():
 # ------------------------------------------------------------------------------ other walls
 
 
+@pytest.mark.slow
 def test_nothing_says_which_shape_is_the_wall():
     described = by_camera(shot(), fov=120)
     described["screen"] = described.pop("relay_wall")

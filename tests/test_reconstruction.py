@@ -230,6 +230,7 @@ def test_any_geometry_for_backprojection():
         run(capture, "phasor")
 
 
+@pytest.mark.slow
 @methods
 def test_noise(method):
     """Noise of 2 % of the largest value in each bin: the letter is still at its depth."""

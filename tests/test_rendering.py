@@ -727,6 +727,7 @@ def test_in_another_thread():
     np.testing.assert_allclose(results[0].transient, expected.transient, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_default_sampler_is_the_better_one():
     """What its choice rests on: less noise than Mitsuba's default, by far, at equal samples."""
     assert padded_sobol.PaddedSobolSampler.__name__ == render(box()).attrs["sampler"]

@@ -29,6 +29,7 @@ def test_there_are_variants_of_every_kind():
     assert {f"llvm_ad_{kind}" for kind in kinds} <= set(VARIANTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_closed_form(variant):
     mi.set_variant(variant)
@@ -59,6 +60,7 @@ def test_unpolarised_result(variant, name):
     assert np.abs(transient.sum(axis=2) - steady).max() < 1e-4 * expected.max()
 
 
+@pytest.mark.slow
 def test_switching_there_and_back():
     classes = {}
     for variant in [*VARIANTS, *VARIANTS]:

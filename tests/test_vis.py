@@ -109,6 +109,7 @@ def test_animation_title_is_the_time_of_bin_centers():
     assert animation.to_jshtml().count("data:image/png") == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["dataset", "rgb", "mono", "without channels"])
 def test_all_kinds_of_data(kind):
     dataset = make_dataset(channels="L" if kind in ("mono", "without channels") else "RGB")

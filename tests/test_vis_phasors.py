@@ -42,6 +42,7 @@ def maps(figure, rows):
     return [images[5 * row : 5 * row + 5] for row in range(rows)]
 
 
+@pytest.mark.slow
 def test_channels_are_added_before_phase_and_depth():
     frequencies = [20e6, 50e6]
     phasor = random_phasors(2, 6, 9, 3)
@@ -192,6 +193,7 @@ def test_rainbow_repeats_after_a_period_and_turns_grey_when_light_is_spread():
     assert same.axes[1].get_ylabel() == "arrival time, modulo 0.6671 ns [ns]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["arrival", "peak", "rainbow"])
 def test_unfinished_and_lost_light(style):
     dataset = make_dataset(height=12, width=9, x0=20, y0=30)

@@ -16,8 +16,11 @@
 # **How to work.** Fill in a cell that starts with `%%solution`, run it (it writes the file), run
 # the cell below it, and then the problem's tests in a terminal: `pytest -m a1_tent`. Run the cells
 # of "Set-up" first, and those of earlier problems, whose functions are used again. A cell whose
-# problem is still a stub ends with `NotImplementedError`, which is no harm. You may as well edit the
-# files in an editor: do not run their cells then.
+# problem is still a stub ends with `NotImplementedError`, which is no harm; or with a `RuntimeError`
+# of Mitsuba ("failed to instantiate unknown plugin", "error while performing a custom differentiable
+# operation (see above)") in which `NotImplementedError` and the problem's name stand further up. You
+# may as well edit the files in an editor: skip the cells that start with `%%solution` then (one that
+# still holds its stub leaves a changed file alone).
 
 # %% [markdown]
 # ## Set-up
@@ -63,6 +66,28 @@ def chi_square(sample, pdf, domain, name, **options):
     verdict.figure().savefig(deliverables / f"chi_square_{name}.png", dpi=60)
     print(verdict)
     return verdict
+
+
+def compare(image, name, exposure):
+    """A picture, the reference, and their difference, red where the picture is brighter."""
+    if name not in references:
+        print(f"no reference for {name}")
+        return
+    wanted = references[name].astype(np.float32)
+    factor = image.shape[0] // wanted.shape[0]
+    blocks = image.reshape(wanted.shape[0], factor, wanted.shape[1], factor, 3).mean(axis=(1, 3))
+    figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
+    axes[0].imshow(tofrender.tonemap(image, exposure=exposure))
+    axes[1].imshow(tofrender.tonemap(wanted, exposure=exposure))
+    difference = (blocks - wanted).mean(axis=-1) / wanted.mean()
+    limit = 0.2
+    shown = axes[2].imshow(difference, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    figure.colorbar(shown, ax=axes[2], label="part of the mean", shrink=0.7)
+    for ax, title in zip(axes, (name, "reference", "difference"), strict=True):
+        ax.set_title(title)
+        ax.set_axis_off()
+    show(figure, f"compare_{name}")
+    print(f"{name}: mean {image.mean():.4f}, reference {wanted.mean():.4f}")
 
 
 # %% [markdown]
@@ -221,29 +246,6 @@ for alpha in (0.1, 0.3, 1.0):
 
 # %%
 from simple import Simple
-
-
-def compare(image, name, exposure):
-    """A picture, the reference, and their difference, red where the picture is brighter."""
-    if name not in references:
-        print(f"no reference for {name}")
-        return
-    wanted = references[name].astype(np.float32)
-    factor = image.shape[0] // wanted.shape[0]
-    blocks = image.reshape(wanted.shape[0], factor, wanted.shape[1], factor, 3).mean(axis=(1, 3))
-    figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
-    axes[0].imshow(tofrender.tonemap(image, exposure=exposure))
-    axes[1].imshow(tofrender.tonemap(wanted, exposure=exposure))
-    difference = (blocks - wanted).mean(axis=-1) / wanted.mean()
-    limit = 0.2
-    shown = axes[2].imshow(difference, cmap="RdBu_r", vmin=-limit, vmax=limit)
-    figure.colorbar(shown, ax=axes[2], label="part of the mean", shrink=0.7)
-    for ax, title in zip(axes, (name, "reference", "difference"), strict=True):
-        ax.set_title(title)
-        ax.set_axis_off()
-    show(figure, f"compare_{name}")
-    print(f"{name}: mean {image.mean():.4f}, reference {wanted.mean():.4f}")
-
 
 bust = tofrender.bust_simple(width=3 * SIDE // 4, height=SIDE)
 scene = mi.load_dict(bust)

@@ -541,7 +541,7 @@ for ax, (name, data) in zip(axes, captures.items(), strict=False):
     )
     for (what, when), style in zip(arrivals.items(), ("--", ":"), strict=True):
         ax.plot(wall_x, when, style, color="cyan", label=f"first light of the {what}")
-    ax.set(ylim=(2, 7), title=name, xlabel="x of the wall's point [m]")
+    ax.set(ylim=(2, 7), title=name, xlabel="x of the wall's point [m]", xticks=(-1, 0, 1))
     ax.set_ylabel("optical path length [m]")
 axes[1].legend(loc="lower right", labelcolor="white", frameon=False, fontsize=9)
 figure.colorbar(shown, ax=axes[:2], label="square root of light, over the brightest")

@@ -12,6 +12,13 @@ UP = np.array([0, 0, 1.0])
 ALBEDO = 0.8
 SEEDS, SPP = 32, 256
 
+LIGHTS_DIRECTION = "bsdf.eval wants a local direction: si.to_local(ds.d)"
+FRAMES = {  # hints for directions in the wrong frame
+    "PathTracerMats": "bs.wo is a local direction: si.to_world(bs.wo)",
+    "PathTracerNEE": LIGHTS_DIRECTION,
+    "PathTracerMIS": f"{LIGHTS_DIRECTION}; so does bsdf.pdf",
+}
+
 BALL = {"centre": np.array([1.2, 0.0, 1.0]), "radius": 0.5, "radiance": 4.0}
 
 
@@ -55,8 +62,11 @@ def trace(submission, integrator, scene, o, d, bounces, *, seeds=SEEDS, spp=SPP,
 
 
 def check_direct_light(submission, integrator):
-    """A disk and a sphere over a diffuse floor."""
-    hint = "f cos over the density, once each; the BSDF's eval and weight have the cosine in them"
+    """A disk and a sphere over a diffuse floor, and the disk with its floor turned over."""
+    hint = (
+        "f cos over the density, once each; the BSDF's eval and weight have the cosine in them; "
+        "twice too bright: is the light that the path runs into counted, too?"
+    )
     disk = scenes.scene(floor=scenes.floor(ALBEDO), light=panel())
     came = trace(submission, integrator, disk, [0, 0, 0.5], -UP, 1)
     wanted = reflected(formulas.disk_irradiance(1.5, 1.0, 2.0))
@@ -65,6 +75,14 @@ def check_direct_light(submission, integrator):
     came = trace(submission, integrator, sphere, [0, 0, 0.5], -UP, 1, spp=4 * SPP, shift=1)
     what = "radiance under a sphere light"
     expect.estimate(came, ball_on_floor(), what, rounding=2e-3, hint=hint)
+    n = np.array([0.6, 0.0, -0.8])
+    turned = scenes.scene(
+        floor=scenes.rectangle([0, 0, 0], n, 50.0, scenes.diffuse(ALBEDO)),
+        light=scenes.disk(n, -n, 1.5, scenes.BLACK, emitter=scenes.lamp(2.0)),
+    )
+    came = trace(submission, integrator, turned, 0.5 * n, -n, 1, shift=2)
+    what = "radiance under a disk light, floor and light tilted and turned over"
+    expect.estimate(came, wanted, what, rounding=2e-3, hint=FRAMES[integrator])
 
 
 def check_seen_light(submission, integrator):
@@ -75,14 +93,18 @@ def check_seen_light(submission, integrator):
         what = f"radiance of a light that the camera sees, max_bounces = {bounces}"
         expect.close(came, 2.0, what, hint="what the camera sees counts once")
     came = trace(submission, integrator, scene, [0, 0, 0.5], -UP, 0, seeds=8, spp=16)
-    expect.close(came, 0.0, "radiance of the floor with max_bounces = 0", hint="one bounce less")
+    hint = "max_bounces = 0 shows lights only: make no connection then, and no bounce"
+    expect.close(came, 0.0, "radiance of the floor with max_bounces = 0", hint=hint)
     came = trace(submission, integrator, scene, [0, 0, 2.5], UP, 2, seeds=8, spp=16)
     expect.close(came, 0.0, "radiance where there is nothing")
 
 
 def check_many_bounces(submission, integrator):
     """Inside a sphere around a light: each bounce adds a known part of the one before."""
-    hint = "every bounce adds the same part again: is light counted twice, or a bounce too many?"
+    hint = (
+        "every bounce adds the same part again; too bright: is light counted twice, or a bounce "
+        "too many? too dark: is the direction in the right frame?"
+    )
     for bounces in (1, 4):
         scene = scenes.integrating_sphere(0.7, 2.0, 0.8)
         d = [0.3, 0.2, 1.0]
@@ -105,7 +127,10 @@ def check_unlimited(submission, integrator):
         seed=submission.seed,
     )
     expect.shape(came, (8, 8, 3), "picture")
-    hint = "what survives the roulette is divided by its chance to survive"
+    hint = (
+        "what survives the roulette is divided by its chance to survive "
+        "(if the tests with a limit pass)"
+    )
     wanted = formulas.integrating_sphere(0.7, 2.0, 0.8, -1)
     samples = came.reshape(64, 3)[:, 1]
     what = "pixels inside a sphere around a light, without limit of bounces"

@@ -37,7 +37,8 @@ def test_open_plane(submission):
     )
     came = look(submission, scene, [tilted, [1, 1, 1]], [-tilted, tilted])
     hint = (
-        "turn the direction into the surface's frame; divide by the density that it was drawn with"
+        "is the direction turned into the surface's frame? "
+        "divide by the density that it was drawn with"
     )
     expect.estimate(came[:, :1], 1.0, "openness of a plane", rounding=1e-4, hint=hint)
     expect.close(came[:, 1], 0.0, "value where there is no surface", hint="mask with is_valid()")
@@ -72,7 +73,10 @@ def test_closed_box(submission):
     o = np.zeros((3, 3))
     d = np.array([[1, 0.2, 0.1], [0.1, -1, 0.3], [0.2, 0.3, 1]])
     came = look(submission, scenes.scene(box=box), o, d, spp=64)
-    hint = "the shadow ray has no end; it starts just off the surface (si.spawn_ray)"
+    hint = (
+        "is the direction turned into the surface's frame? "
+        "the shadow ray has no end; it starts just off the surface (si.spawn_ray)"
+    )
     expect.close(came, 0.0, "openness inside of a box", atol=2e-3, hint=hint)
 
 
@@ -81,7 +85,10 @@ def test_seen_from_the_back(submission):
     lid = scenes.disk([0, 0, 2.0], -UP, 2.0, scenes.BLACK)
     scene = scenes.scene(floor=scenes.rectangle([0, 0, 0], -UP, 2.0, scenes.BLACK), lid=lid)
     back = look(submission, scene, [[0, 0, 1.0], [0, 0, -1.0]], [-UP, UP])
-    hint = "turn the normal to the side that the ray comes from"
+    hint = (
+        "is the direction turned into the surface's frame? "
+        "turn the normal to the side that the ray comes from"
+    )
     expect.estimate(
         back,
         [0.5, 1.0],

@@ -30,7 +30,7 @@ def test_points_follow_the_density(submission, alpha):
         counts,
         np.outer(ring, np.full(8, 1 / 8)),
         f"normals in rings and sectors for alpha = {alpha}",
-        hint="tan(theta)^2 = -alpha^2 ln(1 - u); is alpha squared, and the azimuth uniform?",
+        hint="is alpha squared, the azimuth uniform, and u = 0 harmless?",
     )
 
 
@@ -38,7 +38,8 @@ def test_points_follow_the_density(submission, alpha):
 def test_density(submission, alpha):
     """The density above the horizon."""
     theta = np.arctan(alpha * np.linspace(0, 3, 31))
-    m = formulas.direction(*np.meshgrid(theta, [0.0, 1.0, 4.0])).reshape(-1, 3)
+    theta, phi = (each.ravel() for each in np.meshgrid(theta, [0.0, 1.0, 4.0], indexing="ij"))
+    m = formulas.direction(theta, phi)
     came = submission.ask("warp_pdf", name="square_to_beckmann_pdf", points=m, parameters=[alpha])
     expect.close(
         came,
@@ -46,6 +47,8 @@ def test_density(submission, alpha):
         f"density for alpha = {alpha}",
         rtol=2e-3,
         atol=1e-6 / alpha**2,
+        x=theta,
+        x_label="theta [rad]",
         hint="cos(theta)^3 below, pi alpha^2 before; compute the tangent from x and y, not from z",
     )
 
@@ -61,14 +64,16 @@ def test_density_integrates_to_one(submission, alpha):
 
 
 def test_density_at_the_horizon_and_below(submission):
-    """0, and finite."""
-    m = np.array([[1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], [0, 0, -1], [1, 0, 1e-4]])
+    """0, and finite; just above the horizon, too."""
+    m = np.array([[1, 0, 1e-4], [1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], [0, 0, -1]])
     for alpha in ALPHAS:
         came = submission.ask(
             "warp_pdf", name="square_to_beckmann_pdf", points=m, parameters=[alpha]
         )
         hint = "the tangent is infinite at the horizon, and even powers hide the sign of z"
-        expect.close(came, 0.0, f"density at z <= 0 for alpha = {alpha}", atol=1e-6, hint=hint)
+        what = f"density at z <= 1e-4 for alpha = {alpha}"
+        x, x_label = np.arccos(m[:, 2]), "theta [rad]"
+        expect.close(came, 0.0, what, atol=1e-6, hint=hint, x=x, x_label=x_label)
 
 
 def test_corners_of_the_square(submission):

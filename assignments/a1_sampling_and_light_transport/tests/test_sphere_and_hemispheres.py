@@ -68,7 +68,9 @@ def test_densities_above_the_horizon(submission, name, density):
     v = v[v[:, 2] > 0]
     came = submission.ask("warp_pdf", name=f"{name}_pdf", points=v)
     hint = "a density per solid angle integrates to 1: is it normalised, with the cosine once?"
-    expect.close(came, density(v[:, 2]), f"density of {name}", hint=hint)
+    x, x_label = np.arccos(v[:, 2]), "theta [rad]"
+    what = f"density of {name}"
+    expect.close(came, density(v[:, 2]), what, hint=hint, x=x, x_label=x_label)
 
 
 @pytest.mark.parametrize("name", [UNIFORM, COSINE], ids=["uniform", "cosine"])
@@ -77,7 +79,8 @@ def test_densities_below_the_horizon(submission, name):
     v, _ = formulas.sphere_grid(40, 8)
     v = v[v[:, 2] < 0]
     below = submission.ask("warp_pdf", name=f"{name}_pdf", points=v)
-    expect.close(below, 0.0, f"density of {name} at z < 0", hint="clamp it; negative is wrong too")
+    x, x_label, hint = np.arccos(v[:, 2]), "theta [rad]", "clamp it; negative is wrong too"
+    expect.close(below, 0.0, f"density of {name} at z < 0", hint=hint, x=x, x_label=x_label)
     sphere = submission.ask("warp_pdf", name=f"{SPHERE}_pdf", points=v)
     expect.close(sphere, 0.25 / np.pi, "density of the sphere at z < 0")
 

@@ -45,7 +45,12 @@ def pulse_cdf(theirs, width_opl, t):
 
 def pulse_samples(theirs, width_opl, xi):
     t, weight = theirs.GaussianPulse(width_opl=width_opl).sample(mi.Float(xi))
-    return {"t": mi.Float(t), "weight": mi.Float(weight) + dr.zeros(mi.Float, len(xi))}
+    # A constant may be one number for all lanes, but has to be an array of Dr.Jit
+    return {
+        "t": mi.Float(t),
+        "weight": mi.Float(weight) + dr.zeros(mi.Float, len(xi)),
+        "is_array": dr.is_array_v(weight),
+    }
 
 
 def modulation(theirs, frequency_hz, phase_offset, opl):

@@ -11,7 +11,8 @@ pytestmark = pytest.mark.a2_deliverables
 WINDOW = {"start_opl": 3.5, "bin_width_opl": 0.02, "pulse_width_opl": 0.03}
 BINS = 300
 MEAN = np.array([0.2402, 0.1412, 0.0600])
-"""Mean radiance of the Cornell box, max_depth 8, as Mitsuba's `path` renders it."""
+"""Mean radiance of the Cornell box, max_depth 8: renders of this package, which Mitsuba's `path`
+agrees with to 0.1 %."""
 INSIDE = 0.9615
 """Part of its light that arrives in the window."""
 MEAN_OPL = 5.18
@@ -76,7 +77,9 @@ def test_transient(submission):
     steady = arrays["steady"]
     expect.shape(steady, (*data.shape[:2], 3), f"{file}, steady")
     hint = "cornell_box(width=..., height=...) as it is, max_depth 8, 64 spp or more"
-    expect.close(steady.mean((0, 1)), MEAN, "mean of the steady image", rtol=0.08, hint=hint)
+    axis = {"x": range(3), "x_label": "channel"}
+    mean = steady.mean((0, 1))
+    expect.close(mean, MEAN, "mean of the steady image", rtol=0.08, hint=hint, **axis)
     part = data.sum() / steady.sum()
     hint = "radiance per bin: the sum over bins is the steady image, less what falls outside"
     expect.close(part, INSIDE, "sum over bins / steady image", rtol=0.03, hint=hint)
@@ -139,7 +142,8 @@ def test_comparison(submission):
         what = f"{name}_direct, as in phasors.npz"
         expect.close(direct, phasors[name], what, rtol=1e-3, atol=tiny)
         mse = np.mean((direct.astype(np.float64) - converted) ** 2, axis=(1, 2, 3))
-        expect.close(came[f"mse_{name}"], mse, f"mse_{name}", rtol=1e-2, atol=1e-9)
+        axis = {"x": frequencies / 1e6, "x_label": "frequency [MHz]"}
+        expect.close(came[f"mse_{name}"], mse, f"mse_{name}", rtol=1e-2, atol=1e-9, **axis)
 
 
 def test_pictures(submission):

@@ -98,6 +98,8 @@ def test_emitters_that_rays_run_into(submission):
             f"{what}, max_depth = {depth}",
             rtol=5e-3,
             hint="emitters that the ray runs into count too, with MIS weight 1 after a mirror",
+            x=times - opl,
+            x_label="target_time - opl [m]",
         )
 
 
@@ -120,7 +122,10 @@ def test_area_light(submission):
         radiance=radiance,
     )
     expect.shape(came, (16, 1, 1, 60, 3), "cubes of render_transient, 16 seeds")
-    hint = "each emission once: MIS weights of connection and hit add up to 1"
+    hint = (
+        "each emission once: MIS weights of connection and hit add up to 1; or the times of the "
+        "gates"
+    )
     expect.estimate(
         came[:, 0, 0, :, 0].sum(axis=1) * bins[2],
         0.5 / math.pi * formulas.disk_total(h, radius, radiance),

@@ -48,7 +48,15 @@ def test_one_path_lands_in_its_bin(submission, near_clip, within):
     wanted = np.zeros(30)
     wanted[10] = RADIANCE
     for values in transient:
-        expect.close(values, wanted, "radiance per bin", rtol=2e-3, hint="no bin width factor")
+        expect.close(
+            values,
+            wanted,
+            "radiance per bin",
+            rtol=2e-3,
+            hint="no bin width factor",
+            x=start + width * (np.arange(30) + 0.5),
+            x_label="opl [m]",
+        )
     expect.close(steady, RADIANCE, "steady image", rtol=2e-3)
 
 
@@ -102,7 +110,8 @@ def test_emitters_that_rays_run_into(submission):
         wanted[wanted_bin] = 2.0
         hint = "deposit emitters that the ray runs into, with MIS weight 1 after a mirror"
         what = f"radiance per bin, {what}"
-        expect.close(transient[0], wanted, what, rtol=2e-3, hint=hint)
+        axis = {"x": 1.55 + 0.1 * (np.arange(30) + 0.5), "x_label": "opl [m]"}
+        expect.close(transient[0], wanted, what, rtol=2e-3, hint=hint, **axis)
 
 
 def test_area_light(submission):
@@ -189,5 +198,6 @@ def test_light_outside_the_window(submission):
     edges = 0.5 + 0.25 * np.arange(4)
     wanted = (both - first) * np.diff(formulas.chord_cdf(edges, radius))
     hint = "do not move light into the first or last bin; the steady image needs no bins"
-    expect.estimate(transient, wanted, "radiance per bin", rounding=3e-3, hint=hint)
+    axis = {"x": edges[:-1] + 2.0 * radius + 0.125, "x_label": "opl [m]"}
+    expect.estimate(transient, wanted, "radiance per bin", rounding=3e-3, hint=hint, **axis)
     expect.estimate(steady, both, "steady image", rounding=3e-3, hint=hint)
