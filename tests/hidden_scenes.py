@@ -200,7 +200,11 @@ def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
 
 
 def true_depth(patches: Patches, volume) -> np.ndarray:
-    """Distance from the wall of the nearest patch, each a square, NaN where there is none."""
+    """Distance from the wall of the nearest patch, each a square, NaN where there is none.
+
+    A column of voxels is as deep as what it meets anywhere, not only at its centre: the mean over
+    nine rays.
+    """
     side = np.sqrt(patches.areas)[:, None] / 2
     across = np.cross(patches.normals, [0.3, 1.0, 0.2])
     across *= side / np.linalg.norm(across, axis=1, keepdims=True)
@@ -215,7 +219,20 @@ def true_depth(patches: Patches, volume) -> np.ndarray:
     first = 4 * np.arange(len(points))[:, None]
     parameters["faces"] = np.stack([first + np.array(k) for k in ([0, 1, 2], [0, 2, 3])]).ravel()
     parameters.update()
-    return hidden_depth(mi.load_dict({"type": "scene", "hidden": squares}), volume).values
+    fine = {}
+    for axis in ("y", "x"):
+        centres = volume[axis].values
+        thirds = (centres[1] - centres[0]) / 3 * np.array([-1, 0, 1])
+        fine[axis] = (centres[:, None] + thirds).ravel()
+    rays = volume[["frame_axes", "frame_origin"]].drop_vars(["y", "x"], errors="ignore")
+    depth = hidden_depth(
+        mi.load_dict({"type": "scene", "hidden": squares}), rays.assign_coords(fine)
+    ).values
+    rows, columns = depth.shape[0] // 3, depth.shape[1] // 3
+    blocks = depth.reshape(rows, 3, columns, 3).transpose(0, 2, 1, 3).reshape(rows, columns, 9)
+    met = np.isfinite(blocks)
+    sums = np.where(met, blocks, 0).sum(-1)
+    return np.divide(sums, met.sum(-1), out=np.full((rows, columns), np.nan), where=met.any(-1))
 
 
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))

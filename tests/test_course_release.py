@@ -338,7 +338,11 @@ def test_submit_shows_points(tiny, student, run):
     status, out, said = run("submit", tiny.folder, student)
     lines = [line.split() for line in out.splitlines()]
     assert status == 0
-    assert ["A", "pulse", *["4", "of", "4,", "1.5", "from", "tests", "that", "are", "not", "public"]] in lines
+    assert [
+        "A",
+        "pulse",
+        *["4", "of", "4,", "1.5", "from", "tests", "that", "are", "not", "public"],
+    ] in lines
     assert ["The", "range", "0", "of", "4", "bonus"] in lines
     assert ["not", "written", "yet:", "1", "tests"] in lines
     assert "warning: wrapping.py is as it came" in said
