@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -140,8 +139,6 @@ def of_mitransient(path: Path, save: Path) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.statistical
 def test_mitransient_renders_the_simple_file_alike(tmp_path):
-    if importlib.util.find_spec("mitransient") is None:
-        pytest.skip("mitransient is not installed")
     path = peer_scenes.z_simple(tmp_path, size=4)
     theirs = coarse(of_mitransient(path, tmp_path / "theirs.npy"))
     ours = coarse(summed(apart(path), 8192))

@@ -3,7 +3,7 @@
 Either a process confines itself with `confine`, or this file, which needs nothing but the standard
 library, stands between the one that asks and the command that takes its place::
 
-    python -I -S sandbox.py '{"writable": ["/tmp/scratch"]}' python student.py
+    python -I -S sandbox.py '{"writable": ["scratch"]}' python student.py
 
 On Linux, Landlock (kernel 5.13) refuses files and, with newer kernels, TCP and signals to processes
 outside. Where there is none, the limits of `setrlimit` hold alone, and elsewhere nothing does:
