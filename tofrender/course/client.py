@@ -140,7 +140,7 @@ class Worker:
         if limits.confine:
             environment["HOME"] = str(self._place / "tmp")  # Dr.Jit keeps its kernels there
         process = self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "tofrender.course.worker", str(configuration)],
+            [sys.executable, "-P", "-u", "-m", "tofrender.course.worker", str(configuration)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -194,6 +194,7 @@ class Worker:
 
     def _death(self, status: int) -> str:
         """What the end of the process means."""
+        self._reader.join(1.0)  # for its last words
         if status < 0:
             name = signal.Signals(-status).name
             what = f"the process crashed ({name})"
