@@ -451,7 +451,7 @@ polar, azimuth = dr.meshgrid(
 (sin_p, cos_p), (sin_a, cos_a) = dr.sincos(polar), dr.sincos(azimuth)
 around = mi.Ray3f(mi.Point3f(-0.5, 0, 0.25), mi.Vector3f(-sin_p * sin_a, cos_p, -sin_p * cos_a))
 si = corner.ray_intersect(around)
-wall_shapes = corner.integrator().wall_shapes(corner)
+wall_shapes = [shape for shape in corner.shapes() if shape.id() in ("relay_wall", "floor")]
 kind = np.array(si.is_valid()).astype(int) + np.array(is_on_relay_wall(si, wall_shapes))
 figure, ax = plt.subplots(figsize=(8, 3.4), layout="constrained")
 shown = ax.imshow(kind.reshape(rows, columns), extent=(-180, 180, -90, 90), vmin=0, vmax=2)
