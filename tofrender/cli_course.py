@@ -103,8 +103,7 @@ def start(
     typer.echo(f"{made}: {found.rubric.title}")
     typer.echo("Next:")
     for command, what in (
-        (f"cd {where}", ""),
-        ("", f"read README.md; open {NOTEBOOK} in VS Code, Jupyter or PyCharm"),
+        (f"cd {where}", f"then read README.md, and open {NOTEBOOK} in an editor or Jupyter"),
         (f"pytest -m {first.marker}", f"tests the first problem ({first.file or first.id})"),
         ("pytest", "tests all of them"),
         (f"tofrender submit {found.rubric.id} .", "packs what is handed in"),
