@@ -31,8 +31,8 @@ def main() -> None:
         parser.exit(2, f"{parser.prog}: error: {what}\n")
     if options.variant:
         try:
-            tofrender.backend.activate(options.variant)
-        except (ValueError, tofrender.backend.BackendError) as error:
+            tofrender.runtime.backend.activate(options.variant)
+        except (ValueError, tofrender.runtime.backend.BackendError) as error:
             parser.exit(2, f"{parser.prog}: error: {error}\n")
     logging.getLogger().setLevel(logging.ERROR)
     mi.set_log_level(mi.LogLevel.Error)

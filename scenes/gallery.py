@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 import tofrender
-from tofrender import checks
+from tofrender.runtime import checks
 from tofrender.scenes import BUILT_IN
 
 FOLDER = Path(__file__).parent / "pictures"

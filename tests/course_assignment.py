@@ -24,7 +24,7 @@ FILES = {
         id = "a0"
         title = "Tiny"
         comparisons = 10
-        also_withhold = ["tofrender.corner"]
+        also_withhold = ["tofrender.nlos.light.corner"]
         submit = ["*.py", "notebook.ipynb", "deliverables/*"]
 
         [[problem]]
@@ -32,7 +32,7 @@ FILES = {
         title = "A pulse"
         file = "pulse.py"
         names = ["GaussianPulse"]
-        withholds = ["tofrender.pulses"]
+        withholds = ["tofrender.signals.pulses"]
         tests = [
           { id = "test_pulse.py::test_area", points = 2 },
           { id = "test_pulse.py::test_fall_off", points = 1 },
@@ -46,7 +46,7 @@ FILES = {
         file = "wrapping.py"
         names = ["unambiguous_range"]
         reference = "tofrender.analysis"
-        withholds = ["tofrender.analysis.phasors"]
+        withholds = ["tofrender.analysis.conversion"]
         needs = ["a0.pulse"]
         bonus = true
         tests = [

@@ -16,7 +16,7 @@ id = "t1.pulse"
 title = "A pulse"
 file = "pulse.py"
 names = ["GaussianPulse"]
-withholds = ["tofrender.pulses"]
+withholds = ["tofrender.signals.pulses"]
 timeout_s = 3
 tests = [
   { id = "test_pulse.py::test_area", points = 2 },

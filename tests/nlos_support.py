@@ -9,8 +9,8 @@ import mitsuba as mi
 import numpy as np
 
 import tofrender
-from tofrender import backend
-from tofrender.bsdfs import retroreflector
+from tofrender.nlos.device import retroreflector
+from tofrender.runtime import plugins
 from tofrender.scenes import BUILT_IN
 
 WALLS = ["nlos_z", "nlos_bunny", "nlos_patch", "nlos_plane"]
@@ -20,7 +20,7 @@ ALL = [*WALLS, *CONFOCAL]
 WITH_WALL = [name for name in ALL if name != "ourbox_confocal"]
 
 
-REGISTERED = {plugin for plugin, _ in backend.PLUGINS.values()}
+REGISTERED = {each.name for each in plugins.PLUGINS.values()}
 
 
 def register_retroreflector() -> None:

@@ -11,10 +11,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from tofrender.analysis.statistics import p_values, smallest_allowed
-from tofrender.camera import sample_camera
-from tofrender.lights import SceneLights
-from tofrender.walk import walk
+from tofrender.paths.camera import sample_camera
+from tofrender.paths.endpoints import SceneLights
+from tofrender.paths.walk import walk
+from tofrender.sampling.statistics import p_values, smallest_allowed
 
 ALPHA = 1e-3
 """Chance that right code fails anywhere in the suite, had its seeds not been fixed."""

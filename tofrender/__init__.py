@@ -10,136 +10,21 @@ else `llvm_ad_rgb`. A variant that is set stays, and switching later works.
 
 from __future__ import annotations
 
-import importlib
 import sys
 from pathlib import PurePath
 from typing import Any
 
-from . import backend, withheld
+from .runtime import backend, plugins
+from .runtime.lazy import on_demand
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "units": ("SPEED_OF_LIGHT", "ns_to_opl", "opl_to_ns"),
-    "pulses": ("BoxPulse", "GaussianPulse", "SampledPulse"),
-    "modulations": ("AMCWPulse", "HamiltonianCode", "MSequence", "SquareWave"),
-    "lights": (
-        "ConnectionsOnly",
-        "EmitterHits",
-        "GatedLights",
-        "OneSampleLights",
-        "OpenSky",
-        "PointSource",
-        "SceneLights",
-    ),
-    "loading": ("load_scene",),
-    "rendering": ("render",),
-    "integrators.amcw": ("render_amcw_phasor", "render_single_amcw"),
-    "integrators.time_gated": ("render_at_time", "render_transient"),
-    "scenes": (
-        "bust_ao",
-        "bust_simple",
-        "cornell_box",
-        "cornell_box_flash",
-        "cornell_box_glass",
-        "cornell_box_mirror",
-        "cornell_box_steady_state",
-        "nlos_bunny",
-        "nlos_patch",
-        "nlos_plane",
-        "nlos_z",
-        "ourbox_confocal",
-        "rectangle_light_quad",
-        "rectangle_light_triangles",
-        "small_box",
-        "sphere_light_large",
-        "sphere_light_medium",
-        "sphere_light_small",
-        "veach",
-        "wall_box_behind",
-        "wall_box_hi_nlos",
-        "wall_box_sphere_nlos",
-        "wall_box_spheres_nlos",
-    ),
-    "io": (
-        "load_capture",
-        "load_exr_stack",
-        "load_npz",
-        "save_capture",
-        "save_exr_stack",
-        "save_npz",
-        "save_png_frames",
-        "save_video",
-    ),
-    "vis": (
-        "light_in_flight",
-        "phasor_panel",
-        "plan_figure",
-        "plot_pixel_transient",
-        "reconstruction_figure",
-        "summary_figure",
-        "tonemap",
-        "unwarp_camera",
-        "visualize_transient",
-    ),
-    "relay_wall": ("find_relay_wall", "is_on_relay_wall"),
-    "nlos": (
-        "capture",
-        "depth_error",
-        "depth_map",
-        "focus_laser",
-        "hidden_depth",
-        "make_capture",
-        "max_projection",
-        "reconstruct",
-    ),
-    "analysis": (
-        "four_bucket",
-        "from_four_bucket",
-        "multipath_error",
-        "phasor_parts",
-        "sum_channels",
-        "transient_to_phasor",
-        "true_depth",
-        "unambiguous_range",
-        "unwrap",
-    ),
-}
-_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
-
-_SUBMODULES = {
-    *(name for name in _HOMES if "." not in name),
-    "analysis",
-    "doctor",
-    "films",
-    "phasors",
-    "integrators",
-    "sampling",
-    "walk",
-}
-
-__all__ = sorted({*_MODULE_OF, *backend.PLUGINS, *_SUBMODULES, "__version__", "backend"})  # pyright: ignore[reportUnsupportedDunderAll]
+_get, __dir__, __all__ = on_demand(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for when it is asked for; plugin classes follow the active variant."""
-    if name in backend.PLUGINS:
-        return backend.plugin(name)
-    if name in _SUBMODULES:
-        return importlib.import_module(f".{name}", __name__)
-    if name in _MODULE_OF:
-        try:
-            value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-        except withheld.Withheld as reason:
-            raise withheld.of_name(__name__, name, reason) from None
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """The public names, loaded or not."""
-    return sorted({*globals(), *__all__})
+    return plugins.plugin(name) if name in plugins.PLUGINS else _get(name)
 
 
 def _is_command() -> bool:

@@ -2,6 +2,6 @@
 
 import sys
 
-from tofrender.cli import main
+from tofrender.cli.app import main
 
 sys.exit(main())

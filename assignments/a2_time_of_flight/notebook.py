@@ -42,8 +42,8 @@ import mitsuba as mi
 import numpy as np
 
 import tofrender
-from tofrender.camera import sample_camera
-from tofrender.units import SPEED_OF_LIGHT, opl_to_ns
+from tofrender.paths.camera import sample_camera
+from tofrender.signals.units import SPEED_OF_LIGHT, opl_to_ns
 
 SMALL = os.environ.get("TOFRENDER_NOTEBOOK_SIZE") == "small"  # for automatic tests
 SIZE, SPP = (16, 512) if SMALL else (64, 256)  # pixels, samples per pixel

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import checks
-from .phasors import real_array
+from ..runtime import checks
+from .conversion import real_array
 
 
 def four_bucket(
@@ -180,9 +180,9 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
     import drjit as dr
     import mitsuba as mi
 
-    from .. import backend
-    from ..camera import ray_origin
-    from ..loading import load_scene, require_sensor
+    from ..paths.camera import ray_origin
+    from ..runtime import backend
+    from ..scenes.loading import load_scene, require_sensor
 
     backend.require_vectorised()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)

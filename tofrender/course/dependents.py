@@ -15,14 +15,14 @@ def dependents(withheld: Collection[str]) -> dict[str, str]:
     Imports inside functions do not count, nor those for type checkers.
 
     Args:
-        withheld: Modules and packages, like "tofrender.pulses".
+        withheld: Modules and packages, like "tofrender.signals.pulses".
 
     Returns:
         Each such module, and the one that it needs: withheld, or another of this list.
 
     Example:
-        >>> dependents(["tofrender.arrivals"])["tofrender.rendering"]
-        'tofrender.arrivals'
+        >>> dependents(["tofrender.rendering.arrivals"])["tofrender.rendering.renderer"]
+        'tofrender.rendering.arrivals'
     """
     needs = {_module(path): set(_imports(path)) for path in sorted(PACKAGE.rglob("*.py"))}
     found: dict[str, str] = {}

@@ -72,7 +72,7 @@ def copy(assignment: Assignment, folder: Path) -> None:
     shutil.copytree(PACKAGE, package, ignore=left_out)
     names = {name: problem.id for name, problem in rubric.home_of.items()}
     text = json.dumps({"modules": modules, "names": names}, indent=1)
-    (package / "withheld.json").write_text(text + "\n", encoding="utf-8")
+    (package / "runtime" / "withheld.json").write_text(text + "\n", encoding="utf-8")
     version = _mark_version(package / "__init__.py", rubric.id)
     folder.joinpath("pyproject.toml").write_text(_pyproject(version), encoding="utf-8")
     shutil.copyfile(_license(), folder / "LICENSE")

@@ -81,8 +81,8 @@ def _parts(question: dict) -> Iterator[str]:
 
 
 def _scenes() -> None:
-    from tofrender.loading import load_scene
     from tofrender.scenes import BUILT_IN
+    from tofrender.scenes.loading import load_scene
 
     for name in BUILT_IN:
         load_scene(name)
@@ -92,7 +92,7 @@ def _film() -> None:
     import mitsuba as mi
 
     import tofrender
-    from tofrender import withheld
+    from tofrender.runtime import withheld
 
     if withheld.refusal("tofrender.films.transient"):
         return
@@ -105,7 +105,7 @@ def _film() -> None:
 def _dataset() -> Any:
     import numpy as np
 
-    from tofrender.dataset import label
+    from tofrender.rendering.dataset import label
 
     point = SimpleNamespace(x=4, y=2)
     film = SimpleNamespace(shape=(2, 4, 3, 3), start_opl=0.0, bin_width_opl=0.1)
@@ -136,7 +136,8 @@ def _pictures() -> None:
 
 
 def _command() -> None:
-    from tofrender import cli, doctor
+    from tofrender.cli import app as cli
+    from tofrender.runtime import doctor
 
     assert callable(doctor.diagnose)
     assert callable(cli.main)

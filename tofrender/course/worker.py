@@ -104,7 +104,7 @@ def main(configuration: str) -> None:
 
         sandbox.confine(**settings["confine"])
 
-    from .. import backend
+    from ..runtime import backend
 
     backend.activate("llvm_ad_rgb" if settings["variant"] is None else settings["variant"])
     rubric = rubrics.read(settings["rubric"])

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import memory
+from ..runtime import memory
 
 MAX_ADDED = 1 << 16
 """Samples of one pixel that may be added up in single precision: 2^20 would be 0.4 % low."""

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 if TYPE_CHECKING:
-    from ..pulses import Pulse
+    from ..signals.pulses import Pulse
 
 Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
 """Takes (spectrum, opl, active)."""

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
-from ..phasors import check_frequencies
-from ..units import SPEED_OF_LIGHT
+from ..runtime import checks
+from ..signals.phasors import check_frequencies
+from ..signals.units import SPEED_OF_LIGHT
 from .image import image_film
 from .phasor_sum import PhasorSum
 
 if TYPE_CHECKING:
-    from ..pulses import Pulse
+    from ..signals.pulses import Pulse
 
 MAX_FREQUENCIES = 64
 
@@ -190,7 +190,3 @@ def _of_wavelengths(mean: float, sigma: float, bins: int, width: float) -> tuple
     low = max(1, math.floor(length / mean - 0.5 * length / sigma))
     high = min(bins // 2, math.ceil(length / mean + 0.5 * length / sigma))
     return parse_frequencies([k / length * SPEED_OF_LIGHT for k in range(low, max(low, high) + 1)])
-
-
-for name in ("phasor_hdr_film", "tofrender_phasor_hdr_film"):
-    mi.register_film(name, PhasorHDRFilm)

@@ -10,7 +10,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT
 
 
 @dataclass

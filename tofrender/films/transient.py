@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
+from ..runtime import checks
 from .cells import Cells
 from .image import image_film
 
@@ -318,7 +318,3 @@ class TransientHDRFilm(mi.Film):
         pixel = dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1])
         weight = dr.gather(mi.Float, raw.array, (pixel + 1) * raw.shape[2] - 1)
         return dr.select(weight != 0, self.samples_per_pixel / weight, 0)
-
-
-for name in ("transient_hdr_film", "tofrender_transient_hdr_film"):
-    mi.register_film(name, TransientHDRFilm)

@@ -8,12 +8,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .. import backend
-from ..camera import CameraSample
 from ..films.image import image_film, pixels_of
 from ..films.phasor import parse_frequencies
-from ..modulations import AMCWPulse
-from ..phasors import phasor_parts
+from ..paths.camera import CameraSample
+from ..runtime import plugins
+from ..signals.modulations import AMCWPulse
+from ..signals.phasors import phasor_parts
 from .passes import take
 from .time_gated import Gate
 from .transient_path import TransientPath
@@ -175,12 +175,12 @@ def render_amcw_phasor(
     frequencies = parse_frequencies(frequency_hz)
     film = mi.load_dict(
         {
-            "type": backend.own_name("phasor_hdr_film"),
+            "type": plugins.own_name("phasor_hdr_film"),
             "frequencies_hz": ", ".join(repr(f) for f in frequencies),
             **pixels_of(sensor.film()),
         }
     )
-    plugin = {"type": backend.own_name("amcw_transient_path")}
+    plugin = {"type": plugins.own_name("amcw_transient_path")}
     tracer = mi.load_dict(plugin) if integrator is None else integrator
     take(scene, tracer, sensor, film, spp, seed)
     phasors = np.array(film.develop()[1])
@@ -192,7 +192,3 @@ def render_amcw_phasor(
         return (I, Q, *phasor_parts(I, Q, frequencies[0]))
     I, Q = parts[0], parts[1]  # noqa: E741
     return (I, Q, *phasor_parts(I, Q, frequencies))
-
-
-for name in ("amcw_transient_path", "tofrender_amcw_transient_path"):
-    mi.register_integrator(name, AMCWTransientPath)

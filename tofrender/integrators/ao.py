@@ -6,7 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..lights import OpenSky
+from ..paths.endpoints import OpenSky
 from .first_surface import FirstSurface
 
 
@@ -18,7 +18,7 @@ class AmbientOcclusion(FirstSurface):
     where V is 1 in directions w in which there is no surface. Directions are sampled in proportion
     to the cosine, so that a sample is 1 or 0: whether the sky is seen. An open plane has the value
     1, the inside of a closed box 0. In time, light starts on a plane beyond the scene, one for each
-    direction: see `tofrender.lights`.
+    direction: see `tofrender.paths.endpoints`.
 
     Parameters: those of `FirstSurface`.
 
@@ -31,7 +31,3 @@ class AmbientOcclusion(FirstSurface):
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
         """The sky."""
         return OpenSky(scene, sensor)
-
-
-for name in ("ao", "tofrender_ao"):
-    mi.register_integrator(name, AmbientOcclusion)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
-from .. import backend, checks, memory
-from ..camera import CameraSample, behind_emitters, sample_camera
-from ..lights import EmitterHits, SceneLights
-from ..targets import Targets
-from ..walk import Radiance, walk
+from ..paths.camera import CameraSample, behind_emitters, sample_camera
+from ..paths.endpoints import EmitterHits, SceneLights
+from ..paths.targets import Targets
+from ..paths.walk import Radiance, walk
+from ..runtime import backend, checks, memory
 from . import passes
 from .passes import image_channels, to_rgb
 
 if TYPE_CHECKING:
-    from ..pulses import Pulse
+    from ..signals.pulses import Pulse
 
 
 class TransientIntegrator(mi.SamplingIntegrator):

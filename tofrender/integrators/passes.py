@@ -14,10 +14,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .. import backend, checks
-from ..camera import pixel_corner, sampled_size
 from ..films.cells import MAX_ADDED
-from ..sampling.padded_sobol import mix
+from ..paths.camera import pixel_corner, sampled_size
+from ..runtime import checks, plugins
+from ..samplers.padded_sobol import mix
 
 STEP_SAMPLES = 1 << 22
 """Camera rays of one kernel launch: about a second's work on two cores."""
@@ -166,6 +166,6 @@ def take(
     """
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-    sampler = mi.load_dict({"type": backend.own_name("padded_sobol"), "sample_count": count})
+    sampler = mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
     for _ in integrator.steps(scene, sensor, film, sampler, seed):
         pass

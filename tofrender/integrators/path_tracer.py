@@ -6,9 +6,9 @@ from typing import Any
 
 import mitsuba as mi
 
-from .. import checks
-from ..camera import CameraSample
-from ..walk import Radiance
+from ..paths.camera import CameraSample
+from ..paths.walk import Radiance
+from ..runtime import checks
 from .base import TransientIntegrator
 from .transient_path import TransientPath
 

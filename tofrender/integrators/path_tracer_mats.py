@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..lights import EmitterHits, SceneLights
+from ..paths.endpoints import EmitterHits, SceneLights
 from .path_tracer import PathTracer
 
 
@@ -28,7 +28,3 @@ class PathTracerMats(PathTracer):
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
         """Lights are where paths run into them."""
         return EmitterHits(scene, sensor)
-
-
-for name in ("path_tracer_mats", "tofrender_path_tracer_mats"):
-    mi.register_integrator(name, PathTracerMats)

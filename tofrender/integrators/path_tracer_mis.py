@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from .. import checks
-from ..lights import OneSampleLights, SceneLights
+from ..paths.endpoints import OneSampleLights, SceneLights
+from ..runtime import checks
 from .path_tracer import PathTracer
 
 TECHNIQUES = {"reuse": SceneLights, "one_sample": OneSampleLights}
@@ -38,7 +38,3 @@ class PathTracerMIS(PathTracer):
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
         """Lights are found by both techniques."""
         return TECHNIQUES[self.technique](scene, sensor)
-
-
-for name in ("path_tracer_mis", "tofrender_path_tracer_mis"):
-    mi.register_integrator(name, PathTracerMIS)

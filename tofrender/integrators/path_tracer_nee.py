@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..lights import ConnectionsOnly, SceneLights
+from ..paths.endpoints import ConnectionsOnly, SceneLights
 from .path_tracer import PathTracer
 
 
@@ -29,7 +29,3 @@ class PathTracerNEE(PathTracer):
     def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
         """Lights are found by connections."""
         return ConnectionsOnly(scene, sensor)
-
-
-for name in ("path_tracer_nee", "tofrender_path_tracer_nee"):
-    mi.register_integrator(name, PathTracerNEE)

@@ -8,7 +8,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..lights import PointSource
+from ..paths.endpoints import PointSource
 from .first_surface import FirstSurface
 
 
@@ -75,7 +75,3 @@ def _numbers(value: Any) -> list[float]:
     except (TypeError, ValueError):
         return []
     return numbers if all(map(math.isfinite, numbers)) else []
-
-
-for name in ("simple", "tofrender_simple"):
-    mi.register_integrator(name, Simple)

@@ -10,13 +10,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
-from ..camera import CameraSample
 from ..films.deposit import FilmDeposit, open_gates
 from ..films.image import image_film, transient_film
-from ..lights import GatedLights, SceneLights
-from ..pulses import GaussianPulse, Pulse
-from ..walk import transmits
+from ..paths.camera import CameraSample
+from ..paths.endpoints import GatedLights, SceneLights
+from ..paths.walk import transmits
+from ..runtime import checks
+from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .passes import take
 
@@ -225,7 +225,3 @@ def render_transient(
     film = transient_film(sensor.film(), bins, start, width)
     take(scene, integrator, sensor, film, spp, seed)
     return film.take()[1]
-
-
-for name in ("time_gated_transient_path", "tofrender_time_gated_transient_path"):
-    mi.register_integrator(name, TimeGatedTransientPath)

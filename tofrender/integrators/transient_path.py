@@ -8,11 +8,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
-from ..camera import CameraSample
 from ..films.deposit import FilmDeposit
 from ..films.phasor_sum import PhasorSum
-from ..pulses import GaussianPulse, Pulse, SampledPulse, convolve
+from ..paths.camera import CameraSample
+from ..runtime import checks
+from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 from .base import TransientIntegrator
 
 TEMPORAL_FILTERS = ("", "box", "gaussian")
@@ -30,8 +30,8 @@ class TransientPath(TransientIntegrator):
     | `gaussian_stddev` | 2.0 | standard deviation of the Gaussian filter [bins] |
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m] |
 
-    The light's `pulse` can be set to any of `tofrender.pulses`. Its energy in each bin is exact and
-    adds no noise.
+    The light's `pulse` can be set to any of `tofrender.signals.pulses`. Its energy in each bin is
+    exact and adds no noise.
 
     Limitations: participating media are ignored, as in Mitsuba's `path`; no derivatives.
 
@@ -130,7 +130,3 @@ class TransientPath(TransientIntegrator):
         )
         values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
         return f"{type(self).__name__}[{values}]"
-
-
-for name in ("transient_path", "tofrender_transient_path"):
-    mi.register_integrator(name, TransientPath)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..dataset import DIMS, plain
+from ..rendering.dataset import DIMS, plain
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import checks
-from ..dataset import DIMS, check_dataset, plain
+from ..rendering.dataset import DIMS, check_dataset, plain
+from ..runtime import checks
 from .atomic import replacing
 from .description import describe, restore
 from .multipart import MultipartWriter

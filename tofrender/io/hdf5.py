@@ -14,16 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..dataset import plain
-from ..nlos.captures import (
-    DEVICES,
-    MODES,
-    ON_WALL,
-    check_capture,
-    luminance,
-    make_capture,
-)
+from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, luminance, make_capture
 from ..nlos.extras import optional
+from ..rendering.dataset import plain
 from .atomic import replacing
 from .output import check_file, check_writable
 

@@ -10,7 +10,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ..dataset import check_dataset
+from ..rendering.dataset import check_dataset
 from .atomic import replacing
 from .description import describe, restore
 from .output import check_output, stack_bytes

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .. import checks
+from ..runtime import checks
 from .atomic import TEMPORARY_PREFIX, disk_full, nearest_folder, replacing
 
 LAYOUTS = ("frames", "multipart", "npz")

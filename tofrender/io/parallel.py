@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
-from ..progress import progress_bar
+from ..runtime.progress import progress_bar
 
 
 def for_each(

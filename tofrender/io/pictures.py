@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 
-from .. import checks
-from ..progress import progress_bar
+from ..runtime import checks
+from ..runtime.progress import progress_bar
 from ..vis import Transient, auto_exposure, check_exposure, tonemap
 from .atomic import replacing
 from .output import check_file, check_writable, output_folder

@@ -12,17 +12,17 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import backend, checks
 from ..films.image import transient_film
 from ..integrators.passes import take
-from ..laser import axis, find_laser, follow_meters, forget_meters, turn
-from ..loading import load_scene, require_sensor
-from ..progress import progress_bar
-from ..relay_wall import DEFAULT_ID as WALL
-from ..relay_wall import find_shapes, ids, is_on_relay_wall, seen_shapes
-from ..rendering import render
+from ..rendering.renderer import render
+from ..runtime import backend, checks, plugins
+from ..runtime.progress import progress_bar
+from ..scenes.loading import load_scene, require_sensor
 from .captures import MODES, make_capture
-from .wall_points import wall_points
+from .device.laser import axis, find_laser, follow_meters, forget_meters, turn
+from .device.relay_wall import DEFAULT_ID as WALL
+from .device.relay_wall import find_shapes, ids, is_on_relay_wall, seen_shapes
+from .device.wall_points import wall_points
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -237,7 +237,7 @@ def _size(grid: Any) -> dict[str, int]:
 def _integrator(scene: mi.Scene, mode: str) -> Any:
     """The scene's integrator, if it can capture in this mode."""
     integrator: Any = scene.integrator()
-    if isinstance(integrator, backend.plugin("ConfocalTransientIntegrator")):
+    if isinstance(integrator, plugins.plugin("ConfocalTransientIntegrator")):
         if mode != "confocal":
             raise ValueError(
                 f"mode = {mode!r}: must be 'confocal' with a confocal_transient_path; "
@@ -248,7 +248,7 @@ def _integrator(scene: mi.Scene, mode: str) -> Any:
                 "is_confocal = False: must be True for a capture, whose laser follows the camera"
             )
         return integrator
-    if not isinstance(integrator, backend.plugin("TransientNLOSPath")):
+    if not isinstance(integrator, plugins.plugin("TransientNLOSPath")):
         kind = "none" if integrator is None else type(integrator).__name__
         raise ValueError(
             f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
@@ -337,7 +337,7 @@ def _origin(sensor: mi.Sensor) -> np.ndarray:
 
 def _laser_origin(scene: mi.Scene, integrator: Any, camera: mi.Sensor) -> np.ndarray:
     """Where the laser is: with the camera, if the integrator brings it."""
-    if isinstance(integrator, backend.plugin("ConfocalTransientIntegrator")):
+    if isinstance(integrator, plugins.plugin("ConfocalTransientIntegrator")):
         return _origin(camera)
     return np.array(axis(find_laser(scene))[0]).ravel()
 

@@ -10,9 +10,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..loading import load_scene
-from ..relay_wall import DEFAULT_ID, find_shapes
-from ..targets import is_on
+from ..paths.targets import is_on
+from ..scenes.loading import load_scene
+from .device.relay_wall import DEFAULT_ID, find_shapes
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
+from ..runtime import checks
 from .chi_square import Verdict, chi_square_test
 from .warps import WARPS
 

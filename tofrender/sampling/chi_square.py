@@ -27,9 +27,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
-from ..analysis.statistics import smallest_allowed
+from ..runtime import checks
 from . import domains, histograms
+from .statistics import smallest_allowed
 from .verdicts import Moment, Verdict
 
 MAX_SAMPLES = 1 << 24

@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
+from ..runtime import checks
 
 TOLERANCE = 1e-5
 """How far rounding may carry a point out of its domain, relative to the domain's size."""

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
+from ..runtime import checks
 from .emitter_records import EmitterRecord, Shape, affine, emission_values
 from .triangles_and_caps import (
     literal,

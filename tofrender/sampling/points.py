@@ -20,7 +20,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .. import checks
+from ..runtime import checks
 
 MAX_COUNT = 1 << 24
 """Most points in a set: single precision can count as far."""

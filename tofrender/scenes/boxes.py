@@ -10,7 +10,7 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import Any
 
-from .. import checks
+from ..runtime import checks
 from .parts import (
     Dict,
     area_light,

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .. import checks
+from ..runtime import checks
 from .parts import Dict, camera, diffuse, place, rgb, shape, steady_film
 
 X, Y = [1, 0, 0], [0, 1, 0]

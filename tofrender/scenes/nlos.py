@@ -19,7 +19,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .. import checks
+from ..runtime import checks
 from .bunny import bunny
 from .confocal import transient_film
 from .meshes import bunny_mesh, letter_z, letter_z_mesh, placed

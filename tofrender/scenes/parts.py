@@ -7,7 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from .. import checks
+from ..runtime import checks
 
 SAMPLER = "padded_sobol"
 """The sampler of all built-in scenes."""

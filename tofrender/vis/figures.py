@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING, Any
 
-from ..units import ns_to_opl, opl_to_ns
+from ..signals.units import ns_to_opl, opl_to_ns
 from .transient import Transient
 
 if TYPE_CHECKING:

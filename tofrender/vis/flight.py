@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import checks
-from ..units import opl_to_ns
+from ..runtime import checks
+from ..signals.units import opl_to_ns
 from .figures import new_figure, picture_aspect, pixel_axes
 from .tone import check_exposure, luminance, tonemap
 from .transient import Transient

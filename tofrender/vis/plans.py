@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import checks
+from ..runtime import checks
 from .figures import new_figure, picture_aspect
 
 if TYPE_CHECKING:

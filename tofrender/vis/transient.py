@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import checks
-from ..dataset import QUANTITIES, first_pixel, time_axis
-from ..units import opl_to_ns
+from ..rendering.dataset import QUANTITIES, first_pixel, time_axis
+from ..runtime import checks
+from ..signals.units import opl_to_ns
 from .tone import luminance
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import checks
-from ..dataset import DIMS, check_dataset, time_axis
+from ..rendering.dataset import DIMS, check_dataset, time_axis
+from ..runtime import checks
 
 if TYPE_CHECKING:
     import xarray as xr

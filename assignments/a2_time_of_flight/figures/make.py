@@ -16,7 +16,7 @@ from matplotlib.colors import PowerNorm
 
 import tofrender
 from tofrender.analysis import sum_channels, transient_to_phasor, unambiguous_range
-from tofrender.units import SPEED_OF_LIGHT
+from tofrender.signals.units import SPEED_OF_LIGHT
 
 HERE = Path(__file__).parent
 RADIANCE = "W m$^{-2}$ sr$^{-1}$"

@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 from amcw_pulse import AMCWPulse
 
-from tofrender.camera import sample_camera
-from tofrender.units import SPEED_OF_LIGHT
+from tofrender.paths.camera import sample_camera
+from tofrender.signals.units import SPEED_OF_LIGHT
 
 
 class AMCWTransientPath(mi.SamplingIntegrator):

@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 from gaussian_pulse import GaussianPulse
 
-from tofrender.camera import sample_camera
+from tofrender.paths.camera import sample_camera
 
 
 class TimeGatedTransientPath(mi.SamplingIntegrator):

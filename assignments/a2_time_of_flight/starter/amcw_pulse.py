@@ -7,7 +7,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from tofrender.units import SPEED_OF_LIGHT
+from tofrender.signals.units import SPEED_OF_LIGHT
 
 
 class AMCWPulse:

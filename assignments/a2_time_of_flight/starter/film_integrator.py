@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from tofrender.camera import sample_camera
+from tofrender.paths.camera import sample_camera
 
 RAYS = 1 << 20
 """Camera rays that are traced together."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tofrender.units import SPEED_OF_LIGHT
+from tofrender.signals.units import SPEED_OF_LIGHT
 
 
 def transient_to_phasor(

@@ -68,8 +68,8 @@ def render_at_time(
 ) -> np.ndarray:
     """Render the scene at one instant.
 
-    `tofrender.camera.sample_camera(sensor, film, sampler, pixel)` makes a random ray through each
-    of the given pixels (their numbers, row by row), and has the point where its length starts.
+    `tofrender.paths.camera.sample_camera(sensor, film, sampler, pixel)` makes a random ray through
+    each of the given pixels (their numbers, row by row), and has the point where its length starts.
 
     Args:
         scene: The scene.

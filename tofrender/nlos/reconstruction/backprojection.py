@@ -17,11 +17,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ... import checks
-from ...backend import require_vectorised
-from ...progress import progress_bar
+from ...runtime import checks
+from ...runtime.backend import require_vectorised
+from ...runtime.progress import progress_bar
+from .measured import Measured
 from .volume import VolumeGrid
-from .wall import Measured
 
 WEIGHTINGS = ("uniform", "r2")
 """w = 1, or |v - l| |v - s|, which makes up for a part of the falloff with distance."""

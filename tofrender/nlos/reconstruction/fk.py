@@ -19,8 +19,8 @@ import numpy as np
 
 from ..extras import optional
 from .fourier import Steps, forward, require_memory
+from .measured import Measured
 from .volume import VolumeGrid, native_volume
-from .wall import Measured
 
 SURFACES = {"diffuse": 4, "retroreflective": 2}
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ... import memory
-from ...progress import progress_bar
+from ...runtime import memory
+from ...runtime.progress import progress_bar
 from ..extras import optional
 
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..extras import optional
 from .fourier import Steps, even_lags, forward, inverse, require_memory
+from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
-from .wall import Lattice, Measured
 
 SURFACES = {"diffuse": 3, "retroreflective": 1}
 """Power of the distance in √v that undoes the falloff with it, by kind of hidden surface."""

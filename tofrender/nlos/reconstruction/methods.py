@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ... import checks
+from ...runtime import checks
 from ..captures import check_capture, without_first_and_last_legs
 from . import fk, light_cone, phasor_field
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fourier import Steps
+from .measured import Measured
 from .volume import VolumeGrid, default_volume, label, resample
-from .wall import Measured
 
 if TYPE_CHECKING:
     import xarray as xr

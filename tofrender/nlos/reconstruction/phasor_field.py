@@ -24,8 +24,8 @@ import numpy as np
 
 from ..extras import optional
 from .fourier import Steps, require_memory
+from .measured import Lattice, Measured
 from .volume import VolumeGrid, resample
-from .wall import Lattice, Measured
 
 
 def default_wavelength(measured: Measured) -> float:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ... import checks
-from .wall import Measured, WallFrame
+from ...runtime import checks
+from .measured import Measured, WallFrame
 
 if TYPE_CHECKING:
     import xarray as xr

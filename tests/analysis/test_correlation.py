@@ -1,0 +1,235 @@
+"""Four-bucket sensors, multi-path error maps in closed form, and true depth."""
+
+# ruff: noqa: E741 (I and Q are what the field calls them)
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import camera, diffuse, film, load, plane, point_light, rotate, scene, translate
+
+from tofrender import phasor_parts
+from tofrender.analysis import (
+    four_bucket,
+    from_four_bucket,
+    multipath_error,
+    transient_to_phasor,
+    true_depth,
+    unambiguous_range,
+)
+from tofrender.runtime.backend import BackendError
+
+C = 299_792_458.0
+
+
+def one_line(match, function, *args, **kwargs):
+    with pytest.raises(ValueError, match=match) as caught:
+        function(*args, **kwargs)
+    assert "\n" not in str(caught.value)
+
+
+# --------------------------------------------------------------------------------- the sensor
+
+
+def test_buckets_are_what_a_pixel_integrates():
+    """Light 1 + cos(wt) from paths, sorted by a gain of (1 + cos(wt - theta)) / 2.
+
+    Averaged over a period in small steps, for the four phase steps; a sine and a sine make the
+    contrast 1/2. Ambient light goes into the buckets evenly.
+    """
+    f, ambient = 20e6, 0.7
+    arrivals = np.array([[3.1, 0.8], [5.0, 0.3], [9.2, 0.1]])
+    t = np.arange(4000) / 4000 / f
+    signal = ambient + sum(a * (1 + np.cos(2 * np.pi * f * (t - opl / C))) for opl, a in arrivals)
+    gains = [(1 + np.cos(2 * np.pi * f * t - k * np.pi / 2)) / 2 for k in range(4)]
+    measured = [np.mean(gain * signal) for gain in gains]
+    z = (arrivals[:, 1] * np.exp(2j * np.pi * f * arrivals[:, 0] / C)).sum()
+    buckets = four_bucket(z.real, z.imag, offset=arrivals[:, 1].sum() + ambient, contrast=0.5)
+    assert [float(b) for b in buckets] == pytest.approx(measured)
+
+
+@pytest.mark.parametrize("contrast", [0.05, 0.5, 1.0])
+def test_round_trip(contrast):
+    rng = np.random.default_rng(1)
+    I, Q = rng.normal(size=(2, 3, 4, 5, 3))
+    offset = np.hypot(I, Q).max() + rng.random((4, 5, 1))
+    buckets = four_bucket(I, Q, offset=offset, contrast=contrast)
+    assert all((b >= 0).all() for b in buckets)
+    assert [b.shape for b in buckets] == [I.shape] * 4
+    back = from_four_bucket(*buckets, contrast=contrast)
+    for ours, given in zip(back, (I, Q, np.broadcast_to(offset, I.shape)), strict=True):
+        assert ours == pytest.approx(given, abs=1e-12)
+
+
+def test_phase_needs_neither_offset_nor_contrast():
+    buckets = four_bucket(0.3, -0.4, offset=2.0, contrast=0.3)
+    I, Q, offset = from_four_bucket(*(b + 0.25 for b in buckets), contrast=0.9)
+    assert phasor_parts(I, Q, 20e6)[1] == pytest.approx(np.arctan2(-0.4, 0.3))
+    assert offset == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("contrast", [0, -0.5, 1.01, np.nan, "half", None, True])
+def test_bad_contrast(contrast):
+    match = r"contrast = .*: must be above 0 and at most 1"
+    one_line(match, four_bucket, 1.0, 0.0, offset=2.0, contrast=contrast)
+    one_line(match, from_four_bucket, 1.0, 1.0, 1.0, 1.0, contrast=contrast)
+
+
+@pytest.mark.parametrize(
+    ("match", "offset"),
+    [
+        ("offset = -1: must be at least 0", -1.0),
+        ("offset: must be at least contrast", np.full((2, 2), 0.4)),
+        ("offset with shape", np.ones((3, 2, 2))),
+        ("offset of type", "bright"),
+    ],
+)
+def test_bad_offset(match, offset):
+    one_line(match, four_bucket, np.ones((2, 2)), np.zeros((2, 2)), offset=offset)
+
+
+def test_shapes_that_do_not_fit():
+    one_line("must be equal", four_bucket, np.ones(2), np.ones(3), offset=9)
+    one_line("must be equal", from_four_bucket, np.ones(2), np.ones(3), np.ones(2), np.ones(2))
+    one_line("must be equal, but", multipath_error, np.ones((2, 3)), np.ones((3, 2)))
+    one_line("must be equal, but", multipath_error, np.ones(3), 1.0)
+    one_line("range_m = 0", multipath_error, np.ones(2), np.ones(2), 0)
+
+
+# ------------------------------------------------------------------------------- error maps
+
+
+@pytest.mark.parametrize("f", [20e6, 50e6])
+def test_error_map_of_a_corner(f):
+    """A diffuse floor beside a mirror: light reaches a point directly and through the mirror.
+
+    Camera and light are at (1, 0, 2), the mirror is x = 0 and the floor z = 0. The way over the
+    mirror is that from the image at (-1, 0, 2). With irradiance I cos / d^2 = I h / d^3 it weighs
+    a = R (d / d')^3 against the direct light, and the phase is wrong by the angle of
+    1 + a exp(i k (d' - d)): the depth by that over 2 k.
+    """
+    reflectance, h, width = 0.8, 2.0, 1e-3
+    x, y = np.meshgrid(np.linspace(0.05, 3, 8), np.linspace(-1, 1, 5))
+    direct, mirrored = (np.sqrt((x - side) ** 2 + y**2 + h**2) for side in (1, -1))
+    bins = np.stack([2 * direct, direct + mirrored]) // width
+    light = np.stack([1 / direct**3, reflectance / mirrored**3])
+    data = np.zeros((*x.shape, 9000))
+    for index, value in zip(bins.astype(int), light, strict=True):
+        np.add.at(data, (*np.indices(x.shape), index), value)
+    depth = transient_to_phasor(data, f, 0.0, width)[4]
+    near, far = (bins + 0.5) * width  # What is left after the light went into bins
+    k = 2 * np.pi * f / C
+    a = light[1] / light[0]
+    expected = np.angle(1 + a * np.exp(1j * k * (far - near))) / (2 * k)
+    result = multipath_error(depth, near / 2, unambiguous_range(f))
+    assert result.error.shape == (*x.shape, 1)
+    assert result.error[..., 0] == pytest.approx(expected, abs=1e-9)
+    assert (result.error > 0).any()
+    assert result.median == pytest.approx(np.median(expected), abs=1e-9)
+    assert result.percentile_95 == pytest.approx(np.percentile(np.abs(expected), 95), abs=1e-9)
+    against_truth = multipath_error(depth[..., 0], direct, unambiguous_range(f)).error
+    assert against_truth == pytest.approx(expected, abs=width)
+
+
+def test_error_wraps_and_is_unknown_without_truth():
+    depth = np.array([[7.4, 0.1, 2.0, np.nan, 3.0]])
+    truth = np.array([[0.1, 14.9, 1.5, 1.0, np.inf]])
+    result = multipath_error(depth, truth, 7.5)
+    assert result.error == pytest.approx(np.array([[-0.2, 0.2, 0.5, np.nan, np.nan]]), nan_ok=True)
+    assert result.median == pytest.approx(0.2)
+    plain = multipath_error(depth, truth)
+    assert plain.error[0, :3] == pytest.approx([7.3, -14.8, 0.5])
+    unknown = multipath_error(depth, np.full((1, 5), np.nan), 7.5)
+    assert np.isnan([unknown.median, unknown.percentile_95]).all()
+    assert np.isnan(unknown.error).all()
+
+
+def test_half_a_range_of_error_has_one_sign():
+    result = multipath_error(np.array([3.75, 1.25]), np.array([0.0, 5.0]), 7.5)
+    assert result.error == pytest.approx([-3.75, -3.75])
+    assert result.median == pytest.approx(-3.75)
+    assert result.percentile_95 == pytest.approx(3.75)
+
+
+# -------------------------------------------------------------------------------- true depth
+
+
+def perspective_rays(width, height, fov):
+    """Unit directions through pixel centres of a camera that looks along -z, x to the right."""
+    x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
+    half = np.tan(np.radians(fov) / 2)
+    rays = np.stack([(2 * x - 1) * half, (1 - 2 * y) * half * height / width, -np.ones_like(x)], -1)
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+def room(the_film, **options):
+    """A camera at (0.2, 0.1, 3) over the plane z = 0, and a wall that leans at the right."""
+    origin = (0.2, 0.1, 3.0)
+    sensor = camera(origin, (0.2, 0.1, 0.0), the_film, fov=60, near_clip=0.5, **options)
+    wall = translate(0.9, 0, 0) @ rotate((0, 1, 0), -60)
+    parts = {
+        "floor": plane(bsdf=diffuse(0.5), size=1.2),
+        "wall": plane(wall, bsdf=diffuse(0.5), size=5.0),
+        "light": point_light(origin, 1.0),
+    }
+    return scene(parts, sensor, max_depth=2)
+
+
+def room_depth(width, height):
+    """Distances from the camera to the nearer of floor (2.4 m wide) and wall, NaN beside them."""
+    origin, rays = np.array([0.2, 0.1, 3.0]), perspective_rays(width, height, 60)
+    normal = np.array([-np.sin(np.radians(60)), 0, np.cos(np.radians(60))])
+    with np.errstate(divide="ignore"):
+        floor = -origin[2] / rays[..., 2]
+        wall = ((np.array([0.9, 0, 0]) - origin) @ normal) / (rays @ normal)
+    on_floor = (np.abs((origin + rays * floor[..., None])[..., :2]) < 1.2).all(axis=-1)
+    floor = np.where(on_floor, floor, np.inf)
+    along = origin + rays * wall[..., None] - np.array([0.9, 0, 0])
+    up, across = np.hypot(along[..., 0], along[..., 2]), np.abs(along[..., 1])
+    on_wall = (wall > 0) & (up < 5) & (across < 5)
+    nearest = np.minimum(floor, np.where(on_wall, wall, np.inf))
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def test_true_depth_of_planes():
+    """From the camera itself, not from its near plane, and along the ray, not along the axis."""
+    depth, expected = true_depth(load(room(film(24, 18)))), room_depth(24, 18)
+    assert np.isnan(expected).any()
+    assert depth == pytest.approx(expected, abs=2e-6, nan_ok=True)
+    assert depth.dtype == np.float64
+
+
+def test_true_depth_of_a_crop():
+    crop = {"crop_width": 7, "crop_height": 5, "crop_offset_x": 10, "crop_offset_y": 4}
+    depth = true_depth(load(room(film(24, 18, sample_border=True, **crop))))
+    assert depth == pytest.approx(room_depth(24, 18)[4:9, 10:17], abs=2e-6, nan_ok=True)
+
+
+def test_true_depth_of_a_name_and_under_another_variant():
+    expected = true_depth("cornell_box_flash")
+    mi.set_variant("llvm_ad_spectral")
+    assert true_depth("cornell_box_flash") == pytest.approx(expected, abs=1e-5, nan_ok=True)
+    mi.set_variant("scalar_rgb")
+    with pytest.raises(BackendError):
+        true_depth("cornell_box_flash")
+
+
+def test_true_depth_refuses():
+    loaded = load(room(film(2, 2)))
+    one_line("sensor = 1", true_depth, loaded, 1)
+    one_line("no sensor", true_depth, mi.load_dict({"type": "scene"}))
+
+
+def test_direct_light_measures_the_true_depth():
+    """Light at the camera, no multi-path light: what phases say is the distance, modulo a range."""
+    width, f = 1e-3, 50e6
+    loaded = load(room(film(24, 18, bins=6000, start=2.0, bin_width=width)))
+    _, transient = mi.render(loaded, spp=4)
+    depth = transient_to_phasor(transient, f, 2.0, width)[4].mean(axis=-1)
+    truth = true_depth(loaded)
+    lit = np.asarray(transient).sum(axis=(2, 3)) > 0
+    error = multipath_error(np.where(lit, depth, np.nan), truth, unambiguous_range(f))
+    inner = np.abs(error.error) < 0.12  # Not a pixel that edges or wraps mix
+    assert inner.sum() > 0.9 * np.isfinite(error.error).sum()
+    assert abs(error.median) < 5e-3

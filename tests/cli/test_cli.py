@@ -1,0 +1,371 @@
+"""The command line: quick help, one line for whatever is wrong, a folder that appears whole."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import tofrender
+from tofrender.cli.app import main
+
+ROOT = Path(__file__).parents[2]
+XML = ROOT / "scenes" / "cornell_box.xml"
+TINY = ["--size", "8x6", "--bins", "20", "--bin-width", "0.3", "--spp", "4"]
+COMMAND = [sys.executable, "-m", "tofrender"]
+HEAVY = ("mitsuba", "drjit", "numpy", "xarray", "matplotlib", "OpenEXR")
+
+
+def run(capsys, *arguments: object) -> tuple[int, str, str]:
+    """Exit status, stdout and stderr of the command, in this process."""
+    status = main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def refused(capsys, *arguments: object) -> str:
+    """The one line with which bad input is refused."""
+    status, out, err = run(capsys, *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    return err[len("error: ") : -1]
+
+
+# ------------------------------------------------------------------------------------ help
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [[], ["render"], ["scenes"], ["doctor"]])
+def test_help_is_quick(arguments):
+    """Nothing that takes long to import is imported for it."""
+    command = [COMMAND[0], "-X", "importtime", *COMMAND[1:], *arguments, "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert "Usage: tofrender" in done.stdout
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "tofrender.cli" in imported
+    assert not imported & {"mitsuba", "drjit", "numpy", "xarray", "matplotlib", "OpenEXR"}
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; sys.argv = ['tofrender']; from tofrender.cli import main; "
+        f"main(['render', '--help']); print([m for m in {HEAVY} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "[]", done.stderr
+
+
+def test_bare_command_shows_help(capsys):
+    status, out, _ = run(capsys)
+    assert status == 0
+    for command in ("render", "scenes", "doctor"):
+        assert command in out
+
+
+def test_version(capsys):
+    assert run(capsys, "--version") == (0, f"tofrender {tofrender.__version__}\n", "")
+
+
+def test_scenes(capsys):
+    status, out, _ = run(capsys, "scenes")
+    assert status == 0
+    assert len(out.splitlines()) >= 5
+    assert all(len(line) <= 100 for line in out.splitlines())
+    assert "cornell_box_glass  " in out
+
+
+# -------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--spp", "0"], "--spp = 0: must be an integer from 1 to 16777216"),
+        (["--spp", "-4"], "--spp = -4: must be an integer"),
+        (["--spp", "4.5"], "--spp = 4.5: must be an integer"),
+        (["--spp", "1_000"], "--spp = '1_000': must be an integer"),
+        (["--bins", "many"], "--bins = 'many': must be an integer"),
+        (["--bins", "0"], "--bins = 0: must be an integer"),
+        (["--bins", "nan"], "--bins = nan: must be an integer"),
+        (["--size", "64"], "--size = '64': must be width x height, like 256x256"),
+        (["--size", "0x64"], "--size = 0: must be an integer from 1 to 65536"),
+        (["--size", "64x"], "--size = '': must be an integer"),
+        (["--bin-width", "0"], "--bin-width = 0: must be a finite number of metres above 0"),
+        (["--bin-width", "-0.1"], "--bin-width = -0.1: must be a finite number"),
+        (["--bin-width", "inf"], "--bin-width = inf: must be a finite number"),
+        (["--start-opl", "nan"], "--start-opl = nan: must be a finite number of metres"),
+        (["--pulse-width", "wide"], "--pulse-width = 'wide': must be a finite number"),
+        (["--max-depth", "0"], "--max-depth = 0: must be -1 (no limit) or an integer"),
+        (["--seed", "-1"], "--seed = -1: must be an integer from 0 to 4294967295"),
+        (["--sampler", "halton"], "--sampler = 'halton': must be one of"),
+        (["--sampler", "multijiter"], "--sampler = 'multijiter': did you mean 'multijitter'?"),
+        (["--integrator", "path"], "--integrator = 'path': must be one of"),
+        (["--variant", "llvm_ad_rgbb"], "variant = 'llvm_ad_rgbb': did you mean 'llvm_ad_rgb'?"),
+        (["--format", "exr"], "--format = 'exr': must be one of frames, multipart, npz"),
+        (["--precision", "double"], "--precision = 'double': must be one of half, float"),
+        (["--window", "auto", "--start-opl", "3"], "--start-opl = 3: must be left out"),
+        (["--window", "all"], "--window = 'all': must be one of auto"),
+        (["-D", "spp"], "-D spp: must be name=value"),
+        (["-D", "spp=3"], "parameter spp = '3': only XML files have parameters"),
+        (["--sp", "3"], "No such option: --sp"),
+        (["--spp"], "Option '--spp' requires an argument."),
+    ],
+)
+def test_bad_option_is_one_line(capsys, tmp_path, arguments, text):
+    folder = tmp_path / "out"
+    assert text in refused(capsys, "render", "cornell_box", "--out", folder, *arguments)
+    assert not folder.exists()
+
+
+def test_bad_scene_is_one_line(capsys, tmp_path):
+    out = ["--out", tmp_path / "out"]
+    assert "did you mean cornell_box" in refused(capsys, "render", "cornel-box", *out)
+    assert "no.xml" in refused(capsys, "render", "no.xml", *out)
+    broken = tmp_path / "broken.xml"
+    broken.write_text('<scene version="3.0.0">\n<shape>\n')
+    assert "broken.xml" in refused(capsys, "render", broken, *out)
+    assert "its parameters are: width, height" in refused(capsys, "render", XML, *out, "-D", "w=3")
+    assert "Missing option '--out'" in refused(capsys, "render", "cornell_box")
+    assert "did you mean 'render'" in refused(capsys, "rendr").lower()
+
+
+def test_folder_with_other_content_is_refused(capsys, tmp_path):
+    (tmp_path / "thesis.tex").write_text("dear")
+    line = refused(capsys, "render", "cornell_box", "--out", tmp_path)
+    assert line.startswith(f"--out = {tmp_path}: ")
+    assert "thesis.tex" in line
+    assert (tmp_path / "thesis.tex").read_text() == "dear"
+    assert "--out" in refused(capsys, "render", "cornell_box", "--out", tmp_path / "thesis.tex")
+    assert "--out" in refused(capsys, "render", "cornell_box", "--out", "/proc/out")
+
+
+def test_failure_is_one_line_and_status_one(capsys, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("the lamp\n  broke")
+
+    monkeypatch.setattr("tofrender.rendering.renderer.render", fail)
+    arguments = ["render", "cornell_box", "--out", str(tmp_path / "out"), *TINY]
+    assert run(capsys, *arguments) == (1, "", "error: the lamp broke\n")
+    monkeypatch.setenv("TOFRENDER_DEBUG", "1")
+    with pytest.raises(RuntimeError):
+        main(arguments)
+
+
+# --------------------------------------------------------------------------------- renders
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+FRAMES = {f"frame_{k:04d}.exr" for k in range(20)} | {"steady.exr", "summary.png"}
+
+
+@pytest.mark.slow
+def test_render_and_render_again(capsys, tmp_path):
+    folder = tmp_path / "box"
+    arguments = ["render", "cornell-box", "--out", folder, *TINY, "--no-video"]
+    for _ in range(2):
+        status, out, err = run(capsys, *arguments)
+        assert status == 0, err
+        assert names(folder) == FRAMES
+        assert "frame_0000.exr ... frame_0019.exr, steady.exr, summary.png" in out
+        assert "samples per second" in out
+        assert "% of the energy outside the window" in out
+    assert names(tmp_path) == {"box"}
+    dataset = tofrender.load_exr_stack(folder)
+    assert dataset.attrs["scene"] == "cornell_box"
+    assert dataset.attrs["spp"] == 4
+    assert dict(dataset.sizes) == {"y": 6, "x": 8, "opl": 20, "channel": 3}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("layout", "file"), [("multipart", "stack.exr"), ("npz", "transient.npz")])
+def test_formats(capsys, tmp_path, layout, file):
+    folder = tmp_path / "box"
+    arguments = ["render", XML, "--out", folder, *TINY, "--no-video", "--format", layout]
+    status, _, err = run(capsys, *arguments, "-D", "max_depth=2")
+    assert status == 0, err
+    assert names(folder) == {file, "summary.png"}
+
+
+@pytest.mark.slow
+def test_video(capsys, tmp_path):
+    folder = tmp_path / "box"
+    assert run(capsys, "render", "cornell_box", "--out", folder, *TINY)[0] == 0
+    assert names(folder) == FRAMES | {"video.mp4"}
+
+
+def test_settings_arrive(capsys, tmp_path):
+    status, _, err = run(
+        capsys, "render", "cornell_box_steady_state", "--out", tmp_path / "box", *TINY,
+        "--start-opl", "3.0", "--pulse-width", "0.05", "--max-depth", "2", "--seed", "7",
+        "--sampler", "multijitter", "--format", "npz", "--no-video",
+    )  # fmt: skip
+    assert status == 0, err
+    dataset = tofrender.load_npz(tmp_path / "box" / "transient.npz")
+    assert dataset.attrs["start_opl"] == pytest.approx(3.0)
+    assert dataset.attrs["bin_width_opl"] == pytest.approx(0.3)
+    assert "multijitter" in dataset.attrs["sampler"].lower()
+    assert dataset.attrs["seed"] == 7
+    assert "0.05" in dataset.attrs["pulse"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["cornell_box", "cornell_box_steady_state"])
+def test_window_auto(capsys, tmp_path, scene):
+    arguments = ["--size", "8x6", "--spp", "4", "--bins", "16", "--window", "auto"]
+    folder = tmp_path / "box"
+    out = ["--out", folder, "--format", "npz", "--no-video"]
+    status, _, err = run(capsys, "render", scene, *out, *arguments)
+    assert (status, err) == (0, "")
+    dataset = tofrender.load_npz(folder / "transient.npz")
+    assert dataset.sizes["opl"] == 16
+    assert 3 < dataset.attrs["start_opl"] < 4
+    assert dataset.attrs["energy_outside_window"] < 0.01
+
+
+def test_lost_energy_is_one_line(capsys, tmp_path):
+    arguments = ["render", "cornell_box", "--out", tmp_path / "box", *TINY, "--no-video"]
+    status, _, err = run(capsys, *arguments, "--bins", "8")
+    assert status == 0
+    assert err.startswith("warning: ")
+    assert err.count("\n") == 1
+
+
+def test_interrupted_render_is_saved(capsys, tmp_path, monkeypatch):
+    import tofrender.rendering.renderer
+
+    whole = tofrender.rendering.renderer.render
+
+    def half(*arguments, **options):
+        dataset = whole(*arguments, **options)
+        dataset.attrs["complete"] = 0
+        return dataset
+
+    monkeypatch.setattr("tofrender.rendering.renderer.render", half)
+    folder = tmp_path / "box"
+    arguments = ["render", "cornell_box", "--out", folder, *TINY, "--no-video"]
+    status, _, err = run(capsys, *arguments)
+    assert status == 130
+    assert "interrupted" in err
+    assert names(folder) == FRAMES
+
+
+def _rest(screen: int) -> str:
+    """What is still written to a terminal until its program ends."""
+    text = b""
+    with contextlib.suppress(OSError):  # How Linux says that it is closed
+        while part := os.read(screen, 1 << 12):
+            text += part
+    return text.decode()
+
+
+@pytest.mark.slow
+def test_ctrl_c(tmp_path):
+    folder = tmp_path / "box"
+    size = ["--size", "64x64", "--spp", str(1 << 24)]
+    screen, stderr = pty.openpty()  # The bar shows in a terminal only
+    termios.tcsetwinsize(stderr, (24, 80))
+    process = subprocess.Popen(
+        [*COMMAND, "render", "cornell_box", "--out", folder, *size, "--no-video"],
+        cwd=ROOT,
+        stderr=stderr,
+    )
+    os.close(stderr)
+    try:
+        shown = ""
+        while "Rendering" not in shown:
+            shown += os.read(screen, 1 << 12).decode()
+        process.send_signal(signal.SIGINT)
+        err = _rest(screen)
+        process.wait(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert "error: interrupted after" in err
+    assert names(tmp_path) == {"box"}
+    dataset = tofrender.load_exr_stack(folder)
+    assert 0.9 < float(dataset.transient.sum() / dataset.steady.sum()) < 1.0
+
+
+# ---------------------------------------------------------------------------- phasors and gates
+
+
+@pytest.mark.slow
+def test_phasors_of_a_scene(tmp_path, capsys):
+    out = tmp_path / "phasors"
+    tiny = ["--size", "8x6", "--spp", "4"]
+    options = ["--freq", "20e6", "--freq", "50e6", "--out", out, *tiny]
+    assert main([str(each) for each in ("phasor", "cornell_box_flash", *options)]) == 0
+    assert names(out) == {"phasor_20000000Hz.exr", "phasor_50000000Hz.exr", "panel.png"}
+    channels = OpenEXR.File(str(out / "phasor_20000000Hz.exr")).channels()
+    assert set(channels) == {"I", "Q", "amplitude", "phase", "depth"}
+    depth = channels["depth"].pixels
+    assert depth.shape == (6, 8, 3)
+    assert 0 <= depth.min() <= depth.max() < 7.5
+    assert "panel.png" in capsys.readouterr().out
+    again = ["phasor", "cornell_box_flash", *options]  # Its own output is replaced
+    assert main([str(each) for each in again]) == 0
+
+
+@pytest.mark.slow
+def test_phasors_of_a_render(tmp_path, capsys):
+    """Converted from bins, they are those that are rendered, up to what the window lost."""
+    folder, converted, direct = (tmp_path / name for name in ("render", "converted", "direct"))
+    tiny = ["--size", "8x6", "--spp", "16"]
+    window = ["--start-opl", "3", "--bins", "3000", "--bin-width", "0.01", "--no-video"]
+    commands = (
+        ("render", "cornell_box", "--out", folder, *tiny, *window, "--max-depth", "8"),
+        ("phasor", folder, "--freq", "20e6", "--out", converted),
+        ("phasor", "cornell_box", "--freq", "20e6", "--out", direct, *tiny),
+    )
+    for command in commands:
+        assert main([str(each) for each in command]) == 0, capsys.readouterr().err
+    first, second = (
+        OpenEXR.File(str(path / "phasor_20000000Hz.exr")).channels()["I"].pixels
+        for path in (converted, direct)
+    )
+    np.testing.assert_allclose(first, second, atol=0.01 * np.abs(second).max())
+
+
+def test_a_gate(tmp_path):
+    out = tmp_path / "gate"
+    options = ["--at", "5.9", "--size", "16x12", "--spp", "4", "--out", str(out)]
+    assert main(["gate", "cornell_box", *options]) == 0
+    assert names(out) == {"gate.exr", "picture.png"}
+    assert OpenEXR.File(str(out / "gate.exr")).channels()["RGB"].pixels.shape == (12, 16, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["phasor", "cornell_box", "--freq", "0"], "--freq = 0: must be a finite number of hertz"),
+        (["phasor", "cornell_box", "--freq", "nan"], "--freq = nan: must be"),
+        (["phasor", "cornell_box"], "Missing option '--freq'"),
+        (["phasor", "cornel_box", "--freq", "2e7"], "did you mean cornell_box"),
+        (["gate", "cornell_box", "--at", "-1"], "--at = -1: must be 0 m or more"),
+        (["gate", "cornell_box", "--at", "soon"], "--at = 'soon': must be a finite number"),
+        (["gate", "cornell_box", "--at", "1", "--size", "8x8"], "no light arrives then"),
+        (["gate", "cornell_box", "--at", "6", "--spp", "0"], "--spp = 0: must be an integer"),
+    ],
+)
+def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
+    assert text in refused(capsys, *arguments, "--out", tmp_path / "out")
+    assert names(tmp_path) == set()
+
+
+def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):
+    error = refused(capsys, "phasor", tmp_path, "--freq", "2e7", "--out", tmp_path / "out")
+    assert "holds no render" in error

@@ -1,0 +1,122 @@
+"""`tofrender capture` and `tofrender reconstruct`: from a hidden scene to its picture."""
+
+from __future__ import annotations
+
+import numpy as np
+import peer_scenes
+import pytest
+from test_cli import refused, run
+
+import tofrender
+from tofrender.cli.app import main
+from tofrender.cli.nlos import METHODS, MODES
+from tofrender.nlos import METHODS as ALL_METHODS
+from tofrender.nlos import MODES as ALL_MODES
+
+
+@pytest.fixture(scope="module")
+def captured(tmp_path_factory):
+    path = tmp_path_factory.mktemp("capture") / "z.h5"
+    assert main(["capture", "nlos-z", "--grid", "24x24", "--spp", "32", "--out", str(path)]) == 0
+    return path
+
+
+def test_the_options_name_what_there_is():
+    assert set(METHODS) == set(ALL_METHODS)
+    assert set(MODES) == set(ALL_MODES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["lct", "fk"])
+def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
+    out = tmp_path / method
+    for _ in range(2):  # The second time, it replaces its own folder
+        status, told, err = run(capsys, "reconstruct", captured, "--method", method, "--out", out)
+        assert (status, err) == (0, "")
+        assert f"{out}: volume.npz, brightness.exr, depth.exr, volume.png; median depth " in told
+    depth = float(told.split()[-2])
+    assert depth == pytest.approx(1.0, abs=0.02)
+    names = {"volume.npz", "brightness.exr", "depth.exr", "volume.png"}
+    assert {path.name for path in out.iterdir()} == names
+    with np.load(out / "volume.npz") as volume:
+        brightness = volume["intensity"].max(axis=0)
+        assert brightness.shape == (24, 24)
+    # The letter's corners are bright, the notches beside its diagonal are not
+    seen = brightness / brightness.max()
+    letter, notch = seen[[8, 8, 15, 15], [8, 15, 8, 15]], seen[[11, 12], [8, 15]]
+    assert letter.min() > 0.3 > notch.max()
+
+
+def test_modes_are_told(tmp_path, capsys):
+    path = tmp_path / "single.h5"
+    options = ["--mode", "single", "--grid", "4x3", "--spp", "1", "--out", path]
+    status, out, _ = run(capsys, "capture", "nlos-z", *options)
+    assert (status, out) == (0, f"{path}: single, 4x3 points, 300 bins of 6 mm\n")
+    assert tofrender.load_capture(path).attrs["mode"] == "single"
+    text = refused(capsys, "reconstruct", path, "--method", "lct", "--out", tmp_path / "out")
+    assert "lct" in text
+    assert "allows bp, fbp, phasor" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--mode", "confocl"], "--mode = 'confocl': did you mean 'confocal'? Must be one of"),
+        (["--grid", "64"], "--grid = '64': must be width x height, like 64x64"),
+        (["--grid", "0x8"], "--grid = 0: must be an integer from 1 to 65536"),
+        (["--spp", "0"], "--spp = 0: must be an integer from 1 to 16777216"),
+        (["--out", "missing/z.h5"], "--out = missing/z.h5: its folder does not exist"),
+    ],
+)
+def test_bad_capture(tmp_path, monkeypatch, arguments, text, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert text in refused(capsys, "capture", "nlos-z", "--out", "z.h5", *arguments)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
+    out = tmp_path / "box.h5"
+    arguments = ("capture", "wall-box-sphere-nlos", "--grid", "4x4", "--spp", "2", "--out", out)
+    status, told, err = run(capsys, *arguments)
+    assert err.startswith("warning: sensor: 8 of 16 pixels do not look at the relay wall; they")
+    assert err.count("\n") == 1
+    assert (status, told.strip()) == (0, f"{out}: confocal, 4x4 points, 1000 bins of 10 mm")
+    assert tofrender.load_capture(out)["on_wall"].sum() == 8
+
+
+def test_the_file_is_refused_before_anything_is_rendered(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(tofrender.nlos, "capture", lambda *_, **__: pytest.fail("rendered"))
+    out = tmp_path / "z.txt"
+    said = refused(capsys, "capture", "nlos-z", "--out", out)
+    assert said == f"--out = {out}: must end in .h5 or .hdf5"
+
+
+def test_the_wall_by_its_id(tmp_path, capsys):
+    path = peer_scenes.z_room(tmp_path)
+    out = tmp_path / "room.h5"
+    arguments = ("capture", path, "--grid", "2x2", "--spp", "1", "--wall")
+    assert run(capsys, *arguments, "elm__4", "--out", out)[0] == 0
+    said = refused(capsys, *arguments, "wand", "--out", tmp_path / "no.h5")
+    assert "relay_wall = 'wand': the scene has no such shape; must be one of 'elm__3'" in said
+    assert not (tmp_path / "no.h5").exists()
+
+
+def test_a_scene_without_a_wall(tmp_path, capsys):
+    text = refused(capsys, "capture", "cornell_box", "--out", tmp_path / "c.h5")
+    assert text.startswith("integrator = TransientPath: must be transient_nlos_path or")
+
+
+def test_an_existing_file_stays(captured, capsys):
+    text = refused(capsys, "capture", "nlos-z", "--out", captured)
+    assert text == f"--out = {captured}: exists already; must be a new file"
+
+
+def test_bad_reconstruction(captured, tmp_path, capsys):
+    out = tmp_path / "out"
+    text = refused(capsys, "reconstruct", captured, "--method", "lc", "--out", out)
+    assert text.endswith("Must be one of lct, fk, bp, fbp, phasor")
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(captured.read_bytes()[:2000])
+    assert str(broken) in refused(capsys, "reconstruct", broken, "--out", out)
+    assert "missing.h5" in refused(capsys, "reconstruct", tmp_path / "missing.h5", "--out", out)

@@ -1,0 +1,660 @@
+"""`tofrender grade` on right, broken and hostile submissions: points for what is right, no harm."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import tiny_assignment
+from tiny_assignment import RIGHT
+
+pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
+
+from tofrender.cli import app as cli
+from tofrender.course import grading, processes, sandbox, unpacking
+from tofrender.course.assignments import PACKAGE, find
+from tofrender.course.results import Results, join, read_report
+
+SLEEP_S = 86_399.5  # what a process sleeps that should be ended
+TIME_LIMIT_S, MEMORY_GIB = 40.0, 0.5
+
+
+@pytest.fixture(scope="module")
+def assignment(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("staff") / "a0"
+    return find(tiny_assignment.write(folder, tiny_assignment.FILES))
+
+
+@pytest.fixture(scope="module")
+def grader(assignment):
+    with grading.opened(assignment, time_limit_s=TIME_LIMIT_S, memory_gib=MEMORY_GIB) as grader:
+        yield grader
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A home that stays empty, whatever a submission does."""
+    folder = tmp_path / "home"
+    folder.mkdir()
+    monkeypatch.setenv("HOME", str(folder))
+    return folder
+
+
+@pytest.fixture
+def grade(grader, tmp_path, home):
+    """Grade files or a zip or a folder."""
+
+    def grade(what: dict[str, str] | Path) -> dict:
+        place = what
+        if isinstance(what, dict):
+            place = tiny_assignment.write(tmp_path / "class" / "student", what)
+        content = graded(grader, place, tmp_path)
+        assert content["extra_data"]["max_score"] == 7
+        assert sum(test["max_score"] for test in content["tests"]) == 7
+        assert sum(test["score"] for test in content["tests"]) == content["score"]
+        return content
+
+    return grade
+
+
+def graded(grader: grading.Grader, submission: Path, top: Path) -> dict:
+    """Grade; afterwards nothing of the submission may run, and nothing new may lie around."""
+
+    def state() -> tuple:
+        return (
+            set(psutil.Process().children(recursive=True)),
+            sorted(path for path in top.rglob("*") if path.name != "results.json"),
+            sorted(grader.scratch.iterdir()),
+            sorted(Path("/dev/shm").iterdir()) if Path("/dev/shm").is_dir() else [],
+        )
+
+    before = state()
+    grader.grade(submission, top / "results.json")
+    assert state() == before
+    assert not sleepers()
+    return json.loads((top / "results.json").read_text())
+
+
+def sleepers(what: str = f"sleep {SLEEP_S}") -> list[psutil.Process]:
+    """Processes of submissions that should have been ended."""
+    processes = psutil.process_iter(["cmdline"])
+    return [p for p in processes if " ".join(p.info["cmdline"] or []).startswith(what)]
+
+
+def points(content: dict) -> list[float]:
+    return list(content["extra_data"]["problems"].values())
+
+
+def outputs(content: dict) -> str:
+    return "\n".join(test["output"] for test in content["tests"])
+
+
+# ------------------------------------------------------------------------------- submissions
+
+
+@pytest.mark.slow
+def test_right_submission(grade, tmp_path):
+    content = grade(RIGHT)
+    assert points(content) == [3, 4, 0]
+    assert content["score"] == 7
+    assert [test["status"] for test in content["tests"]] == ["passed"] * 4 + ["failed"]
+    assert content["tests"][1]["visibility"] == "after_published"
+    assert "missing" in content["tests"][4]["output"]
+    assert content["extra_data"]["complete"]
+    assert content["extra_data"]["summary"] == ""
+
+
+@pytest.mark.slow
+def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
+    np.savez(tmp_path / "x.npz", x=[1.0, 2.0])
+    files: dict = RIGHT | {"deliverables/x.npz": (tmp_path / "x.npz").read_bytes()}
+    entries = {f"Müller, Ana/{name}": content for name, content in files.items()}
+    entries |= {"__MACOSX/._add.py": "junk", ".DS_Store": "junk", "Müller, Ana/notes/": ""}
+    content = grade(make_zip(tmp_path / "ana.zip", entries))
+    assert points(content) == [3, 4, 0.5]
+    assert content["score"] == 7.5
+
+
+@pytest.mark.slow
+def test_wrong_parts_say_what_came(grade):
+    add = "def add(a, b):\n    return a + b if getattr(a, 'size', 1) < 3 else a\n"
+    content = grade({"add.py": add, "mean.py": "def mean(x):\n    return sum(x.tolist())\n"})
+    assert points(content) == [1, 1, 0]  # a test with a failing case gives nothing
+    assert content["tests"][1]["output"].startswith("case 5: ")
+    assert "the mean" in content["tests"][2]["output"]
+    assert content["extra_data"]["summary"].startswith("a0.add: case 5")
+
+
+ADD = "def add(a, b):\n    return a + b\n"
+
+BOMB = f"""
+import os
+for _ in range(25):
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork():
+            os._exit(0)
+        os.execvp("sleep", ["sleep", "{SLEEP_S}"])
+"""
+
+PATCHES = """
+import json, numpy, pytest
+import tofrender.course.wire
+from tofrender.course import expect
+true = lambda *_, **__: True
+numpy.allclose = numpy.all = numpy.array_equal = numpy.abs = true
+expect.close = expect.Failure = pytest.fail = json.dumps = true
+tofrender.course.judge = None
+def add(a, b):
+    return 0
+"""
+
+JUNK = """
+import os, pathlib
+for folder, _, _ in os.walk(os.environ["TMPDIR"]):
+    for number in range(9):
+        try:
+            pathlib.Path(folder, f"answer-{number}.npz").write_bytes(b"PK\\3\\4 junk" * 100)
+        except OSError:
+            pass
+def add(a, b):
+    return 0
+"""
+
+DEEP = """
+import os
+os.chdir(os.environ["TMPDIR"])
+for _ in range(3000):
+    os.mkdir("deep")
+    os.chdir("deep")
+"""
+
+OUTSIDE = """
+import os, pathlib
+here = pathlib.Path(__file__)
+top = here.parents[1]
+questions = pathlib.Path(os.environ["TMPDIR"]).parent / "questions"
+places = [here.parent, top, questions, pathlib.Path("@TOP@"), pathlib.Path("/tmp"),
+          pathlib.Path("/dev/shm"), top.parent / "edition",
+          *top.glob("a0_*/report"), *top.glob("a0_*/judging/tests")]
+assert len(places) == 9, places
+done = []
+for place in places:
+    for what in (lambda p: p.write_text("x"), lambda p: p.mkdir(), lambda p: p.symlink_to("/")):
+        try:
+            what(place / "hostile")
+            done.append(str(place))
+        except OSError:
+            pass
+assert not done, done
+os.kill(os.getppid(), 9)
+"""
+
+LINKS = """
+import os, pathlib
+answers = pathlib.Path(os.environ["TMPDIR"]).parent / "answers"
+for name in ("1.npz.part", "2.npz.part", "1.npz"):
+    (answers / name).symlink_to("@TOP@/victim")
+os._exit(1)
+"""
+
+HOSTILE = {
+    "right": (ADD, 1, ""),
+    "exits at import": ("import os\nos._exit(0)\n", 0, "ended itself with status 0"),
+    "calls sys.exit": ("import sys\nsys.exit(0)\n", 0, "sys.exit(0)"),
+    "syntax error": ("def add(a, b)\n    return a + b\n", 0, "SyntaxError in line 1"),
+    "not written": ("def add(a, b):\n    raise NotImplementedError\n", 0, "not written yet"),
+    "missing file": (None, 0, ".py is missing"),
+    "segfault": ("import ctypes\ndef add(a, b):\n    ctypes.string_at(8)\n", 0, "SIGSEGV"),
+    "fork bomb in sessions of their own": (BOMB + ADD, 1, ""),
+    "right after the bomb": (ADD, 1, ""),
+    "patches the judge's modules": (PATCHES, 0, ""),
+    "junk for an answer": (JUNK, 0, ""),
+    "withheld module": (
+        "from tofrender.nlos.light.corner import *\n" + ADD,
+        0,
+        "tofrender.nlos.light.corner is not part of the student edition",
+    ),
+    "100 MB of output": (
+        "import sys\ndef add(a, b):\n    sys.stdout.write('x' * 100_000_000)\n    return a + b\n",
+        1,
+        "",
+    ),
+    "10 GB in parts": (
+        "import numpy as np\n"
+        "def add(a, b):\n    return [np.ones(1 << 26, np.uint8) for _ in range(160)]\n",
+        0,
+        "; the process was ended",
+    ),
+    "closes its outputs": (
+        "import os, sys\nsys.stdout.close()\nos.closerange(0, 3)\n" + ADD,
+        1,
+        "",
+    ),
+    "endless loop": ("def add(a, b):\n    while True: pass\n", 0, "no answer within 6 s"),
+    "right at the end": (ADD, 1, ""),
+}
+
+CONFINED = {
+    "reads the reference": ("open('@PACKAGE@/corner.py')\n" + ADD, 0, "PermissionError"),
+    "reads a solution": ("open('@TOP@/staff/solutions/p0.py')\n" + ADD, 0, "PermissionError"),
+    "writes and kills outside": (OUTSIDE + ADD, 0, "PermissionError: [Errno 1]"),
+    "right after them": (ADD, 1, ""),
+}
+if not sandbox.missing_protections():
+    HOSTILE |= CONFINED
+
+SLOW = {
+    "kills itself": ("import os\ndef add(a, b):\n    os.kill(os.getpid(), 9)\n", 0, "SIGKILL"),
+    "recursion": ("def add(a, b):\n    return @NAME@(a, b)\n", 0, "RecursionError"),
+    "deep folders": (DEEP + ADD, 1, ""),
+    "links where the judge reads": (LINKS, 0, "the answer is a link to another file"),
+    "10 GB at once": (
+        "import numpy as np\ndef add(a, b):\n    return np.ones(10 << 30, np.uint8)\n",
+        0,
+        "emory",
+    ),
+    "endless loop at import": ("while True: pass\n", 0, "no answer within"),
+    "endless kernel": (
+        "import drjit as dr, mitsuba as mi\n"
+        "def add(a, b):\n"
+        "    i = dr.arange(mi.UInt32, 1024)\n"
+        "    (i,) = dr.while_loop((i,), lambda i: i < 2**31, lambda i: ((i + 1) & 1023,))\n"
+        "    return i.numpy()\n",
+        0,
+        "no answer within 6 s",
+    ),
+    "scatter out of range": (
+        "import drjit as dr, mitsuba as mi\n"
+        "def add(a, b):\n"
+        "    x = dr.zeros(mi.Float, 8)\n"
+        "    dr.scatter(x, mi.Float(1.0), mi.UInt32(1 << 30))\n"
+        "    return x.numpy()\n",
+        0,
+        "SIGSEGV",
+    ),
+    "unbounded recursion": (
+        "import sys\nsys.setrecursionlimit(10**9)\n"
+        "class A:\n    def __getattr__(self, n):\n        return getattr(self, n + 'x')\n"
+        "def add(a, b):\n    return A().x\n",
+        0,
+        "",
+    ),
+    "stopped": (
+        "import os, signal\ndef add(a, b):\n    os.kill(os.getpid(), signal.SIGSTOP)\n",
+        0,
+        "no answer within 6 s",
+    ),
+    "right": (ADD, 1, ""),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
+def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
+    """All in one submission, where each could harm those after it."""
+    staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(list(set_of)))
+    files = {}
+    for number, (text, _, _) in enumerate(set_of.values()):
+        if text is not None:
+            text = text.replace("def add(", f"def add{number}(").replace("@NAME@", f"add{number}")
+            text = text.replace("@TOP@", str(tmp_path)).replace("@PACKAGE@", str(PACKAGE))
+            files[f"p{number}.py"] = text
+    student = tiny_assignment.write(tmp_path / "class" / "student", files)
+    (tmp_path / "victim").write_text("as it was")
+    with grading.opened(find(staff), time_limit_s=400, memory_gib=MEMORY_GIB) as grader:
+        content = graded(grader, student, tmp_path)
+    wrong = [
+        f"{name}: {test['score']}, {test['output']}"
+        for (name, (_, points, reason)), test in zip(set_of.items(), content["tests"], strict=True)
+        if test["score"] != points or reason not in test["output"]
+    ]
+    assert not wrong
+    assert (tmp_path / "victim").read_text() == "as it was"
+    assert content["extra_data"]["max_score"] == len(set_of)
+    assert content["execution_time"] < 400
+    assert len(json.dumps(content)) < 100_000
+
+
+@pytest.mark.slow
+def test_own_judge_and_modules_change_nothing(grade):
+    always = "import pytest\n@pytest.fixture\ndef submission():\n    pytest.skip('fine')\n"
+    modules = ("json.py", "numpy.py", "mitsuba.py", "tofrender.py", "pytest.py", "random.py")
+    own = {
+        "conftest.py": always,
+        "pytest.ini": "[pytest]\naddopts = --collect-only\n",
+        "rubric.toml": "[assignment]\nid = 'a0'\ntitle = 'mine'\n",
+        "results.json": '{"score": 100}',
+        "sitecustomize.py": "raise SystemExit(0)\n",
+        "tests/test_add.py": "def test_numbers():\n    pass\n",
+        "probes.py": "def add(*_, **__):\n    return 5\n",
+        "add.py": "def add(a, b):\n    return 0\n",
+    }
+    bad = dict.fromkeys(modules, "raise SystemExit('not this one')\n")
+    assert points(grade(RIGHT | bad | own)) == [0, 4, 0]
+
+
+# -------------------------------------------------------------------------------------- zips
+
+
+def make_zip(
+    path: Path, entries: dict[str, str | bytes], links: dict[str, str] | None = None
+) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in entries.items():
+            archive.writestr(name, text)
+        for name, target in (links or {}).items():
+            info = zipfile.ZipInfo(name)
+            info.create_system, info.external_attr = 3, 0o120777 << 16
+            archive.writestr(info, target)
+    return path
+
+
+BAD_ZIPS = {
+    "parent": ({"../add.py": "x"}, {}, "'../add.py', which lies outside"),
+    "backslashes": ({"..\\add.py": "x"}, {}, "lies outside"),
+    "absolute": ({"/etc/add.py": "x"}, {}, "lies outside"),
+    "drive": ({"C:/add.py": "x"}, {}, "lies outside"),
+    "link": ({}, {"add.py": "/etc/passwd"}, "a link or a device"),
+    "link to a folder": ({}, {"deliverables": "/etc"}, "a link or a device"),
+    "long name": ({"x" * 300 + ".py": "x"}, {}, "too many"),
+    "file and folder": ({"deliverables/x.py/y": "", "deliverables/x.py": ""}, {}, "as a folder"),
+    "odd name": ({"a\x1b[2Jdd.py": "x"}, {}, "odd characters"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ZIPS)
+def test_bad_zip_gives_nothing_and_a_reason(tmp_path, name):
+    entries, links, reason = BAD_ZIPS[name]
+    path = make_zip(tmp_path / "x.zip", RIGHT | entries if not links else entries, links)
+    with pytest.raises(unpacking.BadSubmission, match=reason.replace(".", "[.]")):
+        unpacking.take(path, ["*.py", "deliverables/*", "*/*/*"], tmp_path / "taken")
+    assert not (tmp_path / "taken").exists()
+
+
+@pytest.mark.slow
+def test_bad_zip_through_grade(grade, tmp_path):
+    path = tmp_path / "x.zip"
+    path.write_bytes(b"PK\x03\x04 no zip at all")
+    content = grade(path)
+    assert content["score"] == 0
+    assert "the submission cannot be read: " in content["output"]
+    assert content["extra_data"]["complete"]
+
+
+def test_expansion_is_counted_as_it_comes(tmp_path, monkeypatch):
+    monkeypatch.setattr(unpacking, "MAX_BYTES", 1 << 20)
+    path = make_zip(tmp_path / "x.zip", {"add.py": "0" * (50 << 20)})
+    lying = path.read_bytes().replace((50 << 20).to_bytes(4, "little"), (9).to_bytes(4, "little"))
+    for data in (path.read_bytes(), lying):
+        path.write_bytes(data)
+        with pytest.raises(
+            unpacking.BadSubmission, match=r"unpacks to more than 1 MiB|cannot be read"
+        ):
+            unpacking.take(path, ["*.py"], tmp_path / f"taken{data is lying}")
+
+
+@pytest.mark.slow
+def test_zip_of_a_gigabyte(grade, tmp_path):
+    path = tmp_path / "x.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in RIGHT.items():
+            archive.writestr(name, text)
+        with archive.open("deliverables/x.npz", "w") as file:
+            for _ in range(1024):
+                file.write(bytes(1 << 20))
+    content = grade(path)
+    assert content["score"] == 0
+    assert "unpacks to more than 512 MiB" in content["output"]
+
+
+def test_zip_of_many_or_double_or_encrypted_files(tmp_path):
+    many = make_zip(tmp_path / "many.zip", {f"{i}.py": "" for i in range(2001)})
+    huge = make_zip(tmp_path / "huge.zip", {f"{i}{'x' * 200}.py": "" for i in range(5000)})
+    for path in (many, huge):
+        with pytest.raises(unpacking.BadSubmission, match="more than 2000"):
+            unpacking.take(path, ["*.py"], tmp_path / "taken")
+    double = tmp_path / "double.zip"
+    with zipfile.ZipFile(double, "w") as archive:
+        archive.writestr("add.py", "1")
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr("add.py", "2")
+    with pytest.raises(unpacking.BadSubmission, match="twice"):
+        unpacking.take(double, ["*.py"], tmp_path / "taken")
+    locked = make_zip(tmp_path / "locked.zip", {"add.py": "1"})
+    data = bytearray(locked.read_bytes())
+    data[6] |= 1
+    data[data.index(b"PK\x01\x02") + 8] |= 1
+    locked.write_bytes(data)
+    with pytest.raises(unpacking.BadSubmission, match="encrypted"):
+        unpacking.take(locked, ["*.py"], tmp_path / "taken")
+
+
+def test_folder_with_links_and_pipes(tmp_path):
+    folder = tiny_assignment.write(tmp_path / "student", RIGHT | {"notes/old/add.py": ""})
+    (folder / "link.py").symlink_to("/etc/passwd")
+    (folder / "deliverables").symlink_to("/etc")
+    os.mkfifo(folder / "pipe.py")
+    assert unpacking.take(folder, ["*.py", "deliverables/*"], tmp_path / "taken") == [
+        "add.py",
+        "mean.py",
+    ]
+
+
+# ----------------------------------------------------------------------------------- results
+
+
+def test_report_that_was_cut_off(assignment, tmp_path):
+    problem = assignment.rubric.problems[0]
+    line = {"case": "", "outcome": "passed", "text": "", "seconds": 0.1}
+    lines = [line | {"id": "test_add.py::test_numbers"}, line | {"id": "test_add.py::test_arrays"}]
+    path = tmp_path / "lines.json"
+    path.write_text("".join(json.dumps(each) + "\n" for each in lines) + '{"id": "test_a')
+    assert read_report(path) == lines
+    whole = join(problem, lines, True, "")
+    assert [verdict.passed for verdict in whole.values()] == [True, True]
+    cut = join(problem, lines, False, "took too long")
+    assert [verdict.passed for verdict in cut.values()] == [True, False]
+    assert cut["test_add.py::test_arrays"].reason == "took too long"
+    skipped = join(problem, [lines[0] | {"outcome": "skipped"}], True, "")
+    assert [verdict.passed for verdict in skipped.values()] == [False, False]
+
+
+def test_results_are_zero_at_first(assignment, tmp_path):
+    Results(assignment.rubric).write(tmp_path / "results.json")
+    content = json.loads((tmp_path / "results.json").read_text())
+    assert content["score"] == 0
+    assert len(content["tests"]) == 5
+    assert not content["extra_data"]["complete"]
+
+
+# ----------------------------------------------------------------------------------- a class
+
+
+def table_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_class_is_graded_and_gone_on_with(tmp_path, home):
+    staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
+    right = "def add0(a, b):\n    return a + b\n"
+    folder = tmp_path / "class"
+    tiny_assignment.write(folder / "=ana", {"p0.py": right})
+    make_zip(folder / "ben.zip", {"add.py": right})
+    (folder / "notes.txt").write_text("no submission")
+    out, table, said = folder / "results", tmp_path / "grades.csv", []
+    with grading.opened(staff) as grader:
+        grading.grade_all(grader, folder, table, out, said.append)
+        rows = table_rows(table)
+        assert list(rows[0]) == ["submission", "total", "a0.p0", "reason"]
+        assert [row["submission"] for row in rows] == ["'=ana", "ben.zip"]
+        assert [row["total"] for row in rows] == ["1", "0"]
+        assert rows[0]["reason"] == ""
+        assert "p0.py is missing" in rows[1]["reason"]
+        assert said[0].startswith("[1/2] =ana: 1 of 1 points")
+
+        before = table.read_text()
+        grading.grade_all(grader, folder, table, out, said.append)
+        assert all(line.endswith("graded before") for line in said[2:])
+        assert table.read_text() == before
+
+        (folder / "=ana" / "p0.py").unlink()
+        results = json.loads((out / "ben.zip.json").read_text())
+        results["extra_data"]["complete"] = False  # as an interrupted run leaves it
+        (out / "ben.zip.json").write_text(json.dumps(results))
+        grading.grade_all(grader, folder, table, out, said.append)
+        assert not any(line.endswith("graded before") for line in said[4:])
+        assert [row["total"] for row in table_rows(table)] == ["0", "0"]
+
+
+@pytest.mark.slow
+def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
+    place = tmp_path / "tmp"
+    place.mkdir()
+    monkeypatch.setenv("TMPDIR", str(place))
+    endless = f"import os\nos.system('sleep {SLEEP_S} &')\nwhile True: pass\n"
+    folder = tiny_assignment.write(tmp_path / "student", RIGHT | {"add.py": endless})
+    out = tmp_path / "results.json"
+    words = ["grade", str(assignment.folder), "--submission", str(folder), "-o", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tofrender", *words], stderr=subprocess.PIPE, text=True
+    )
+    for _ in range(600):
+        if sleepers():
+            break
+        time.sleep(0.1)
+    assert sleepers()
+    process.terminate()
+    assert process.communicate(timeout=60)[1] == "error: interrupted; what is graded is kept\n"
+    assert process.returncode == 130
+    assert not sleepers()
+    assert json.loads(out.read_text())["score"] == 0
+    assert not list(place.iterdir())
+
+
+@pytest.mark.slow
+def test_twenty_submissions_use_constant_memory(tmp_path, home):
+    staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
+    for number in range(20):
+        right = {"p0.py": "def add0(a, b):\n    return a + b\n"}
+        tiny_assignment.write(tmp_path / "class" / f"{number:02}", right)
+    table, used = tmp_path / "grades.csv", []
+
+    def look(_: str) -> None:
+        used.append(psutil.Process().memory_info().rss)
+
+    with grading.opened(staff) as grader:
+        grading.grade_all(grader, tmp_path / "class", table, tmp_path / "out", look)
+    assert [row["total"] for row in table_rows(table)] == ["1"] * 20
+    assert used[-1] - used[2] < 2 << 20
+
+
+# ------------------------------------------------------------------------------ the processes
+
+
+def test_run_ends_only_what_is_below_it(tmp_path):
+    other = subprocess.Popen(["sleep", str(SLEEP_S)])
+    try:
+        ended = processes.run(
+            ["sh", "-c", f"(setsid sleep {SLEEP_S}1 &) ; echo begun; sleep 60"],
+            timeout_s=1,
+            memory_bytes=1 << 30,
+            cwd=tmp_path,
+            env=dict(os.environ),
+        )
+        assert ended.reason == "took more than 1 s"
+        assert ended.output == "begun\n"
+        assert ended.seconds < 10
+        assert other.poll() is None
+        assert not sleepers(f"sleep {SLEEP_S}1")
+    finally:
+        other.kill()
+        other.wait()
+
+
+HIDING = """
+import os, sys, time
+if os.fork() == 0:
+    os.setsid()
+    if os.fork():
+        os._exit(0)
+    {what}
+    time.sleep(600)
+time.sleep(30)
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("x = b'x' * (400 << 20)", "used more than 0.25 GiB of memory"),
+        ("[os.fork() for _ in range(8)]", "started more than 200 processes"),
+    ],
+)
+def test_run_sees_what_hides(tmp_path, what, reason):
+    ended = processes.run(
+        [sys.executable, "-I", "-S", "-c", HIDING.format(what=what)],
+        timeout_s=25,
+        memory_bytes=1 << 28,
+        cwd=tmp_path,
+        env={},
+    )
+    assert ended.reason == reason
+    assert ended.seconds < 20
+
+
+def test_environment_keeps_no_secrets(monkeypatch, tmp_path):
+    monkeypatch.setenv("SECRET_TOKEN", "x")
+    environment = grading._environment(tmp_path, tmp_path)
+    assert "SECRET_TOKEN" not in environment
+    assert environment["HOME"] == str(tmp_path / "home")
+
+
+# -------------------------------------------------------------------------------- the command
+
+
+@pytest.mark.slow
+def test_grade_command(tmp_path, capsys, home):
+    staff = tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"]))
+    folder = tiny_assignment.write(tmp_path / "student", {"p0.py": "def add0(a, b): return a + b"})
+    out = tmp_path / "results.json"
+    words = ["grade", str(staff), "--submission", str(folder), "-o", str(out)]
+    assert cli.main(words) == 0
+    assert capsys.readouterr().out.startswith(f"a0.p0: 1 of 1\n{out}: 1 of 1 points, ")
+    assert json.loads(out.read_text())["score"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("a0", "--submission and --all: must be exactly one of them"),
+        ("a0 --submission nowhere -o r.json", "--submission = nowhere: must be a folder or a zip"),
+        ("a0 --submission . ", "--out: must be the file to write"),
+        ("a0 --submission . -o .", "--out = .: is a folder"),
+        ("a0 --submission . -o r.json --csv x.csv", "--csv = x.csv: must be left out"),
+        ("a0 --all nowhere --csv x.csv", "--all = nowhere: is no folder"),
+        ("a0 --all . ", "--csv: must be the file to write"),
+        ("a0 --all . --csv .", "--csv = .: is a folder"),
+        ("nothing --submission . -o r.json", "ASSIGNMENT = nothing: must be one of"),
+        ("a0 --submission . -o r.json --time-limit 0", "--time-limit = 0: must be a number from"),
+        ("a0 --submission . -o r.json --memory nan", "--memory = nan: must be a number from 1"),
+    ],
+)
+def test_bad_use_in_one_line(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["grade", *words.split()]) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith(f"error: {message}")
+    assert shown.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())

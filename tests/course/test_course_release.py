@@ -1,0 +1,576 @@
+"""Release, start, submit and verify: what students get, what they do not, what must hold before."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import course_assignment
+import mitsuba as mi
+import pytest
+import typer
+
+import tofrender
+from tofrender.cli import app as cli
+from tofrender.cli import course as cli_course
+from tofrender.course import (
+    assignments,
+    edition,
+    material,
+    mutants,
+    notebooks,
+    rubric,
+    running,
+    structure,
+    submit,
+    verify,
+    worker,
+)
+from tofrender.course.dependents import dependents
+from tofrender.course.release import release
+from tofrender.course.start import start
+
+
+@pytest.fixture
+def tiny(tmp_path) -> assignments.Assignment:
+    return course_assignment.write(tmp_path / "a0_tiny")
+
+
+@pytest.fixture(scope="module")
+def released(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("released")
+    return release(course_assignment.write(folder / "a0_tiny"), folder / "dist")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Exit status, stdout and stderr of a command."""
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.callback()(lambda: None)
+    for command in (cli_course.release, cli_course.verify, cli_course.start, cli_course.submit):
+        app.command()(command)
+    monkeypatch.setattr(cli, "app", app)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        status = cli.main(list(map(str, arguments)))
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def in_edition(folder: Path, script: str) -> str:
+    """What a script prints that sees the edition."""
+    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", script],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return result.stdout
+
+
+# ------------------------------------------------------------------------------------- release
+
+
+@pytest.mark.slow
+def test_released_folder(released):
+    files = {str(path.relative_to(released)) for path in released.rglob("*") if path.is_file()}
+    top = {name for name in files if not name.startswith("package/")}
+    assert top == {"README.md", "exercises.md", "figures/one.png"}
+    inside = "package/tofrender/course/material/a0_tiny/"
+    assert {name.removeprefix(inside) for name in files if name.startswith(inside)} == {
+        *("README.md", "exercises.md", "figures/one.png", "notebook.py", "pytest.ini"),
+        *("rubric.toml", "starter/pulse.py", "starter/wrapping.py"),
+        *("tests/probes.py", "tests/test_pulse.py", "tests/test_range.py"),
+    }
+    for gone in ("pulses.py", "corner.py", "analysis/phasors.py", "analysis/correlation.py"):
+        assert f"package/tofrender/{gone}" not in files
+    assert "package/tofrender/py.typed" in files
+    readme = (released / "README.md").read_text()
+    assert "> **Problem a0.pulse: A pulse**" in readme
+    assert "| 5.5 | `pulse.py` | `pytest -m a0_pulse` | 10 s |" in readme
+    assert "| 4 bonus |" in readme
+    assert "It uses your a0.pulse." in readme
+
+
+@pytest.mark.slow
+def test_pip_can_read_it(released):
+    project = tomllib.loads((released / "package" / "pyproject.toml").read_text())["project"]
+    whole = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    assert project["version"] == f"{tofrender.__version__}+a0"
+    assert project["dependencies"] == whole["dependencies"]
+    assert project["optional-dependencies"]["course"] == whole["optional-dependencies"]["course"]
+    assert project["scripts"] == whole["scripts"]
+
+
+def test_names_say_the_problem(released):
+    script = """
+import tofrender, tofrender.analysis
+for statement in (
+    "from tofrender import GaussianPulse", "tofrender.GaussianPulse",
+    "from tofrender.signals.pulses import BoxPulse", "import tofrender.nlos.light.corner",
+    "from tofrender.analysis import unambiguous_range", "from tofrender import TransientPath",
+    "tofrender.render('cornell_box', spp=1)",
+):
+    try:
+        exec(statement)
+    except ImportError as error:
+        print(error)
+print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
+"""
+    pulse, integrator = "yours to write: problem a0.pulse", "tofrender.integrators.transient_path"
+    assert in_edition(released / "package", script).splitlines() == [
+        f"tofrender.GaussianPulse is {pulse}",
+        f"tofrender.GaussianPulse is {pulse}",
+        f"tofrender.signals.pulses is {pulse}",
+        "tofrender.nlos.light.corner is not part of the student edition",
+        "tofrender.analysis.unambiguous_range is yours to write: problem a0.range",
+        f"tofrender.TransientPath: {integrator} is not part of the student edition",
+        f"integrator = 'transient_path': {integrator} is not part of the student edition",
+        f"{tofrender.__version__}+a0 299792458.0",
+    ]
+
+
+def test_release_overwrites_nothing(tiny, tmp_path, run):
+    place = tmp_path / "dist" / "a0_tiny"
+    place.mkdir(parents=True)
+    (place / "mine").write_text("x")
+    status, _, said = run("release", tiny.folder, "-o", tmp_path / "dist")
+    assert status == 2
+    assert said == f"error: {place}: exists; must be a new folder, nothing is overwritten\n"
+    assert [path.name for path in place.parent.rglob("*")] == ["a0_tiny", "mine"]
+
+
+@pytest.mark.slow
+def test_release_fails_closed(tiny, tmp_path, run):
+    source = (assignments.PACKAGE / "corner.py").read_text()
+    probes = tiny.folder / "tests" / "probes.py"
+    probes.write_text(probes.read_text() + "\n\n" + source.replace("# ", "# Changed: "))
+    status, out, said = run("release", tiny.folder, "-o", tmp_path / "dist")
+    assert (status, out) == (1, "")
+    where = "tofrender/course/material/a0_tiny/tests/probes.py"
+    assert said.startswith(f"error: {where}: ")
+    assert "of tofrender/corner.py, which is withheld" in said
+    assert list((tmp_path / "dist").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
+    folder = tmp_path / "edition"
+    edition.copy(tiny, folder)
+    (folder / "tofrender" / "withheld.json").write_text('{"modules": {}}')
+    (folder / "tofrender" / "pulses.py").write_text("class BoxPulse:\n    pass\n")
+    (folder / "tofrender" / "course" / "test_a_staff.py").write_text("")
+    assert edition.leaks(tiny, folder) == [
+        "tofrender/pulses.py: tofrender.signals.pulses is withheld",
+        "tofrender/course/test_a_staff.py: is the staff's",
+    ]
+    assert edition.leaks(tiny, released) == []
+    (folder / "tofrender" / "pulses.py").unlink()
+    assert edition.look(tiny, folder)[0].startswith("the edition cannot be looked at: ")
+
+
+def test_withheld_modules_must_exist(tiny, tmp_path):
+    text = course_assignment.FILES["rubric.toml"].replace(
+        "tofrender.nlos.light.corner", "tofrender.conrer"
+    )
+    course_assignment.put(tiny.folder, "rubric.toml", text)
+    with pytest.raises(ValueError, match=r"withheld module tofrender\.conrer: does not exist"):
+        edition.build(tiny, tmp_path / "edition")
+
+
+@pytest.mark.slow
+def test_dependents():
+    assert dependents(["tofrender.rendering.arrivals"]) == {
+        "tofrender.nlos.capturing": "tofrender.rendering.renderer",
+        "tofrender.rendering.renderer": "tofrender.rendering.arrivals",
+    } | dependents(["tofrender.rendering.renderer"])
+    assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli"}
+    with_pulses = dependents(["tofrender.signals.pulses"])
+    assert "tofrender.integrators.path_tracer" in with_pulses
+    assert not {"tofrender", "tofrender.films.transient", "tofrender.paths.endpoints"} & set(
+        with_pulses
+    )
+
+
+@pytest.mark.parametrize("name", ["analysis", "io", "nlos", "sampling", "vis"])
+def test_packages_import_their_names_on_demand(name):
+    package = importlib.import_module(f"tofrender.{name}")
+    assert set(package.__all__) <= set(dir(package))
+    for each in package.__all__:
+        assert getattr(package, each) is not None
+    with pytest.raises(AttributeError, match=f"module 'tofrender.{name}' has no attribute 'x'"):
+        package.x  # noqa: B018
+
+
+# ------------------------------------------------------------------------------------ material
+
+
+def test_rubric_of_students(tiny, tmp_path):
+    material.write(tiny, tmp_path)
+    theirs = rubric.read(tmp_path)
+    assert [test.id for test in theirs.problems[0].tests] == [
+        "test_pulse.py::test_area",
+        "test_pulse.py::test_fall_off",
+        "test_pulse.py::test_peak",
+    ]
+    assert theirs.points == tiny.rubric.points == 5.5
+    again = tmp_path / "again"
+    again.mkdir()
+    material.write(assignments.Assignment(tmp_path), again)
+    for name in ("rubric.toml", "README.md"):
+        assert (again / name).read_text() == (tmp_path / name).read_text()
+
+
+def test_toml_is_read_as_it_was_written():
+    content = {
+        "assignment": {"id": 'a"0\\', "number": 3, "bonus": True, "list": ["é", "b"], "e": []},
+        "problem": [{"title": "1", "tests": [{"id": "x", "points": 0.5}]}, {"tests": []}],
+    }
+    assert tomllib.loads(material.toml(content)) == content
+
+
+def test_handout_names_only_problems(tiny):
+    with pytest.raises(ValueError, match=r"\[\[a0\.pluse\]\]: the rubric has no such problem"):
+        material.handout("[[a0.pluse]]\n", tiny.rubric)
+    assert material.handout("see [[a0.pulse]] here", tiny.rubric) == "see [[a0.pulse]] here"
+
+
+def test_assignment_that_does_not_exist(run):
+    status, _, said = run("start", "a99", "x")
+    assert status == 2
+    assert said.startswith("error: ASSIGNMENT = a99: must be one of ")
+
+
+# --------------------------------------------------------------------------------------- start
+
+
+def test_students_folder(tiny, tmp_path, run):
+    folder = tmp_path / "my-a0"
+    status, out, said = run("start", tiny.folder, folder)
+    assert (status, said) == (0, "")
+    assert "pytest -m a0_pulse" in out
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *(".tofrender-cells.json", "README.md", "exercises.md", "figures", "notebook.ipynb"),
+        *("pulse.py", "pytest.ini", "rubric.toml", "tests", "wrapping.py"),
+    ]
+    assert (folder / "pytest.ini").read_text().endswith("\nsubmission = .\n")
+    assert sorted(path.name for path in (folder / "tests").iterdir()) == [
+        "probes.py",
+        "test_pulse.py",
+        "test_range.py",
+    ]
+    cells = json.loads((folder / "notebook.ipynb").read_text())["cells"]
+    sources = ["".join(cell["source"]) for cell in cells]
+    assert sources[1].startswith("%load_ext tofrender.course.notebooks\n")
+    stub = (tiny.starter / "pulse.py").read_text()
+    assert sources[2] == f"%%solution pulse.py\n{stub.rstrip()}"
+    status, _, said = run("start", tiny.folder, folder)
+    assert status == 2
+    assert "is not empty; must be a new folder, or an empty one" in said
+
+
+def test_start_takes_an_empty_folder_but_not_the_current_one(tiny, tmp_path, monkeypatch):
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    with pytest.raises(FileExistsError, match="is the current folder; must be one inside it"):
+        start(tiny, Path("."))
+    monkeypatch.chdir(tmp_path)
+    assert (start(tiny, folder) / "pulse.py").is_file()
+
+
+# -------------------------------------------------------------------------------------- submit
+
+
+@pytest.fixture
+def student(tiny, tmp_path) -> Path:
+    return start(tiny, tmp_path / "my-a0")
+
+
+def test_archive(tiny, student, tmp_path):
+    (student / "notes.txt").write_text("mine")
+    (student / "pulse.py").write_text("# mine\n")
+    handed = submit.pack(tiny, student, tmp_path / "my-a0.zip")
+    assert handed.files == ("notebook.ipynb", "pulse.py", "wrapping.py")
+    assert handed.missing == ("deliverables/*",)
+    assert handed.unchanged == ("wrapping.py",)
+    with zipfile.ZipFile(handed.archive) as archive:
+        assert tuple(archive.namelist()) == handed.files
+        assert archive.read("pulse.py") == b"# mine\n"
+    first = handed.archive.read_bytes()
+    os.utime(student / "pulse.py", (1e9, 1e9))
+    assert submit.pack(tiny, student, tmp_path / "my-a0.zip").archive.read_bytes() == first
+
+
+def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
+    (student / "wrapping.py").unlink()
+    assert submit.check(tiny, student)[1] == ["deliverables/*", "wrapping.py"]
+    (student / "wrapping.py").symlink_to("/etc/hostname")
+    status, _, said = run("submit", tiny.folder, student)
+    assert (status, said) == (
+        2,
+        f"error: {student}/wrapping.py: is a link; must be the file itself\n",
+    )
+    (student / "wrapping.py").unlink()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "x.npz").write_text("")
+    (student / "deliverables").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match=r"deliverables.*: is a link"):
+        submit.check(tiny, student)
+    assert run("submit", tiny.folder, tmp_path / "none")[2].endswith(
+        "none: does not exist; must be one that `start` has made\n"
+    )
+    (tmp_path / "bare").mkdir()
+    with pytest.raises(ValueError, match=r"has made; has no pulse\.py"):
+        submit.check(tiny, tmp_path / "bare")
+    assert not list(tmp_path.glob("*.zip"))
+
+
+@pytest.mark.slow
+def test_submit_shows_points(tiny, student, run):
+    (student / "pulse.py").write_text((tiny.solutions / "pulse.py").read_text())
+    status, out, said = run("submit", tiny.folder, student)
+    lines = [line.split() for line in out.splitlines()]
+    assert status == 0
+    assert [
+        "A",
+        "pulse",
+        *["4", "of", "4,", "1.5", "from", "tests", "that", "are", "not", "public"],
+    ] in lines
+    assert ["The", "range", "0", "of", "4", "bonus"] in lines
+    assert ["not", "written", "yet:", "1", "tests"] in lines
+    assert "warning: wrapping.py is as it came" in said
+    assert (student.parent / "my-a0.zip").is_file()
+
+
+# ------------------------------------------------------------------------------------ notebook
+
+
+def test_cell_keeps_what_an_editor_wrote(tmp_path):
+    path = tmp_path / "pulse.py"
+    assert notebooks.save(path, "a = 1\n") == "wrote pulse.py"
+    assert notebooks.save(path, "a = 2") == "wrote pulse.py"
+    assert notebooks.save(path, "a = 2\n\n") == "pulse.py is as this cell has it"
+    for number, text in enumerate(("a = 3\n", "a = 4\n"), 1):
+        path.write_text(text)
+        said = notebooks.save(path, f"a = -{number}")
+        assert said.endswith(f"what it held is now in pulse.py.{number}")
+        assert path.with_name(f"pulse.py.{number}").read_text() == text
+        assert path.read_text() == f"a = -{number}\n"
+    path.write_text("a = 5\n")
+    said = notebooks.save(path, "a = -2")
+    assert said.startswith("pulse.py stays as it is: it was changed outside of this cell")
+    assert path.read_text() == "a = 5\n"
+    path.unlink()
+    assert notebooks.save(path, "a = -2") == "wrote pulse.py"
+
+
+def test_stub_is_no_edit_of_the_students(tiny, student):
+    assert notebooks.save(student / "pulse.py", "x = 1") == "wrote pulse.py"
+    assert not list(student.glob("*.py.*"))
+
+
+def test_new_code_is_used_at_once(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "first_module.py").write_text("def f():\n    return 1\n")
+    (tmp_path / "second_module.py").write_text(
+        "from first_module import f\n\ndef g():\n    return f() + 1\n"
+    )
+    names: dict = {}
+    exec("import first_module, os\nfrom second_module import g\nfrom first_module import f", names)
+    names["mine"] = 5
+    notebooks.save(tmp_path / "first_module.py", "def f():\n    return 10")
+    notebooks.refresh(tmp_path / "first_module.py", names)
+    assert (names["f"](), names["g"](), names["first_module"].f()) == (10, 11, 10)
+    assert (names["mine"], names["os"]) == (5, os)
+    for name in ("first_module", "second_module"):
+        del sys.modules[name]
+
+
+def test_notebook_needs_its_files(tiny, tmp_path):
+    with pytest.raises(ValueError, match=r"\[solution\] pulse\.py: .* does not exist"):
+        notebooks.build((tiny.folder / "notebook.py").read_text(), tmp_path)
+
+
+@pytest.mark.slow
+def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
+    text = (tiny.folder / "notebook.py").read_text()
+    for files, works in ((tiny.solutions, True), (tiny.starter, False)):
+        folder = tmp_path / files.name
+        folder.mkdir()
+        notebooks.write(text, files, folder / "notebook.ipynb")
+        if works:
+            notebooks.execute(folder / "notebook.ipynb")
+            assert (folder / "deliverables" / "x.npz").is_file()
+            assert "1.499" in (folder / "notebook.ipynb").read_text()
+        else:
+            with pytest.raises(RuntimeError, match=r"a0\.range: write unambiguous_range"):
+                notebooks.execute(folder / "notebook.ipynb")
+
+
+# ------------------------------------------------------------------------------------- reasons
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        ('raise NotImplementedError("a0.x: write it")', "not written yet: a0.x: write it"),
+        ("1 / 0", "ZeroDivisionError: division by zero\n  plugin.py, line 7: 1 / 0"),
+    ],
+)
+def test_what_a_plugin_raises_when_mitsuba_makes_it(tmp_path, body, text):
+    lines = ["import mitsuba as mi", "", "class Broken(mi.SamplingIntegrator):"]
+    lines += ["    def __init__(self, props):", "        super().__init__(props)", "        # here"]
+    path = tmp_path / "plugin.py"
+    path.write_text("\n".join([*lines, f"        {body}", ""]))
+    names: dict = {"__name__": "plugin"}
+    exec(compile(path.read_text(), path, "exec"), names)
+    mi.register_integrator("broken", names["Broken"])
+    with pytest.raises(RuntimeError) as caught:
+        mi.load_dict({"type": "scene", "integrator": {"type": "broken"}})
+    assert worker.explain(caught.value, tmp_path) == text
+
+
+# -------------------------------------------------------------------------------------- verify
+
+
+@pytest.mark.slow
+def test_structure_holds(tiny):
+    assert list(structure.check(tiny)) == []
+
+
+@pytest.mark.slow
+def test_structure_finds_what_does_not_agree(tiny):
+    folder = tiny.folder
+    put, files = course_assignment.put, course_assignment.FILES
+    put(folder, "README.md", "[[a0.pulse]]\n[[a0.pulse]]\nA pulse (5 points).\n![x](no.png)\n")
+    put(folder, "rubric.toml", files["rubric.toml"].replace("test_peak", "test_paek"))
+    put(folder, "solutions/extra.py", "")
+    put(folder, "tests/test_range.py", files["tests/test_range.py"].replace("a0_range", "a0_pulse"))
+    (folder / "tests" / "test_pulse_staff.py").rename(folder / "tests" / "test_even.py")
+    put(
+        folder,
+        "notebook.py",
+        files["notebook.py"].replace("[solution] wrapping.py", "[solution] w.py"),
+    )
+    (folder / "exercises.md").unlink()
+    put(folder, "mutants.toml", files["mutants.toml"].replace("-0.5 * x * x", "-0.6 * x"))
+    assert sorted(structure.check(assignments.Assignment(folder))) == sorted(
+        [
+            "README.md: line [[a0.pulse]] is there 2 times, must be once",
+            "README.md: line [[a0.range]] is there 0 times, must be once",
+            "README.md: picture no.png does not exist",
+            "README.md: states points ('(5 points)'); only rubric.toml may",
+            "exercises.md: is missing",
+            "solutions/extra.py: is no problem's file; what is given belongs in starter/ alone",
+            "mutants.toml: no_half: '-0.6 * x' is 0 times in pulse.py, must be once",
+            "mutants.toml: no_norm: the rubric has no test test_pulse.py::test_peak",
+            "notebook.py: [solution] w.py: solutions/ has no such file",
+            "notebook.py: has no cell [solution] wrapping.py",
+            "rubric.toml: test_pulse.py::test_paek: there is no such test",
+            "rubric.toml: test_pulse_staff.py::test_even: there is no such test",
+            "test_even.py::test_even: is in no problem of the rubric",
+            "test_pulse.py::test_peak: is in no problem of the rubric",
+            "test_range.py::test_range: has the markers ['a0_pulse'], must have a0_range",
+            "test_range.py::test_results: has the markers ['a0_pulse'], must have a0_range",
+        ]
+    )
+
+
+def test_which_tests_a_mutant_can_fail(tiny):
+    those = {mutant.id: mutant for mutant in mutants.read(tiny)}
+    assert len(mutants.affected(tiny.rubric, those["no_half"])) == 6
+    assert mutants.affected(tiny.rubric, those["quarter"]) == [
+        "test_range.py::test_range",
+        "test_range.py::test_results",
+    ]
+    assert "= 0.25 *" not in mutants.apply(tiny, those["no_half"])
+    assert "return 0.25 *" in mutants.apply(tiny, those["quarter"])
+    broken = dataclasses.replace(those["quarter"], edits=(("return 0.5", "return ("),))
+    with pytest.raises(ValueError, match="quarter: is no Python"):
+        mutants.apply(tiny, broken)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--seeds", "0"), "--seeds = 0: must be an integer from 1 to 10000"),
+        (("--only", "mutant"), "--only = mutant: must be one of structure, edition, starter"),
+    ],
+)
+def test_verify_refuses(tiny, run, arguments, message):
+    status, _, said = run("verify", tiny.folder, *arguments)
+    assert status == 2
+    assert said.startswith(f"error: {message}")
+
+
+def test_verify_needs_solutions(tiny, student, run):
+    status, _, said = run("verify", student)
+    assert status == 2
+    assert "verify needs the course's checkout, not the student edition" in said
+
+
+@pytest.mark.slow
+def test_submission_is_not_taken_for_the_tests(tiny, student):
+    result = running.pytest(tiny.folder, ["--submission", str(student)])
+    assert result.returncode != 0
+    assert "write --submission=DIR" in result.stdout + result.stderr
+
+
+@pytest.mark.slow
+def test_verify(tiny, run):
+    status, out, said = run("verify", tiny.folder, "--seeds", 2)
+    assert (status, said) == (0, ""), out
+    lines = [line.split() for line in out.splitlines()]
+    assert [line[:2] for line in lines] == [["ok", name] for name in verify.CHECKS]
+    assert "1 of them under 2 seeds" in out
+
+
+@pytest.mark.slow
+def test_verify_says_what_does_not_hold(tiny, run):
+    put, files = course_assignment.put, course_assignment.FILES
+    put(tiny.folder, "starter/pulse.py", files["solutions/pulse.py"])
+    put(tiny.folder, "starter/wrapping.py", "import os\nos._exit(3)\n")
+    text = files["solutions/pulse.py"].replace("x = t ", "x = (t + 1e-3) ")
+    put(tiny.folder, "solutions/pulse.py", text)
+    text = files["mutants.toml"].replace('"half the square"', '"a third"')
+    text = text.replace('["test_range.py::test_range"]', '["test_range.py::test_results"]', 1)
+    put(tiny.folder, "mutants.toml", text)
+    checks = [part for name in ("starter", "solutions", "mutants") for part in ("--only", name)]
+    status, out, _ = run("verify", tiny.folder, *checks)
+    assert status == 1
+    reasons = [line.strip() for line in out.splitlines() if line.startswith("  ")]
+    for start_of_line, count in {
+        "test_pulse.py::test_area: passed, must fail (a0.pulse)": 1,
+        "test_range.py::test_range: problem a0.range, wrapping.py the process ended itself": 1,
+        "test_pulse.py::test_fall_off: failed (2 of 2 cases): problem a0.pulse": 1,
+        "test_range.py::test_range: failed": 0,
+        "no_half: no failure says 'a third'; they say": 1,
+        "there_and_back: test_range.py::test_results passes, must fail (Light goes": 1,
+        "there_and_back: test_range.py::test_range fails, must pass: problem a0.range": 1,
+        "quarter:": 0,
+    }.items():
+        assert sum(line.startswith(start_of_line) for line in reasons) == count, (
+            start_of_line,
+            out,
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(assignments.known()))
+def test_assignments_hold_together(name):
+    found = assignments.find(name)
+    bad = [v for v in verify.verify(found, only=("structure", "edition")) if not v.ok]
+    assert not bad, "\n".join(reason for verdict in bad for reason in verdict.reasons)

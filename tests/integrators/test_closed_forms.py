@@ -1,0 +1,405 @@
+"""Light against closed forms: how much arrives, and when. The formulas are in `oracles`."""
+
+from __future__ import annotations
+
+import math
+
+import mitsuba as mi
+import numpy as np
+import oracles
+import pytest
+from support import (
+    agree,
+    area_light,
+    beam,
+    camera,
+    diffuse,
+    film,
+    follow,
+    load,
+    over_seeds,
+    plane,
+    point_light,
+    rendered,
+    rotate,
+    scene,
+    translate,
+    unit,
+)
+
+from tofrender.paths.endpoints import EmitterHits, SceneLights
+from tofrender.scenes import cornell_box
+
+UP = (0.0, 0.0, 1.0)
+SEEDS = range(32)
+
+
+# ----------------------------------------------------- a: point light, diffuse surface, camera
+
+
+LIGHT, INTENSITY, ALBEDO = (1.0, 0.3, 2.0), 3.0, 0.5
+
+
+def floor_and_lamp(**integrator) -> dict:
+    parts = {"floor": plane(bsdf=diffuse(ALBEDO)), "lamp": point_light(LIGHT, INTENSITY)}
+    x = (0.4, 0.0)
+    sensor = camera((*x, 1.5), (*x, 0), film(bins=640, bin_width=2**-6), fov=0.001)
+    return scene(parts, sensor, **integrator)
+
+
+@pytest.mark.parametrize("x", [-2.0, 0.4, 1.0, 3.0])
+def test_point_light(x):
+    eye, point = (x, 0.2, 1.5), (x, 0, 0)
+    expected, opl = oracles.point_light_on_plane(eye, point, UP, LIGHT, INTENSITY, ALBEDO)
+    found = follow(load(floor_and_lamp()), beam(eye, point))
+    assert found.all()[1] == pytest.approx([expected], rel=2e-6)
+    assert found.all()[0] == pytest.approx([opl], abs=2e-6)
+
+
+def test_point_light_has_the_value_of_the_table():
+    found = follow(load(floor_and_lamp()), beam((0.4, 0, 1.5), (0.4, 0, 0)))
+    assert found.all()[1] == pytest.approx([0.10172586], abs=2e-8)
+
+
+def test_point_light_behind_the_surface_gives_nothing():
+    below = floor_and_lamp() | {"lamp": point_light((1, 0.3, -2), INTENSITY)}
+    assert follow(load(below), beam((0.4, 0, 1.5), (0.4, 0, 0))).all()[0].size == 0
+
+
+def test_point_light_in_the_film():
+    eye, x = (0.4, 0, 1.5), (0.4, 0, 0)
+    expected, opl = oracles.point_light_on_plane(eye, x, UP, LIGHT, INTENSITY, ALBEDO)
+    steady, transient = rendered(floor_and_lamp())
+    bins = transient[0, 0, :, 0]
+    assert np.flatnonzero(bins).tolist() == [int(opl * 2**6)]
+    assert bins.sum() == pytest.approx(expected, rel=1e-5)  # the pixel sees 26 micrometres
+    assert steady[0, 0] == pytest.approx([expected] * 3, rel=1e-5)
+
+
+def test_camera_unwarp_leaves_the_first_segment_out():
+    x = (0.4, 0, 0)
+    segment = np.linalg.norm(np.subtract(LIGHT, x))
+    _, transient = rendered(floor_and_lamp(camera_unwarp=True))
+    assert np.flatnonzero(transient[0, 0, :, 0]).tolist() == [int(segment * 2**6)]
+    found = follow(load(floor_and_lamp()), beam((0.4, 0, 1.5), x), unwarp=True)
+    assert found.all()[0] == pytest.approx([segment], abs=1e-6)
+
+
+def test_camera_unwarp_sets_an_emitter_in_view_to_zero():
+    lamp = load(
+        scene({"lamp": plane(emitter=area_light(2.0))}, camera((0, 0, 3), (0, 0, 0), film()))
+    )
+    assert follow(lamp, beam((0, 0, 3), (0, 0, 0)), unwarp=True).all()[0].tolist() == [0.0]
+    assert follow(lamp, beam((0, 0, 3), (0, 0, 0))).all()[0] == pytest.approx([3.0])
+
+
+# ------------------------------------------------- b: area lights over a parallel receiver
+
+
+def disk_over_receiver(*, lanes: int = 2048, **options):
+    """Receiver at the origin, seen from above the disk's edge; bins of the light's distance."""
+    h, radius, radiance = 1.0, 1.5, 4.0
+    eye = (2.5, 0.0, 1.5)
+    parts = {
+        "floor": plane(bsdf=diffuse(ALBEDO)),
+        "disk": {
+            "type": "disk",
+            "emitter": area_light(radiance),
+            "to_world": translate(0, 0, h)
+            @ rotate((1, 0, 0), 180)
+            @ mi.ScalarTransform4f().scale(radius),
+        },
+    }
+    loaded = load(scene(parts, camera(eye, (0, 0, 0), film())))
+    edges = np.linspace(h, math.hypot(h, radius), 17)
+    segment = math.hypot(*eye)
+
+    def estimate(seed):
+        found = follow(loaded, beam(eye, (0, 0, 0), lanes), seed=seed, **options)
+        return found.histogram(edges + segment)
+
+    expected = ALBEDO / math.pi * oracles.disk_light_masses(edges, h, radius, radiance)
+    total = ALBEDO * radiance * radius**2 / (h**2 + radius**2)
+    assert expected.sum() == pytest.approx(total)
+    return estimate, expected
+
+
+@pytest.mark.statistical
+def test_disk_light():
+    estimate, expected = disk_over_receiver()
+    assert agree(over_seeds(estimate, SEEDS), expected)
+
+
+@pytest.mark.statistical
+def test_disk_light_by_emitter_hits_alone():
+    estimate, expected = disk_over_receiver(lights=EmitterHits, lanes=4096)
+    assert agree(over_seeds(estimate, SEEDS), expected)
+
+
+@pytest.mark.statistical
+def test_disk_light_finds_a_forgotten_cosine_a_tenth_and_a_bin():
+    estimate, expected = disk_over_receiver()
+    samples = over_seeds(estimate, SEEDS)
+    edges = np.linspace(1, math.hypot(1, 1.5), 17)
+    cosine = 1 / (0.5 * (edges[1:] + edges[:-1]))
+    assert not agree(samples / cosine, expected)
+    assert not agree(samples * 1.1, expected)
+    assert not agree(np.roll(samples, 1, axis=1), expected)
+    assert not agree(samples * np.nan, expected)
+
+
+def cornell_light_over_floor():
+    """A point of the floor of the Cornell box that neither box shades."""
+    x, eye = (-0.5, -1.0, 0.7), (0.0, 0.0, 3.9)
+    loaded = load(cornell_box(width=4, height=4, max_depth=2))
+    h = 1.99
+    ranges = (-0.23 - x[0], 0.23 - x[0]), (0.01 - 0.19 - x[2], 0.01 + 0.19 - x[2])
+    edges = np.linspace(1.95, 2.4, 19)
+    segment = np.linalg.norm(np.subtract(x, eye))
+
+    def estimate(seed):
+        return follow(loaded, beam(eye, x, 2048), seed=seed).histogram(edges + segment)
+
+    masses = oracles.rectangle_light_masses(edges, h, *ranges, radiance=18.387)
+    assert 0 == masses[0] == masses[-1] < masses.sum()  # the bins hold all of it
+    return estimate, 0.885809 / math.pi * masses
+
+
+@pytest.mark.statistical
+def test_cornell_light_over_the_floor():
+    estimate, expected = cornell_light_over_floor()
+    assert agree(over_seeds(estimate, SEEDS), expected)
+
+
+@pytest.mark.statistical
+def test_cornell_light_finds_a_tenth_and_a_bin():
+    estimate, expected = cornell_light_over_floor()
+    samples = over_seeds(estimate, SEEDS)
+    assert not agree(samples * 1.1, expected)
+    assert not agree(np.roll(samples, 1, axis=1), expected)
+
+
+def test_circle_in_rectangle():
+    """The angle against counting points of the circle, centre inside and outside."""
+    angle = (np.arange(200_000) + 0.5) / 200_000 * 2 * np.pi
+    for x, y in [((-1, 2), (-0.5, 0.7)), ((0.3, 2), (-0.5, 0.7)), ((0.3, 2), (0.2, 0.7))]:
+        for s in (0.1, 0.6, 1.3, 2.05, 3.0):
+            u, v = s * np.cos(angle), s * np.sin(angle)
+            inside = (u > x[0]) & (u < x[1]) & (v > y[0]) & (v < y[1])
+            found = oracles.angle_in_rectangle(np.array([s]), x, y)[0]
+            assert found == pytest.approx(2 * np.pi * inside.mean(), abs=1e-4)
+
+
+# ------------------------------------------------------------- c: inside of a diffuse sphere
+
+
+RADIUS = 2.0
+
+
+def in_sphere(max_depth: int, lanes: int = 4096, seed: int = 0, **options):
+    ball = {"type": "sphere", "radius": RADIUS, "flip_normals": True, "bsdf": diffuse(0.6)}
+    parts = {"ball": ball, "lamp": point_light((0, 0, 0), INTENSITY)}
+    loaded = load(scene(parts, camera((0, 0, 0), (0, 0, 1), film())))
+    slots = max_depth if max_depth > 0 else 96
+    ray = beam((0, 0, 0), (0.36, 0.48, 0.8), lanes)
+    return follow(loaded, ray, max_depth=max_depth, slots=slots, seed=seed, rr_depth=200, **options)
+
+
+def test_sphere_bounces_one_by_one():
+    """Each bounce carries its exact energy, along every path, and within its time."""
+    found = in_sphere(max_depth=5)
+    for n in range(4):
+        total = oracles.sphere_bounce_total(n, RADIUS, 0.6, INTENSITY)
+        # Mitsuba's sphere is right to a few 1e-6, and that of a chord's cosine
+        assert found.value[:, n] == pytest.approx(np.full(4096, total), rel=2e-4)
+        assert found.opl[:, n].min() >= 2 * RADIUS - 1e-4
+        assert found.opl[:, n].max() <= 2 * RADIUS + 2 * RADIUS * n + 1e-4
+    assert found.opl[:, 0] == pytest.approx(np.full(4096, 2 * RADIUS), abs=1e-5)
+    assert np.isnan(found.opl[:, 4]).all()
+
+
+def test_camera_unwarp_leaves_out_the_first_segment_of_every_bounce():
+    plain, unwarped = in_sphere(max_depth=4, lanes=64), in_sphere(4, lanes=64, unwarp=True)
+    assert unwarped.opl[:, :3] == pytest.approx(plain.opl[:, :3] - RADIUS, abs=1e-5)
+
+
+def sphere_density(n):
+    """Bins of 1.5 % of the energy and more: one that no path meets has no variance to judge by."""
+    fine = np.linspace(2 * RADIUS, 2 * RADIUS * (1 + n), 2001)
+    cdf = np.append(0, np.cumsum(oracles.sphere_bounce_masses(n, fine, RADIUS)))
+    edges = np.interp(np.linspace(0, 1, 13) ** 1.7, cdf, fine)
+    edges[-1] = fine[-1]
+
+    def estimate(seed):
+        opl = in_sphere(max_depth=n + 2, lanes=2048, seed=seed).opl[:, n]
+        return np.histogram(np.clip(opl, edges[0], edges[-1]), edges)[0] / opl.size
+
+    return estimate, edges
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_sphere_arrival_times(n):
+    estimate, edges = sphere_density(n)
+    expected = oracles.sphere_bounce_masses(n, edges, RADIUS)
+    assert expected.sum() == pytest.approx(1)
+    assert agree(over_seeds(estimate, SEEDS), expected)
+
+
+@pytest.mark.statistical
+def test_sphere_arrival_times_finds_a_wrong_density():
+    estimate, edges = sphere_density(2)
+    samples, expected = over_seeds(estimate, SEEDS), oracles.sphere_bounce_masses(2, edges, RADIUS)
+    assert not agree(np.roll(samples, 1, axis=1), expected)
+    assert not agree(samples, oracles.sphere_bounce_masses(1, edges, RADIUS))
+    assert not agree(samples * 1.1, expected)
+
+
+def test_sphere_all_bounces():
+    """Without roulette, the sum over 60 bounces; the rest is below 1e-9 of it."""
+    found = in_sphere(max_depth=62, lanes=64)
+    total = np.nansum(found.value, axis=1)
+    assert total == pytest.approx(
+        np.full(64, oracles.sphere_total(RADIUS, 0.6, INTENSITY)), rel=5e-4
+    )
+
+
+@pytest.mark.statistical
+def test_sphere_all_bounces_with_roulette():
+    ball = {"type": "sphere", "radius": RADIUS, "flip_normals": True, "bsdf": diffuse(0.6)}
+    parts = {"ball": ball, "lamp": point_light((0, 0, 0), INTENSITY)}
+    sensor = camera((0, 0, 0), (0, 0, 1), film(bins=400, bin_width=0.25), fov=60)
+    loaded = load(scene(parts, sensor, max_depth=-1, rr_depth=2))
+    totals = over_seeds(lambda seed: rendered(loaded, 1024, seed)[1][0, 0, :, :1].sum(0), SEEDS)
+    expected = np.array([oracles.sphere_total(RADIUS, 0.6, INTENSITY)])
+    assert agree(totals, expected, rounding=1e-4)
+    assert not agree(totals * 1.1, expected)
+
+
+# -------------------------------------------------------------------------- h: glass slab
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("index", [1.5, 3.0])
+def test_glass_slab(index):
+    thickness, eye, radiance = 0.25, (0.3, 0.2, 2.0), 2.0
+    slab = {
+        "type": "cube",
+        "to_world": translate(0, 0, 0.5 * thickness)
+        @ mi.ScalarTransform4f().scale([5, 5, 0.5 * thickness]),
+        "bsdf": {"type": "dielectric", "int_ior": index, "ext_ior": 1.0},
+    }
+    lamp = plane(translate(0, 0, -1.0), emitter=area_light(radiance))
+    loaded = load(scene({"slab": slab, "lamp": lamp}, camera(eye, (0.3, 0.2, 0), film())))
+    air = eye[2] - thickness + 1.0
+
+    def paths(seed):
+        ray = beam(eye, (0.3, 0.2, 0), 8192)
+        return follow(loaded, ray, max_depth=24, rr_depth=100, seed=seed)
+
+    opl = paths(0).all()[0]
+    order = np.round(((opl - air) / (index * thickness) - 1) / 2).astype(int)
+    assert np.unique(order)[:2].tolist() == [0, 1]
+    exact = np.array([oracles.slab_opl(m, air, index, thickness) for m in order])
+    assert opl == pytest.approx(exact, abs=2e-5)
+
+    def orders(seed):
+        found = paths(seed)
+        edges = [oracles.slab_opl(m - 0.5, air, index, thickness) for m in range(4)]
+        masses = found.histogram(np.array(edges))
+        return np.append(masses, found.all()[1].sum() / 8192)
+
+    expected = [oracles.slab_order(m, index, radiance) for m in range(3)]
+    expected = np.array([*expected, oracles.slab_total(index, radiance)])
+    samples = over_seeds(orders, SEEDS)
+    shown = [0, 1, 3] if index == 1.5 else [0, 1, 2, 3]  # order 2 is 2e-6 in ordinary glass
+    assert agree(samples[:, shown], expected[shown])
+    assert not agree(samples[:, shown] * 1.1, expected[shown])
+
+
+# ------------------------------------------------------------------------------ i: mirror
+
+
+def test_mirror():
+    """Camera, mirror at z = 2 that faces down, floor at z = 0, lamp."""
+    eye, lamp, x = (-1.0, 0.2, 0.7), (1.0, 0.6, 1.6), (0.8, -0.3, 0.0)
+    mirror = plane(
+        translate(0, 0, 2) @ rotate((1, 0, 0), 180), bsdf={"type": "conductor", "material": "none"}
+    )
+    parts = {"mirror": mirror, "floor": plane(bsdf=diffuse(ALBEDO)), "lamp": point_light(lamp, 3.0)}
+    loaded = load(scene(parts, camera(eye, x, film())))
+    image = oracles.mirrored(eye, (0, 0, 2), UP)
+    reflected = unit(np.subtract(x, image)) * [1, 1, -1]  # the ray that leaves the eye
+    found = follow(loaded, beam(eye, eye + reflected), max_depth=3)
+    radiance, opl = oracles.point_light_on_plane(image, x, UP, lamp, 3.0, ALBEDO)
+    assert found.all()[1] == pytest.approx([radiance], rel=1e-5)
+    assert found.all()[0] == pytest.approx([opl], abs=1e-4)  # rays leave 0.2 mm off the mirror
+
+
+# --------------------------------------------------------------------- lights without a place
+
+
+TO_LIGHT = unit((0.3, -0.5, 0.8))
+
+
+def test_directional_light():
+    """Light starts on the plane that touches the sphere around the scene and the camera."""
+    eye, x = (0.5, 0.2, 3.0), (0.5, 0.2, 0.0)
+    lamp = {
+        "type": "directional",
+        "direction": (-TO_LIGHT).tolist(),
+        "irradiance": {"type": "rgb", "value": [2.0, 2.0, 2.0]},
+    }
+    parts = {"floor": plane(size=1.0, bsdf=diffuse(ALBEDO)), "lamp": lamp}
+    sensor = camera(eye, x, film(bins=2048, bin_width=2**-7), fov=0.001)
+    centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
+    opl = 3.0 + oracles.distant_length(x, TO_LIGHT, centre, radius)
+    steady, transient = rendered(scene(parts, sensor))
+    radiance = ALBEDO / math.pi * 2.0 * TO_LIGHT[2]
+    assert np.flatnonzero(transient[0, 0, :, 0]).tolist() == [int(opl * 2**7)]
+    assert transient[0, 0, :, 0].sum() == pytest.approx(radiance, rel=1e-5)
+    assert steady[0, 0, 0] == pytest.approx(radiance, rel=1e-5)
+
+
+def test_environment_in_view():
+    """A ray that leaves the scene runs on to the touching plane; none has a negative length."""
+    eye = (0.5, 0.2, 3.0)
+    parts = {
+        "floor": plane(size=1.0, bsdf=diffuse(ALBEDO)),
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [2.0] * 3}},
+    }
+    loaded = load(scene(parts, camera(eye, (0, 0, 0), film())))
+    sensor = loaded.sensors()[0]
+    centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
+    for d in [(0, 0, 1), (1, 2, 0.1), (-3, 1, 0)]:
+        ray = beam(eye, np.add(eye, d))
+        found = follow(loaded, ray, lights=lambda s: SceneLights(s, sensor))
+        expected = oracles.distant_length(eye, unit(d), centre, radius)
+        assert expected >= 0
+        assert found.all()[0] == pytest.approx([expected], abs=2e-6)
+        assert found.all()[1] == pytest.approx([2.0])
+
+
+@pytest.mark.statistical
+def test_environment_over_a_diffuse_floor():
+    """Cosines of the sky's directions have the density 2 c, and c gives the length.
+
+    At x = (0, 0, 0) below the centre (0, 0, z) of the sphere, light from the cosine c has come
+    radius + z c; radiance in a bin of c is ρ Le (c2² - c1²).
+    """
+    eye, x = (0.0, 0.0, 3.0), (0.0, 0.0, 0.0)
+    parts = {
+        "floor": plane(size=1.0, bsdf=diffuse(ALBEDO)),
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [2.0] * 3}},
+    }
+    sensor = camera(eye, x, film(bins=64, start=3.0, bin_width=2**-4), fov=1e-4, up=(0, 1, 0))
+    centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
+    edges = 3.0 + np.arange(65) * 2**-4
+    cosine = np.clip((edges - 3.0 - radius) / centre[2], 0, 1)
+    expected = ALBEDO * 2.0 * np.diff(cosine**2)
+    loaded = load(scene(parts, sensor))
+    samples = over_seeds(lambda seed: rendered(loaded, 4096, seed)[1][0, 0, :, 0], SEEDS)
+    assert expected.sum() == pytest.approx(ALBEDO * 2.0)
+    assert agree(samples, expected)
+    assert not agree(np.roll(samples, 1, axis=1), expected)
+    assert not agree(samples * 1.1, expected)

@@ -1,0 +1,331 @@
+"""Gates, correlations and phasors: one trace, and the same light as the bins hold."""
+
+# ruff: noqa: E741 (I is the field's name for the part in phase)
+
+from __future__ import annotations
+
+import math
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import area_light, camera, diffuse, film, load, plane, point_light, scene, translate
+
+import tofrender
+from tofrender.films.phasor import fourier_transform, parse_frequencies
+from tofrender.signals.modulations import AMCWPulse
+from tofrender.signals.pulses import GaussianPulse, SampledPulse
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+C = 299_792_458.0
+GATES = {"temporal_bins": 120, "start_opl": 3.0, "bin_width_opl": 0.1}
+FREQUENCIES = [20e6, 50e6, 100e6]
+
+
+def box(**options) -> mi.Scene:
+    size = {"width": 32, "height": 32} | options
+    return tofrender.load_scene(tofrender.cornell_box(**size))
+
+
+def gated(**parameters) -> mi.Object:
+    plugin = {"type": "time_gated_transient_path", "pulse_width_opl": 0.1, **parameters}
+    return mi.load_dict(plugin, parallel=False)
+
+
+def one_path(distance: float = 1.5):
+    """A point light and a plane: exactly one path. Returns scene, its length and radiance."""
+    parts = {
+        "floor": plane(size=10, bsdf=diffuse(0.5)),
+        "lamp": point_light((0, 0, distance), 3.0),
+    }
+    loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3)))
+    return loaded, 2.0 + distance, 0.5 / math.pi * 3.0 / distance**2
+
+
+# ---------------------------------------------------------------------------------------- gates
+
+
+@pytest.mark.parametrize("offset", [-0.15, 0.0, 0.05, 0.2])
+def test_one_path_through_a_gate(offset):
+    """Form a: L p(t - opl), a density."""
+    loaded, opl, radiance = one_path()
+    image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], opl + offset, spp=4)
+    expected = radiance * math.exp(-0.5 * (offset / 0.1) ** 2) / (0.1 * math.sqrt(2 * math.pi))
+    assert image[0, 0] == pytest.approx([expected] * 3, rel=2e-4)
+
+
+def test_all_gates_are_one_trace():
+    """With a seed, every gate of `render_transient` is that gate's own render.
+
+    Paths that are too long for a gate are left out of its own render: they count for nothing.
+    Without connections, because a single gate's look for light that comes in time.
+    """
+    loaded = box(light="area")
+    hits = gated(emitter_sampling=False)
+    cube = tofrender.render_transient(loaded, hits, loaded.sensors()[0], GATES, spp=64)
+    assert cube.shape == (32, 32, 120, 3)
+    for k in (5, 10, 25, 40, 60, 100):
+        target = 3.0 + (k + 0.5) * 0.1
+        image = tofrender.render_at_time(loaded, hits, loaded.sensors()[0], target, spp=64)
+        np.testing.assert_allclose(cube[:, :, k], image, atol=2e-5 * cube.max())
+    assert float(gated(target_time=5.0).last_opl()[0]) == pytest.approx(5.5)
+
+
+@pytest.mark.slow
+def test_gates_are_the_histogram_convolved():
+    loaded = box(width=16, height=16, temporal_bins=12000, start_opl=3.0, bin_width_opl=0.001)
+    fine = tofrender.render(loaded, spp=16, progress=False)
+    cube = tofrender.render_transient(loaded, gated(), loaded.sensors()[0], GATES, spp=16)
+    times = 3.0 + (np.arange(120) + 0.5) * 0.1
+    kernel = np.exp(-0.5 * ((times[:, None] - fine.opl.values) / 0.1) ** 2)
+    kernel /= 0.1 * math.sqrt(2 * math.pi)
+    expected = np.einsum("kt,yxtc->yxkc", kernel, fine.transient.values.astype(np.float64))
+    # An arrival is half a fine bin off its centre at most, times the pulse's steepest slope
+    assert np.abs(cube - expected).max() < 0.0005 / 0.1 * math.exp(-0.5) * expected.max()
+
+
+def test_gates_sum_to_the_steady_image():
+    loaded = box()
+    gates = {"temporal_bins": 500, "start_opl": 2.5, "bin_width_opl": 0.05}
+    cube = tofrender.render_transient(loaded, gated(), loaded.sensors()[0], gates, spp=16)
+    steady = tofrender.render(loaded, spp=16, progress=False).steady.values
+    np.testing.assert_allclose(cube.sum(axis=2) * 0.05, steady, rtol=2e-3, atol=1e-4)
+
+
+def test_stored_target_time_under_mitsubas_render():
+    described = tofrender.cornell_box_steady_state(width=32, height=32)
+    described["integrator"] = {"type": "time_gated_transient_path", "target_time": 5.9}
+    loaded = mi.load_dict(described)
+    image = np.array(mi.render(loaded, spp=16, seed=2))
+    expected = tofrender.render_at_time(
+        loaded, loaded.integrator(), loaded.sensors()[0], 5.9, spp=16, seed=2
+    )
+    np.testing.assert_allclose(image, expected, rtol=1e-4, atol=1e-6)
+    without = mi.load_dict({"type": "time_gated_transient_path"}, parallel=False)
+    with pytest.raises(ValueError, match="target_time = None: must be"):
+        without.render(loaded, spp=1)
+
+
+def test_the_call_of_the_text():
+    """`sample(scene, sampler, ray, target_time, medium=None, active=True)`."""
+    loaded, opl, radiance = one_path()
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, 1)
+    ray = mi.Ray3f(mi.Point3f(0, 0, 2), mi.Vector3f(0, 0, -1))
+    integrator = gated(target_time=0.5)  # The one that is given counts
+    spec, valid, aovs = integrator.sample(loaded, sampler, ray, opl, medium=None, active=True)
+    assert spec.x[0] == pytest.approx(radiance / (0.1 * math.sqrt(2 * math.pi)), rel=1e-4)
+    assert valid[0]
+    assert aovs == []
+
+
+@pytest.mark.parametrize(
+    ("config", "text"),
+    [
+        ({"temporal_bins": 3, "start_opl": 0.0}, "film_config: has no bin_width_opl"),
+        (GATES | {"bins": 3}, "film_config key = 'bins': "),
+        (GATES | {"temporal_bins": 0}, "temporal_bins = 0: must be an integer from 1"),
+        (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan: must be"),
+    ],
+)
+def test_bad_film_config(config, text):
+    loaded = box()
+    with pytest.raises(ValueError, match=text) as error:
+        tofrender.render_transient(loaded, gated(), loaded.sensors()[0], config)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("target", [-1.0, math.nan, "soon"])
+def test_bad_target_time(target):
+    loaded = box()
+    with pytest.raises(ValueError, match="target_time = ") as error:
+        tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], target)
+    assert "\n" not in str(error.value)
+
+
+# -------------------------------------------------------------------------------------- phasors
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_phasor_of_one_path(frequency):
+    """Form d: P = L exp(+i k opl), depth = opl / 2 up to whole ranges."""
+    loaded, opl, radiance = one_path()
+    I, Q, amplitude, phase, depth = tofrender.render_amcw_phasor(
+        loaded, loaded.sensors()[0], frequency, spp=4
+    )
+    turn = 2 * math.pi * frequency * opl / C
+    assert I[0, 0, 0] == pytest.approx(radiance * math.cos(turn), abs=1e-4 * radiance)
+    assert Q[0, 0, 0] == pytest.approx(radiance * math.sin(turn), abs=1e-4 * radiance)
+    assert amplitude[0, 0, 0] == pytest.approx(radiance, rel=1e-5)
+    assert math.cos(phase[0, 0, 0] - turn) == pytest.approx(1, abs=1e-6)
+    assert depth[0, 0, 0] == pytest.approx((opl / 2) % (C / (2 * frequency)), abs=1e-4)
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_direct_phasors_are_the_fourier_sum_of_fine_bins(frequency):
+    """Sign, scale and phase, from the same paths: what is left is the width of the bins."""
+    loaded = box(temporal_bins=3000, start_opl=3.0, bin_width_opl=0.01, max_depth=8)
+    cube = tofrender.render(loaded, spp=16, progress=False)
+    wave = np.exp(2j * np.pi * frequency / C * cube.opl.values)
+    expected = np.einsum("t,yxtc->yxc", wave, cube.transient.values.astype(np.float64))
+    I, Q, *_ = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], frequency, spp=16)
+    bound = np.pi * frequency / C * 0.01  # Largest phase error of an arrival within its bin
+    assert np.abs(I + 1j * Q - expected).max() < bound * cube.steady.values.max()
+
+
+def test_many_frequencies_are_one_trace():
+    loaded = box()
+    several = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], FREQUENCIES, spp=16)
+    for k, frequency in enumerate(FREQUENCIES):
+        alone = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], frequency, spp=16)
+        for many, one in zip(several[:3], alone[:3], strict=True):
+            np.testing.assert_allclose(many[k], one, rtol=1e-5, atol=1e-6)
+
+
+def test_correlation_images_are_the_parts_of_the_phasor():
+    """The sine is phase_offset -pi/2."""
+    loaded = box()
+    sensor = loaded.sensors()[0]
+    I, Q, *_ = tofrender.render_amcw_phasor(loaded, sensor, 50e6, spp=16)
+    integrator = mi.load_dict({"type": "amcw_transient_path"}, parallel=False)
+    for offset, part in ((0.0, I), (-math.pi / 2, Q)):
+        integrator.set_modulation(AMCWPulse(50e6, offset))
+        image = tofrender.render_single_amcw(loaded, integrator, sensor, 16)
+        np.testing.assert_allclose(image, part, rtol=1e-4, atol=1e-5 * np.abs(part).max())
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_sphere_with_all_bounces(frequency):
+    """Form c: P = rho I / (pi R^2) e^{2ikR} / (1 - rho chi), chi the transform of the chords.
+
+    Bounces are independent, with chord density r / (2 R^2) on [0, 2 R]:
+    chi = int r e^{ikr} dr / (2 R^2) = [e^{ia} (1 - ia) - 1] / (2 (kR)^2) with a = 2 k R.
+    """
+    radius, albedo, intensity = 1.0, 0.6, 2.0
+    sphere = {"type": "sphere", "radius": radius, "flip_normals": True, "bsdf": diffuse(albedo)}
+    parts = {"sphere": sphere, "lamp": point_light((0, 0, 0), intensity)}
+    loaded = load(scene(parts, camera((0, 0, 0), (0, 0, -1), film(width=8, height=8))))
+    integrator = mi.load_dict({"type": "amcw_transient_path", "max_depth": -1}, parallel=False)
+    I, Q, *_ = tofrender.render_amcw_phasor(
+        loaded, loaded.sensors()[0], frequency, spp=4096, integrator=integrator
+    )
+    k = 2 * math.pi * frequency / C
+    a = 2 * k * radius
+    chi = (np.exp(1j * a) * (1 - 1j * a) - 1) / (2 * (k * radius) ** 2)
+    direct = albedo * intensity / (math.pi * radius**2) * np.exp(2j * k * radius)
+    expected = direct / (1 - albedo * chi)
+    found = I[..., 0].astype(complex) + 1j * Q[..., 0]
+    error = found.std() / math.sqrt(found.size)
+    assert abs(found.mean() - expected) < 5 * error + 1e-4 * abs(expected)
+    assert error < 0.01 * abs(expected)  # Tight enough to see a wrong sign, chord or albedo
+
+
+def test_film_of_phasors_under_mitsubas_render():
+    described = tofrender.cornell_box(width=16, height=16)
+    crop = {"crop_width": 8, "crop_height": 4, "crop_offset_x": 4, "crop_offset_y": 6}
+    described["sensor"]["film"] = {
+        "type": "phasor_hdr_film",
+        "width": 16,
+        "height": 16,
+        "frequencies_hz": "20e6, 50e6",
+        **crop,
+    }
+    loaded = mi.load_dict(described)
+    steady, phasors = mi.render(loaded, spp=16)
+    assert steady.shape == (4, 8, 3)
+    assert phasors.shape == (4, 8, 2, 2, 3)
+    I, Q, *_ = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], [20e6, 50e6], spp=16)
+    values = np.array(phasors)
+    np.testing.assert_allclose(values[:, :, :, 0].transpose(2, 0, 1, 3), I, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(values[:, :, :, 1].transpose(2, 0, 1, 3), Q, rtol=1e-4, atol=1e-5)
+    # Phasors at low frequency are as bright as the steady image
+    assert np.abs(np.hypot(I, Q)[0]).max() <= np.array(steady).max() * (1 + 1e-5)
+
+
+def test_film_of_phasors_in_mono_has_mitransients_shape():
+    mi.set_variant("llvm_ad_mono")
+    described = tofrender.cornell_box(width=8, height=8)
+    described["sensor"]["film"] = {
+        "type": "phasor_hdr_film",
+        "width": 8,
+        "height": 8,
+        "wl_mean": 0.5,
+        "wl_sigma": 1.0,
+        "temporal_bins": 400,
+        "bin_width_opl": 0.02,
+    }
+    _, phasors = mi.render(mi.load_dict(described), spp=4)
+    assert phasors.shape == (8, 8, 9, 2)
+
+
+@pytest.mark.parametrize("rfilter", ["gaussian", "tent"])
+def test_phasors_are_filtered_as_the_image_is(rfilter):
+    """At a frequency near 0 the phasor is the steady image."""
+    described = tofrender.cornell_box(width=32, height=32)
+    described["sensor"]["film"] = {
+        "type": "phasor_hdr_film",
+        "width": 32,
+        "height": 32,
+        "frequencies_hz": "1.0",
+        "rfilter": {"type": rfilter},
+    }
+    steady, phasors = (np.array(t) for t in mi.render(mi.load_dict(described), spp=8))
+    np.testing.assert_allclose(phasors[:, :, 0, 0], steady, rtol=1e-4, atol=1e-6)
+
+
+def test_a_pulse_dims_phasors_by_its_fourier_transform():
+    assert fourier_transform(None, 1e8) == 1
+    k = 2 * math.pi * 300e6 / C
+    assert fourier_transform(GaussianPulse(0.05), 300e6) == pytest.approx(
+        math.exp(-0.5 * (k * 0.05) ** 2), abs=1e-5
+    )
+    late = SampledPulse([1.0], start_opl=0.3, bin_width_opl=1e-3)
+    assert fourier_transform(late, 300e6) == pytest.approx(np.exp(1j * k * 0.3005), abs=1e-4)
+    loaded, opl, radiance = one_path()
+    integrator = mi.load_dict({"type": "amcw_transient_path", "pulse_width_opl": 0.05})
+    _, _, amplitude, phase, _ = tofrender.render_amcw_phasor(
+        loaded, loaded.sensors()[0], 300e6, spp=4, integrator=integrator
+    )
+    assert amplitude[0, 0, 0] == pytest.approx(
+        radiance * math.exp(-0.5 * (k * 0.05) ** 2), rel=1e-4
+    )
+    assert math.cos(phase[0, 0, 0] - k * opl) == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("frequency", [0, -1.0, math.nan, math.inf, "fast", [20e6, 0.0], []])
+def test_bad_frequencies(frequency):
+    with pytest.raises(ValueError, match=r"frequenc(y|ies)_hz") as error:
+        parse_frequencies(frequency)
+    assert "\n" not in str(error.value)
+
+
+def test_no_modulation_is_refused():
+    loaded = box()
+    integrator = mi.load_dict({"type": "amcw_transient_path"}, parallel=False)
+    with pytest.raises(ValueError, match="modulation = None: must be set"):
+        tofrender.render_single_amcw(loaded, integrator, loaded.sensors()[0], 4)
+    with pytest.raises(TypeError, match="modulation = 3: must be a modulation"):
+        integrator.set_modulation(3)
+
+
+def test_lamps_seen_directly_count():
+    """Emitter hits are light too: without them a gate on a lamp would be dark."""
+    parts = {"lamp": plane(translate(0, 0, 0), emitter=area_light(2.0))}
+    loaded = load(scene(parts, camera((0, 0, 3.0), (0, 0, 0), film(), fov=1e-3)))
+    image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], 3.0, spp=4)
+    assert image[0, 0, 0] == pytest.approx(2.0 / (0.1 * math.sqrt(2 * math.pi)), rel=1e-4)
+
+
+@pytest.mark.parametrize("plugin", ["amcw_transient_path", "time_gated_transient_path"])
+def test_render_refuses_integrators_that_do_not_fill_bins(plugin):
+    with pytest.raises(ValueError, match="cannot render in time; must be one of transient_path"):
+        tofrender.render(box(), integrator={"type": plugin})
+
+
+def test_correlations_need_an_ordinary_film():
+    loaded = box()
+    integrator = mi.load_dict({"type": "amcw_transient_path", "frequency_hz": 2e7}, parallel=False)
+    with pytest.raises(TypeError, match="film: is a transient one; must be an ordinary film"):
+        integrator.render(loaded, spp=1)

@@ -1,0 +1,334 @@
+"""The course's path tracers: all in expectation what Mitsuba's `path` is.
+
+`mats` runs into lights, `nee` connects to them, `mis` does both: by "reuse" of the material's ray,
+or by "one_sample" of a mixture.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from gallery import SCENES
+from support import (
+    agree,
+    area_light,
+    camera,
+    diffuse,
+    film,
+    grey,
+    largest,
+    load,
+    path_image,
+    plane,
+    point_light,
+    rendered,
+    scene,
+    translate,
+)
+from tracers import (
+    ALBEDO,
+    COURSE,
+    DARK,
+    GLOW,
+    TRACERS,
+    all_equal,
+    course,
+    furnace,
+    paths,
+    picture,
+    steady,
+    traced,
+    view,
+)
+
+import tofrender
+from tofrender.runtime import plugins
+from tofrender.scenes import BUILT_IN
+
+# ----------------------------------------------------------- same random numbers, same picture
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mitsubas_steps")
+@pytest.mark.parametrize("name", SCENES)
+def test_reuse_is_mitsubas_path(name):
+    described = SCENES[name]()
+    reference = path_image(described, seed=1)
+    assert reference.max() > 0.05
+    assert largest(picture(steady(traced(described, "reuse")), seed=1), reference) < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mitsubas_steps")
+@pytest.mark.parametrize("name", COURSE)
+def test_reuse_is_mitsubas_path_in_the_course(name):
+    reference = picture(course(name, integrator="path"), seed=1)
+    assert reference.max() > 0.05
+    found = picture(course(name, integrator="path_tracer_mis"), seed=1)
+    assert largest(found, reference) < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mitsubas_steps")
+@pytest.mark.parametrize("bounces", [0, 1, 2, -1])
+@pytest.mark.parametrize("options", [{"rr_depth": 1}, {"hide_emitters": True}])
+def test_bounces_roulette_and_hidden_emitters_are_mitsubas(bounces, options):
+    described = steady(SCENES["many lights"]())
+    ours = traced(described, "reuse", max_bounces=bounces, **options)
+    depth = bounces + 1 if bounces >= 0 else -1
+    reference = path_image(described, seed=2, max_depth=depth, **options)
+    assert np.abs(picture(ours, seed=2) - reference).max() <= 1e-5 * reference.max()
+    assert (reference.max() == 0) == (options == {"hide_emitters": True} and bounces == 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_without_a_bounce_there_are_only_lights(tracer):
+    described = steady(SCENES["cornell"]())
+    lights = path_image(described, max_depth=1)
+    assert 0 < (lights.max(axis=2) > 0).mean() < 0.2
+    assert largest(picture(traced(described, tracer, max_bounces=0)), lights) < 1e-5
+    assert picture(traced(described, tracer, max_bounces=0, hide_emitters=True)).max() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_depth_is_one_more_than_bounces(tracer):
+    described = steady(traced(SCENES["glass"](), tracer, max_bounces=2))
+    by_depth = described | {"integrator": TRACERS[tracer] | {"max_depth": 3}}
+    assert largest(picture(by_depth), picture(described)) < 1e-6
+    fewer = described | {"integrator": TRACERS[tracer] | {"max_depth": 2}}
+    assert largest(picture(fewer), picture(described)) > 0.01
+
+
+def test_the_techniques_differ():
+    lit = SCENES["constant environment"]
+    pictures = [picture(steady(traced(lit(), tracer))) for tracer in TRACERS]
+    for i, first in enumerate(pictures):
+        assert all(largest(first, second) > 0.01 for second in pictures[:i])
+    default = lit() | {"integrator": {"type": "path_tracer_mis", "max_bounces": 11}}
+    assert largest(picture(steady(default)), pictures[2]) < 1e-6
+
+
+# ------------------------------------------------------------------------------- expectation
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", SCENES)
+def test_gallery_in_expectation(name):
+    """Roulette starts earlier than in the reference, whose lights are hidden alike."""
+    described = SCENES[name]()
+    loaded = load(described)
+    limits = {"max_depth": 12, "hide_emitters": True}
+    reference = view(loaded, {"type": "path", **limits}, 1 << 17, 1)
+    finds = {"nee", "one_sample"} if name in (*DARK, "many lights") else {*TRACERS} - {"reuse"}
+    found = {
+        tracer: view(loaded, TRACERS[tracer] | limits | {"rr_depth": 3}, 1 << 17, 2 + seed)
+        for seed, tracer in enumerate(sorted(finds))
+    }
+    assert all_equal(found, reference)
+    assert not all_equal(found | {"nee": 1.3 * found["nee"]}, reference)
+
+
+@pytest.mark.parametrize("name", DARK)
+def test_no_ray_runs_into_a_light_without_size(name):
+    assert view(load(SCENES[name]()), TRACERS["mats"] | {"max_bounces": 5}, 1 << 12, 1).max() == 0
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", COURSE)
+def test_course_in_expectation(name):
+    """All four, also with mirror and glass in the small box: its light is large enough for `mats`.
+
+    Some lights are so small that 200 of two million rays of `mats` run into them; so one mean over
+    the picture.
+    """
+    loaded = load(course(name))
+    few, depth = (1 << 17, 6) if "box" in name else (1 << 18, 2)
+    many = 1 << (21 if name in ("veach", "sphere_light_small") else 19)
+    limits = {"max_depth": depth, "hide_emitters": True}
+    reference = view(loaded, {"type": "path", **limits}, few, 1).mean(axis=1)
+    found = {
+        tracer: view(loaded, TRACERS[tracer] | limits, count, 2).mean(axis=1)
+        for tracer, count in (("mats", many), ("nee", few), ("reuse", few), ("one_sample", few))
+    }
+    assert all_equal(found, reference)
+    wrong = (1.5 if name == "veach" else 1.1) * found["one_sample"]
+    assert not all_equal({"one_sample": wrong}, reference)
+
+
+MATERIALS = {
+    "diffuse": diffuse(0.7),
+    "mirror": {"type": "conductor", "material": "none"},
+    "glass": {"type": "dielectric"},
+    "thin glass": {"type": "thindielectric"},
+    "plastic": {"type": "plastic", "diffuse_reflectance": grey(0.5)},
+    "rough plastic": {"type": "roughplastic", "alpha": 0.1},
+    "rough conductor": {"type": "roughconductor", "alpha": 0.2},
+    "rough glass": {"type": "roughdielectric", "alpha": 0.4},
+    "mask": {"type": "mask", "opacity": 0.4, "nested": diffuse(0.8)},
+    "blend": {
+        "type": "blendbsdf",
+        "weight": 0.5,
+        "smooth": {"type": "conductor", "material": "none"},
+        "rough": diffuse(0.6),
+    },
+    "two-sided": {"type": "twosided", "nested": diffuse(0.4)},
+}
+
+
+def tiles(lights: dict) -> mi.Scene:
+    """A row of plates, one of each material, between a lamp that they mirror and one behind them.
+
+    The camera's rays come from y = 1.2 to y = 0, so mirrors reflect them to y = -1.2.
+    """
+    middle, half = 2 * (len(MATERIALS) - 1), 2 * len(MATERIALS)
+    strip = mi.ScalarTransform4f().scale([half, 0.6, 1])
+    above = mi.ScalarTransform4f().translate([middle, -1.2, 2]).rotate([1, 0, 0], 180)
+    behind = mi.ScalarTransform4f().translate([middle, -1.2, -2])
+    parts = {
+        "above": plane(above @ strip, 1.0, bsdf=diffuse(0.0), emitter=area_light(3.0)),
+        "behind": plane(behind @ strip, 1.0, bsdf=diffuse(0.0), emitter=area_light(2.0)),
+        **lights,
+    }
+    for i, bsdf in enumerate(MATERIALS.values()):
+        parts[f"tile{i}"] = plane(translate(4 * i, 0, 0), size=1.0, bsdf=bsdf)
+    return load(scene(parts, camera((0, 0, 9), (0, 0, 0), film())))
+
+
+def on_each_tile(loaded: mi.Scene, integrator: dict, count: int, seed: int) -> np.ndarray:
+    """Paths that leave each tile's centre, (batches, tiles)."""
+    tile = mi.Float(4 * (np.arange(count) % len(MATERIALS)))
+    ray = mi.Ray3f(mi.Point3f(tile, 1.2, 2.0), dr.normalize(mi.Vector3f(0 * tile, -1.2, -2.0)))
+    found = paths(loaded, integrator | {"max_depth": 2}, ray, seed)
+    return found.mean(axis=1).reshape(32, -1, len(MATERIALS)).mean(axis=1)
+
+
+SMALL_LAMPS = {
+    "bulb": point_light((2.0, 2.0, 3.0), 20.0),
+    "spot": {
+        "type": "spot",
+        "intensity": grey(300.0),
+        "cutoff_angle": 60.0,
+        "to_world": mi.ScalarTransform4f().look_at([20, 2, 9], [20, 0, 0], [0, 1, 0]),
+    },
+    "sun": {"type": "directional", "direction": [0.3, 0.2, -1], "irradiance": grey(0.5)},
+}
+SKY = {"sky": {"type": "constant", "radiance": grey(0.2)}}
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("lamps", [{}, SKY, SKY | SMALL_LAMPS], ids=["area", "sky", "all"])
+def test_materials_in_expectation(lamps):
+    loaded = tiles(lamps)
+    count = len(MATERIALS) << 15
+    reference = on_each_tile(loaded, {"type": "path"}, count, 1)
+    dark = {"mats"} if "bulb" in lamps else set()
+    found = {
+        tracer: on_each_tile(loaded, TRACERS[tracer], count, 2) for tracer in {*TRACERS} - dark
+    }
+    assert all_equal(found, reference)
+    for tile in range(len(MATERIALS)):
+        wrong = np.where(np.arange(len(MATERIALS)) == tile, 1.2, 1.0) * found["one_sample"]
+        assert not all_equal({"one_sample": wrong}, reference)
+
+
+# --------------------------------------------------------------- no light is counted twice
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tracer", TRACERS)
+@pytest.mark.parametrize("bounces", [0, 1, 3, 60])
+def test_furnace(tracer, bounces):
+    expected = GLOW * (1 - ALBEDO ** (bounces + 1)) / (1 - ALBEDO)
+    found = picture(steady(furnace(tracer, bounces)), spp=256).mean(axis=(0, 1))
+    assert found == pytest.approx([expected] * 3, rel=5e-3)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_furnace_without_limit(tracer):
+    """All pixels are alike: each is an estimate of its own."""
+    found = picture(steady(furnace(tracer, -1, rr_depth=3)), spp=1 << 14)[..., 0].ravel()
+    assert agree(found, np.array(GLOW / (1 - ALBEDO)), rounding=5e-3)
+    assert not agree(1.05 * found, np.array(GLOW / (1 - ALBEDO)), rounding=5e-3)
+
+
+VARIANTS = [name for name in mi.variants() if name.startswith("llvm")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_furnace_in_every_variant(variant, tracer):
+    mi.set_variant(variant)
+    expected = GLOW * (1 + ALBEDO + ALBEDO**2)
+    _, transient = rendered(furnace(tracer, 2), spp=256)
+    tolerance = 0.05 if "spectral" in variant else 5e-3
+    assert transient.sum(axis=2).mean(axis=(0, 1)) == pytest.approx(expected, rel=tolerance)
+
+
+# --------------------------------------------------------------------- scenes and settings
+
+
+@pytest.mark.parametrize("tracer", ["path_tracer_mats", "path_tracer_nee", "path_tracer_mis"])
+@pytest.mark.parametrize("name", ["veach", "small_box"])
+def test_load_scene_changes_the_tracer(name, tracer):
+    size = {"width": 8, "height": 6}
+    loaded = tofrender.load_scene(name, integrator=tracer, **size)
+    assert plugins.PLUGINS[type(loaded.integrator()).__name__][0] == tracer
+    bounces = BUILT_IN[name]()["integrator"]["max_bounces"]
+    assert (loaded.integrator().max_bounces, loaded.integrator().max_depth) == (
+        bounces,
+        bounces + 1,
+    )
+    deeper = tofrender.load_scene(name, integrator=tracer, max_depth=4, **size)
+    assert (deeper.integrator().max_bounces, deeper.integrator().max_depth) == (3, 4)
+
+
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_render_in_time(tracer):
+    described = course("small_box") | {"integrator": TRACERS[tracer] | {"max_bounces": 3}}
+    window = {"temporal_bins": 30, "start_opl": 2.5, "bin_width_opl": 0.1}
+    loaded = tofrender.load_scene(described, spp=16, **window)
+    with pytest.warns(UserWarning, match="outside the window"):
+        dataset = tofrender.render(loaded, progress=False)
+    steady_image, outside = dataset["steady"].values, dataset.attrs["energy_outside_window"]
+    assert dataset.sizes["opl"] == 30
+    assert 0 < outside < 0.5
+    assert dataset["transient"].values.sum() == pytest.approx((1 - outside) * steady_image.sum())
+
+
+# ------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize("tracer", TRACERS)
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"max_bounces": -2}, r"max_bounces = -2: must be -1 \(no limit\) or an integer from 0"),
+        ({"max_bounces": 1.5}, "max_bounces = 1.5: must be -1"),
+        ({"max_bounces": "x"}, "max_bounces = 'x': must be -1"),
+        ({"max_bounces": True}, "max_bounces = True: must be -1"),
+        ({"max_bounces": 1, "max_depth": 2}, "max_depth = 2: must be left out next to max_bounces"),
+        ({"max_depth": 0}, r"max_depth = 0: must be -1 \(no limit\) or an integer from 1"),
+        ({"rr_depth": 0}, "rr_depth = 0: must be an integer from 1"),
+        ({"emitter_sampling": False}, "emitter_sampling = False: must be left out"),
+        ({"technique": "foo"}, "technique"),
+        ({"bounces": 3}, "bounces"),
+    ],
+)
+def test_bad_input_is_one_line(tracer, parameters, text):
+    described = course("small_box") | {"integrator": TRACERS[tracer] | parameters}
+    with pytest.raises(ValueError, match=text) as error:
+        tofrender.load_scene(described)
+    assert "\n" not in str(error.value)
+
+
+def test_bad_technique():
+    with pytest.raises(ValueError, match="technique = 'foo': must be one of reuse, one_sample"):
+        tofrender.scenes.loading.load_plugin(
+            "integrator", {"type": "path_tracer_mis", "technique": "foo"}
+        )

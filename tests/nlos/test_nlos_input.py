@@ -1,0 +1,455 @@
+"""What captures refuse, each in one line, and that shapes are never mixed up in silence."""
+
+from __future__ import annotations
+
+import math
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from nlos_oracles import (
+    Grid,
+    Rectangle,
+    Setup,
+    confocal,
+    estimates,
+    load_nlos,
+    single,
+    spot,
+    total,
+)
+from support import agree, camera, diffuse, film, over_seeds, point_light, rendered
+from test_projector import lit_by, projector, spots
+
+import tofrender
+from tofrender.nlos import check_capture
+from tofrender.nlos.capturing import capture
+from tofrender.nlos.device.relay_wall import find_relay_wall, is_on_relay_wall
+
+DEVICE = (-0.6, 0.3, 1.2)
+LASER = (-0.8, -0.5, 0.6)
+LIT = (-0.3, 0.25, 0.0)
+PATCH = {"hidden": Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)).shape()}
+WINDOW = {"bins": 60, "start": 0.0, "bin_width": 0.1}
+
+
+def scan(hidden: dict | None = None, **options) -> dict:
+    hidden = PATCH if hidden is None else hidden
+    return confocal(Setup(sensor=DEVICE), hidden, film(2, 2, **WINDOW), **options)
+
+
+def shot(hidden: dict | None = None, **options) -> dict:
+    hidden = PATCH if hidden is None else hidden
+    setup = Setup(sensor=DEVICE, laser=LASER)
+    return single(setup, hidden, LIT, film(2, 2, **WINDOW), **options)
+
+
+def by_camera(described: dict, fov: float = 20, **wall) -> dict:
+    """The same with a camera; the wall has no sensor."""
+    plain = {k: v for k, v in described["relay_wall"].items() if k != "sensor"}
+    eye = camera(DEVICE, (0, 0, 0), film(4, 4, **WINDOW), fov=fov)
+    return described | {"relay_wall": plain | wall, "sensor": eye}
+
+
+def refusal(described: dict) -> str:
+    """What is said of a scene, whether it is loaded, rendered or captured."""
+    with pytest.raises((ValueError, TypeError)) as error:
+        tofrender.render(load_nlos(described), spp=4, progress=False)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.slow
+def test_the_scenes_are_right_otherwise():
+    for described in (scan(), shot(), by_camera(scan()), by_camera(shot())):
+        steady, _ = rendered(load_nlos(described), spp=256)
+        assert steady.max() > 0
+
+
+# ------------------------------------------------------------------------------------ numbers
+
+
+@pytest.mark.parametrize("value", [0, 0.0, -1.0, math.nan, math.inf, "much"])
+def test_power(value):
+    assert "power" in refusal(scan(power=value))
+
+
+@pytest.mark.parametrize("value", [-0.1, math.nan, math.inf, 1.0])
+def test_spot_sigma(value):
+    """Eight of them must be less than a right angle."""
+    assert "spot_sigma" in refusal(scan(spot_sigma=value))
+
+
+@pytest.mark.parametrize("value", [0, -2, 1.5, True, "three"])
+@pytest.mark.parametrize("described", [scan, shot])
+def test_filter_bounces(described, value):
+    assert "filter_bounces" in refusal(described(filter_bounces=value))
+
+
+@pytest.mark.parametrize("value", ["foo", 0, 4, "", 1.5])
+def test_capture_type(value):
+    assert "capture_type" in refusal(shot(capture_type=value))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("described", "options"),
+    [
+        (scan, {"max_depth": 0}),
+        (scan, {"use_nlos_only": "yes"}),
+        (scan, {"nlos_hidden_geometry_sampling": 2}),
+        (scan, {"account_first_and_last_bounces": 1.5}),
+        (shot, {"nlos_laser_sampling": "on"}),
+        (shot, {"nlos_hidden_geometry_sampling_do_rroulette": 7}),
+        (shot, {"relay_wall": 5}),
+        (scan, {"laser_power": 2.0}),
+        (scan, {"capture_type": "confocal"}),
+        (shot, {"spot_sigma": 0.1}),
+        (shot, {"nlos_laser_samplin": True}),
+    ],
+)
+def test_other_parameters(described, options):
+    assert next(iter(options)) in refusal(described(**options))
+
+
+# --------------------------------------------------------------------------------- wall, laser
+
+
+def test_no_relay_wall():
+    described = by_camera(scan(use_nlos_only=True))
+    described["screen"] = described.pop("relay_wall")
+    said = refusal(described)
+    assert "relay_wall" in said
+    assert "screen" in said
+
+
+@pytest.mark.parametrize("described", [scan, shot])
+def test_unknown_relay_wall(described):
+    said = refusal(described(relay_wall="wand"))
+    assert "wand" in said
+    assert "hidden" in said
+
+
+def test_unknown_second_wall():
+    assert "wand" in refusal(scan(relay_wall="relay_wall, wand"))
+
+
+@pytest.mark.parametrize("described", [scan, shot])
+def test_nothing_is_hidden(described):
+    assert "hidden" in refusal(described({}, use_nlos_only=True))
+
+
+def test_laser_misses():
+    away = shot() | {"laser": spot(LASER, (3.0, 0.0, 0.0))}
+    assert "laser" in refusal(away)
+    in_the_way = Rectangle((-0.55, -0.125, 0.3), (0.05, 0, 0), (0, 0.05, 0)).shape()
+    assert "laser" in refusal(shot(PATCH | {"in_the_way": in_the_way}))
+
+
+def test_number_of_emitters():
+    two = shot() | {"lamp": point_light((0, 0, 1), 1.0)}
+    assert "emitter" in refusal(two)
+    none = shot()
+    del none["laser"]
+    assert "emitter" in refusal(none) or "light" in refusal(none)
+
+
+def test_confocal_capture_needs_laser_sampling():
+    """It would be black, as the laser is turned in thought only."""
+    assert "nlos_laser_sampling" in refusal(shot(capture_type=2, nlos_laser_sampling=False))
+
+
+# ------------------------------------------------------------------------------- projectors
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"grid_rows": 0}, "grid_rows"),
+        ({"grid_cols": -1}, "grid_cols"),
+        ({"grid_sigma": 0.0}, "grid_sigma"),
+        ({"grid_sigma": -0.1}, "grid_sigma"),
+        ({"grid_intensity": 0.0}, "grid_intensity"),
+        ({"grid_intensity": -1.0}, "grid_intensity"),
+        ({"grid_intensity": math.nan}, "grid_intensity"),
+        ({"grid_spacing": "dense"}, "grid_spacing"),
+        ({"fov": 0.0}, "fov"),
+        ({"fov": 3.2}, "fov"),
+        ({"max_rejection_samples": 0}, "max_rejection_samples"),
+        ({"max_rejection_samples": 65}, "max_rejection_samples"),
+        ({"pulse_type": "square"}, "pulse_type"),
+        ({"pulse_width_opl": -0.1}, "pulse_width_opl"),
+        ({"pulse_type": "histogram"}, "pulse_values"),
+        (spots([(0, 0)], [0.1, 0.2], [1]), "spot_sigmas"),
+        (spots([(0, 0)], [0.0], [1]), "spot_sigmas"),
+        (spots([(0, 0)], [0.1], [-1]), "spot_intensities"),
+        (spots([(0, 0, 0)], [0.1], [1]), "spot_positions"),
+        ({"spot_positions": "0 zero"}, "spot_positions"),
+        ({"grid_sigmas": 0.1}, "grid_sigmas"),
+    ],
+)
+def test_bad_projectors(options, word):
+    assert word in refusal(lit_by(projector(**options)))
+
+
+def test_projector_with_power_too():
+    described = lit_by(projector())
+    described["integrator"]["power"] = 2.0
+    assert "power" in refusal(described)
+
+
+# ------------------------------------------------------------------------------------ captures
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"mode": "foo"}, "mode"),
+        ({"mode": 3}, "mode"),
+        ({"grid": (0, 4)}, "grid"),
+        ({"grid": (4,)}, "grid"),
+        ({"grid": "4x4"}, "grid"),
+        ({"grid": (4.5, 4)}, "grid"),
+        ({"spp": 0}, "spp"),
+        ({"sensor": 1}, "sensor"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_capture_arguments(options, word):
+    with pytest.raises(ValueError, match=word) as error:
+        capture(shot(), progress=False, **options)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("mode", ["single", "exhaustive"])
+def test_modes_of_a_confocal_integrator(mode):
+    with pytest.raises(ValueError, match="confocal") as error:
+        capture(scan(), mode=mode, progress=False)
+    assert "\n" not in str(error.value)
+
+
+def test_capture_with_an_ordinary_integrator():
+    described = shot() | {"integrator": {"type": "tofrender_transient_path"}}
+    with pytest.raises((ValueError, TypeError), match="transient_nlos_path") as error:
+        capture(described, progress=False)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+def test_pixels_beside_the_wall(mode):
+    """Some: dark, and marked. All: refused."""
+    described = by_camera(shot(nlos_hidden_geometry_sampling=True), fov=120)
+    with pytest.warns(UserWarning, match=r"\Asensor: 12 of 16 pixels do not look at .* dark.*\Z"):
+        data = capture(described, mode=mode, spp=64, progress=False)
+    check_capture(data)
+    on_wall = np.zeros((4, 4), bool)
+    on_wall[1:3, 1:3] = True
+    assert np.array_equal(data["on_wall"].values, on_wall)
+    light = data["transient"].sum(("opl", "channel")).transpose("y", "x", ...).values
+    assert np.isfinite(light).all()
+    assert np.all(light[~on_wall] == 0)
+    assert (light[on_wall].reshape(4, -1).sum(axis=1) > 0).sum() >= 3
+    if mode == "exhaustive":
+        lit = np.moveaxis(light, (2, 3), (0, 1))
+        assert np.all(lit[~on_wall] == 0)
+        assert lit[on_wall].sum() > 0
+    # The points of the others continue the wall: all on its plane, in rows and columns
+    grid, normals = data["sensor_grid"].values, data["sensor_normals"].values
+    assert np.isfinite(grid).all()
+    assert normals == pytest.approx(np.broadcast_to([0, 0, 1], grid.shape), abs=1e-5)
+    towards = (grid - DEVICE) @ (np.array(DEVICE) / -np.linalg.norm(DEVICE))
+    ahead = towards > 0
+    assert ahead.sum() > 4
+    assert grid[..., 2] == pytest.approx(0, abs=1e-4)
+    away = by_camera(shot(), fov=1)
+    away["relay_wall"]["to_world"] = mi.ScalarTransform4f().translate([9, 0, 0])
+    with pytest.raises(ValueError, match=r"\A.*0 of 16 pixels look at the relay wall.*\Z"):
+        capture(away, mode=mode, spp=1, progress=False)
+
+
+def test_capture_whose_laser_misses():
+    described = shot() | {"laser": spot(LASER, (3.0, 0.0, 0.0))}
+    with pytest.raises(ValueError, match="laser") as error:
+        capture(described, mode="single", spp=1, progress=False)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
+def test_scans_do_not_care_where_the_laser_looks(mode):
+    described = shot() | {"laser": spot(LASER, (3.0, 0.0, 0.0))}
+    assert capture(described, mode=mode, spp=16, progress=False)["transient"].max() > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spot_sigma", [0.0, 0.02])
+def test_rays_that_miss_are_black(spot_sigma):
+    """A small wall in a wide view; also rays that meet the hidden patch instead."""
+    small = mi.ScalarTransform4f().scale([0.4, 0.4, 1])
+    described = by_camera(scan(spot_sigma=spot_sigma, filter_bounces=-1), 90, to_world=small)
+    steady, transient = rendered(load_nlos(described), spp=64)
+    assert np.isfinite(steady).all()
+    assert np.isfinite(transient).all()
+    assert np.all(steady[[0, 0, -1, -1], [0, -1, 0, -1]] == 0)
+    assert steady.max() > 0
+
+
+# ------------------------------------------------------------------------------------ identity
+
+
+def alike() -> dict:
+    """Wall and hidden patch of one material: meshes that a default load makes one."""
+    return by_camera(scan(use_nlos_only=True), bsdf=diffuse(0.7))
+
+
+def test_load_without_optimization_keeps_shapes_apart():
+    loaded = load_nlos(alike())
+    wall = find_relay_wall(loaded)
+    rays = mi.Ray3f(mi.Point3f([0, 0.35], [0, 0.3], 0.2), mi.Vector3f([0, 0], [0, 0], [-1, 1]))
+    assert np.array(is_on_relay_wall(loaded.ray_intersect(rays), wall)).tolist() == [True, False]
+    assert rendered(loaded, spp=256)[0].max() > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nlos_only", [True, False])
+def test_a_default_load_is_right_or_refused(nlos_only):
+    described = alike()
+    described["integrator"] = described["integrator"] | {"use_nlos_only": nlos_only}
+    merged = tofrender.load_scene(described)
+    assert len(merged.shapes()) == 1
+    apart = rendered(load_nlos(described), spp=1 << 12)[0]
+    if nlos_only:
+        with pytest.raises(ValueError, match=r"^[^\n]*optimize=False[^\n]*$"):
+            tofrender.render(merged, spp=1, progress=False)
+    else:
+        found = tofrender.render(merged, spp=1 << 15, progress=False)["steady"].values
+        assert found.sum() == pytest.approx(apart.sum(), rel=0.05)
+
+
+def test_capture_loads_shapes_apart():
+    """From a dict, without a word of how to load it."""
+    described = alike()
+    described["integrator"] = described["integrator"] | {"use_nlos_only": False}
+    data = capture(described, mode="confocal", spp=64, progress=False)
+    assert data["transient"].max() > 0
+    assert data["sensor_grid"].values[..., 2] == pytest.approx(0, abs=1e-5)
+
+
+def test_named_walls_of_a_meter():
+    """The wall is the shape that the meter is a child of, whatever it is called."""
+    described = scan(use_nlos_only=True)
+    described["anything"] = described.pop("relay_wall")
+    assert rendered(load_nlos(described), spp=64)[0].max() > 0
+
+
+# ----------------------------------------------------------------- what sampling aims at
+
+
+PLATES = {
+    "hidden": Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)),
+    "other": Rectangle.turned((-0.4, -0.3, 0.9), 20, 30, half=(0.2, 0.2)),
+}
+
+
+def two_plates(**options) -> dict:
+    return scan({name: plate.shape() for name, plate in PLATES.items()}, **options)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("value", ["hidden", "other", "hidden, other"])
+def test_hidden_shapes_change_the_noise_alone(value):
+    setup, points = Setup(sensor=DEVICE), Grid(2, 2).points().reshape(4, 3)
+    expected = sum(total(setup, p.nodes(), 0.7, w, w) for p in PLATES.values() for w in points)
+    loaded = load_nlos(two_plates(hidden_shapes=value))
+    found = over_seeds(lambda seed: estimates(loaded, 1 << 14)(seed).sum(), range(12))
+    assert agree(found, np.array(expected), rounding=1e-3)
+    assert not agree(1.1 * found, np.array(expected), rounding=1e-3)
+    names = [shape.id() for shape in loaded.integrator().targets.shapes]
+    assert names == value.split(", ")
+    by_list = load_nlos(two_plates())
+    by_list.integrator().hidden_shapes = [s for s in by_list.shapes() if s.id() in names]
+    assert rendered(by_list, spp=64)[0] == pytest.approx(rendered(loaded, spp=64)[0], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (
+            "wand",
+            "hidden_shapes = 'wand': the scene has no such shape; must be one of 'relay_wall'",
+        ),
+        ("", "hidden_shapes = '': the scene has no such shape; must be one of 'relay_wall'"),
+        ("relay_wall", "hidden_shapes = 'relay_wall': is the relay wall; must be other shapes"),
+        (3, "hidden_shapes = 3: must be ids of shapes, separated by commas"),
+    ],
+)
+def test_bad_hidden_shapes(value, said):
+    assert said in refusal(two_plates(hidden_shapes=value))
+
+
+def test_hidden_shapes_without_sampling():
+    options = {"hidden_shapes": "hidden", "nlos_hidden_geometry_sampling": False}
+    assert "hidden_shapes = 'hidden': must be left out without" in refusal(two_plates(**options))
+
+
+@pytest.mark.slow
+def test_the_box_can_be_left_out():
+    """A capture of a scene of the text, whose box blocks half of the view."""
+    described = tofrender.wall_box_sphere_nlos(width=8, height=8, spp=4)
+    described["integrator"] = described["integrator"] | {"hidden_shapes": "hidden_sphere"}
+    loaded = load_nlos(described)
+    with pytest.warns(UserWarning, match="32 of 64 pixels"):
+        data = capture(loaded, progress=False)
+    assert [s.id() for s in loaded.integrator().targets.shapes] == ["hidden_sphere"]
+    assert data["on_wall"].values[:4].all()
+    assert not data["on_wall"].values[4:].any()
+
+
+# ------------------------------------------------------------------------------ other walls
+
+
+@pytest.mark.slow
+def test_nothing_says_which_shape_is_the_wall():
+    described = by_camera(shot(), fov=120)
+    described["screen"] = described.pop("relay_wall")
+    described["plate"] = Rectangle((3.0, 0, -0.5), (4.0, 0, 0), (0, 8.0, 0)).shape()
+    with pytest.raises(ValueError, match=r"\Arelay_wall: is not known, and the sensor sees .*\Z"):
+        capture(described, progress=False)
+    with pytest.warns(UserWarning, match="do not look"):
+        data = capture(described, relay_wall="screen", spp=4096, progress=False)
+    assert data["transient"].sum() > 0
+
+
+def test_capture_of_nothing_hidden():
+    with pytest.raises(ValueError, match=r"\Ascene: has no hidden geometry.*\Z"):
+        capture(scan({}), progress=False)
+
+
+def test_capture_with_a_fixed_projector():
+    frame = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0])
+    described = lit_by(projector(is_confocal=False, frame=frame), PATCH)
+    with pytest.raises(ValueError, match=r"\Ais_confocal = False: must be True.*\Z"):
+        capture(described, progress=False)
+
+
+BENT = np.eye(4)
+BENT[0, 0] = math.nan
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.diag([1.0, 1, 0, 1]), np.diag([0.0, 0, 0, 1]), np.ones((4, 4)), BENT],
+)
+def test_frames_that_are_none(matrix):
+    """Flat, a point, skew to nothing, not finite."""
+    options = {"is_confocal": False, "frame": mi.ScalarTransform4f(matrix)}
+    assert "must be finite, with three axes that span space" in refusal(
+        lit_by(projector(**options))
+    )
+
+
+def test_small_frames_are_frames():
+    frame = mi.ScalarTransform4f(np.diag([1e-4, 1e-4, 1e-4, 1]))
+    assert projector(is_confocal=False, frame=frame)["frame"] is frame
+    mi.load_dict(projector(is_confocal=False, frame=frame))

@@ -1,0 +1,93 @@
+"""mitransient's captures are ours where it is right: same scene, same bins, same scale."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from nlos_oracles import Rectangle, Setup, estimates, load_nlos, relay_wall
+from support import agree, film, grey, over_seeds
+
+SEEDS = range(12)
+DEVICE = (-0.5, 0.0, 0.25)
+LIT = (0.1, -0.2, 0.0)
+SPP = 8192
+
+
+def peers_scene(mode: str) -> dict:
+    """A facing plate before the wall, laser and hidden geometry sampled: no fault known."""
+    plate = Rectangle((0.2, 0.1, 0.9), (-0.3, 0, 0), (0, 0.25, 0))
+    to_world = mi.ScalarTransform4f().look_at(list(DEVICE), list(LIT), [0, 1, 0])
+    window = film(2, 2, bins=40, start=1.7, bin_width=0.05)
+    return {
+        "type": "scene",
+        "integrator": {
+            "type": "transient_nlos_path",
+            "capture_type": {"single": 1, "confocal": 2}[mode],
+            "nlos_laser_sampling": True,
+            "nlos_hidden_geometry_sampling": True,
+            "account_first_and_last_bounces": False,
+            "temporal_filter": "box",
+        },
+        "relay_wall": relay_wall(Setup(sensor=DEVICE), window),
+        "laser": {
+            "type": "projector",
+            "irradiance": grey(100.0),
+            "fov": 0.2,
+            "to_world": to_world,
+        },
+        "hidden": plate.shape(),
+    }
+
+
+def render_as_peer(mode: str, path: str) -> None:
+    """In a process of its own, where the plugins' names are theirs."""
+    from mitransient.nlos import focus_emitter_at_relay_wall_3dpoint
+
+    scene = mi.load_dict(peers_scene(mode), parallel=False, optimize=False)
+    wall = next(shape for shape in scene.shapes() if shape.is_sensor())
+    focus_emitter_at_relay_wall_3dpoint(mi.Point3f(LIT), wall, scene.emitters()[0])
+    np.save(path, over_seeds(estimates(scene, SPP, "transient"), SEEDS))
+
+
+PROGRAM = """
+import sys, warnings
+warnings.simplefilter("ignore")
+sys.path.insert(0, sys.argv[1])
+import test_nlos_peer as test
+import mitransient
+test.render_as_peer(*sys.argv[2:])
+"""
+
+
+@pytest.mark.statistical
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["single", "confocal"])
+def test_same_capture(mode, tmp_path):
+    path = tmp_path / "peer.npy"
+    here = Path(__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(here), mode, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        cwd=here.parents[1],
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    theirs = with_sum(np.load(path))
+    ours = with_sum(over_seeds(estimates(load_nlos(peers_scene(mode)), SPP, "transient"), SEEDS))
+    assert theirs.shape == ours.shape == (12, 41)
+    assert agree(ours, theirs, rounding=1e-3)
+    assert not agree(1.03 * ours, theirs, rounding=1e-3)
+    assert not agree(np.roll(ours, 1, axis=1), theirs, rounding=1e-3)
+
+
+def with_sum(bins: np.ndarray) -> np.ndarray:
+    """Bins of all points together, behind their sum."""
+    together = bins.sum(axis=(1, 2))
+    return np.column_stack([together.sum(axis=1), together])

@@ -1,0 +1,494 @@
+"""Each method finds closed-form scenes where they are, whatever wall, window or legs there are."""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+
+import numpy as np
+import pytest
+import xarray as xr
+from hidden_scenes import (
+    STRAIGHT,
+    Patches,
+    Wall,
+    capture_of,
+    letter_f,
+    letter_z,
+    rectangle,
+    sphere,
+    true_depth,
+    turned,
+    two_spheres,
+)
+
+from tofrender.nlos import (
+    METHODS,
+    VolumeGrid,
+    depth_error,
+    depth_map,
+    make_capture,
+    max_projection,
+    reconstruct,
+)
+from tofrender.nlos.reconstruction import backprojection
+from tofrender.nlos.reconstruction.measured import Measured
+from tofrender.nlos.reconstruction.volume import resample
+from tofrender.runtime import memory
+from tofrender.vis.reconstructions import reconstruction_figure
+
+pytest.importorskip("scipy")
+
+TIME = {"width": 0.012, "bins": 125}
+ALLOWED = [("confocal", m) for m in METHODS]
+ALLOWED += [(mode, m) for mode in ("single", "exhaustive") for m in ("bp", "fbp", "phasor")]
+pairs = pytest.mark.parametrize(("mode", "method"), ALLOWED)
+methods = pytest.mark.parametrize("method", METHODS)
+SCENES = {
+    # A plane that is parallel to the wall and reaches past its edge on one side
+    "plane": partial(rectangle, (-0.8, 1.1), (-0.7, 0.9), 1.0, 0.04),
+    "Z": letter_z,
+    "spheres": two_spheres,
+}
+
+
+@lru_cache
+def _light_of(scene, place, mode, options) -> xr.Dataset:
+    wall = {"straight": Wall, "turned": turned}[place[0]](place[1])
+    return capture_of(scene(), wall, mode, **TIME | dict(options))
+
+
+def light_of(scene, wall: Wall, mode: str, **options) -> xr.Dataset:
+    """The capture of a scene; made once for all methods, so it must stay as it is."""
+    name = "straight" if wall.origin == STRAIGHT.origin else "turned"
+    return _light_of(scene, (name, wall.size), mode, tuple(options.items()))
+
+
+def run(capture: xr.Dataset, method: str, **options) -> xr.Dataset:
+    return reconstruct(capture, method, progress=False, **options)
+
+
+def brightest(volume: xr.Dataset) -> np.ndarray:
+    """Centre of light of the brightest voxel and its neighbours, (x, y, z) in the wall's frame."""
+    values = volume["intensity"].values.astype(np.float64)
+    at = np.unravel_index(values.argmax(), values.shape)
+    near = tuple(slice(max(i - 1, 0), i + 2) for i in at)
+    axes = [volume[axis].values[part] for axis, part in zip("zyx", near, strict=True)]
+    weight = values[near]
+    return np.array([(weight * g).sum() for g in np.meshgrid(*axes, indexing="ij")[::-1]]) / (
+        weight.sum()
+    )
+
+
+# ------------------------------------------------------------------------------- scenes' depths
+
+# Backprojection without a filter has no maximum at a plane (all that is before it is as bright),
+# nor on a sphere; everything else finds surfaces to 2 cm. Points that are 62 mm apart see the
+# slopes of spheres less well.
+LIMITS = {("plane", "bp"): 0.06, ("spheres", "bp"): 0.11}
+COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
+def test_depth_of_scenes(scene, mode, method):
+    capture = light_of(SCENES[scene], turned(32), mode)
+    volume = run(capture, method)
+    error = depth_error(volume, true_depth(SCENES[scene](), volume))
+    assert error.median < (COARSE | LIMITS).get((scene, method), 0.02)
+    if method != "bp" and mode == "confocal":
+        assert error.found > 0.15
+        assert error.extra < 0.45
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
+def test_depth_of_scenes_at_full_size(scene, mode, method):
+    """64 x 64 points, bins of 6 mm, depth 1 m: below 2 cm."""
+    capture = light_of(SCENES[scene], Wall(64), mode, width=0.006, bins=250)
+    volume = run(capture, method)
+    error = depth_error(volume, true_depth(SCENES[scene](), volume))
+    assert error.median < LIMITS.get((scene, method), 0.02)
+
+
+@pytest.mark.slow
+def test_exhaustive():
+    capture = light_of(letter_z, turned(16), "exhaustive")
+    for method in ("bp", "fbp", "phasor"):
+        volume = run(capture, method, volume=((-1, 1, 32), (-1, 1, 32), (0.8, 1.2, 20)))
+        error = depth_error(volume, true_depth(letter_z(), volume))
+        assert error.median < 0.02
+        assert error.found > 0.9
+
+
+@pytest.mark.slow
+@pairs
+def test_a_letter_is_no_mirror_image(mode, method):
+    """The projection is the letter's, and none of its seven turned or flipped images'."""
+    volume = run(
+        light_of(letter_f, turned(24), mode),
+        method,
+        volume=((-1, 1, 24), (-1, 1, 24), (0.7, 1.3, 20)),
+    )
+    picture = max_projection(volume).values
+    truth = np.isfinite(true_depth(letter_f(), volume)).astype(float)
+    images = [turn(np.rot90(truth, k)) for k in range(4) for turn in (np.array, np.transpose)]
+    fits = [np.corrcoef(picture.ravel(), image.ravel())[0, 1] for image in images]
+    assert fits[0] > max(fits[1:]) + 0.03
+
+
+# ----------------------------------------------------------------------------- points and walls
+
+POINT = np.array([0.32, -0.21, 0.93])
+
+
+def point(at: tuple = tuple(POINT)) -> Patches:
+    return Patches(np.array([at]), np.array([[0.0, 0, -1]]), np.array([1e-4]))
+
+
+def opposite(wall: Wall) -> tuple:
+    """A place opposite to a point of the wall, near POINT."""
+    x, y = wall.grid()[0, :, 0], wall.grid()[:, 0, 1]
+    return float(x[abs(x - POINT[0]).argmin()]), float(y[abs(y - POINT[1]).argmin()]), POINT[2]
+
+
+@pytest.mark.slow
+@pairs
+@pytest.mark.parametrize("wall", [STRAIGHT, turned(32)], ids=["straight", "turned"])
+@pytest.mark.parametrize("legs", [False, True])
+def test_a_point_is_where_it_is(mode, method, wall, legs):
+    wall = Wall(16 if mode == "exhaustive" else 24, wall.origin, wall.axes)
+    place = opposite(wall)
+    capture = light_of(partial(point, place), wall, mode, legs=legs, lasers=3)
+    volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.75, 1.1, 35)))
+    off = brightest(volume) - place
+    assert abs(off[2]) < 0.012  # a bin of path length is 6 mm of depth
+    assert np.linalg.norm(off[:2]) < 0.03  # the wall's points are 83 mm apart (125 mm)
+    frame = volume["frame_origin"].values + brightest(volume) @ volume["frame_axes"].values
+    np.testing.assert_allclose(frame, wall.world(brightest(volume)), atol=1e-5)
+
+
+@pytest.mark.slow
+@pairs
+@pytest.mark.parametrize("shift", [0.5, 20.5])
+def test_the_window_may_start_anywhere(mode, method, shift):
+    """Another start of the window, by whole and half bins, changes nothing that is seen."""
+    grid = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50))
+    wall = Wall(16)
+    places = [
+        brightest(run(light_of(point, wall, mode, start=start, lasers=2), method, volume=grid))
+        for start in (1.3, 1.3 + shift * 0.012)
+    ]
+    np.testing.assert_allclose(places[0], places[1], atol=0.005)
+
+
+@pytest.mark.slow
+@pairs
+def test_a_planted_half_bin_is_seen(mode, method):
+    """A path that is counted half a bin (6 mm) too long is 3 mm too far away."""
+    wall, grid = Wall(16), ((0.2, 0.5, 12), (-0.3, -0.1, 8), (0.85, 1.01, 64))
+    captures = [light_of(point, wall, mode, lasers=2, delay=d) for d in (0.0, 0.006, 0.012)]
+    right, half, whole = (
+        float(np.nanmedian(depth_map(run(capture, method, volume=grid), 0.9)))
+        for capture in captures
+    )
+    assert abs(right - POINT[2]) < (0.008 if method == "phasor" else 0.004)
+    assert 0.0008 < half - right < 0.0055
+    assert 0.004 < whole - right < 0.009
+
+
+@methods
+def test_a_negative_start_of_the_window(method):
+    """Bins before light can come back are dark, not wrong."""
+    capture = light_of(
+        partial(point, opposite(Wall(16))), Wall(16), "confocal", start=-0.301, bins=210
+    )
+    volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.8, 1.05, 50)))
+    np.testing.assert_allclose(brightest(volume)[2], POINT[2], atol=0.004)
+
+
+def test_any_geometry_for_backprojection():
+    """Points scattered over a bent wall."""
+    rng = np.random.default_rng(2)
+    grid = rng.uniform(-1, 1, (1, 300, 3))
+    grid[..., 2] = 0.1 * np.sin(3 * grid[..., 0])
+    path = 2 * np.linalg.norm(grid - POINT, axis=-1)
+    opl = 1.2 + (np.arange(150) + 0.5) * 0.012
+    capture = make_capture(
+        np.exp(-(((opl - path[..., None]) / 0.012) ** 2) / 2),
+        mode="confocal",
+        start_opl=1.2,
+        bin_width_opl=0.012,
+        sensor_grid=grid,
+        sensor_normals=np.broadcast_to([0, 0, 1.0], grid.shape),
+    )
+    volume = run(capture, "bp", volume=((-1.5, 1.5, 60), (-1.5, 1.5, 60), (0.5, 1.5, 50)))
+    world = volume["frame_origin"].values + brightest(volume) @ volume["frame_axes"].values
+    np.testing.assert_allclose(world, POINT, atol=0.02)
+    with pytest.raises(ValueError, match=r"not even, or not plane allows bp, fbp$"):
+        run(capture, "phasor")
+
+
+@pytest.mark.slow
+@methods
+def test_noise(method):
+    """Noise of 2 % of the largest value in each bin: the letter is still at its depth."""
+    volume = run(capture_of(letter_z(), Wall(32), noise=0.02, **TIME), method)
+    # Where the letter is: how much else is above the threshold depends on the method.
+    assert depth_error(volume, true_depth(letter_z(), volume), 0.0).median < 0.025
+
+
+# ---------------------------------------------------------------------------- backprojection
+
+
+@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+@pytest.mark.parametrize("weighting", backprojection.WEIGHTINGS)
+def test_backprojection_is_its_formula(mode, weighting):
+    rng = np.random.default_rng(0)
+    capture = capture_of(point(), turned(4), mode, bins=60, width=0.03, legs=True, lasers=2)
+    light = rng.random(capture["transient"].shape, dtype=np.float32)
+    capture["transient"] = (capture["transient"].dims, light)
+    grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 4), (0.1, 1.4, 6))
+    volume = run(capture, "bp", volume=grid, weighting=weighting)
+    axes, origin = volume["frame_axes"].values, volume["frame_origin"].values
+    z, y, x = np.meshgrid(*(grid.centres(a) for a in "zyx"), indexing="ij")
+    voxels = origin + np.stack([x, y, z], axis=-1) @ axes
+    seen = capture["sensor_grid"].values.reshape(-1, 3)
+    lit = capture["laser_grid"].values.reshape(-1, 3)
+    bins = light.reshape(-1, len(seen), 60)
+    expected, count = np.zeros(grid.shape), 0
+    for i, laser in enumerate(lit):
+        for j, sensor in enumerate(seen):
+            if mode == "confocal" and i != j:
+                continue
+            count += 1
+            legs = np.linalg.norm(laser - capture["laser_origin"].values)
+            legs += np.linalg.norm(sensor - capture["sensor_origin"].values)
+            r = [np.linalg.norm(voxels - p, axis=-1) for p in (laser, sensor)]
+            padded = np.pad(bins[0 if mode != "exhaustive" else i, j], 1)
+            centres = capture.attrs["start_opl"] + (np.arange(-1, 61) + 0.5) * 0.03
+            found = np.interp(r[0] + r[1] + legs, centres, padded, 0, 0)
+            expected += found * (r[0] * r[1] if weighting == "r2" else 1)
+    np.testing.assert_allclose(volume["intensity"], expected / count, rtol=1e-3, atol=2e-5)
+
+
+def test_backprojection_in_steps(monkeypatch):
+    """How the volume is divided does not matter."""
+    capture = capture_of(letter_z(), Wall(8), bins=50, width=0.03)
+    whole = run(capture, "bp")
+    monkeypatch.setattr(backprojection, "_PAIRS_A_STEP", 64 * 77)
+    np.testing.assert_array_equal(run(capture, "bp")["intensity"], whole["intensity"])
+
+
+def test_not_finite_is_dark():
+    capture = capture_of(letter_z(), Wall(16), **TIME)
+    dark = capture.copy(deep=True)
+    dark["transient"].values[3, 4:9] = 0
+    capture["transient"].values[3, 4:9] = np.nan
+    capture["transient"].values[3, 4, 2] = np.inf
+    for method in METHODS:
+        assert run(capture, method).identical(run(dark, method)), method
+
+
+# --------------------------------------------------------------------------- options, volumes
+
+
+@pytest.mark.parametrize("method", ["lct", "fk"])
+def test_falloff_of_retroreflectors(method):
+    """Two patches at different distances are as bright as each other with the right falloff."""
+    near, far = (
+        rectangle((x, x + 0.15), (-0.1, 0.05), z, 0.03) for x, z in ((-0.5, 0.8), (0.4, 1.3))
+    )
+    light = []
+    for power in (0, 2):  # f1 falls with r^4, a retroreflector's light with r^2
+        capture = capture_of(near + far, Wall(32), **TIME)
+        scale = (capture["opl"].values[:, None] / 2) ** power
+        capture["transient"].values[:] *= scale
+        surface = "retroreflective" if power else "diffuse"
+        volume = run(capture, method, surface=surface)["intensity"]
+        parts = volume.sel(x=slice(None, 0)), volume.sel(x=slice(0, None))
+        light.append([float(part.max()) for part in parts])
+        other = run(capture, method, surface="diffuse" if power else "retroreflective")["intensity"]
+        wrong = [float(other.sel(x=s).max()) for s in (slice(None, 0), slice(0, None))]
+        ratio, wrong_ratio = light[-1][0] / light[-1][1], wrong[0] / wrong[1]
+        assert abs(np.log(wrong_ratio / ratio)) > 0.5
+    np.testing.assert_allclose(light[0][0] / light[0][1], light[1][0] / light[1][1], rtol=0.15)
+
+
+def test_options_change_what_they_say():
+    capture = capture_of(letter_z(), Wall(16), noise=0.05, **TIME)
+    for method, option, low, high in (
+        ("lct", "snr", 1, 1e4),
+        ("phasor", "wavelength", 0.3, 0.6),
+        ("phasor", "cycles", 3, 8),
+    ):
+        a, b = (run(capture, method, **{option: value}) for value in (low, high))
+        assert (a.attrs[option], b.attrs[option]) == (low, high)
+        assert not np.allclose(a["intensity"], b["intensity"])
+
+
+@methods
+def test_a_volume_of_ones_own(method):
+    capture = capture_of(letter_z(), Wall(16), **TIME)
+    axes = ((-0.5, 0.7, 9), (-0.6, 0.5, 7), (0.8, 1.3, 11))
+    volume = run(capture, method, volume=axes)
+    assert volume["intensity"].shape == (11, 7, 9)
+    assert volume["intensity"].dtype == np.float32
+    assert np.isfinite(volume["intensity"]).all()
+    assert (volume["intensity"] >= 0).all()
+    np.testing.assert_allclose(volume["z"][[0, -1]], [0.8 + 0.5 / 22, 1.3 - 0.5 / 22])
+    assert volume.attrs["method"] == method
+    assert run(capture, method, volume=VolumeGrid(*axes)).identical(volume)
+    beyond = run(capture, method, volume=((-3, 3, 20), (-3, 3, 21), (0.9, 1.1, 4)))
+    x, y = brightest(beyond)[:2]
+    assert abs(x) < 0.5
+    assert abs(y) < 0.5
+
+
+def test_resample():
+    coarse = VolumeGrid((0, 4, 4), (0, 2, 2), (0, 3, 3))
+    x, y, z = (coarse.centres(a) for a in "xyz")
+    values = (z[:, None, None] + 10 * y[:, None] + 100 * x).astype(np.float32)
+    fine = VolumeGrid((1, 3, 8), (0.5, 1.5, 5), (0.5, 2.5, 9))
+    x, y, z = (fine.centres(a) for a in "xyz")
+    expected = z[:, None, None] + 10 * y[:, None] + 100 * x
+    np.testing.assert_allclose(resample(values, coarse, fine), expected, rtol=1e-5)
+    means = resample(values, coarse, VolumeGrid((0, 4, 2), (0, 2, 1), (0, 3, 1)))
+    np.testing.assert_allclose(means[0, 0], [1.5 + 10 + 100, 1.5 + 10 + 300], rtol=1e-6)
+    beside = resample(values, coarse, VolumeGrid((4, 8, 4), (0, 2, 2), (0, 3, 3)))
+    assert (beside == 0).all()
+
+
+def test_default_volume_holds_what_the_window_holds():
+    for mode in ("confocal", "single"):
+        capture = capture_of(point(), Wall(16), mode, start=1.5, **TIME)
+        volume = run(capture, "bp")
+        assert volume["intensity"].shape[1:] == (16, 16)
+        np.testing.assert_allclose(volume["x"], capture["sensor_grid"].values[0, :, 0], atol=1e-6)
+        step = float(volume["z"][1] - volume["z"][0])
+        np.testing.assert_allclose(volume["z"][-1] + step / 2, (1.5 + 125 * 0.012) / 2)
+    assert Measured.of(capture).spacing == pytest.approx(0.125)
+
+
+BASE = capture_of(point(), Wall(8), bins=20, width=0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "fkk"}, "method = 'fkk': did you mean 'fk'"),
+        ({"method": None}, "method = None: must be one of bp, fbp, lct, fk, phasor"),
+        ({"method": "bp", "snr": 3}, "snr = 3: must be None, as it is for lct only"),
+        ({"method": "lct", "snr": 0}, "snr = 0: must be a finite number"),
+        ({"method": "lct", "surface": "shiny"}, "surface = 'shiny': must be one of diffuse"),
+        ({"method": "phasor", "surface": "diffuse"}, "surface = .* for lct and fk only"),
+        ({"method": "bp", "weighting": "r4"}, "weighting = 'r4': .*uniform, r2"),
+        ({"method": "phasor", "wavelength": -1}, "wavelength = -1: must be a finite number of met"),
+        ({"method": "phasor", "wavelength": 0.02}, "wavelength = 0.02: must be above two bins"),
+        ({"method": "bp", "volume": 3}, "volume = 3: must be a VolumeGrid or"),
+        ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (0, 1))}, r"volume: z = \(0, 1\): must"),
+        ({"method": "bp", "volume": ((1, 0, 2), (0, 1, 2), (0, 1, 2))}, "volume: x .*low must be"),
+        ({"method": "bp", "volume": ((0, 1, 0), (0, 1, 2), (0, 1, 2))}, "count of x = 0"),
+        ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (-1, 1, 2))}, "behind the wall"),
+        ({"method": "bp", "volume": [(0, 1, 9999)] * 3}, r"voxels: must be at most"),
+    ],
+)
+def test_bad_options_in_one_line(options, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        reconstruct(BASE, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_captures_that_a_method_does_not_allow():
+    for mode in ("single", "exhaustive"):
+        capture = capture_of(point(), Wall(4), mode, bins=10, lasers=2)
+        for method in ("lct", "fk"):
+            with pytest.raises(ValueError, match=f"a {mode} capture .* allows bp, fbp, phasor$"):
+                run(capture, method)
+    uneven = BASE.isel(x=[0, 1, 3])
+    with pytest.raises(
+        ValueError, match=r"a confocal capture on a grid that is not even.* bp, fbp$"
+    ):
+        run(uneven, "lct")
+    run(uneven, "bp")
+    with pytest.raises(ValueError, match="capture = DataArray"):
+        run(BASE["transient"], "bp")
+    with pytest.raises(ValueError, match="bins end before light can come back"):
+        run(capture_of(point(), Wall(4), start=-2, bins=10), "bp")
+
+
+@pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
+def test_too_little_memory(monkeypatch, method):
+    monkeypatch.setattr(memory, "available", lambda: 1 << 10)
+    with pytest.raises(MemoryError, match=f"^method = '{method}': takes .*is free; must be"):
+        run(BASE, method)
+
+
+# -------------------------------------------------------------------------- depths and figure
+
+
+def volume_of(values) -> xr.Dataset:
+    values = np.asarray(values, np.float32)
+    coords = {a: 0.1 * np.arange(n) for a, n in zip("zyx", values.shape, strict=True)}
+    return xr.Dataset({"intensity": (("z", "y", "x"), values)}, coords)
+
+
+def test_depth_map():
+    values = np.zeros((5, 1, 4))
+    values[:, 0, 0] = 0, 1, 3, 1, 0
+    values[:, 0, 1] = 0, 0, 2, 3, 2  # the parabola's peak is on the voxel
+    values[:, 0, 2] = 4, 0, 0, 0, 0  # at the edge: as it is
+    values[:, 0, 3] = 0, 0, 0.5, 0, 0
+    np.testing.assert_allclose(depth_map(volume_of(values))[0], [0.2, 0.3, 0, np.nan])
+    np.testing.assert_allclose(depth_map(volume_of(values), 0.1)[0, 3], 0.2)
+    z = np.arange(5) * 0.1
+    parabola = volume_of((5 - (z - 0.23) ** 2)[:, None, None])
+    np.testing.assert_allclose(depth_map(parabola)[0, 0], 0.23, atol=1e-4)
+    assert np.isnan(depth_map(volume_of(0 * values))).all()
+    np.testing.assert_array_equal(max_projection(volume_of(values))[0], [3, 3, 4, 0.5])
+    for threshold in (-0.1, 1.1, np.nan):
+        with pytest.raises(ValueError, match=r"threshold = .*: must be from 0 to 1"):
+            depth_map(volume_of(values), threshold)
+
+
+def test_depth_error():
+    values = np.zeros((4, 1, 4))
+    values[[1, 2, 3], 0, [0, 1, 3]] = 1
+    error = depth_error(volume_of(values), [[0.1, 0.23, 0.2, np.nan]])
+    assert (error.pixels, error.found, error.extra) == (2, 2 / 3, 1 / 3)
+    np.testing.assert_allclose((error.median, error.mean, error.bias), (0.015, 0.015, -0.015))
+    np.testing.assert_allclose(error.rms, 0.03 / 2**0.5)
+    nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
+    assert np.isnan(nothing.median)
+    assert nothing.pixels == 0
+    with pytest.raises(ValueError, match=r"truth with shape \(2,\): must be \(1, 4\)"):
+        depth_error(volume_of(values), [1, 2])
+    with pytest.raises(ValueError, match="truth: must have a depth"):
+        depth_error(volume_of(values), np.full((1, 4), np.nan))
+    with pytest.raises(ValueError, match="volume = ndarray: must be a result of reconstruct"):
+        depth_map(values)
+
+
+def test_figure():
+    for wall, down in ((STRAIGHT, False), (turned(16), None)):
+        volume = run(capture_of(letter_z(), Wall(16, wall.origin, wall.axes), **TIME), "lct")
+        figure = reconstruction_figure(volume.assign_attrs(scene="letter"))
+        views = figure.axes[:4]
+        assert [a.get_title() for a in views] == ["front", "side", "top", "depth"]
+        labels = [("x [m]", "y [m]"), ("z [m]", "y [m]"), ("x [m]", "z [m]"), ("x [m]", "y [m]")]
+        assert [(a.get_xlabel(), a.get_ylabel()) for a in views] == labels
+        assert len(figure.axes) == 8  # with a colour bar each
+        assert figure.get_suptitle() == "letter, lct"
+        np.testing.assert_allclose(views[0].get_xlim(), (-1, 1), atol=1e-6)
+        rows_down = float(volume["frame_axes"][1, 1]) < 0
+        assert views[0].yaxis_inverted() == rows_down
+        assert down is None or rows_down == down
+    figure.canvas.draw()
+
+
+def test_sphere_normals_face_the_wall():
+    """The scenes themselves: half of the sphere is lit, and its area is right."""
+    ball = sphere((0, 0, 1), 0.25)
+    np.testing.assert_allclose(ball.areas.sum(), 2 * np.pi * 0.25**2, rtol=0.01)
+    np.testing.assert_allclose(letter_z().areas.sum(), 3 * 0.08, rtol=1e-6)

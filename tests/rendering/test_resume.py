@@ -1,0 +1,109 @@
+"""Going on with a render: the same picture as in one go, and only for the same render."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import tofrender
+from tofrender.rendering.fingerprint import fingerprint
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+
+def box(**options) -> dict:
+    return tofrender.cornell_box(
+        **{"width": 32, "height": 32, "temporal_bins": 120, "bin_width_opl": 0.1, **options}
+    )
+
+
+def render(scene, **options):
+    return tofrender.render(scene, progress=False, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spp", [8, 24, 50])
+def test_two_parts_are_one_render(spp):
+    """The points go on where they stopped."""
+    whole = render(box(), spp=64)
+    again = render(box(), spp=64, resume=render(box(), spp=spp))
+    np.testing.assert_allclose(again.transient, whole.transient, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(again.steady, whole.steady, rtol=1e-4, atol=1e-6)
+    assert again.attrs["spp"] == 64
+    assert again.attrs["complete"] == 1
+
+
+@pytest.mark.parametrize("sampler", ["independent", "multijitter"])
+def test_other_samplers_draw_other_points(sampler):
+    """Two halves of the same points would be no better than one."""
+    half = render(box(), spp=16, sampler=sampler)
+    whole = render(box(), spp=32, sampler=sampler, resume=half)
+    rest = 2 * whole.transient - half.transient
+    assert float(abs(rest - half.transient).max()) > 0.01
+    assert float(rest.sum()) == pytest.approx(float(half.transient.sum()), rel=0.05)
+
+
+def test_a_saved_render_goes_on(tmp_path):
+    tofrender.save_exr_stack(render(box(), spp=16), tmp_path / "stack")
+    again = render(box(), spp=32, resume=tofrender.load_exr_stack(tmp_path / "stack"))
+    whole = render(box(), spp=32)
+    np.testing.assert_allclose(again.transient, whole.transient, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "options", "text"),
+    [
+        (box(light="flash", start_opl=3.5), {}, "was rendered with fingerprint"),
+        (box(max_depth=4), {}, "was rendered with fingerprint"),
+        (box(), {"seed": 1}, "was rendered with seed = 0; must be 1"),
+        (box(), {"sampler": "independent"}, "was rendered with sampler"),
+        (box(), {"window": (3.5, 20.0)}, "was rendered with bin_width_opl"),
+        (box(width=16), {}, "resume:"),
+        (box(), {"spp": 16}, "spp = 16: must be above 16, which resume has already"),
+    ],
+)
+def test_another_render_is_refused(scene, options, text):
+    earlier = render(box(), spp=16)
+    with pytest.raises(ValueError, match=text) as error:
+        render(scene, **{"spp": 32, **options}, resume=earlier)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("change", ["camera_unwarp", "hide_emitters", "discard_direct_light"])
+def test_another_integrator_is_refused(change):
+    scene = box()
+    scene["integrator"][change] = True
+    with pytest.raises(ValueError, match="was rendered with fingerprint"):
+        render(scene, spp=32, resume=render(box(), spp=16))
+
+
+def test_another_crop_is_refused():
+    cropped = [box(), box()]
+    for scene, offset in zip(cropped, (0, 8), strict=True):
+        size = {"crop_width": 8, "crop_height": 8, "crop_offset_x": offset, "crop_offset_y": 0}
+        scene["sensor"]["film"] |= size
+    earlier = render(cropped[0], spp=16)
+    with pytest.raises(ValueError, match="resume: its coordinate x differs"):
+        render(cropped[1], spp=32, resume=earlier)
+
+
+@pytest.mark.parametrize("resume", ["out", 3, {"spp": 4}])
+def test_what_is_no_dataset_is_refused(resume):
+    with pytest.raises(ValueError, match=r"resume: dataset = \w+: must be an xarray.Dataset"):
+        render(box(), spp=32, resume=resume)
+
+
+def test_fingerprints_tell_scenes_apart_and_nothing_else():
+    def of(scene: dict) -> str:
+        loaded = mi.load_dict(scene)
+        return fingerprint(loaded, loaded.sensors()[0], loaded.integrator())
+
+    moved = box()
+    moved["small-box"]["to_world"] = mi.ScalarTransform4f().translate([0, 0.01, 0])
+    tinted = box()
+    tinted["white"]["reflectance"]["value"] = [0.5, 0.5, 0.5]
+    prints = [of(s) for s in (box(), box(light="flash"), moved, tinted, box(max_depth=3))]
+    assert len(set(prints)) == len(prints)
+    assert of(box()) == of(box(spp=7, temporal_bins=3, width=8, height=8)) == prints[0]

@@ -1,0 +1,309 @@
+"""The variant is chosen, kept and switched; plugins follow it; a bad LLVM never aborts."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import pytest
+
+import tofrender
+from tofrender.runtime import backend, llvm, plugins
+from tofrender.runtime.backend import BackendError
+
+ROOT = Path(__file__).parents[2]
+LLVM_VARIANTS = [name for name in mi.variants() if name.startswith("llvm")]
+
+
+def python(code: str, **environment: str) -> subprocess.CompletedProcess:
+    """Run a script in a process of its own; its working directory is the project's root."""
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def says(code: str, **environment: str) -> list[str]:
+    """What a script prints, one entry a line; it must succeed."""
+    result = python(code, **environment)
+    assert result.returncode == 0, result.stderr
+    return result.stdout.splitlines()
+
+
+def tiny() -> dict:
+    return tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
+
+
+# ------------------------------------------------------------------------------------ at import
+
+
+def test_llvm_is_picked_without_cuda():
+    code = "import tofrender, mitsuba as mi; print(mi.variant())"
+    assert says(code, CUDA_VISIBLE_DEVICES="-1") == ["llvm_ad_rgb"]
+
+
+def test_cuda_is_picked_where_it_works():
+    """Told that CUDA works, the choice falls on it; Mitsuba is not asked to start it."""
+    code = """
+import sys
+sys.argv = ["tofrender"]  # As the command, which activates later
+from tofrender import backend
+import drjit as dr, mitsuba as mi
+chosen = []
+dr.has_backend = lambda which: which == dr.JitBackend.CUDA
+mi.set_variant = chosen.append
+backend.plugins.register = lambda variant: None
+backend.activate()
+print(chosen)
+"""
+    assert says(code) == ["['cuda_ad_rgb']"]
+
+
+def test_a_variant_that_is_set_stays():
+    code = """
+import mitsuba as mi
+mi.set_variant("llvm_ad_mono")
+import tofrender
+print(mi.variant())
+print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
+"""
+    assert says(code) == ["llvm_ad_mono", "True"]
+
+
+@pytest.mark.slow
+def test_a_scalar_variant_that_is_set():
+    """It stays, rendering refuses in one line, and a switch mends it."""
+    code = """
+import mitsuba as mi
+mi.set_variant("scalar_rgb")
+import tofrender
+print(mi.variant())
+for work in (lambda: tofrender.render("cornell_box"), lambda: tofrender.TransientPath):
+    try:
+        work()
+    except Exception as error:
+        print(type(error).__name__, error)
+mi.set_variant("llvm_ad_rgb")
+scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
+print(tofrender.render(scene, spp=1, progress=False).attrs["variant"])
+"""
+    assert says(code) == [
+        "scalar_rgb",
+        "BackendError variant = 'scalar_rgb': cannot render in time, must be an llvm_* or cuda_* "
+        "variant; call mi.set_variant('llvm_ad_rgb') first",
+        "AttributeError tofrender.TransientPath needs an llvm_* or cuda_* variant; the active one "
+        "is 'scalar_rgb'",
+        "llvm_ad_rgb",
+    ]
+
+
+def test_import_is_light():
+    heavy = "xarray matplotlib rich typer OpenEXR PIL tqdm pandas"
+    code = f"""
+import sys, tofrender
+print([name for name in {heavy.split()!r} if name in sys.modules])
+"""
+    assert says(code) == ["[]"]
+
+
+def test_the_command_answers_help_without_mitsuba():
+    code = """
+import sys
+sys.argv = ["/usr/bin/tofrender", "render", "--help"]
+import tofrender.cli
+status = tofrender.cli.main()
+print(status, [name for name in ("mitsuba", "drjit", "numpy") if name in sys.modules])
+"""
+    assert says(code)[-1] == "0 []"
+
+
+# ---------------------------------------------------------------------------------- bad LLVM
+
+
+def _libraries(folder: Path) -> dict[str, Path]:
+    """Files that Dr.Jit cannot use."""
+    text = folder / "libLLVM-19.so"
+    text.write_text("not a library")
+    return {"missing": folder / "libLLVM.so", "text": text, "folder": folder}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["missing", "text", "folder", "another library", "old"])
+def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which):
+    libraries = _libraries(tmp_path)
+    old = [one for one in llvm.candidates() if one.major and one.major < llvm.MINIMUM_MAJOR]
+    libraries |= {"old": old[0].path} if old else {}
+    libraries["another library"] = Path(mi.__file__).parent / "libmitsuba.so"
+    if which not in libraries or not (which == "missing" or libraries[which].exists()):
+        pytest.skip("not on this machine")
+    code = """
+import sys
+try:
+    import tofrender
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+    environment = {llvm.VARIABLE: str(libraries[which]), "CUDA_VISIBLE_DEVICES": "-1"}
+    lines = says(code, **environment)
+    assert len(lines) == 1
+    assert lines[0].startswith("BackendError ")
+    assert str(libraries[which]) in lines[0]
+
+
+def test_an_unusable_llvm_found_late_does_not_abort(tmp_path):
+    """Mitsuba is already there, without a variant: still one line, and no signal."""
+    code = """
+import mitsuba
+try:
+    import tofrender
+except Exception as error:
+    print(type(error).__name__)
+"""
+    library = str(_libraries(tmp_path)["text"])
+    environment = {llvm.VARIABLE: library, "CUDA_VISIBLE_DEVICES": "-1"}
+    assert says(code, **environment) == ["BackendError"]
+
+
+# ------------------------------------------------------------------------------------ activate
+
+
+def test_activate_keeps_the_active_variant():
+    mi.set_variant("llvm_ad_mono")
+    assert backend.activate() == "llvm_ad_mono"
+    assert backend.activate() == mi.variant() == "llvm_ad_mono"
+
+
+def test_activate_switches():
+    assert backend.activate("llvm_ad_mono") == mi.variant() == "llvm_ad_mono"
+    assert mi.load_dict({"type": "transient_path"}).max_depth == 6
+
+
+@pytest.mark.parametrize("variant", ["llvm_rgb", "", 5])
+def test_unknown_variant(variant):
+    with pytest.raises(ValueError, match="ust be one of scalar_rgb") as error:
+        backend.activate(variant)
+    assert str(error.value).startswith(f"variant = {variant!r}: ")
+    assert "\n" not in str(error.value)
+    assert mi.variant() == "llvm_ad_rgb"
+
+
+def test_cuda_without_a_device(monkeypatch):
+    monkeypatch.setattr(backend, "cuda_works", lambda: False)
+    with pytest.raises(BackendError, match="variant = 'cuda_ad_rgb': no CUDA device or driver"):
+        backend.activate("cuda_ad_rgb")
+    assert mi.variant() == "llvm_ad_rgb"
+
+
+@pytest.mark.parametrize("work", [tofrender.render, backend.activate])
+def test_scalar_variants(work):
+    mi.set_variant("scalar_rgb")
+    if work is backend.activate:
+        assert work() == "scalar_rgb"
+    else:
+        with pytest.raises(BackendError, match="variant = 'scalar_rgb': cannot render in time"):
+            work("cornell_box")
+
+
+# ------------------------------------------------------------------------------------- plugins
+
+
+KINDS = ("Integrator", "Film", "Sampler", "Emitter", "BSDF", "Sensor")
+REQUIRED = {"simple": {"position": [0, 0, 1], "energy": 1.0}}
+"""Parameters that a plugin cannot do without."""
+
+
+def test_plugins_follow_the_variant():
+    classes = {}
+    for variant in ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_rgb", "llvm_ad_mono"):
+        mi.set_variant(variant)
+        for name, (plugin, *_) in plugins.PLUGINS.items():
+            found = getattr(tofrender, name)
+            assert found is plugins.plugin(name)
+            assert issubclass(found, tuple(getattr(mi, kind) for kind in KINDS))
+            for called in (plugin, plugins.own_name(plugin)):
+                assert type(mi.load_dict({"type": called} | REQUIRED.get(plugin, {}))) is found
+            assert classes.setdefault((variant, name), found) is found  # The same as before
+    assert len(set(classes.values())) == 2 * len(plugins.PLUGINS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", LLVM_VARIANTS)
+def test_every_llvm_variant_renders(variant):
+    mi.set_variant(variant)
+    dataset = tofrender.render(tiny(), spp=16, progress=False)
+    assert dataset.attrs["variant"] == variant
+    assert dataset.sizes["channel"] == (1 if "mono" in variant else 3)
+    assert float(dataset.transient.sum() / dataset.steady.sum()) == pytest.approx(1, abs=1e-4)
+    assert 0.03 < float(dataset.steady.mean()) < 0.3
+
+
+def test_rendering_between_switches_gives_the_same():
+    first = tofrender.render(tiny(), spp=4, progress=False)
+    mi.set_variant("llvm_ad_mono")
+    tofrender.render(tiny(), spp=4, progress=False)
+    mi.set_variant("llvm_ad_rgb")
+    again = tofrender.render(tiny(), spp=4, progress=False)
+    assert abs(first.transient - again.transient).max() < 1e-5
+
+
+def test_unknown_names():
+    with pytest.raises(AttributeError, match="no attribute 'TransientPaht'"):
+        tofrender.TransientPaht  # noqa: B018
+    with pytest.raises(AttributeError, match=r"tofrender\.Path"):
+        plugins.plugin("Path")
+
+
+def test_public_names_are_there():
+    for name in tofrender.__all__:
+        assert getattr(tofrender, name) is not None
+    assert {*tofrender.__all__} <= {*dir(tofrender)}
+
+
+def test_own_names():
+    assert plugins.own_name("transient_path") == "tofrender_transient_path"
+    assert plugins.own_name("hdrfilm") == "hdrfilm"
+    assert plugins.own_name("tofrender_transient_path") == "tofrender_transient_path"
+
+
+# --------------------------------------------------------------------------------- mitransient
+
+_EXCHANGE = """
+import warnings
+warnings.simplefilter("ignore")
+{imports}
+import mitsuba as mi
+print(type(mi.load_dict({{"type": "transient_path"}})).__module__.partition(".")[0])
+print(type(mi.load_dict({{"type": "tofrender_transient_path"}})) is tofrender.TransientPath)
+steady = tofrender.cornell_box_steady_state(width=4, height=4)
+for scene in ("cornell_box", tofrender.cornell_box(width=4, height=4)):
+    print(tofrender.render(scene, spp=1, progress=False).attrs["integrator"])
+options = dict(integrator="transient_path", sampler="padded_sobol", temporal_bins=9, window="auto")
+print(tofrender.render(steady, spp=1, progress=False, **options).sizes["opl"])
+mi.set_variant("llvm_ad_mono")
+mi.set_variant("llvm_ad_rgb")
+print(tofrender.render(steady, spp=1, progress=False, **options).sizes["opl"])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("imports", "owner"),
+    [
+        ("import tofrender, mitransient", "mitransient"),
+        ("import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitransient, tofrender", ""),
+    ],
+    ids=["after", "before"],
+)
+def test_mitransient_in_the_same_process(imports, owner):
+    """Names that both register belong to the package imported last; ours renders either way."""
+    lines = says(_EXCHANGE.format(imports=imports), CUDA_VISIBLE_DEVICES="-1")
+    path = "TransientPath"
+    assert lines == [owner or "tofrender", "True", path, path, "9", "9"]

@@ -1,0 +1,308 @@
+"""Which LLVM is found, which is taken, and which command is advised, on made-up machines."""
+
+from __future__ import annotations
+
+import stat
+import sys
+from pathlib import Path
+
+import pytest
+
+from tofrender.runtime import llvm
+
+DEBIAN = 'ID=debian\nVERSION_ID="12"\n'
+UBUNTU = "ID=ubuntu\nID_LIKE=debian\n"
+MINT = 'ID=linuxmint\nID_LIKE="ubuntu debian"\n'
+FEDORA = "ID=fedora\n"
+ROCKY = 'ID="rocky"\nID_LIKE="rhel centos fedora"\n'
+
+MULTIARCH = "usr/lib/x86_64-linux-gnu"
+
+if sys.platform != "linux":
+    pytest.skip("the made-up machines have Linux libraries", allow_module_level=True)
+
+
+class Machine:
+    """A file system below a temporary folder, and commands that exist on it."""
+
+    def __init__(self, root: Path, os_release: str = DEBIAN):
+        self.root = root
+        (root / "etc").mkdir()
+        (root / "etc/os-release").write_text(os_release)
+        self.bin = root / "bin"
+        self.bin.mkdir()
+        self.packages()
+
+    def library(self, name: str, *, links: tuple[str, ...] = ()) -> Path:
+        """A file that begins like a library of this machine, and links to it beside it."""
+        path = self.root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open("/proc/self/exe", "rb") as file:
+            path.write_bytes(file.read(64))
+        for link in links:
+            (path.parent / link).symlink_to(path.name)
+        return path
+
+    def command(self, name: str, script: str = "") -> None:
+        path = self.bin / name
+        path.write_text(f"#!/bin/sh\n{script}\n")
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+    def packages(self, *names: str) -> None:
+        """An apt-cache that offers these packages."""
+        listed = " ".join(names)
+        self.command(
+            "apt-cache",
+            f"[ $1 = pkgnames ] && printf '%s\\n' {listed}\n"
+            f'case " {listed} " in *" $2 "*) echo \'  Candidate: 1:1.0\';; esac',
+        )
+
+    def system(self, *, euid: int = 1000, platform: str = "linux", **environ: str) -> llvm.System:
+        environ = {"PATH": f"{self.bin}:/bin:/usr/bin", **environ}
+        return llvm.System(self.root, environ, platform, (self.root / "venv",), euid)
+
+
+@pytest.fixture
+def machine(tmp_path):
+    return Machine(tmp_path)
+
+
+@pytest.fixture
+def debian12(machine):
+    """LLVM 14 and 15, as they are installed there, and their links."""
+    machine.library(f"{MULTIARCH}/libLLVM-14.so.1", links=("libLLVM-14.so", "libLLVM-14.0.6.so.1"))
+    machine.library(f"{MULTIARCH}/libLLVM-15.so.1", links=("libLLVM-15.so",))
+    folder = machine.root / "usr/lib/llvm-14/lib"
+    folder.mkdir(parents=True)
+    (folder / "libLLVM.so").symlink_to("../../x86_64-linux-gnu/libLLVM-14.so.1")
+    (folder / "libLLVMSupport.a").write_bytes(b"!<arch>")
+    return machine
+
+
+def test_old_versions_are_found_and_refused(debian12):
+    debian12.packages("libllvm14", "libllvm15", "libllvm19", "libllvm-19-ocaml-dev")
+    system = debian12.system()
+    found = llvm.candidates(system)
+    assert [library.major for library in found] == [14, 15]
+    assert [library.problem for library in found] == ["is LLVM 14", "is LLVM 15"]
+    assert llvm.choose(system) is None
+    assert llvm.refusal(system) == (
+        "no LLVM 17 or newer found, only 14, 15; run: sudo apt-get install -y libllvm19"
+    )
+
+
+def test_the_usable_one_among_old_ones_is_taken(debian12):
+    path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1", links=("libLLVM-19.so",))
+    chosen = llvm.choose(debian12.system())
+    assert chosen == llvm.Library(path, 19)
+    assert chosen.usable
+
+
+@pytest.mark.parametrize(
+    ("name", "major"),
+    [
+        (f"{MULTIARCH}/libLLVM-17.so.1", 17),
+        ("usr/lib64/libLLVM.so.20.1", 20),
+        ("usr/lib64/llvm18/lib/libLLVM-18.so", 18),
+        ("usr/lib/llvm-21/lib/libLLVM.so.21.1", 21),
+        ("usr/local/lib/libLLVM.so.22.0", 22),
+        ("opt/homebrew/opt/llvm@19/lib/libLLVM.19.1.dylib", 19),
+        ("venv/lib/libLLVM-18.so", 18),
+    ],
+)
+def test_where_systems_keep_it(machine, name, major):
+    path = machine.library(name)
+    assert llvm.choose(machine.system()) == llvm.Library(path, major)
+
+
+def test_conda_environment(debian12):
+    path = debian12.library("env/lib/libLLVM.so.18.1")
+    system = debian12.system(CONDA_PREFIX=str(debian12.root / "env"))
+    assert llvm.choose(system) == llvm.Library(path, 18)
+
+
+def test_library_path(machine):
+    path = machine.library("elsewhere/libLLVM.so.18.1")
+    system = machine.system(LD_LIBRARY_PATH=f"/nowhere:{path.parent}")
+    assert llvm.choose(system) == llvm.Library(path, 18)
+
+
+def test_the_newest_tried_goes_before_untried_ones(machine):
+    for major in (llvm.MINIMUM_MAJOR - 1, 17, 19, 98, 99):
+        machine.library(f"{MULTIARCH}/libLLVM.so.{major}.1")
+    assert llvm.choose(machine.system()).major == 19
+    for major in (17, 19):
+        (machine.root / f"{MULTIARCH}/libLLVM.so.{major}.1").unlink()
+    assert llvm.choose(machine.system()).major == 98
+
+
+def test_nothing_there(machine):
+    assert llvm.candidates(machine.system()) == []
+    assert llvm.choose(machine.system()) is None
+    assert llvm.refusal(machine.system()).startswith("no LLVM 17 or newer found; run: sudo apt-get")
+
+
+def test_garbage_is_named_and_never_taken(machine):
+    folder = machine.root / MULTIARCH
+    machine.library(f"{MULTIARCH}/libLLVM-19-rust-1.80.so")
+    (folder / "libLLVM.so.19.1").write_text("GROUP ( libLLVM-19.so )")
+    (folder / "libLLVM.so.20.1").write_bytes(b"")
+    (folder / "libLLVM-21.so").mkdir()
+    (folder / "libLLVM-22.so").symlink_to("gone")
+    (folder / "libLLVM-17.so").symlink_to("libLLVM-17.so")
+    foreign = bytearray(machine.library(f"{MULTIARCH}/libLLVM-18.so").read_bytes())
+    foreign[18] ^= 0xFF  # another processor
+    (folder / "libLLVM-18.so").write_bytes(foreign)
+    (machine.root / "usr/lib64").write_text("a file where a folder should be")
+    problems = {library.path.name: library.problem for library in llvm.candidates(machine.system())}
+    assert problems.pop("libLLVM-17.so").startswith("cannot be read")
+    assert problems == {
+        "libLLVM.so.19.1": "is not a shared library for this machine",
+        "libLLVM.so.20.1": "is not a shared library for this machine",
+        "libLLVM-21.so": "is a folder",
+        "libLLVM-22.so": "does not exist",
+        "libLLVM-18.so": "is not a shared library for this machine",
+    }
+    assert llvm.choose(machine.system()) is None
+
+
+def test_a_name_without_version_is_asked_elsewhere(machine):
+    path = machine.library(f"{MULTIARCH}/libLLVM.so")  # a header and nothing else
+    (library,) = llvm.candidates(machine.system())
+    assert library.path == path
+    assert library.problem.startswith("cannot be loaded")
+    assert llvm.loading_error(path) == library.problem
+
+
+class TestNamedByTheEnvironment:
+    def test_it_wins(self, machine):
+        machine.library(f"{MULTIARCH}/libLLVM.so.20.1")
+        path = machine.library("mine/libLLVM.so.17.1")
+        system = machine.system(DRJIT_LIBLLVM_PATH=str(path))
+        assert llvm.choose(system) == llvm.Library(path, 17)
+        assert [library.major for library in llvm.candidates(system)] == [17, 20]
+
+    def test_empty_is_not_set(self, machine):
+        machine.library(f"{MULTIARCH}/libLLVM.so.20.1")
+        assert llvm.choose(machine.system(DRJIT_LIBLLVM_PATH="")).major == 20
+
+    def test_a_bare_name_is_looked_up(self, machine):
+        path = machine.library(f"{MULTIARCH}/libLLVM.so.20.1")
+        system = machine.system(DRJIT_LIBLLVM_PATH="libLLVM.so.20.1")
+        assert llvm.choose(system) == llvm.Library(path, 20)
+
+    @pytest.mark.parametrize(
+        ("name", "problem"),
+        [
+            ("nope.so", "does not exist"),
+            ("usr", "is a folder"),
+            ("etc/os-release", "is not a shared library for this machine"),
+            (f"{MULTIARCH}/libLLVM-15.so", "is LLVM 15"),
+        ],
+    )
+    def test_unusable_is_refused_in_one_line(self, debian12, name, problem):
+        usable = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")
+        value = str(debian12.root / name)
+        system = debian12.system(DRJIT_LIBLLVM_PATH=value)
+        assert llvm.choose(system) is None
+        assert llvm.refusal(system) == (
+            f"DRJIT_LIBLLVM_PATH = '{value}' {problem}: must name the file of LLVM 17 or newer; "
+            f"`unset DRJIT_LIBLLVM_PATH` to use {usable}"
+        )
+
+    def test_unusable_with_nothing_else(self, machine):
+        machine.packages("libllvm19")
+        line = llvm.refusal(machine.system(DRJIT_LIBLLVM_PATH="/nope"))
+        assert line.endswith("unset it and run: sudo apt-get install -y libllvm19")
+
+
+class TestInstallCommand:
+    @pytest.mark.parametrize(
+        ("os_release", "euid", "packages", "command"),
+        [
+            (DEBIAN, 0, ["libllvm15", "libllvm19"], "apt-get install -y libllvm19"),
+            (DEBIAN, 1, ["libllvm19", "libllvm22"], "sudo apt-get install -y libllvm19"),
+            (DEBIAN, 1, ["libllvm19", "libllvm98"], "sudo apt-get install -y libllvm19"),
+            (UBUNTU, 1, ["libllvm17t64"], "sudo apt-get install -y libllvm17t64"),
+            (MINT, 1, ["libllvm18", "libllvm20"], "sudo apt-get install -y libllvm20"),
+            (DEBIAN, 1, [], "sudo apt-get update && sudo apt-get install -y libllvm19"),
+            (UBUNTU, 0, [], "apt-get update && apt-get install -y libllvm18"),
+            (UBUNTU, 0, ["libllvm14"], "wget -qO- https://apt.llvm.org/llvm.sh | bash -s -- 19"),
+            (FEDORA, 1, [], "sudo dnf install -y llvm-libs"),
+            (ROCKY, 0, [], "dnf install -y llvm-libs"),
+            ("ID=arch\n", 1, [], "sudo pacman -S --noconfirm llvm-libs"),
+            ("ID=void\n", 1, [], "conda install -y -c conda-forge libllvm19"),
+        ],
+    )
+    def test_linux(self, tmp_path, os_release, euid, packages, command):
+        machine = Machine(tmp_path, os_release)
+        machine.packages(*packages)
+        assert llvm.install_command(machine.system(euid=euid)) == command
+
+    def test_a_package_without_candidate_does_not_count(self, machine):
+        machine.command(
+            "apt-cache",
+            "[ $1 = pkgnames ] && printf 'libllvm19\\nlibllvm20\\n'\n"
+            "[ $2 = libllvm20 ] && echo '  Candidate: (none)'\n"
+            "[ $2 = libllvm19 ] && echo '  Candidate: 1:19.1.7'\nexit 0",
+        )
+        assert llvm.install_command(machine.system()) == "sudo apt-get install -y libllvm19"
+
+    def test_macos(self, machine):
+        assert llvm.install_command(machine.system(platform="darwin")) == "brew install llvm"
+
+    def test_windows(self, machine):
+        system = machine.system(platform="win32")
+        assert llvm.install_command(system) == "winget install LLVM.LLVM"
+        assert llvm.choose(system) is None
+
+    def test_conda(self, machine):
+        machine.command("mamba")
+        system = machine.system(CONDA_PREFIX="/opt/env")
+        assert llvm.install_command(system) == "mamba install -y -c conda-forge libllvm19"
+
+    def test_no_os_release(self, machine):
+        (machine.root / "etc/os-release").unlink()
+        assert llvm.install_command(machine.system()).startswith("conda install")
+
+
+class TestInstall:
+    def test_only_root_with_apt_can(self, machine):
+        assert not llvm.can_install(machine.system(euid=0, PATH=str(machine.bin)))
+        machine.command("apt-get")
+        assert llvm.can_install(machine.system(euid=0))
+        assert not llvm.can_install(machine.system(euid=1000))
+
+    def test_renews_an_empty_index(self, machine, capsys):
+        cache = machine.bin / "apt-cache"
+        machine.command("dpkg")
+        machine.packages("libllvm19")
+        full = cache.read_text()
+        cache.write_text("#!/bin/sh\n")
+        (machine.root / "full").write_text(full)
+        machine.command(
+            "apt-get",
+            f'echo "$DEBIAN_FRONTEND $*" >>{machine.root}/calls\n'
+            f"[ $1 = update ] && cat {machine.root}/full >{cache}\nexit 0",
+        )
+        llvm.install(machine.system(euid=0))
+        assert capsys.readouterr().out == "Installing libllvm19 with apt-get ...\n"
+        update, install = (machine.root / "calls").read_text().splitlines()
+        assert update == "noninteractive update"
+        assert install.startswith("noninteractive install -y ")
+        assert install.endswith(" libllvm19")
+
+    def test_failure_names_log_and_command(self, machine):
+        machine.packages("libllvm19")
+        machine.command("dpkg")
+        machine.command("apt-get", "echo E: no such luck; exit 100")
+        with pytest.raises(RuntimeError, match=r"run: apt-get install -y libllvm19$") as caught:
+            llvm.install(machine.system(euid=0))
+        log = Path(str(caught.value).split("log: ")[1].split(")")[0])
+        assert "no such luck" in log.read_text()
+        log.unlink()
+
+
+def test_main_refuses_other_arguments(capsys):
+    assert llvm.main(["--instal"]) == 2
+    assert "usage" in capsys.readouterr().err

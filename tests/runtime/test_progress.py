@@ -1,0 +1,159 @@
+"""Progress bars appear when they should; Ctrl-C asks first and insists later."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+import tofrender
+from tofrender.integrators import passes as base
+from tofrender.runtime import progress
+from tofrender.runtime.progress import deferred_stop, progress_bar
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def watched(monkeypatch):
+    """As if stderr was a terminal."""
+    monkeypatch.setattr(progress, "is_watched", lambda: True)
+
+
+def two_updates(**options) -> None:
+    """Short work until 0.3 s, then one more update."""
+    with progress_bar("Working", 8, **options) as bar:
+        bar.update(1)
+        time.sleep(0.15)
+        bar.update(1)
+        print("early", file=sys.stderr)
+        time.sleep(0.3)
+        bar.update(1)
+
+
+def test_the_delay_is_two_seconds():
+    assert progress.DELAY_S == 2.0
+
+
+def test_the_bar_comes_after_the_delay(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "DELAY_S", 0.3)
+    two_updates()
+    early, late = capsys.readouterr().err.split("early\n")
+    assert "Working" not in early
+    assert "Working" in late
+    assert "3/8" in late
+
+
+def test_short_work_shows_nothing(capsys):
+    two_updates()
+    assert "Working" not in capsys.readouterr().err
+
+
+def test_a_disabled_bar_shows_nothing(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "DELAY_S", 0.0)
+    two_updates(enabled=False)
+    assert capsys.readouterr().err == "early\n"
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_render_shows_a_bar(capsys, monkeypatch, shown):
+    steps = tofrender.TransientPath.steps
+
+    def slow(*arguments):
+        for done in steps(*arguments):
+            time.sleep(0.12)  # The bar shows at most ten times a second
+            yield done
+
+    monkeypatch.setattr(tofrender.TransientPath, "steps", slow)
+    monkeypatch.setattr(progress, "DELAY_S", 0.0)
+    monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
+    scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
+    tofrender.render(scene, spp=256, progress=shown)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    if shown:
+        assert "Rendering" in captured.err
+        assert "192/256" in captured.err
+    else:
+        assert captured.err == ""
+
+
+def test_a_quick_render_shows_nothing(capfd):
+    scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
+    tofrender.render(scene, spp=4)
+    assert capfd.readouterr() == ("", "")
+
+
+_NOTEBOOK = """
+import sys, types, warnings
+warnings.simplefilter("error")
+sys.modules["ipywidgets"] = None  # Not installed
+shell = types.SimpleNamespace(config={"IPKernelApp": {}})
+sys.modules["IPython"] = types.ModuleType("IPython")
+sys.modules["ipykernel"] = types.ModuleType("ipykernel")
+sys.modules["IPython"].get_ipython = lambda: shell
+sys.argv = ["tofrender"]  # No variant is needed
+from tofrender.runtime import progress
+progress.DELAY_S = 0
+with progress.progress_bar("Working", 2) as bar:
+    bar.update(1)
+    bar.refresh()
+"""
+
+
+def test_in_a_notebook_without_ipywidgets():
+    """The bar is text then, without a word of warning."""
+    result = subprocess.run(
+        [sys.executable, "-c", _NOTEBOOK], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert result.returncode == 0, result.stderr
+    assert "Working" in result.stderr
+    assert "Warning" not in result.stderr
+
+
+# ------------------------------------------------------------------------------------ Ctrl-C
+
+
+def test_one_ctrl_c_asks():
+    before = signal.getsignal(signal.SIGINT)
+    with deferred_stop() as stop:
+        assert not stop.requested
+        signal.raise_signal(signal.SIGINT)
+        assert stop.requested
+        assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_two_ctrl_c_interrupt():
+    before = signal.getsignal(signal.SIGINT)
+    with deferred_stop() as stop:
+        signal.raise_signal(signal.SIGINT)
+        assert stop.requested
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_the_handler_comes_back_after_an_error():
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(RuntimeError), deferred_stop():
+        raise RuntimeError
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_another_thread_keeps_the_handler():
+    before, seen = signal.getsignal(signal.SIGINT), []
+
+    def work():
+        with deferred_stop() as stop:
+            seen.append((signal.getsignal(signal.SIGINT), stop.requested))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join(10)
+    assert seen == [(before, False)]

@@ -1,0 +1,243 @@
+"""The set-up script, in a copy of the project whose Python, pip and apt only pretend."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+if os.name != "posix":
+    pytest.skip("the set-up is a POSIX shell script", allow_module_level=True)
+
+# A Python that makes an environment with itself in it, whose pip leaves the command behind.
+FAKE_PYTHON = """#!/bin/sh
+echo "python $*" >>"{calls}"
+case "$*" in
+  *ensurepip*) [ ! -e "{base}/no-venv" ] ;;
+  "-m venv .venv") mkdir -p .venv/bin && cp "$0" .venv/bin/python ;;
+  "-m pip --version") ;;
+  "-m pip install"*)
+    [ -e "{base}/pip-says" ] && cat "{base}/pip-says" && exit 1
+    touch .venv/bin/tofrender ;;
+  *llvm.py*) shift; exec "{python}" "{base}/llvm_here.py" "$@" ;;
+  *) exec "{python}" "$@" ;;
+esac
+"""
+
+# tofrender/runtime/llvm.py on a machine of ours.
+LLVM_HERE = """
+import functools, os, pathlib, sys
+sys.path.insert(0, "tofrender/runtime")
+import llvm
+llvm.System = functools.partial(
+    llvm.System, root=pathlib.Path("{base}"), platform="linux", prefixes=(), euid={euid}
+)
+llvm.loading_error = lambda path: ""
+sys.exit(llvm.main(sys.argv[1:]))
+"""
+
+# An apt-get that knows two packages: LLVM 19, and what makes venv work.
+APT_GET = """#!/bin/sh
+echo "apt-get $*" >>"{calls}"
+case "$*" in
+  *libllvm19) head -c 64 "{python}" >"{base}/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1" ;;
+  *-venv) rm "{base}/no-venv" ;;
+esac
+"""
+
+
+class Project:
+    """A copy of what the set-up reads, and a PATH of fakes."""
+
+    def __init__(self, base: Path, *, root: bool):
+        self.base, self.calls = base, base / "calls"
+        self.folder = base / "my clone"
+        for name in (
+            ".ci/setup",
+            ".ci/constraints.txt",
+            "pyproject.toml",
+            "tofrender/runtime/llvm.py",
+        ):
+            (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, self.folder / name)
+        (base / "usr/lib/x86_64-linux-gnu").mkdir(parents=True)
+        (base / "etc").mkdir()
+        (base / "etc/os-release").write_text("ID=debian\n")
+        self.bin = base / "bin"
+        self.bin.mkdir()
+        (base / "llvm_here.py").write_text(self.fill(LLVM_HERE, euid=0 if root else 1000))
+        self.command("python3", FAKE_PYTHON)
+        self.command("apt-get", APT_GET)
+        self.command("id", f"#!/bin/sh\necho {0 if root else 1000}\n")
+        self.command("dpkg", "#!/bin/sh\n")
+        self.command(
+            "apt-cache",
+            "#!/bin/sh\n[ $1 = pkgnames ] && echo libllvm19 || echo 'Candidate: 1:19.1.7'\n",
+        )
+
+    def fill(self, text: str, **values: object) -> str:
+        python = Path(sys.executable)
+        return text.format(base=self.base, calls=self.calls, python=python, **values)
+
+    def command(self, name: str, script: str) -> None:
+        path = self.bin / name
+        path.write_text(self.fill(script))
+        path.chmod(0o755)
+
+    def library(self, name: str) -> None:
+        with open(sys.executable, "rb") as file:
+            (self.base / "usr/lib/x86_64-linux-gnu" / name).write_bytes(file.read(64))
+
+    def setup(self, **environ: str) -> subprocess.CompletedProcess:
+        """Run the set-up; `self.ran` then tells which fakes it called, in order."""
+        self.calls.write_text("")
+        result = subprocess.run(
+            ["/bin/sh", str(self.folder / ".ci/setup")],
+            env={"PATH": f"{self.bin}:/usr/bin:/bin", "TMPDIR": str(self.base), **environ},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        self.ran = self.calls.read_text()
+        return result
+
+
+@pytest.fixture
+def user(tmp_path):
+    return Project(tmp_path, root=False)
+
+
+@pytest.fixture
+def root(tmp_path):
+    return Project(tmp_path, root=True)
+
+
+needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="apt-get is Debian's")
+needs_no_gpu = pytest.mark.skipif(
+    Path("/proc/driver/nvidia/version").exists() or bool(shutil.which("nvidia-smi")),
+    reason="with an NVIDIA driver the set-up goes on without LLVM",
+)
+
+
+@needs_linux
+@needs_no_gpu
+def test_without_root_and_llvm_one_line_before_anything_is_installed(user):
+    user.library("libLLVM-15.so.1")
+    result = user.setup()
+    assert result.returncode == 1
+    assert result.stdout == ""
+    assert result.stderr == (
+        "setup: no LLVM 17 or newer found, only 15; run: sudo apt-get install -y libllvm19\n"
+    )
+    assert "pip" not in user.ran
+
+
+@needs_linux
+def test_root_gets_the_package(root):
+    root.library("libLLVM-15.so.1")
+    result = root.setup()
+    assert result.returncode == 0, result.stderr
+    assert [line.split()[0] for line in result.stdout.splitlines()] == [
+        *("Installing", "Creating", "Installing")
+    ]
+    (apt,) = [line for line in root.ran.splitlines() if line.startswith("apt-get")]
+    assert apt.startswith("apt-get install -y ")
+    assert apt.endswith(" libllvm19")
+
+
+def test_the_second_run_does_nothing(user):
+    user.library("libLLVM.so.19.1")
+    assert user.setup().returncode == 0
+    assert "-m pip install" in user.ran
+    start = time.perf_counter()
+    result = user.setup()
+    assert time.perf_counter() - start < 2
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+    assert "venv" not in user.ran
+    assert "pip" not in user.ran
+
+
+def test_new_constraints_are_installed_into_the_same_environment(user):
+    user.library("libLLVM.so.19.1")
+    user.setup()
+    with (user.folder / ".ci/constraints.txt").open("a") as file:
+        file.write("another==1.0\n")
+    assert user.setup().returncode == 0
+    assert "-m pip install" in user.ran
+    assert "-m venv" not in user.ran
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damage", ["moved", "interrupted", "no python"])
+def test_a_broken_environment_is_made_anew(user, damage):
+    user.library("libLLVM.so.19.1")
+    user.setup()
+    if damage == "moved":
+        user.folder = user.folder.rename(user.base / "elsewhere")
+    elif damage == "interrupted":
+        (user.folder / ".venv/stamp").unlink()
+        (user.folder / ".venv/unfinished").touch()
+    else:
+        (user.folder / ".venv/bin/python").unlink()
+    (user.folder / ".venv/leftover").touch()
+    assert user.setup().returncode == 0
+    assert "-m venv .venv" in user.ran
+    assert not (user.folder / ".venv/leftover").exists()
+    assert user.setup().stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("pip_says", "reason"),
+    [
+        ("WARNING: NewConnectionError: refused\nERROR: No matching x", "cannot reach the package"),
+        ("ERROR: Could not install: [Errno 28] No space left on device", "the disk is full"),
+        ("ERROR: No matching distribution found for numpy==9", "No matching distribution"),
+    ],
+)
+def test_pip_fails_in_one_line_and_the_next_run_goes_on(user, pip_says, reason):
+    user.library("libLLVM.so.19.1")
+    (user.base / "pip-says").write_text(pip_says)
+    result = user.setup()
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1
+    assert result.stderr.startswith(f"setup: pip: {reason}")
+    assert str(user.folder / ".venv/pip.log") in result.stderr
+    (user.base / "pip-says").unlink()
+    assert user.setup().returncode == 0
+
+
+@needs_linux
+def test_missing_venv_module(user):
+    user.library("libLLVM.so.19.1")
+    (user.base / "no-venv").touch()
+    result = user.setup()
+    assert result.returncode == 1
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    assert result.stderr == (
+        f"setup: this Python has no venv; run: sudo apt-get install -y python{version}-venv\n"
+    )
+
+
+@pytest.mark.skipif(not Path("/etc/debian_version").exists(), reason="apt-get is Debian's")
+def test_root_gets_the_venv_module(root):
+    root.library("libLLVM.so.19.1")
+    (root.base / "no-venv").touch()
+    result = root.setup()
+    assert result.returncode == 0, result.stderr
+    assert f"-o DPkg::Lock::Timeout=120 python3.{sys.version_info.minor}-venv\n" in root.ran
+
+
+def test_python_that_is_too_old_is_refused(user):
+    user.library("libLLVM.so.19.1")
+    user.command("python3.10", "#!/bin/sh\nexit 1\n")
+    result = user.setup(PYTHON="python3.10")
+    assert result.returncode == 1
+    assert result.stderr == "setup: PYTHON = 'python3.10': must be Python 3.11 or newer\n"

@@ -1,0 +1,475 @@
+"""The chi-square test itself: its parts in closed form, false alarms, and what it must refuse."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import ALPHA, COMPARISONS, area_light
+
+from tofrender.sampling import bsdf_case, chi_square_suite, chi_square_test, light_case, warp_case
+from tofrender.sampling.cases import Case
+from tofrender.sampling.domains import DOMAINS, find
+from tofrender.sampling.histograms import cell_edges, cell_of, integrate, pearson
+from tofrender.sampling.statistics import smallest_allowed
+from tofrender.sampling.warps import (
+    square_to_beckmann,
+    square_to_beckmann_pdf,
+    square_to_cosine_hemisphere,
+    square_to_cosine_hemisphere_pdf,
+    square_to_tent,
+    square_to_tent_pdf,
+    square_to_uniform_hemisphere,
+    square_to_uniform_hemisphere_pdf,
+)
+
+EACH = smallest_allowed(ALPHA, COMPARISONS)
+QUICK = {"samples": 50_000, "resolution": 31, "alpha": EACH}
+HEMISPHERE = (square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf, "hemisphere")
+TENT = (square_to_tent, square_to_tent_pdf, "plane")
+
+
+# --------------------------------------------------------------------------------- its parts
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_domains_map_there_and_back(name):
+    domain = find(name)
+    rng = np.random.default_rng(1)
+    low, high = np.array([domain.low, domain.high])[..., None]
+    plane = low + (high - low) * rng.random((2, 1000))
+    points = domain.to_points(plane)
+    assert points.shape[0] == domain.dimensions
+    assert domain.to_plane(points) == pytest.approx(plane, abs=1e-9)
+    size = {"square": 1, "plane": 4, "disk": 4}.get(name, 4 * math.pi)
+    edges = (np.linspace(low[0], high[0], 9).ravel(), np.linspace(low[1], high[1], 9).ravel())
+    total = integrate(
+        lambda p: mi.Float(1),
+        lambda p: np.ones((1, p.shape[1])),
+        domain,
+        edges,
+        samples=1000,
+        highest=np.zeros(64),
+        seed=0,
+    )
+    assert total.total == pytest.approx(size, abs=6 * total.total_error + 1e-9)
+    assert total.moments == pytest.approx([total.total])
+
+
+def test_domain_objects_of_mitsuba():
+    assert find(mi.chi2.SphericalDomain()).dimensions == 3
+    plane = mi.chi2.PlanarDomain(mi.ScalarBoundingBox2f([0, -1], [2, 3]))
+    assert (find(plane).low, find(plane).high) == ((0, -1), (2, 3))
+    for domain in (mi.chi2.SphericalDomain(), "hemisphere", find("sphere")):
+        assert chi_square_test(*HEMISPHERE[:2], domain, **QUICK).passed
+
+
+@pytest.mark.slow
+def test_pearson_is_scipys():
+    stats = pytest.importorskip("scipy.stats")
+    rng = np.random.default_rng(2)
+    expected = 5 + 50 * rng.random((7, 9))
+    observed = rng.poisson(expected)
+    observed = np.append(observed, 100)
+    expected = np.append(expected, observed.sum() - expected.sum())
+    chi2, freedom = pearson(observed, expected, np.zeros(64))
+    theirs = stats.chisquare(observed, expected)
+    assert freedom == 63
+    assert chi2 == pytest.approx(theirs.statistic)
+    ours = 1 - mi.math_py.rlgamma(freedom / 2, chi2 / 2)
+    assert ours == pytest.approx(theirs.pvalue, rel=1e-9)
+
+
+def test_small_cells_are_pooled():
+    """40 cells that expect one each make pools of five or more; nothing is lost."""
+    observed, expected = np.ones(40), np.ones(40)
+    observed[:2] = 0, 2
+    chi2, freedom = pearson(observed, expected, np.zeros(40))
+    assert 2 <= freedom <= 7
+    assert chi2 <= 0.4
+    assert pearson(np.zeros(5), np.zeros(5), np.zeros(5))[1] == 0
+    assert pearson(np.array([3, 30]), np.array([3.0, 30.0]), np.zeros(2))[1] == 0
+    assert pearson(np.array([0, 5, 5]), np.array([0.0, 5, 5]), np.zeros(3)) == (0, 1)
+
+
+def test_uncertain_expectations_weigh_less():
+    sure = pearson(np.array([110, 90]), np.array([100.0, 100]), np.zeros(2))
+    unsure = pearson(np.array([110, 90]), np.array([100.0, 100]), np.full(2, 100.0))
+    assert sure == (2.0, 1)
+    assert unsure == (1.0, 1)
+
+
+def test_cells_follow_the_samples():
+    """A narrow lobe gets half of the rows, the rest of the sphere the other half."""
+    domain = find("sphere")
+    pilot = np.random.default_rng(3).normal([[0.0], [0.01]], [[1.0], [0.001]], (2, 10_000))
+    _, rows = cell_edges(domain, pilot, 100)
+    assert rows[0] == 0
+    assert rows[-1] == math.pi
+    assert (np.diff(rows) > 0).all()
+    assert math.pi / 2 in rows
+    assert 40 <= ((rows > 0.005) & (rows < 0.015)).sum() <= 60
+
+
+def test_every_sample_is_counted():
+    edges = np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 1.0])
+    points = np.array([[-1, 0, 1, 2, -2], [1, -1, 0, 0, 0]])
+    assert cell_of(edges, points).tolist() == [0, 0, 1, 1, 0]
+
+
+def test_peaks_are_found_by_the_samples():
+    """A peak between the points of the first try: the samples in it ask for more points."""
+    edges = np.linspace(0, 1, 5), np.linspace(0, 1, 5)
+
+    def pdf(p):
+        return dr.select(abs(p.x - 0.3) < 1e-4, mi.Float(2500), 0.5)
+
+    options = {"samples": 100_000, "seed": 0}
+    functions = lambda p: p  # noqa: E731
+    highest = np.full(16, 0.5)
+    highest[1::4] = 2500
+    found = integrate(pdf, functions, find("square"), edges, highest=highest, **options)
+    assert found.total == pytest.approx(1, abs=5 * found.total_error)
+    assert found.total_error < 0.1
+
+
+# ----------------------------------------------------------------------------- false alarms
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("case", [warp_case("tent"), warp_case("beckmann", alpha=0.1)])
+def test_false_alarms(case):
+    """With alpha = 5 %, of 40 right samplers more than 8 fail once in 10 000 times."""
+    verdicts = [
+        case.test(samples=20_000, resolution=21, alpha=0.05, seed=seed) for seed in range(40)
+    ]
+    assert sum(not verdict.passed for verdict in verdicts) <= 8
+    p_values = np.sort([verdict.p_value for verdict in verdicts])
+    uniform = (np.arange(40) + 0.5) / 40
+    assert np.abs(p_values - uniform).max() < 0.36  # Kolmogorov and Smirnov, 1e-4
+
+
+def test_sidak():
+    verdict = chi_square_test(*TENT, samples=2000, resolution=11, alpha=0.01, tests=10)
+    assert verdict.alpha == pytest.approx(1 - 0.99 ** (1 / 60))  # chi-square and five moments
+    known = chi_square_test(
+        *TENT, samples=2000, resolution=11, alpha=0.01, tests=10, expected_moments={"x": 0}
+    )
+    assert known.alpha == pytest.approx(1 - 0.99 ** (1 / 70))
+
+
+def test_same_seed_same_verdict():
+    first, second, other = (chi_square_test(*TENT, **QUICK, seed=seed) for seed in (1, 1, 2))
+    assert first.chi2 == second.chi2
+    assert np.array_equal(first.observed, second.observed)
+    assert first.chi2 != other.chi2
+
+
+# ---------------------------------------------------------------------------- what it finds
+
+
+def test_warp_and_density_wrong_together():
+    """Only what is known from elsewhere tells that these are not the cosine's."""
+    uniform = (square_to_uniform_hemisphere, square_to_uniform_hemisphere_pdf, "hemisphere")
+    assert chi_square_test(*uniform, **QUICK).passed
+    verdict = chi_square_test(*uniform, **QUICK, expected_moments={"z": 2 / 3})
+    assert not verdict.passed
+    assert "the mean of z (known) is 0." in verdict.reason
+    assert chi_square_test(*HEMISPHERE, **QUICK, expected_moments={"z": 2 / 3}).passed
+
+
+@pytest.mark.parametrize(
+    ("bug", "reason"),
+    [
+        (lambda v: v * 1.001, "lie outside of the domain"),
+        (lambda v: mi.Vector3f(0.5 * v.x, 0.5 * v.y, v.z), "lie outside of the domain"),
+        (lambda v: dr.select(v.x > 0.99, -v, v), "lie outside of the domain"),
+        (lambda v: dr.select(v.x > 0.99, dr.nan, v), "samples are not finite"),
+        (lambda v: dr.select(v.x > 0.9, mi.Vector3f(0, 0, 1), v), "counts do not follow the pdf"),
+        (lambda v: mi.Vector3f(0, 0, 1), "counts do not follow the pdf"),
+    ],
+)
+def test_bad_samples(bug, reason):
+    sample, pdf, domain = HEMISPHERE
+    verdict = chi_square_test(lambda u: bug(sample(u)), pdf, domain, **QUICK)
+    assert not verdict.passed
+    assert reason in verdict.reason
+
+
+@pytest.mark.parametrize(
+    ("bug", "reason"),
+    [
+        (lambda v, p: 0.99 * p, "the pdf integrates to 0.9"),
+        (lambda v, p: 2 * p, "not 1; counts do not follow the pdf"),
+        (lambda v, p: 0 * p, "lie where the pdf is 0"),
+        (lambda v, p: dr.select(v.z < -0.99, dr.nan, p), "the pdf is not finite"),
+        (lambda v, p: dr.select(v.z < -0.99, dr.inf, p), "the pdf is not finite"),
+        (lambda v, p: dr.select(v.z < -0.99, -1e-9, p), "the pdf is negative, down to -1e-09"),
+        (lambda v, p: dr.select(v.x > 0.99, 0, p), "samples lie where the pdf is 0"),
+        (lambda v, p: dr.nan, "the pdf is not finite"),
+    ],
+)
+def test_bad_density(bug, reason):
+    sample, pdf, domain = HEMISPHERE
+    verdict = chi_square_test(sample, lambda v: bug(v, pdf(v)), domain, **QUICK)
+    assert not verdict.passed
+    assert reason in verdict.reason
+
+
+@pytest.mark.slow
+def test_spikes():
+    """Two texels with 99 % of the light: most cells at their edges hold little of them."""
+    image = np.full((64, 64), 1e-3)
+    image[5, 9], image[40, 40] = 100, 30
+    for seed in range(4):
+        verdict = warp_case("hierarchical", image=image).test(
+            samples=200_000, alpha=EACH, seed=seed
+        )
+        assert verdict.passed, str(verdict)
+    wrong = image.copy()
+    wrong[5, 9] = 110
+    right, other = (warp_case("hierarchical", image=each) for each in (image, wrong))
+    assert not Case(right.sample, other.pdf, "square").test(samples=200_000, alpha=EACH).passed
+
+
+@pytest.mark.slow
+def test_narrow_lobes_are_resolved():
+    """All directions lie within half a degree, and the wrong spread is found in there."""
+    right = (
+        lambda u: square_to_beckmann(u, 1e-3),
+        lambda m: square_to_beckmann_pdf(m, 1e-3),
+        "hemisphere",
+    )
+    assert chi_square_test(*right, **QUICK).passed
+    wrong = chi_square_test(
+        lambda u: square_to_beckmann(mi.Point2f(u.x**1.2, u.y), 1e-3), *right[1:], **QUICK
+    )
+    assert "counts do not follow the pdf" in wrong.reason
+
+
+def test_mistakes_of_a_little_rounding_pass():
+    """Samples on the wrong side of the density's edge by rounding are no error."""
+
+    def pdf(p):
+        inside = (p.x >= 0.25) & (p.x < 0.75)
+        return dr.select(inside, mi.Float(2), 0)
+
+    verdict = chi_square_test(
+        lambda u: mi.Point2f(dr.select(u.x < 1e-3, 0.75, 0.25 + 0.5 * u.x), u.y),
+        pdf,
+        "square",
+        **{**QUICK, "resolution": 8},
+    )
+    assert "lie where the pdf is 0" not in verdict.reason
+
+
+def failing(u):
+    """Cosine directions, of which those beyond 60 degrees are thrown away."""
+    v = square_to_cosine_hemisphere(u)
+    return v, dr.select(v.z > 0.5, mi.Float(1), 0)
+
+
+def cut(v):
+    return dr.select(v.z > 0.5, square_to_cosine_hemisphere_pdf(v), 0)
+
+
+def test_failed_samples():
+    """The density integrates to the share of samples that are valid: sin(60 degrees)^2."""
+    verdict = chi_square_test(failing, cut, "hemisphere", **QUICK)
+    assert verdict.passed, str(verdict)
+    assert verdict.valid == pytest.approx(0.75, abs=0.01)
+    whole = chi_square_test(failing, lambda v: cut(v) / 0.75, "hemisphere", **QUICK)
+    assert whole.pdf_integral == pytest.approx(1, abs=1e-3)
+    assert "the share of valid samples" in whole.reason
+    assert not chi_square_test(lambda u: failing(u)[0], cut, "hemisphere", **QUICK).passed
+
+
+def test_no_valid_samples():
+    verdict = chi_square_test(
+        lambda u: (square_to_tent(u), mi.Float(0)), lambda p: mi.Float(0), "plane", **QUICK
+    )
+    assert not verdict.passed
+    assert "too few valid samples" in verdict.reason
+    assert str(verdict)
+
+
+def test_density_returned_with_the_sample():
+    def sample(factor):
+        def draw(u):
+            p = square_to_tent(u)
+            return p, mi.Float(1), factor * square_to_tent_pdf(p)
+
+        return draw
+
+    assert chi_square_test(sample(1), *TENT[1:], **QUICK).passed
+    verdict = chi_square_test(sample(1.01), *TENT[1:], **QUICK)
+    assert verdict.reason == "the pdf returned with samples differs from it by 0.01"
+
+
+# ------------------------------------------------------------------------- BSDFs and lights
+
+
+def direction(degrees: float) -> tuple[float, float, float]:
+    return math.sin(math.radians(degrees)), 0.0, math.cos(math.radians(degrees))
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("angle", [0, 60])
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        {"type": "diffuse"},
+        {"type": "plastic"},
+        {"type": "roughconductor", "alpha": 0.1, "distribution": "ggx"},
+        {"type": "roughdielectric", "alpha": 0.2, "distribution": "ggx"},
+    ],
+    ids=lambda bsdf: bsdf["type"],
+)
+def test_bsdfs(bsdf, angle):
+    case = bsdf_case(bsdf, direction(angle))
+    verdict = case.test(**QUICK)
+    assert verdict.passed, str(verdict)
+    wrong = Case(case.sample, lambda v: 1.02 * case.pdf(v), case.domain, sample_dimension=3)
+    assert not wrong.test(**QUICK).passed
+
+
+AREA = area_light(1.0)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("light", "o"),
+    [
+        ({"type": "sphere", "radius": 0.5, "emitter": AREA}, (0, 0, 2)),
+        ({"type": "rectangle", "emitter": AREA}, (0.3, 0.2, 0.5)),
+        ({"type": "constant"}, (0, 0, 0)),
+    ],
+    ids=["sphere", "rectangle", "constant"],
+)
+def test_lights(light, o):
+    case = light_case(light, o)
+    verdict = case.test(**QUICK)
+    assert verdict.passed, str(verdict)
+    wrong = Case(case.sample, lambda v: 1.02 * case.pdf(v), case.domain)
+    assert not wrong.test(**QUICK).passed
+
+
+class Sky:
+    """A light as the course's own are: everything above the horizon, by its cosine."""
+
+    class Record:
+        def __init__(self, d, pdf):
+            self.d, self.pdf, self.valid = d, pdf, d.z > 0
+
+    def sample(self, o, sample):
+        d = square_to_cosine_hemisphere(sample)
+        return self.Record(d, self.pdf(o, d))
+
+    def pdf(self, o, v):
+        return square_to_cosine_hemisphere_pdf(v)
+
+
+def test_own_lights():
+    case = light_case(Sky(), (1, 2, 3))
+    assert case.name == "Sky"
+    assert case.test(**QUICK).passed
+
+
+def test_suite():
+    good = [
+        warp_case("tent"),
+        warp_case("cosine_hemisphere"),
+        bsdf_case({"type": "diffuse"}, (0, 0, 1)),
+    ]
+    bad = Case(square_to_tent, lambda p: 1.1 * square_to_tent_pdf(p), "plane", "a wrong tent")
+    suite = chi_square_suite(good, samples=20_000, resolution=21)
+    assert suite.passed
+    assert str(suite).startswith("3 of 3 passed")
+    assert suite.verdicts[0].alpha == pytest.approx(smallest_allowed(1e-3, 3 * 6), rel=1e-9)
+    suite = chi_square_suite([*good, bad], samples=20_000, resolution=21)
+    assert not suite.passed
+    assert [verdict.passed for verdict in suite.verdicts] == [True, True, True, False]
+    assert "a wrong tent: FAILED, the pdf integrates to 1." in str(suite)
+
+
+# ----------------------------------------------------------------------- words and pictures
+
+
+def test_verdict_in_words():
+    verdict = chi_square_test(*TENT, **QUICK, name="a tent")
+    assert str(verdict).startswith("a tent: passed\n  chi-square ")
+    assert verdict.reason == ""
+    assert verdict.observed.sum() == QUICK["samples"]
+    assert verdict.expected.sum() == pytest.approx(QUICK["samples"], rel=1e-3)
+    assert [moment.name for moment in verdict.moments] == ["x", "y", "xx", "xy", "yy"]
+
+
+@pytest.mark.slow
+def test_figure_on_failure(tmp_path):
+    path = tmp_path / "failure.png"
+    assert chi_square_test(*HEMISPHERE, **QUICK, figure=path).passed
+    assert not path.exists()
+    sample, pdf, domain = HEMISPHERE
+    verdict = chi_square_test(sample, lambda v: 1.1 * pdf(v), domain, **QUICK, figure=path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    titles = [axes.get_title() for axes in verdict.figure().axes]
+    assert titles[:3] == ["observed density", "expected density", "difference"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bug", [lambda p: dr.nan, lambda p: 0 * p.x, lambda p: -p.x])
+def test_figure_of_whatever_was_found(bug, tmp_path):
+    for sample, domain in ((square_to_tent, "plane"), (square_to_cosine_hemisphere, "sphere")):
+        verdict = chi_square_test(sample, bug, domain, **QUICK)
+        assert not verdict.passed
+        verdict.figure().savefig(tmp_path / "figure.png")
+
+
+# --------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"samples": 10}, "samples = 10: must be an integer from 1000 to 16777216"),
+        ({"resolution": 1}, "resolution = 1: must be an integer from 2 to 512"),
+        ({"seed": -1}, "seed = -1: must be an integer from 0 to"),
+        ({"alpha": 0}, "alpha = 0: must be a number between 0 and 1"),
+        ({"alpha": 1.0}, "alpha = 1.0: must be a number between 0 and 1"),
+        ({"tests": 0}, "tests = 0: must be an integer from 1 to"),
+        ({"sample_dimension": 4}, "sample_dimension = 4: must be an integer from 2 to 3"),
+        ({"expected_moments": {"z": 0}}, "expected_moments = 'z': must be one of x, y, xx, xy, yy"),
+        ({"figure": "no/such/folder/f.png"}, "figure = no/such/folder/f.png: no/such/folder must"),
+    ],
+)
+def test_bad_options(options, message):
+    with pytest.raises(ValueError, match=message):
+        chi_square_test(*TENT, **options)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: find("spher"), "domain = 'spher': did you mean 'sphere'\\? Must be one of square"),
+        (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
+        (
+            lambda: chi_square_test(lambda u: (square_to_tent(u), u.x), *TENT[1:]),
+            "sample: returns the weight .*, must be 0 or 1",
+        ),
+        (lambda: warp_case("tnt"), "name = 'tnt': did you mean 'tent'\\? Must be one of tent"),
+        (lambda: warp_case("tent", alpha=1), "name = 'tent': takes no parameter, given are"),
+        (lambda: warp_case("beckmann"), "name = 'beckmann': takes the parameter alpha, given are"),
+        (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: has no density"),
+        (lambda: bsdf_case({"type": "diffuse"}, (0, 0, 0)), "wi = .*: must be a direction"),
+        (lambda: bsdf_case({"type": "diffuse"}, 1), "wi = 1: must be three finite numbers"),
+        (lambda: light_case({"type": "point"}, (0, 0, 0)), "light = 'point': must be one light"),
+        (lambda: light_case(Sky(), (0, 0, math.nan)), "o = .*: must be three finite numbers"),
+        (lambda: chi_square_suite([]), "cases = \\[\\]: must hold at least one"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -1,0 +1,441 @@
+"""Hierarchical warping against its image, and environment light against Mitsuba's `envmap`."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import ALPHA, COMPARISONS, agree, largest
+
+from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
+from tofrender.sampling.histograms import pearson
+from tofrender.sampling.images import MAX_SIDE, luminance, read_image, resized
+from tofrender.sampling.statistics import smallest_allowed
+
+BOUND = smallest_allowed(ALPHA, COMPARISONS)
+SIZE = {"samples": 100_000, "resolution": 32, "tests": COMPARISONS}
+
+
+def probe(size: int = 64) -> np.ndarray:
+    """Like a light probe: a smooth sky, a small sun, a dark ground."""
+    y, x = (np.mgrid[:size, :size] + 0.5) / size
+    sky = np.where(y < 0.6, 0.2 + (1 - y) ** 2, 0.02 + 0.01 * np.sin(9 * x))
+    return sky + 400 * (np.hypot(x - 0.7, y - 0.3) < 0.03)
+
+
+def spikes(size: int = 64) -> np.ndarray:
+    """Half of the quadrants black, values over ten orders of magnitude, one hot pixel."""
+    rng = np.random.default_rng(5)
+    image = rng.random((size, size)) ** 40 * (rng.random((size, size)) < 0.3)
+    image[: size // 2, : size // 2] = 0
+    image[size // 2 :, size // 2 :] = 0
+    image[size - 1, 3] = image.sum()
+    return image
+
+
+IMAGES = {
+    "80/20": np.array([[0.5, 0.3], [0.05, 0.15]]),
+    "probe": probe(),
+    "spikes": spikes(),
+    "hot pixel": np.where(np.arange(256).reshape(16, 16) == 77, 1e12, 0.0),
+    "one texel": np.array([[3.0]]),
+}
+
+
+def uniform(n: int, seed: int = 0) -> mi.Point2f:
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, n)
+    return sampler.next_2d()
+
+
+def texels(p: mi.Point2f, n: int) -> np.ndarray:
+    """Row and column of each point."""
+    return np.floor(np.array(p, dtype=np.float64)[::-1] * n).astype(int)
+
+
+def p_value(observed: np.ndarray, expected: np.ndarray) -> float:
+    """Chance of counts as far from these; 0 if there is any where none is expected."""
+    if np.any(observed[expected == 0]):
+        return 0.0
+    chi2, freedom = pearson(observed, expected, np.zeros_like(expected))
+    return 1 - mi.math_py.rlgamma(freedom / 2, chi2 / 2) if freedom > 0 else 1.0
+
+
+def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000, seed: int = 0):
+    """Of the number of points in each texel of the image."""
+    row, column = texels(warp.sample(uniform(n, seed)), len(image))
+    observed = np.bincount(row * len(image) + column, minlength=image.size)
+    return p_value(observed, n * image.ravel() / image.sum())
+
+
+# -------------------------------------------------------------------------------- the warp
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", IMAGES)
+def test_texels_are_hit_as_often_as_they_are_bright(name):
+    assert image_p_value(HierarchicalWarp(IMAGES[name]), IMAGES[name]) > BOUND
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", IMAGES)
+def test_points_are_even_within_texels(name):
+    warp = HierarchicalWarp(IMAGES[name])
+    within = np.array(warp.sample(uniform(200_000)), dtype=np.float64) * warp.size % 1
+    cells = (np.floor(within[0] * 16) * 16 + np.floor(within[1] * 16)).astype(int)
+    observed = np.bincount(cells, minlength=256)
+    assert p_value(observed, np.full(256, 200_000 / 256)) > BOUND
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", ["80/20", "probe"])
+def test_samples_follow_the_density(name):
+    warp = HierarchicalWarp(IMAGES[name])
+    verdict = chi_square_test(warp.sample, warp.pdf, "square", **SIZE)
+    assert verdict.passed, verdict
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda warp: lambda p: warp.pdf(mi.Point2f(p.y, p.x)),
+        lambda warp: lambda p: warp.pdf(mi.Point2f(p.x, 1 - p.y)),
+        lambda warp: lambda p: warp.pdf(p) / warp.size,
+        lambda warp: lambda p: dr.maximum(warp.pdf(p), 0.1),
+        lambda warp: lambda p: dr.sqrt(warp.pdf(p)),
+    ],
+    ids=["transposed", "upside down", "scaled", "floor", "gamma"],
+)
+def test_a_wrong_density_is_found(wrong):
+    warp = HierarchicalWarp(IMAGES["probe"])
+    verdict = chi_square_test(warp.sample, wrong(warp), "square", **SIZE)
+    assert not verdict.passed
+
+
+@pytest.mark.statistical
+def test_the_wrong_image_is_found():
+    for image in (IMAGES["probe"].T, IMAGES["probe"][::-1], np.sqrt(IMAGES["probe"])):
+        assert image_p_value(HierarchicalWarp(image), IMAGES["probe"]) < BOUND
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_density_is_the_image_and_integrates_to_one(name):
+    image = IMAGES[name]
+    n = len(image)
+    row, column = np.divmod(np.arange(n * n), n)
+    density = np.array(HierarchicalWarp(image).pdf(mi.Point2f((column + 0.5) / n, (row + 0.5) / n)))
+    assert density.mean(dtype=np.float64) == pytest.approx(1, rel=1e-6)
+    assert density == pytest.approx(image.ravel() / image.mean(), rel=1e-6)
+
+
+def test_density_ends_at_the_square():
+    warp = HierarchicalWarp([[1.0, 3.0], [5.0, 7.0]])
+    p = mi.Point2f([0, 1, 1, -1e-6, 0.5, 1e30, math.nan], [0, 1, 0.4, 0.5, 1.001, 0.5, 0.5])
+    assert np.array(warp.pdf(p)) == pytest.approx([0.25, 1.75, 0.75, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize("levels", [0, 1, 2, 5, 9, 11])
+def test_black_texels_are_never_hit(levels):
+    n = 2**levels
+    rng = np.random.default_rng(levels)
+    image = rng.random((n, n)) ** 8 * (rng.random((n, n)) < 0.5)
+    image[: n // 2, : n // 2] = 0
+    image[-1, -1] = 1
+    edge = np.arange(64) / 2**24
+    u = np.concatenate([edge, 1 - edge, rng.random(100_000), np.arange(n) / n])
+    warp = HierarchicalWarp(image)
+    p = warp.sample(mi.Point2f(u, rng.permutation(u)))
+    row, column = texels(p, n)
+    assert row.min() >= 0
+    assert column.min() >= 0
+    assert np.all(image[row, column] > 0)  # An index beyond the image fails here too
+    corners = warp.sample(mi.Point2f([0, 1, 0, 1], [0, 0, 1, 1]))
+    assert np.all(image[tuple(texels(corners, n))] > 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("levels", [0, 1, 7, 12])
+def test_an_even_image_leaves_points_where_they_are(levels):
+    """All 24 bits of a sample survive twelve levels."""
+    u = uniform(50_000)
+    p = HierarchicalWarp(np.ones((2**levels, 2**levels))).sample(u)
+    assert np.max(np.abs(np.array(p) - np.array(u))) <= 2.0**-24
+
+
+def test_orientation():
+    """x runs over columns to the right, y over rows down."""
+    image = np.zeros((4, 4))
+    image[0, 3] = 1
+    p = HierarchicalWarp(image).sample(mi.Point2f(0.5, 0.25))
+    assert np.array(p).ravel() == pytest.approx([3.5 / 4, 0.25 / 4])
+
+
+def test_stratified_samples_stay_stratified():
+    """What is left of a sample goes on: a grid of points gives each texel its share exactly."""
+    x, y = np.meshgrid((np.arange(40) + 0.5) / 40, (np.arange(40) + 0.5) / 40)
+    warp = HierarchicalWarp(IMAGES["80/20"])
+    row, column = texels(warp.sample(mi.Point2f(x.ravel(), y.ravel())), 2)
+    assert np.bincount(row * 2 + column) / 1600 == pytest.approx([0.5, 0.3, 0.05, 0.15])
+
+
+def test_values_near_the_largest_double_do_not_overflow():
+    assert HierarchicalWarp([[1e308, 1e308], [1e308, 0]]).pdf(mi.Point2f(0.1))[0] == pytest.approx(
+        4 / 3
+    )
+
+
+def test_symbolic_loops():
+    """Warps can be used where paths are traced: in the body of a symbolic loop."""
+    warp, light, u = HierarchicalWarp(IMAGES["probe"]), EnvironmentWarp(probe(16)), uniform(1000)
+
+    def body(i, p, d, pdf, radiance):
+        p = warp.sample(u)
+        d, pdf = light.sample(u)
+        return i + 1, p, d, pdf * warp.pdf(p), light.eval(d)
+
+    zeros = (dr.zeros(kind, 1000) for kind in (mi.Point2f, mi.Vector3f, mi.Float, mi.Color3f))
+    state = (mi.UInt32(0), *zeros)
+    _, *after = dr.while_loop(state, lambda i, *_: i < 2, body)
+    for a, b in zip(after, body(0, *state[1:])[1:], strict=True):
+        assert np.array(a) == pytest.approx(np.array(b))
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_mono"])
+def test_other_variants(variant):
+    mi.set_variant(variant)
+    warp = HierarchicalWarp(IMAGES["80/20"])
+    assert image_p_value(warp, IMAGES["80/20"]) > BOUND
+    image = np.stack([probe(16), 2 * probe(16), 0 * probe(16)], axis=-1)
+    light = EnvironmentWarp(image)
+    reference = envmap(image, directions(200))
+    assert np.array(light.eval(directions(200))) == pytest.approx(reference, rel=1e-3, abs=1e-3)
+
+
+# -------------------------------------------------------------------------------- other sizes
+
+
+def test_other_sizes_are_resized_with_a_warning():
+    image = np.arange(1.0, 16).reshape(3, 5)
+    with pytest.warns(UserWarning, match=r"^image: 3 x 5 pixels; resized to 8 x 8, a square power"):
+        warp = HierarchicalWarp(image)
+    assert warp.size == 8
+    u = (np.arange(8) + 0.5) / 8
+    density = np.array(warp.pdf(mi.Point2f(np.tile(u, 8), np.repeat(u, 8)))).reshape(8, 8)
+    assert density.mean() == pytest.approx(1)
+    assert density == pytest.approx(resized(image, 8) / image.mean(), rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (3, 2), (5, 8), (8, 8)])
+def test_resizing_keeps_the_mean_and_the_black(shape):
+    image = np.random.default_rng(2).random(shape) * (np.indices(shape).sum(0) % 3 > 0)
+    image[-1, -1] = 1
+    finer = resized(image, 8)
+    assert finer.mean() == pytest.approx(image.mean())
+    rows, columns = (
+        [range(j * size // 8, -(-(j + 1) * size // 8)) for j in range(8)] for size in shape
+    )
+    touched = [[image[np.ix_(row, column)].any() for column in columns] for row in rows]
+    assert np.array_equal(finer > 0, touched)
+
+
+def test_powers_of_two_do_not_warn():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        HierarchicalWarp(np.ones((8, 8)))
+
+
+# -------------------------------------------------------------------------------- images
+
+
+@pytest.mark.parametrize("channels", [None, 1, 2, 3, 4])
+def test_images_from_arrays_bitmaps_and_files(channels, tmp_path):
+    rng = np.random.default_rng(3)
+    image = rng.random((4, 4) if channels is None else (4, 4, channels)).astype(np.float32)
+    colours = image if channels is None else image[..., : 3 if channels > 2 else 1].squeeze()
+    weights = colours @ [0.212671, 0.715160, 0.072169] if colours.ndim == 3 else colours
+    formats = mi.Bitmap.PixelFormat
+    names = {None: formats.Y, 1: formats.Y, 2: formats.YA, 3: formats.RGB, 4: formats.RGBA}
+    bitmap = mi.Bitmap(image if channels else image[..., None], names[channels])
+    path = tmp_path / "image.exr"
+    bitmap.write(str(path))
+    for source in (image, mi.TensorXf(image), bitmap, path, str(path)):
+        assert luminance(read_image(source)) == pytest.approx(weights, rel=1e-5)
+        assert HierarchicalWarp(source).size == 4
+
+
+BAD_IMAGES = {
+    "empty": (np.zeros((0, 4)), r"^image: shape \(0, 4\) is empty; must have the shape"),
+    "negative": ([[1.0, -2.0]], r"^image: holds -2 at row 0, column 1; each value must be"),
+    "nan": ([[1.0], [math.nan]], r"^image: holds nan at row 1, column 0; each"),
+    "infinite": ([[math.inf]], r"^image: holds inf at row 0"),
+    "black": (np.zeros((4, 4)), r"^image: all pixels are 0; at least one must be above 0$"),
+    "flat": (np.ones(4), r"^image: shape \(4,\); must have the shape"),
+    "deep": (np.ones((2, 2, 5)), r"^image: shape \(2, 2, 5\); must have"),
+    "four axes": (np.ones((2, 2, 2, 2)), r"^image: shape \(2, 2, 2, 2\); must have"),
+    "large": (np.ones((1, MAX_SIDE + 1)), r"a side must have at most 16384$"),
+    "none": (None, r"^image: "),
+    "text": ([["a"]], r"^image: list; must be a path, an mi.Bitmap or an array$"),
+    "ragged": ([[1.0], [1.0, 2.0]], r"^image: list; must be a path"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_IMAGES)
+@pytest.mark.parametrize("kind", [HierarchicalWarp, EnvironmentWarp])
+def test_bad_images(kind, name):
+    image, message = BAD_IMAGES[name]
+    with pytest.raises(ValueError, match=message) as error:
+        kind(image)
+    assert "\n" not in str(error.value)
+
+
+def test_bad_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"sky.exr': must be a file that exists$"):
+        HierarchicalWarp(tmp_path / "sky.exr")
+    path = tmp_path / "notes.exr"
+    path.write_text("not an image")
+    with pytest.raises(ValueError, match=r"notes.exr': must be an image that Mitsuba reads"):
+        HierarchicalWarp(path)
+    with pytest.raises(FileNotFoundError, match="must be a file"):
+        HierarchicalWarp(tmp_path)
+    layers = mi.Bitmap(mi.Bitmap.PixelFormat.MultiChannel, mi.Struct.Type.Float32, [4, 4], 5)
+    with pytest.raises(ValueError, match=r"^image: has 5 channels of other kinds; must be grey"):
+        HierarchicalWarp(layers)
+
+
+def test_samples_off_the_square_fail_in_debug_mode():
+    warp = HierarchicalWarp(IMAGES["80/20"])
+    light = EnvironmentWarp(probe(4))
+    outside = mi.Point2f(1.5, 0.5)
+    assert np.all(np.array(warp.sample(outside)) < 1)
+    with dr.scoped_set_flag(dr.JitFlag.Debug, True):
+        for sample in (warp.sample, light.sample):
+            with pytest.raises(AssertionError, match="must lie in"):
+                sample(outside)
+
+
+# -------------------------------------------------------------------------------- environment
+
+
+def directions(n: int, seed: int = 0) -> mi.Vector3f:
+    """Some of them near the poles; nearer, the cosine that Mitsuba uses has no digits left."""
+    d = np.random.default_rng(seed).normal(size=(3, n))
+    d[:, :3] = np.array([[0.02, 1, 0], [1, 0, 0], [0.02, -1, 0.01]]).T
+    d /= np.linalg.norm(d, axis=0)
+    return mi.Vector3f(*(mi.Float(each) for each in d))
+
+
+def envmap(image: np.ndarray, d: mi.Vector3f) -> np.ndarray:
+    """Radiance by Mitsuba's own emitter."""
+    emitter = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(image.astype(np.float32))})
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(d))
+    si.wi = -d
+    return np.array(emitter.eval(si))
+
+
+def sky(shape: tuple[int, int], seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).random((*shape, 3)) ** 3
+
+
+@pytest.mark.parametrize("shape", [(8, 16), (5, 7), (3, 2), (100, 200)])
+def test_environment_is_mitsubas(shape):
+    image, d = sky(shape), directions(5000)
+    assert largest(np.array(EnvironmentWarp(image).eval(d)), envmap(image, d)) < 1e-4
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("shape", [(8, 16), (5, 7), (3, 2)])
+def test_environment_samples_follow_the_density(shape):
+    light = EnvironmentWarp(sky(shape))
+
+    def sample(u):
+        d, pdf = light.sample(u)
+        return d, mi.Float(1), pdf
+
+    verdict = chi_square_test(sample, light.pdf, "sphere", **SIZE)
+    assert verdict.passed, verdict
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda light: lambda d: light.pdf(d) * dr.norm(mi.Vector2f(d.x, d.z)) * (4 / math.pi),
+        lambda light: lambda d: light.pdf(mi.Vector3f(d.x, -d.y, d.z)),
+        lambda light: lambda d: light.pdf(mi.Vector3f(-d.x, d.y, d.z)),
+        lambda light: lambda d: light.pdf(d) * (2 * math.pi),
+    ],
+    ids=["sine", "upside down", "mirrored", "scale"],
+)
+def test_a_wrong_environment_density_is_found(wrong):
+    light = EnvironmentWarp(sky((8, 16)))
+    sample = lambda u: light.sample(u)[0]  # noqa: E731
+    assert not chi_square_test(sample, wrong(light), "sphere", **SIZE).passed
+
+
+@pytest.mark.statistical
+def test_environment_lights_a_surface_as_in_mitsuba():
+    """Irradiance of a tilted surface, by our samples and by Mitsuba's."""
+    image, n = sky((6, 12)), 1 << 14
+    normal = mi.Normal3f(0.48, 0.6, -0.64)
+    light = EnvironmentWarp(image)
+    emitter = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(image.astype(np.float32))})
+
+    def ours(seed: int) -> np.ndarray:
+        d, pdf = light.sample(uniform(n, seed))
+        return np.array(dr.mean(dr.maximum(dr.dot(d, normal), 0) * light.eval(d) / pdf, axis=1))
+
+    def mitsubas(seed: int) -> np.ndarray:
+        it = dr.zeros(mi.Interaction3f, n)
+        ds, weight = emitter.sample_direction(it, uniform(n, seed))
+        return np.array(dr.mean(dr.maximum(dr.dot(ds.d, normal), 0) * weight, axis=1))
+
+    a, b = ([f(s) for s in range(k, k + 12)] for f, k in ((ours, 0), (mitsubas, 100)))
+    assert agree(np.squeeze(a), np.squeeze(b))
+    assert not agree(np.squeeze(a) * 1.05, np.squeeze(b))
+
+
+def test_environment_density_is_finite_and_its_weights_are_bounded():
+    """At the poles too; radiance over density varies as little as the radiance within a texel."""
+    light = EnvironmentWarp(sky((8, 16)))
+    zero = [0.0, 0.0, -0.0, -0.0]
+    poles = mi.Vector3f(zero, [1, -1, 1, -1], [0.0, 0.0, -0.0, 0.0])
+    assert np.isfinite(np.array(light.eval(poles))).all()
+    assert np.isfinite(np.array(light.pdf(poles))).all()
+    assert np.all(np.array(light.pdf(poles)) > 0)
+    ends = mi.Point2f([0, 0, 1, 1, 0.5], [0, 1, 0, 1, 0])
+    for sample in (ends, uniform(100_000)):
+        d, pdf = light.sample(sample)
+        assert np.abs(np.array(dr.norm(d)) - 1).max() < 1e-6
+        assert np.array(pdf).min() > 0
+    assert np.mean(np.abs(np.array(light.pdf(d) / pdf) - 1) > 1e-3) < 1e-3  # Texels' edges
+    mean = luminance(np.moveaxis(np.array(light.eval(d)), 0, -1)) / np.array(pdf)
+    assert mean.std() / mean.mean() < 0.35
+
+
+def test_a_sun_is_found():
+    """A sun in one pixel of a black sky, at the poles too.
+
+    Interpolated over two columns, it fills two texels and half of the two beside, with an eighth
+    of the light each: an eighth of the samples finds the black halves, and a little more of rows.
+    """
+    for row in (0, 10, 31):
+        image = np.zeros((32, 64))
+        image[row, 40] = 1e6
+        light = EnvironmentWarp(image)
+        d, _ = light.sample(uniform(20_000))
+        radiance = np.array(light.eval(d).x)
+        assert np.mean(radiance > 0) > 0.8
+        assert np.array(light.pdf(-d)).max() == 0
+
+
+def test_bad_environments():
+    with pytest.raises(ValueError, match=r"^image: 2 x 8 pixels; must be at least 3 x 2$"):
+        EnvironmentWarp(np.ones((2, 8)))
+    mi.set_variant("llvm_ad_spectral")
+    with pytest.raises(ValueError, match=r"^variant = 'llvm_ad_spectral': must be an rgb or mono"):
+        EnvironmentWarp(np.ones((4, 8)))

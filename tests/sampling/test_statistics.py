@@ -1,0 +1,84 @@
+"""The tests of noisy estimates, tested: against SciPy, for false alarms, and for power."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import ALPHA, COMPARISONS, agree
+
+from tofrender.sampling.statistics import p_values, smallest_allowed, student_tail
+
+
+def test_student_tail_is_scipys():
+    stats = pytest.importorskip("scipy.stats")
+    t = np.linspace(0, 40, 81)[:, None]
+    freedom = np.array([1, 2, 3.3, 10, 31, 62, 1000.0])
+    assert student_tail(t, freedom) == pytest.approx(2 * stats.t.sf(t, freedom), rel=1e-9)
+
+
+def test_p_values_are_scipys():
+    stats = pytest.importorskip("scipy.stats")
+    noise = np.random.default_rng(2)
+    a, b = noise.normal(1, 0.5, (12, 7)), noise.normal(1.2, 1.5, (20, 7))
+    welch = stats.ttest_ind(a, b, equal_var=False).pvalue
+    assert p_values(a, b, rounding=0) == pytest.approx(welch, rel=1e-9)
+    student = stats.ttest_1samp(a, 1.1).pvalue
+    assert p_values(a, np.full(7, 1.1), rounding=0) == pytest.approx(student, rel=1e-9)
+
+
+def test_sidak():
+    assert 1 - (1 - smallest_allowed(0.01, 300)) ** 300 == pytest.approx(0.01)
+    assert smallest_allowed(0.01, 1) == pytest.approx(0.01)
+
+
+def alarms(trials: int, alpha: float, shift: float = 1.0, bins: int = 20) -> float:
+    """Fraction of trials in which `shift` x light of skewed noise differs from the light."""
+    noise = np.random.default_rng(3)
+    light = np.linspace(0.2, 3.0, bins)
+    ours = shift * light * noise.gamma(8, 1 / 8, (32, trials, bins))
+    theirs = light * noise.gamma(8, 1 / 8, (32, trials, bins))
+    return np.mean(p_values(ours, theirs).min(axis=1) < smallest_allowed(alpha, bins))
+
+
+def test_false_alarms_are_as_rare_as_promised():
+    """1 % nominal; of 1000 trials, at most 2.2 % is four standard deviations away."""
+    assert alarms(1000, 0.01) <= 0.022
+
+
+def test_finds_what_is_too_bright():
+    assert alarms(50, ALPHA / COMPARISONS, shift=1.8) == 1
+
+
+def test_values_that_are_not_finite_fail():
+    right = np.random.default_rng(4).normal(1, 0.1, (16, 3))
+    for value in (np.nan, np.inf, -np.inf):
+        wrong = right.copy()
+        wrong[5, 1] = value
+        assert p_values(wrong, np.ones(3))[1] == 0
+        assert p_values(right, wrong)[1] == 0
+        assert p_values(wrong, np.ones(3))[0] > 1e-6
+        assert p_values(right, np.array([1, value, 1]))[1] == 0
+        assert not agree(wrong, np.ones(3))
+
+
+def test_values_without_noise():
+    same = np.ones((4, 2))
+    assert p_values(same, np.ones(2)).tolist() == [1, 1]
+    assert p_values(same, np.array([1.0, 1.1])).tolist() == [1, 0]
+    assert p_values(same, np.array([1.0, 1 + 1e-6])).tolist() == [1, 1]  # rounding
+    assert p_values(0 * same, 0 * same).tolist() == [1, 1]
+
+
+def test_a_missing_reference_fails():
+    for missing in (None, np.zeros(3), np.full(3, np.nan)):
+        with pytest.raises(AssertionError, match="missing"):
+            agree(np.ones((4, 3)), missing)
+
+
+def test_bad_shapes():
+    with pytest.raises(ValueError, match="at least two seeds"):
+        p_values(np.ones((1, 3)), np.ones(3))
+    with pytest.raises(ValueError, match="at least two seeds"):
+        p_values(np.ones((4, 3)), np.ones((1, 3)))
+    with pytest.raises(ValueError, match=r"must be \(3,\)"):
+        p_values(np.ones((4, 3)), np.ones(4))

@@ -1,0 +1,403 @@
+"""Warps of the unit square: closed forms, edges, moments, integrals, and bugs that are found."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import ALPHA, COMPARISONS
+
+import tofrender
+from tofrender.sampling import WARPS, warp_case
+from tofrender.sampling.domains import find, to_drjit, to_numpy
+from tofrender.sampling.points import grid
+from tofrender.sampling.statistics import smallest_allowed
+from tofrender.sampling.warps import (
+    square_to_beckmann,
+    square_to_beckmann_pdf,
+    square_to_cosine_hemisphere,
+    square_to_cosine_hemisphere_pdf,
+    square_to_tent,
+    square_to_tent_pdf,
+    square_to_uniform_disk,
+    square_to_uniform_disk_pdf,
+    square_to_uniform_hemisphere,
+    square_to_uniform_hemisphere_pdf,
+    square_to_uniform_sphere,
+    square_to_uniform_sphere_pdf,
+)
+
+EACH = smallest_allowed(ALPHA, COMPARISONS)
+
+# All that need no image; the moments follow from the densities by hand.
+CASES = {
+    "tent": {"x": 0, "y": 0, "xx": 1 / 6, "xy": 0, "yy": 1 / 6},
+    "uniform_disk": {"x": 0, "y": 0, "xx": 1 / 4, "xy": 0, "yy": 1 / 4},
+    "uniform_sphere": {"x": 0, "y": 0, "z": 0, "xx": 1 / 3, "yy": 1 / 3, "zz": 1 / 3, "xz": 0},
+    "uniform_hemisphere": {"x": 0, "z": 1 / 2, "xx": 1 / 3, "zz": 1 / 3, "xz": 0, "yz": 0},
+    "cosine_hemisphere": {"x": 0, "z": 2 / 3, "xx": 1 / 4, "yy": 1 / 4, "zz": 1 / 2, "xy": 0},
+    "beckmann 0.01": {},
+    "beckmann 0.3": {},
+    "beckmann 2": {},
+}
+
+
+def beckmann_moments(alpha: float) -> dict[str, float]:
+    """E[z] and E[z^2] of the normals: with t = tan^2 = alpha^2 s and s exponential, z^2 is
+    1 / (1 + alpha^2 s). By quadrature in the quantiles of s."""
+    u = (np.arange(1 << 16) + 0.5) / (1 << 16)
+    square = 1 / (1 - alpha**2 * np.log1p(-u))
+    zz = float(square.mean())
+    return {"z": float(np.sqrt(square).mean()), "zz": zz, "xx": (1 - zz) / 2, "yy": (1 - zz) / 2}
+
+
+def case_of(name: str):
+    kind, _, alpha = name.partition(" ")
+    return warp_case(kind, **({"alpha": float(alpha)} if alpha else {}))
+
+
+def moments_of(name: str) -> dict[str, float]:
+    alpha = name.partition(" ")[2]
+    return beckmann_moments(float(alpha)) if alpha else CASES[name]
+
+
+def edges_of_the_square() -> mi.Point2f:
+    """Corners, and points on and beside the edges."""
+    near = [0.0, 2.0**-24, 0.25, 0.5, 0.75, 1 - 2.0**-24, 1.0]
+    u, v = np.array(list(itertools.product(near, near))).T
+    return mi.Point2f(mi.Float(u), mi.Float(v))
+
+
+# --------------------------------------------------------------------------------- the values
+
+
+def test_registry_lists_every_warp():
+    kinds = {name.partition(" ")[0] for name in CASES}
+    assert set(WARPS) == kinds | {"hierarchical"}
+    for name in kinds:
+        assert callable(getattr(tofrender.sampling, f"square_to_{name}"))
+        assert callable(getattr(tofrender.sampling, f"square_to_{name}_pdf"))
+
+
+@pytest.mark.parametrize(
+    ("u", "t"), [(0, -1), (1 / 8, -0.5), (1 / 2, 0), (7 / 8, 0.5), (1, 1), (0.02, -0.8)]
+)
+def test_tent_inverts_its_cdf(u, t):
+    p = to_numpy(square_to_tent(mi.Point2f(u, 1 - u)), 1)
+    assert p.ravel() == pytest.approx([t, -t], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("warp", "z"),
+    [
+        (square_to_uniform_sphere, lambda u: 1 - 2 * u),
+        (square_to_uniform_hemisphere, lambda u: 1 - u),
+        (square_to_cosine_hemisphere, lambda u: math.sqrt(1 - u)),
+        (
+            lambda s: square_to_beckmann(s, 0.7),
+            lambda u: 1 / math.sqrt(1 - 0.49 * math.log(1 - u)),
+        ),
+    ],
+)
+@pytest.mark.parametrize(("u", "v"), [(0.0, 0.3), (0.1, 0.0), (0.5, 0.25), (0.9, 0.7)])
+def test_directions(warp, z, u, v):
+    x = math.sqrt(1 - z(u) ** 2) * math.cos(2 * math.pi * v)
+    y = math.sqrt(1 - z(u) ** 2) * math.sin(2 * math.pi * v)
+    assert to_numpy(warp(mi.Point2f(u, v)), 1).ravel() == pytest.approx([x, y, z(u)], abs=1e-6)
+
+
+def test_disk():
+    p = to_numpy(square_to_uniform_disk(mi.Point2f(0.25, 0.125)), 1).ravel()
+    assert p == pytest.approx([math.sqrt(1 / 8), math.sqrt(1 / 8)])
+
+
+def test_densities():
+    up, down = mi.Vector3f(0.6, 0, 0.8), mi.Vector3f(0.6, 0, -0.8)
+    assert square_to_uniform_disk_pdf(mi.Point2f(0.3, -0.4))[0] == pytest.approx(1 / math.pi)
+    assert square_to_uniform_disk_pdf(mi.Point2f(0.8, -0.7))[0] == 0
+    assert square_to_tent_pdf(mi.Point2f(0.25, -0.5))[0] == pytest.approx(0.375)
+    assert [square_to_tent_pdf(mi.Point2f(*p))[0] for p in ((1, 0), (2, 2), (0, -1.1))] == [0] * 3
+    for v in (up, down):
+        assert square_to_uniform_sphere_pdf(v)[0] == pytest.approx(1 / (4 * math.pi))
+    assert square_to_uniform_hemisphere_pdf(up)[0] == pytest.approx(1 / (2 * math.pi))
+    assert square_to_cosine_hemisphere_pdf(up)[0] == pytest.approx(0.8 / math.pi)
+    tan2 = (0.6 / 0.8) ** 2
+    beckmann = math.exp(-tan2 / 0.16) / (math.pi * 0.16 * 0.8**3)
+    assert square_to_beckmann_pdf(up, 0.4)[0] == pytest.approx(beckmann, rel=1e-5)
+
+
+@pytest.mark.parametrize("z", [-1.0, -0.5, -1e-7, -1e-30, -0.0, 0.0, 1e-30, 1e-13, 1e-4])
+def test_below_and_at_the_horizon(z):
+    """Nothing below; at the horizon 0 where the density vanishes, and never NaN."""
+    v = mi.Vector3f(math.sqrt(1 - z * z), 0, z)
+    assert square_to_uniform_hemisphere_pdf(v)[0] == (
+        0 if z < 0 else pytest.approx(1 / (2 * math.pi))
+    )
+    assert square_to_cosine_hemisphere_pdf(v)[0] == pytest.approx(max(z, 0) / math.pi)
+    for alpha in (1e-6, 0.01, 0.3):
+        assert square_to_beckmann_pdf(v, alpha)[0] == 0
+    assert math.isfinite(square_to_beckmann_pdf(v, 100.0)[0])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_densities_are_never_negative(name):
+    case = case_of(name)
+    sphere = to_numpy(square_to_uniform_sphere(grid(4096)), 4096)
+    points = sphere if find(case.domain).dimensions == 3 else 1.5 * sphere[:2]
+    density = np.array(case.pdf(to_drjit(points)))
+    assert density.shape == (4096,)
+    assert np.isfinite(density).all()
+    assert density.min() >= 0
+
+
+# ---------------------------------------------------------------------------------- the edges
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_edges_of_the_square(name):
+    """Samples of exactly 0 and 1 give finite points in the domain, with a finite density."""
+    case, u = case_of(name), edges_of_the_square()
+    points = to_numpy(case.sample(u), dr.width(u))
+    assert np.isfinite(points).all()
+    assert find(case.domain).contains(points).all()
+    if points.shape[0] == 3:
+        assert np.sum(points**2, axis=0) == pytest.approx(1, abs=5e-7)
+    if "sphere" not in name or "hemisphere" in name:
+        assert points.shape[0] == 2 or points[2].min() >= 0
+    density = np.array(case.pdf(to_drjit(points)))
+    assert np.isfinite(density).all()
+    zero_at_the_edge = name in ("tent", "cosine_hemisphere")
+    assert zero_at_the_edge or density.min() > 0
+
+
+def test_alpha_from_small_to_large():
+    """Angles and densities have all their digits where 1 - z^2 has none left."""
+    for alpha in (1e-6, 1e-4, 0.01, 1.0, 100.0, 1e6):
+        m = square_to_beckmann(mi.Point2f(mi.Float(0.1, 0.5, 0.9), 0.0), alpha)
+        x, _, z = to_numpy(m, 3)
+        tan2 = -np.log1p(-np.array([0.1, 0.5, 0.9])) * alpha**2
+        assert x / z == pytest.approx(np.sqrt(tan2), rel=1e-5)
+        expected = np.exp(-tan2 / alpha**2) * (1 + tan2) ** 1.5 / (math.pi * alpha**2)
+        assert np.array(square_to_beckmann_pdf(m, alpha)) == pytest.approx(expected, rel=2e-5)
+
+
+def test_one_alpha_for_each_lane():
+    alphas = mi.Float(0.1, 0.5)
+    m = square_to_beckmann(mi.Point2f(0.5, 0.0), alphas)
+    pdf = square_to_beckmann_pdf(m, alphas)
+    for k, alpha in enumerate((0.1, 0.5)):
+        one = square_to_beckmann(mi.Point2f(0.5, 0.0), alpha)
+        assert m.x[k] == pytest.approx(one.x[0])
+        assert pdf[k] == pytest.approx(square_to_beckmann_pdf(one, alpha)[0])
+
+
+@pytest.mark.parametrize("alpha", [0, -0.3, math.nan, math.inf, 1e-9, "rough", None, True])
+def test_bad_alpha(alpha):
+    message = f"alpha = {alpha!r}: must be a number above 0, from 1e-06 to 1e\\+06"
+    for call in (
+        lambda: square_to_beckmann(mi.Point2f(0.5, 0.5), alpha),
+        lambda: square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), alpha),
+        lambda: warp_case("beckmann", alpha=alpha),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("wrong", [-0.01, 1.001, math.nan])
+def test_debug_mode_checks_samples(name, wrong):
+    case = case_of(name)
+    for sample in (mi.Point2f(0.5, [0.5, wrong]), mi.Point2f(wrong, 0.5)):
+        case.sample(sample)  # the caller's error; nothing is checked
+        with (
+            dr.scoped_set_flag(dr.JitFlag.Debug, True),
+            pytest.raises(AssertionError, match=r"sample: must lie in \[0, 1\]\^2$"),
+        ):
+            case.sample(sample)
+    with dr.scoped_set_flag(dr.JitFlag.Debug, True):
+        case.sample(edges_of_the_square())
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("symbolic", [True, False])
+def test_in_a_loop(name, symbolic):
+    """Warps are made for loops of light transport: symbolic or not, with their densities."""
+    case, u = case_of(name), grid(16)
+
+    def body(i, total):
+        p = case.sample(u)
+        return i + 1, total + case.pdf(p) + p.x
+
+    with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, symbolic):
+        state = (mi.UInt32(0), dr.zeros(mi.Float, 16))
+        _, total = dr.while_loop(state, lambda i, _: i < 3, body)
+    p = case.sample(u)
+    assert np.array(total) == pytest.approx(3 * np.array(case.pdf(p) + p.x), rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
+def test_other_variants(variant):
+    mi.set_variant(variant)
+    for name in CASES:
+        case = case_of(name)
+        assert dr.all(case.pdf(case.sample(grid(4))) > 0)
+
+
+# ----------------------------------------------------------------------------- the statistics
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", CASES)
+def test_chi_square_moments_and_integral(name):
+    """Counts, first and second moments by hand, and the integral of the density."""
+    case = case_of(name)
+    verdict = tofrender.sampling.chi_square_test(
+        case.sample,
+        case.pdf,
+        case.domain,
+        samples=400_000,
+        alpha=EACH,
+        seed=3,
+        expected_moments=moments_of(name),
+    )
+    assert verdict.passed, str(verdict)
+    assert verdict.pdf_integral == pytest.approx(1, abs=verdict.pdf_integral_error)
+    assert verdict.pdf_integral_error < 1e-3
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_moments_on_a_fine_grid(name):
+    """Without noise: the midpoints of 1024 x 1024 cells."""
+    case = case_of(name)
+    points = to_numpy(case.sample(grid(1 << 20)), 1 << 20)
+    for key, value in moments_of(name).items():
+        product = np.prod([points["xyz".index(letter)] for letter in key], axis=0)
+        scale = max(abs(value), 1e-3)
+        assert product.mean() == pytest.approx(value, abs=3e-4 * scale + 1e-7), key
+
+
+WRONG_DENSITIES = {
+    "too large by 1 %": lambda p, pdf: 1.01 * pdf,
+    "too small by 1 %": lambda p, pdf: 0.99 * pdf,
+    "leaning": lambda p, pdf: pdf * (1 + 0.1 * p.x),
+    "NaN in places": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), dr.nan, pdf),
+    "infinite in places": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), dr.inf, pdf),
+    "negative in places": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), -pdf, pdf),
+    "0 where samples are": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), 0, pdf),
+}
+
+WRONG_WARPS = {
+    "crowded": lambda u: mi.Point2f(u.x * u.x, u.y),
+    "crowded a little": lambda u: mi.Point2f(u.x + 0.1 * u.x * (1 - u.x), u.y),
+    "half": lambda u: mi.Point2f(u.x, 0.5 * u.y),
+    "correlated": lambda u: mi.Point2f(u.x, dr.lerp(u.y, u.x, 0.1)),
+    "wavy": lambda u: mi.Point2f(u.x, u.y + 0.1 * dr.sin(6 * math.pi * u.y) / (6 * math.pi)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("bug", WRONG_DENSITIES)
+def test_wrong_density_is_found(name, bug):
+    case = case_of(name)
+    spoil = WRONG_DENSITIES[bug]
+    verdict = tofrender.sampling.chi_square_test(
+        case.sample,
+        lambda p: spoil(p, case.pdf(p)),
+        case.domain,
+        samples=100_000,
+        resolution=41,
+        alpha=EACH,
+    )
+    harmless = name == "beckmann 0.01" and bug == "leaning"  # 0.1 x is at most 0.003 there
+    assert verdict.passed == harmless, str(verdict)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("bug", WRONG_WARPS)
+def test_wrong_warp_is_found(name, bug):
+    case = case_of(name)
+    spoil = WRONG_WARPS[bug]
+    verdict = tofrender.sampling.chi_square_test(
+        lambda u: case.sample(spoil(u)),
+        case.pdf,
+        case.domain,
+        samples=100_000,
+        resolution=41,
+        alpha=EACH,
+    )
+    assert not verdict.passed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_other_numbers_do_not_matter(name):
+    """Flipped and sheared, the unit square is as uniform as before."""
+    case = case_of(name)
+
+    def sheared(u):
+        y = 1 - u.y + 0.2 * u.x
+        return mi.Point2f(1 - u.x, y - dr.floor(y))
+
+    verdict = tofrender.sampling.chi_square_test(
+        lambda u: case.sample(sheared(u)), case.pdf, case.domain, samples=100_000, alpha=EACH
+    )
+    assert verdict.passed, str(verdict)
+
+
+CLASSICS = {
+    "disk with r = u": (
+        lambda u: u.x * mi.Point2f(dr.cos(dr.two_pi * u.y), dr.sin(dr.two_pi * u.y)),
+        square_to_uniform_disk_pdf,
+        "disk",
+    ),
+    "uniform for cosine": (
+        square_to_uniform_hemisphere,
+        square_to_cosine_hemisphere_pdf,
+        "hemisphere",
+    ),
+    "Mitsuba's cosine density is negative": (
+        square_to_cosine_hemisphere,
+        lambda v: mi.warp.square_to_cosine_hemisphere_pdf(v),
+        "hemisphere",
+    ),
+    "tent without the square root": (lambda u: 2 * u - 1, square_to_tent_pdf, "plane"),
+    "sphere by its angle": (
+        lambda u: mi.Vector3f(
+            dr.sin(dr.pi * u.x) * dr.cos(dr.two_pi * u.y),
+            dr.sin(dr.pi * u.x) * dr.sin(dr.two_pi * u.y),
+            dr.cos(dr.pi * u.x),
+        ),
+        square_to_uniform_sphere_pdf,
+        "sphere",
+    ),
+    "Beckmann without the projected area": (
+        lambda u: square_to_beckmann(u, 0.3),
+        lambda m: square_to_beckmann_pdf(m, 0.3) / m.z,
+        "hemisphere",
+    ),
+    "Beckmann with alpha 3 % off": (
+        lambda u: square_to_beckmann(u, 0.3),
+        lambda m: square_to_beckmann_pdf(m, 0.309),
+        "hemisphere",
+    ),
+    "density mirrored below the horizon": (
+        square_to_cosine_hemisphere,
+        lambda v: dr.abs(v.z) * dr.inv_pi,
+        "hemisphere",
+    ),
+}
+
+
+@pytest.mark.parametrize("bug", CLASSICS)
+def test_classic_mistakes_are_found(bug):
+    sample, pdf, domain = CLASSICS[bug]
+    verdict = tofrender.sampling.chi_square_test(
+        sample, pdf, domain, samples=100_000, resolution=41, alpha=EACH
+    )
+    assert not verdict.passed

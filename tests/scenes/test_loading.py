@@ -1,0 +1,295 @@
+"""load_scene: one way in for names, dicts and XML, and one line for whatever is wrong."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mitsuba as mi
+import pytest
+
+import tofrender  # noqa: F401  (picks the variant, registers the plugins)
+from tofrender.scenes import cornell_box, cornell_box_steady_state
+from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
+from tofrender.scenes.settings import check_settings
+
+XML = Path(__file__).parents[2] / "scenes" / "cornell_box.xml"
+WINDOW = {"temporal_bins": 7, "start_opl": 4.0, "bin_width_opl": 0.5}
+
+
+def film_of(scene):
+    return scene.sensors()[0].film()
+
+
+def refusal(source, *, kind: type[Exception] = ValueError, **options) -> str:
+    """The line with which `load_scene` refuses."""
+    with pytest.raises(kind, match=r"\A.+\Z") as error:
+        load_scene(source, **options)
+    text = str(error.value)
+    assert not re.search(r"\n|Traceback|\.cpp", text)
+    return text
+
+
+def write(tmp_path: Path, text: str, name: str = "scene.xml") -> Path:
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+STEADY_XML = """<scene version="3.0.0">
+    <default name="spp" value="4"/>
+    <default name="albedo" value="0.5"/>
+    <integrator type="path"><integer name="max_depth" value="3"/></integrator>
+    <sensor type="perspective">
+        <film type="hdrfilm">
+            <integer name="width" value="20"/><integer name="height" value="10"/>
+            <integer name="crop_offset_x" value="2"/><integer name="crop_width" value="5"/>
+            <integer name="crop_height" value="10"/>
+            <string name="pixel_format" value="rgb"/>
+            <rfilter type="tent"/>
+        </film>
+        <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
+    </sensor>
+    <emitter type="constant"/>
+    <shape type="sphere">
+        <bsdf type="diffuse"><spectrum name="reflectance" value="$albedo"/></bsdf>
+    </shape>
+</scene>"""
+
+
+# --------------------------------------------------------------------------------- sources
+
+
+@pytest.mark.parametrize("source", ["cornell_box", "cornell-box", XML, str(XML), "dict"])
+def test_every_source_takes_every_setting(source):
+    scene = load_scene(
+        cornell_box() if source == "dict" else source,
+        width=12,
+        height=8,
+        spp=16,
+        sampler="multijitter",
+        max_depth=3,
+        integrator="transient_path",
+        pulse_width_opl=0.03,
+        **WINDOW,
+    )
+    film = film_of(scene)
+    assert list(film.size()) == [12, 8]
+    assert film.temporal_bins == 7
+    assert film.start_opl == pytest.approx(4.0)
+    assert film.bin_width_opl == pytest.approx(0.5)
+    sampler = scene.sensors()[0].sampler()
+    assert "Multijitter" in str(sampler)
+    assert sampler.sample_count() == 16
+    assert scene.integrator().max_depth == 3
+    assert scene.integrator().pulse.width_opl == pytest.approx(0.03)
+
+
+def test_without_settings_nothing_changes():
+    scene = load_scene(cornell_box_steady_state(width=6, height=5, spp=4))
+    assert list(film_of(scene).size()) == [6, 5]
+    assert load_scene(scene) is scene
+
+
+def test_dict_is_left_as_it_was():
+    source = cornell_box_steady_state()
+    load_scene(source, width=4, height=4, spp=1)
+    assert source["sensor"]["film"]["width"] == 256
+
+
+def test_xml_parameters_reach_the_scene(tmp_path):
+    path = write(tmp_path, STEADY_XML)
+    assert load_scene(path, parameters={"spp": 9}).sensors()[0].sampler().sample_count() == 9
+
+
+def test_steady_scene_turns_transient_and_keeps_its_film(tmp_path):
+    scene = load_scene(write(tmp_path, STEADY_XML), **WINDOW)
+    film = film_of(scene)
+    assert type(film).__name__ == "TransientHDRFilm"
+    assert list(film.size()) == [20, 10]
+    assert list(film.crop_size()) == [5, 10]
+    assert list(film.crop_offset()) == [2, 0]
+    assert "Tent" in str(film.rfilter())
+    assert type(scene.integrator()).__name__ == "TransientPath"
+    assert scene.integrator().max_depth == 3
+
+
+def test_missing_film_sampler_and_integrator_are_added():
+    scene = load_scene(
+        {"type": "scene", "camera": {"type": "perspective"}, "sky": {"type": "constant"}},
+        width=4,
+        height=3,
+        spp=2,
+        max_depth=2,
+        **WINDOW,
+    )
+    assert list(film_of(scene).size()) == [4, 3]
+    assert scene.integrator().max_depth == 2
+
+
+def test_optimize_false_keeps_shapes_apart():
+    merged, apart = (load_scene("cornell_box_steady_state", optimize=on) for on in (True, False))
+    assert len(apart.shapes()) == 8
+    assert len(merged.shapes()) < 8
+
+
+def test_files_named_in_xml_are_found_beside_it(tmp_path):
+    mi.load_dict({"type": "cube"}).write_ply(str(tmp_path / "cube.ply"))
+    shape = '<shape type="ply"><string name="filename" value="cube.ply"/></shape>'
+    path = write(tmp_path, f'<scene version="3.0.0">{shape}</scene>')
+    assert len(load_scene(path).shapes()) == 1
+
+
+# -------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("temporal_bins", 0, "an integer from 1 to"),
+        ("temporal_bins", -3, "an integer from 1 to"),
+        ("temporal_bins", 2.5, "an integer from 1 to"),
+        ("temporal_bins", "many", "an integer from 1 to"),
+        ("temporal_bins", True, "an integer from 1 to"),
+        ("width", 0, "an integer from 1 to"),
+        ("height", float("nan"), "an integer from 1 to"),
+        ("spp", 0, "an integer from 1 to 16777216"),
+        ("max_depth", 0, "an integer from 1 to"),
+        ("bin_width_opl", 0.0, "a finite number of metres above 0"),
+        ("bin_width_opl", -0.02, "a finite number of metres above 0"),
+        ("bin_width_opl", float("nan"), "a finite number of metres above 0"),
+        ("start_opl", float("inf"), "a finite number of metres"),
+        ("start_opl", "soon", "a finite number of metres"),
+        ("pulse_width_opl", 0, "a finite number of metres above 0"),
+        ("sampler", "sobol", "one of padded_sobol, independent, stratified"),
+        ("sampler", "ld_sampler", "did you mean 'ldsampler'?"),
+        ("integrator", "path", "one of transient_path"),
+    ],
+)
+def test_bad_setting_is_named_with_its_value(name, value, allowed):
+    text = refusal("cornell_box", **{name: value})
+    assert text.startswith(f"{name} = {value!r}: ")
+    assert allowed in text
+
+
+def test_unknown_setting():
+    with pytest.raises(TypeError, match="spps: no such setting; there are width, height"):
+        check_settings({"spps": 3})
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("cornel_box", "did you mean cornell_box"),
+        ("kitchen", "must be one of cornell_box, cornell_box_mirror"),
+        ("", "must be one of"),
+    ],
+)
+def test_unknown_scene(name, text):
+    assert text in refusal(name)
+
+
+def test_missing_file(tmp_path):
+    for source in (tmp_path / "no.xml", str(tmp_path / "no.xml"), "no.xml", str(tmp_path)):
+        assert repr(str(source)) in refusal(source, kind=FileNotFoundError)
+
+
+def test_file_wins_over_no_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, STEADY_XML, "scene")
+    assert find_scene("scene") == Path("scene")
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        ('\n<shape type="sphere">\n', "line 3"),
+        ('\n<shape type="sphere"><float name="radius" value="big"/></shape>', "line 2"),
+        ('\n<shape type="sphere"><float name="radios" value="1"/></shape>', '"radios"'),
+        ('\n<shape type="spere"/>', 'Plugin "spere" not found'),
+        ('\n<shape type="sphere"><ref id="no"/></shape>', '"no"'),
+        ('\n<shape type="obj"><string name="filename" value="no.obj"/></shape>', "no.obj"),
+        ('\n<shape type="sphere"><float name="radius" value="$r"/></shape>', "$r"),
+        ('\n<sampler type="sobol"/>', "sobol"),
+    ],
+)
+def test_bad_xml_says_where(tmp_path, body, text):
+    path = write(tmp_path, f'<scene version="3.0.0">{body}</scene>')
+    line = refusal(path)
+    assert text in line
+    assert "scene.xml" in line
+
+
+def test_unknown_parameters_are_told_with_settings_too(tmp_path):
+    """Looking for the film of a sensor does not count as reading all that the sensor has."""
+    body = '<sensor type="perspective"><float name="fovv" value="3"/></sensor>'
+    path = write(tmp_path, f'<scene version="3.0.0">{body}</scene>')
+    assert '"fovv"' in refusal(path, width=4)
+
+
+@pytest.mark.parametrize("content", [b"", b"no xml", b"\x00\xff\x13"])
+def test_file_that_is_not_xml(tmp_path, content):
+    path = tmp_path / "scene.xml"
+    path.write_bytes(content)
+    assert "scene.xml" in refusal(path)
+
+
+def test_bad_value_in_a_file_comes_from_the_film(tmp_path):
+    line = refusal(XML, parameters={"temporal_bins": 0})
+    assert line.startswith("temporal_bins = 0: must be")
+
+
+def test_unknown_parameter_lists_those_of_the_file():
+    text = refusal(XML, parameters={"sp": 3})
+    assert text.startswith("parameter sp = '3'")
+    assert "width, height, temporal_bins, start_opl, bin_width_opl, spp, max_depth" in text
+
+
+def test_parameters_need_a_file():
+    for source in ("cornell_box", cornell_box()):
+        assert "only XML files have parameters" in refusal(source, parameters={"spp": 3})
+
+
+@pytest.mark.parametrize("source", [3, None, ["scene"], {"type": "sphere"}, {}])
+def test_source_of_another_kind(source):
+    assert refusal(source).startswith("scene")
+
+
+def test_loaded_scene_refuses_settings():
+    scene = load_scene(cornell_box_steady_state(width=4, height=4))
+    assert "width = 8: a loaded scene cannot be changed" in refusal(scene, width=8)
+
+
+def test_ready_made_film_refuses_settings():
+    film = mi.load_dict({"type": "hdrfilm"})
+    source = {"type": "scene", "camera": {"type": "perspective", "film": film}}
+    assert "its film is a ready-made object" in refusal(source, width=8)
+
+
+def test_nobody_can_tell_what_a_python_plugin_in_a_dict_is():
+    mi.register_sampler("dice", lambda props: mi.load_dict({"type": "independent"}))
+    camera = {"type": "perspective", "random": {"type": "dice"}}
+    assert "'dice' may be its sampler" in refusal({"type": "scene", "camera": camera}, spp=4)
+
+
+def test_half_a_window_for_a_steady_scene():
+    line = refusal("cornell_box_steady_state", temporal_bins=30)
+    assert "give start_opl and bin_width_opl too" in line
+
+
+def test_integrator_without_a_transient_counterpart():
+    source = cornell_box_steady_state() | {"integrator": {"type": "direct"}}
+    assert "integrator = 'direct'" in refusal(source, **WINDOW)
+    assert load_scene(source, integrator="transient_path", **WINDOW).integrator() is not None
+
+
+def test_scene_without_sensor_or_light():
+    scene = load_scene({"type": "scene", "ball": {"type": "sphere"}})
+    with pytest.raises(ValueError, match="has no sensor"):
+        require_sensor(scene)
+    with pytest.raises(ValueError, match="has no light"):
+        require_light(scene)
+    assert "has no sensor" in refusal({"type": "scene", "ball": {"type": "sphere"}}, spp=4)
+    whole = load_scene("cornell_box_steady_state")
+    require_sensor(whole)
+    require_light(whole)

@@ -1,0 +1,448 @@
+"""mitransient's scene files load and render as they are, and rightly."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import peer_scenes
+import pytest
+from nlos_oracles import Nodes, Setup, total
+from support import agree, over_seeds
+from test_mitransient import give_names_back
+
+import tofrender
+from tofrender.nlos.device.laser import axis
+from tofrender.scenes.meshes import letter_z
+
+DEVICE = (-0.5, 0.0, 0.25)
+QUIET = pytest.mark.filterwarnings("ignore:.*has no effect", "ignore:.*do not look at the relay")
+
+
+def apart(path: Path, **settings) -> mi.Scene:
+    return tofrender.load_scene(path, optimize=False, **settings)
+
+
+def bins(loaded: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
+    return np.array(mi.render(loaded, spp=spp, seed=seed)[1], dtype=np.float64)[..., 0]
+
+
+def summed(loaded: mi.Scene, spp: int, seeds=range(12)) -> np.ndarray:
+    """(seeds, bins), all pixels together."""
+    return over_seeds(lambda seed: bins(loaded, spp, seed).sum(axis=(0, 1)), seeds)
+
+
+def coarse(histograms: np.ndarray) -> np.ndarray:
+    """Ten bins in one, behind the sum of all."""
+    rows = len(histograms)
+    return np.column_stack([histograms.sum(axis=1), histograms.reshape(rows, -1, 10).sum(axis=2)])
+
+
+def refusal(call, *arguments, **options) -> str:
+    with pytest.raises((ValueError, RuntimeError)) as error:
+        call(*arguments, **options)
+    text = str(error.value.__cause__ or error.value)
+    assert "\n" not in text
+    return text
+
+
+# ---------------------------------------------------------------------- a camera and a wall
+
+
+@pytest.mark.parametrize("write", [peer_scenes.z_simple, peer_scenes.z_room])
+def test_shapes_without_ids_have_the_names_of_the_file(write, tmp_path):
+    names = [shape.id() for shape in apart(write(tmp_path)).shapes()]
+    assert names == [f"elm__{k}" for k in range(3, 3 + len(names))]
+
+
+@pytest.mark.parametrize("write", [peer_scenes.z_simple, peer_scenes.z_room])
+def test_files_are_rendered_as_they_are(write, tmp_path):
+    loaded = mi.load_file(str(write(tmp_path, spp=1)))
+    steady, transient = mi.render(loaded)
+    assert (steady.shape, transient.shape) == ((32, 32, 3), (32, 32, 300, 3))
+    assert np.array(transient).sum() > 0
+    assert loaded.sensors()[0].sampler().sample_count() == 1
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("write", [peer_scenes.z_simple, peer_scenes.z_room])
+def test_hidden_geometry_sampling_of_what_the_camera_does_not_see(write, tmp_path):
+    """Nothing says which shape is the wall: the same light, with far less noise."""
+    loaded = apart(write(tmp_path, size=4))
+    loaded.integrator().filter_bounces = 3
+    sampled = coarse(summed(loaded, 1024))
+    loaded.integrator().samples_hidden = False
+    plain = coarse(summed(loaded, 8192))
+    assert agree(sampled, plain, rounding=1e-3)
+    if write is peer_scenes.z_simple:
+        assert sampled[:, 0].std() < 0.3 * plain[:, 0].std()
+
+
+@pytest.mark.statistical
+def test_a_merged_file_is_right_and_says_so(tmp_path):
+    """One shape that is wall and letter: the light is the same, and a line tells of the noise."""
+    path = peer_scenes.z_simple(tmp_path, size=4, flat=True)
+    merged = mi.load_file(str(path))
+    assert len(merged.shapes()) == 1
+    with pytest.warns(UserWarning, match=r"\Anlos_hidden_geometry_sampling: .*optimize=False.*\Z"):
+        found = coarse(summed(merged, 4096))
+    expected = coarse(summed(apart(path), 1024))
+    assert agree(found, expected, rounding=1e-3)
+    assert not agree(1.05 * found, expected, rounding=1e-3)
+
+
+def test_a_merged_wall_cannot_be_named_or_captured(tmp_path):
+    path = peer_scenes.z_simple(tmp_path, size=4, flat=True, more=wall("elm__3"))
+    assert "optimize=False" in refusal(mi.render, mi.load_file(str(path)), spp=1)
+    assert bins(apart(path), 16).sum() > 0
+    plain = peer_scenes.z_simple(tmp_path, size=4, flat=True)
+    merged = mi.load_file(str(plain))
+    assert "optimize=False" in refusal(tofrender.capture, merged, spp=1, progress=False)
+
+
+def wall(name: str) -> str:
+    return f'<string name="relay_wall" value="{name}"/>'
+
+
+PROGRAM = """
+import sys, warnings
+warnings.simplefilter("ignore")
+sys.path.insert(0, sys.argv[1])
+import mitsuba as mi, numpy as np
+import test_peer_scenes as test
+import mitransient
+loaded = mi.load_file(sys.argv[2])
+np.save(sys.argv[3], test.summed(loaded, 8192))
+"""
+
+
+def of_mitransient(path: Path, save: Path) -> np.ndarray:
+    """What it renders of a file, in a process of its own, where the plugins are its own."""
+    here = Path(__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(here), str(path), str(save)],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        cwd=here.parents[1],
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return np.load(save)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_mitransient_renders_the_simple_file_alike(tmp_path):
+    path = peer_scenes.z_simple(tmp_path, size=4)
+    theirs = coarse(of_mitransient(path, tmp_path / "theirs.npy"))
+    ours = coarse(summed(apart(path), 8192))
+    assert agree(ours, theirs, rounding=1e-3)
+    assert not agree(1.1 * ours, theirs, rounding=1e-3)
+    assert not agree(np.roll(ours, 1, axis=1), theirs, rounding=1e-3)
+
+
+@pytest.mark.slow
+@QUIET
+@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+def test_captures_of_a_camera_know_the_wall(mode, tmp_path):
+    """The only shape that the pixels look at."""
+    path = peer_scenes.z_simple(tmp_path)
+    data = tofrender.capture(path, mode=mode, grid=(4, 4), spp=16, progress=False)
+    assert data["transient"].sum() > 0
+    seen = data["sensor_grid"].values
+    assert seen[..., 2] == pytest.approx(0, abs=1e-5)
+    inside = np.abs(seen[..., :2]).max(axis=-1) <= 1
+    assert 4 < inside.sum() < 16
+    assert np.array_equal(data["on_wall"].values, inside)
+    dark = data["transient"].transpose("y", "x", ...).values[~inside]
+    assert np.all(dark == 0)
+
+
+@pytest.mark.slow
+def test_captures_of_rooms_are_told_the_wall(tmp_path):
+    path = peer_scenes.z_room(tmp_path)
+    text = path.read_text(encoding="utf-8").replace('value="40"', 'value="110"')
+    path.write_text(text, encoding="utf-8")
+    said = refusal(tofrender.capture, path, grid=(8, 8), spp=1, progress=False)
+    assert "'elm__4', 'elm__5'" in said
+    with pytest.warns(UserWarning, match=r"\Asensor: \d+ of 64 pixels do not look at the relay"):
+        data = tofrender.capture(path, grid=(8, 8), spp=4, relay_wall="elm__4", progress=False)
+    assert 0 < data["on_wall"].sum() < 64
+    said = refusal(tofrender.capture, path, grid=(8, 8), relay_wall="wand", progress=False)
+    assert said.startswith("relay_wall = 'wand': the scene has no such shape; must be one of 'elm")
+    both = ["elm__4", "elm__8"]
+    with pytest.warns(UserWarning, match="of 64 pixels"):
+        more = tofrender.capture(path, grid=(8, 8), spp=1, relay_wall=both, progress=False)
+    assert more["on_wall"].sum() > data["on_wall"].sum()
+
+
+# -------------------------------------------------------------------- a meter and its laser
+
+
+def letter(steps: int = 24) -> Nodes:
+    """The letter at z = 1, in small triangles' centres; it faces the wall."""
+    vertices, faces = letter_z()
+    k, j = (a.ravel() for a in np.meshgrid(np.arange(steps), np.arange(steps)))
+    s = np.concatenate([(k + 1 / 3) / steps, (k + 2 / 3) / steps])
+    t = np.concatenate([(j + 1 / 3) / steps, (j + 2 / 3) / steps])
+    s, t = s[s + t < 1], t[s + t < 1]
+    points, areas = [], []
+    for a, b, c in vertices[faces]:
+        points.append(a + np.outer(s, b - a) + np.outer(t, c - a))
+        area = np.linalg.norm(np.cross(b - a, c - a)) / 2
+        areas.append(np.full(len(s), area / len(s)))
+    joined = np.concatenate(points) + np.array([0, 0, 1])
+    return Nodes(joined, np.broadcast_to([0.0, 0, -1], joined.shape), np.concatenate(areas))
+
+
+@pytest.mark.slow
+@QUIET
+@pytest.mark.parametrize("size", [64, 9])
+def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
+    """Pixel (k, k) is a pixel's centre, and a half more its edge."""
+    at = size // 2
+    for shift in (0, 0.5):
+        aim = f'<point name="laser_lookat_pixel" x="{at + shift}" y="{at - shift}" z="0"/>'
+        path = peer_scenes.nlos_z(tmp_path, size=size, lookat=aim)
+        for loaded in (apart(path), mi.load_file(str(path))):
+            mi.render(loaded, spp=1)
+            origin, direction = (np.array(v).ravel() for v in axis(loaded.emitters()[0]))
+            assert origin == pytest.approx(DEVICE)
+            lit = (origin - direction * origin[2] / direction[2])[:2]
+            expected = 2 * (at + 0.5 + shift * np.array([1, -1])) / size - 1
+            assert lit == pytest.approx(expected, abs=1e-5)
+
+
+@QUIET
+@pytest.mark.statistical
+@pytest.mark.parametrize("mode", ["single", "confocal"])
+def test_the_letter_before_the_meter_is_its_formula(mode, tmp_path):
+    path = peer_scenes.nlos_z(tmp_path, path_options='<integer name="filter_bounces" value="3"/>')
+    text = path.read_text(encoding="utf-8").replace('x="32" y="32"', 'x="1" y="2"')
+    path.write_text(re.sub('name="filter_depth" value="-1"', 'name="rr_depth" value="5"', text))
+    data = [
+        tofrender.capture(path, mode=mode, grid=(4, 4), spp=256, seed=seed, progress=False)
+        for seed in range(8)
+    ]
+    grid, nodes = data[0]["sensor_grid"].values.astype(float), letter()
+    expected = np.zeros((4, 4))
+    for y, x in np.ndindex(4, 4):
+        lit = grid[2, 1] if mode == "single" else grid[y, x]
+        away = np.subtract(DEVICE, lit)
+        # Mitsuba's projector gives pi times its `irradiance` at a unit distance
+        power = np.pi * away[2] / np.linalg.norm(away) ** 3
+        setup = Setup(sensor=DEVICE, legs=False, albedo=1.0, power=power)
+        expected[y, x] = total(setup, nodes, 1.0, lit, grid[y, x])
+    found = np.mean([d["transient"].sum("opl").values[..., 0] for d in data], axis=0)
+    assert found.sum() == pytest.approx(expected.sum(), rel=1e-3)
+    assert found == pytest.approx(expected, rel=3e-3, abs=1e-3 * expected.max())
+
+
+@pytest.mark.slow
+@QUIET
+def test_the_power_is_that_of_a_laser_that_was_turned_by_hand(tmp_path):
+    path = peer_scenes.nlos_z(tmp_path, size=4, lookat=AIM)
+    described = apart(path)
+    by_file = bins(described, 256)
+    bare = peer_scenes.nlos_z(tmp_path, size=4, lookat="")
+    text = bare.read_text(encoding="utf-8")
+    turned = '<lookat origin="-0.5 0 0.25" target="-0.25 0.25 0" up="0 1 0"/>'
+    text = text.replace(
+        '<float name="fov" value="0.2"/>',
+        f'<float name="fov" value="0.2"/><transform name="to_world">{turned}</transform>',
+    )
+    bare.write_text(re.sub('<point name="laser_origin".*/>', "", text), encoding="utf-8")
+    assert by_file == pytest.approx(bins(apart(bare), 256), rel=1e-3, abs=1e-6 * by_file.max())
+
+
+AIM = '<point name="laser_lookat_pixel" x="1" y="2" z="0"/>'
+
+
+# ----------------------------------------------------------------------------- parameters
+
+
+def warned(write, *arguments, **options) -> tuple[mi.Scene, list[str]]:
+    path = write(*arguments, **options)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        loaded = apart(path)
+        mi.render(loaded, spp=1)
+    texts = [str(each.message) for each in caught]
+    assert all("\n" not in text for text in texts)
+    return loaded, texts
+
+
+@pytest.mark.slow
+def test_what_has_no_effect_is_told(tmp_path):
+    """Each once, and nothing else."""
+    _, told = warned(peer_scenes.nlos_z, tmp_path, size=4, lookat=AIM)
+    assert sorted(told) == [
+        "account_first_and_last_bounces of nlos_capture_meter: has no effect; "
+        "transient_nlos_path has it",
+        "block_size = 1: has no effect; only scalar variants render in blocks",
+    ]
+    more = '<integer name="nlos_hidden_geometry_sampling_max_depth" value="2"/>'
+    more += '<float name="illumination_scan_fov" value="20"/>'
+    more += '<boolean name="force_equal_illumination_scanning" value="true"/>'
+    _, told = warned(peer_scenes.z_simple, tmp_path, size=4, more=more)
+    assert sorted(told) == [
+        "illumination_scan_fov = 20.0: has no effect; the laser lights the sensor's points",
+        "nlos_hidden_geometry_sampling_max_depth = 2: has no effect; paths are sent from the "
+        "relay wall only",
+    ]
+    options = {"path_options": '<integer name="capture_type" value="2"/>', "lookat": AIM}
+    _, told = warned(peer_scenes.nlos_z, tmp_path, size=4, **options)
+    assert "confocal = False: has no effect; capture_type is 'confocal'" in told
+
+
+@pytest.mark.slow
+@QUIET
+def test_filter_depth_is_one_more_than_bounces(tmp_path):
+    def filtered(line: str) -> mi.Scene:
+        path = peer_scenes.nlos_z(tmp_path, size=2, lookat=ONE)
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text.replace('<integer name="filter_depth" value="-1"/>', line))
+        return apart(path)
+
+    depth, bounces = (f'<integer name="filter_{what}" value="%d"/>' for what in DEPTHS)
+    assert np.array_equal(bins(filtered(depth % 4), 64), bins(filtered(bounces % 3), 64))
+    said = refusal(filtered, depth % 4 + bounces % 3)
+    assert said.endswith("filter_depth = 4: must be left out; filter_bounces is given")
+    assert "filter_depth = 1: must be an integer from 2" in refusal(filtered, depth % 1)
+
+
+ONE = '<point name="laser_lookat_pixel" x="1" y="1" z="0"/>'
+DEPTHS = ("depth", "bounces")
+
+
+@pytest.mark.slow
+@QUIET
+def test_a_confocal_meter(tmp_path):
+    path = peer_scenes.nlos_z(tmp_path, size=3, lookat="")
+    path.write_text(path.read_text().replace('"confocal" value="false"', '"confocal" value="true"'))
+    found = bins(apart(path), 256)
+    more = '<integer name="capture_type" value="2"/>'
+    other = peer_scenes.nlos_z(tmp_path, size=3, lookat="", path_options=more)
+    expected = bins(apart(other), 256)
+    assert found == pytest.approx(expected, rel=1e-4, abs=1e-6 * expected.max())
+
+
+@pytest.mark.slow
+@QUIET
+@pytest.mark.parametrize("point", ["0.3 -0.2 0", "-0.9 0.9 0"])
+def test_a_laser_at_a_point(point, tmp_path):
+    x, y, z = point.split()
+    aim = f'<point name="laser_lookat_3d" x="{x}" y="{y}" z="{z}"/>'
+    data = tofrender.capture(
+        peer_scenes.nlos_z(tmp_path, lookat=aim), mode="single", grid=(2, 2), spp=1, progress=False
+    )
+    expected = [float(each) for each in (x, y, z)]
+    assert data["laser_grid"].values.ravel() == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.slow
+@QUIET
+def test_a_film_of_one_pixel_looks_at_the_lit_point(tmp_path):
+    """As tools do that capture point by point: pixel (2, 1) of 4 x 3."""
+    original = '<integer name="original_film_width" value="4"/>'
+    original += '<integer name="original_film_height" value="3"/>'
+    aim = '<point name="laser_lookat_3d" x="0.25" y="0" z="0"/>'
+    path = peer_scenes.nlos_z(tmp_path, size=1, lookat=aim, meter_options=original)
+    loaded = apart(path)
+    data = tofrender.capture(loaded, mode="confocal", spp=4096, progress=False)
+    assert data["sensor_grid"].values.ravel() == pytest.approx([0.25, 0, 0], abs=1e-5)
+    whole = tofrender.capture(
+        peer_scenes.nlos_z(tmp_path), mode="confocal", grid=(4, 3), spp=4096, progress=False
+    )
+    one, all_of_it = (d["transient"].sum("opl").values[..., 0] for d in (data, whole))
+    assert one[0, 0] == pytest.approx(all_of_it[1, 2], rel=0.01)
+    for point in ([0.5, 0.5, 0], [-0.5, 0.25, 0]):
+        tofrender.focus_laser(loaded, point=point)
+        seen = tofrender.capture(loaded, mode="confocal", spp=1, progress=False)["sensor_grid"]
+        assert seen.values.ravel() == pytest.approx(point, abs=1e-5)
+    with pytest.raises(ValueError, match=r"original_film_width, original_film_height = \[4, 3\]"):
+        apart(peer_scenes.nlos_z(tmp_path, size=2, meter_options=original))
+
+
+@QUIET
+def test_what_is_refused(tmp_path):
+    def file(**options) -> Path:
+        return peer_scenes.nlos_z(tmp_path, **options)
+
+    three = '<integer name="capture_type" value="3"/>'
+    exhaustive = file(size=2, lookat=ONE, path_options=three)
+    assert "mode='exhaustive'" in refusal(mi.render, apart(exhaustive), spp=1)
+    data = tofrender.capture(exhaustive, mode="exhaustive", spp=4, progress=False)
+    assert data["transient"].shape == (2, 2, 2, 2, 300, 3)
+    others = '<boolean name="force_equal_illumination_scanning" value="false"/>'
+    assert "force_equal_illumination" in refusal(apart, file(path_options=others))
+    none = '<integer name="nlos_hidden_geometry_sampling_max_depth" value="0"/>'
+    assert "sampling_max_depth = 0" in refusal(apart, file(path_options=none))
+    assert refusal(mi.render, apart(file(size=16)), spp=1) == (
+        "laser_lookat_pixel = [32.0, 32.0]: must be a pixel of the film, which has [16, 16]"
+    )
+    away = file(lookat='<point name="laser_lookat_3d" x="0" y="0" z="1"/>')
+    assert "does not light the relay wall" in refusal(mi.render, apart(away), spp=1)
+
+
+@QUIET
+def test_a_laser_in_the_plane_of_the_wall(tmp_path):
+    """Where the emitter is if nobody says otherwise: it would light nothing."""
+    path = peer_scenes.nlos_z(tmp_path, size=4, lookat="")
+    text = re.sub('<point name="laser_origin".*/>', "", path.read_text(encoding="utf-8"))
+    path.write_text(text, encoding="utf-8")
+    assert "laser" in refusal(mi.render, apart(path), spp=1)
+    said = refusal(tofrender.capture, path, mode="confocal", spp=1, progress=False)
+    assert said.startswith("laser: is at [0.0, 0.0, 0.0], in the plane of what the sensor sees")
+
+
+# --------------------------------------------------------------------------- Cornell boxes
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("kind", ["diffuse", "mirror"])
+def test_cornell_boxes(kind, tmp_path):
+    """Picture and bins are the light of Mitsuba's own picture, but for what is too late."""
+    path = peer_scenes.cornell(tmp_path, kind)
+    loaded = tofrender.load_scene(path, parameters={"res": 8, "spp": 1024})
+    text = path.read_text(encoding="utf-8").replace("transient_hdr_film", "hdrfilm")
+    text = re.sub('<[a-z]+ name="(temporal|start|bin|camera|gaussian)_.*/>', "", text)
+    path.write_text(text.replace('value="transient_path"', 'value="path"'), encoding="utf-8")
+    plain = mi.load_file(str(path), res=8, spp=1024)
+
+    def rows(picture) -> np.ndarray:
+        return np.array(picture, dtype=np.float64)[..., :3].mean(axis=(1, 2))
+
+    ours, summed_bins = [], []
+    for seed in range(12):
+        steady, transient = mi.render(loaded, seed=seed)
+        assert transient.shape == (8, 8, 400, 3)
+        ours.append(rows(steady))
+        summed_bins.append(rows(np.array(transient).sum(axis=2)))
+    reference = over_seeds(lambda seed: rows(mi.render(plain, seed=50 + seed)), range(12))
+    assert agree(np.array(ours), reference, rounding=2e-3)
+    assert not agree(1.3 * np.array(ours), reference, rounding=2e-3)
+    assert 0.95 * np.sum(ours) < np.sum(summed_bins) < 1.0001 * np.sum(ours)
+
+
+@pytest.mark.slow
+def test_cornell_box_of_phasors(tmp_path):
+    loaded = tofrender.load_scene(peer_scenes.cornell(tmp_path, "freq"), parameters={"res": 8})
+    _, phasors = mi.render(loaded, spp=4)
+    assert np.isfinite(np.array(phasors)).all()
+    assert np.abs(np.array(phasors)).max() > 0
+
+
+def test_cornell_box_of_their_package():
+    utils = pytest.importorskip("mitransient.utils")
+    give_names_back()
+    theirs = tofrender.load_scene(utils.cornell_box(), width=8, height=8, spp=16)
+    ours = tofrender.load_scene("cornell_box", width=8, height=8, spp=16, sampler="independent")
+    for mine, other in zip(mi.render(ours), mi.render(theirs), strict=True):
+        assert np.array(mine) == pytest.approx(np.array(other), rel=1e-5, abs=1e-6)

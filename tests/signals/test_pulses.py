@@ -1,0 +1,320 @@
+"""Pulses: density, cumulative energy and samples say the same, at every edge."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import oracles
+import pytest
+from support import ALPHA, COMPARISONS
+
+from tofrender.sampling.statistics import smallest_allowed
+from tofrender.signals.pulses import BoxPulse, GaussianPulse, SampledPulse, convolve
+
+PULSES = {
+    "gaussian": GaussianPulse(0.03),
+    "wide": GaussianPulse(12.0),
+    "narrow": GaussianPulse(1e-4),
+    "box": BoxPulse(0.3),
+    "narrow box": BoxPulse(1e-4),
+    "sampled": SampledPulse([1.0, 0.0, 3.0, 2.0, 0.0], -0.2, 0.125),
+    "one bin": SampledPulse([4.0], 1.0, 0.5),
+    "convolved": convolve(GaussianPulse(0.03), SampledPulse([1.0, 2.0], 0.0, 0.1)),
+    "boxes": convolve(BoxPulse(0.1), BoxPulse(0.3)),
+}
+
+BINS = 51  # An odd number: then the chi-square distribution has a closed form
+
+
+def uniform(n: int, seed: int) -> np.ndarray:
+    """Random numbers as Mitsuba's samplers make them: multiples of 2^-24 in [0, 1)."""
+    return np.random.default_rng(seed).integers(0, 1 << 24, n) / (1 << 24)
+
+
+def chi_square(samples: np.ndarray, pulse) -> float:
+    """P-value of samples against the density: its own integral must make them uniform."""
+    low, high = pulse.support
+    edges = np.linspace(low, high, 60_001)
+    mass = np.append(0, called(pulse.eval, 0.5 * (edges[1:] + edges[:-1])))
+    u = np.interp(samples, edges, np.cumsum(mass) / mass.sum())
+    count = np.histogram(u, BINS, (0, 1))[0]
+    mean = samples.size / BINS
+    half = 0.5 * np.sum((count - mean) ** 2) / mean
+    terms = (half**i / math.factorial(i) for i in range((BINS - 1) // 2))
+    return math.exp(-half) * sum(terms)
+
+
+def smallest_p() -> float:
+    return smallest_allowed(ALPHA, COMPARISONS)
+
+
+def grid(pulse, n: int = 4001) -> np.ndarray:
+    low, high = pulse.support
+    return np.linspace(low - 0.1 * (high - low), high + 0.1 * (high - low), n)
+
+
+def called(function, t) -> np.ndarray:
+    return np.array(function(mi.Float(t)), dtype=np.float64)
+
+
+@pytest.mark.parametrize("name", PULSES)
+def test_density_integrates_to_one_and_to_the_cdf(name):
+    pulse = PULSES[name]
+    t = grid(pulse)
+    density, cdf = called(pulse.eval, t), called(pulse.cdf, t)
+    middle = called(pulse.eval, 0.5 * (t[1:] + t[:-1]))
+    assert density.min() >= 0
+    assert np.sum(middle * np.diff(t)) == pytest.approx(1, abs=2e-3)
+    assert np.cumsum(middle * np.diff(t)) == pytest.approx(cdf[1:], abs=2e-3)
+    assert np.diff(cdf).min() >= -1e-7
+    assert cdf[0] == pytest.approx(0, abs=1e-6)
+    assert cdf[-1] == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", PULSES)
+def test_samples_follow_the_cdf(name):
+    """sample is the inverse of cdf: cdf(sample(xi)) = xi, with weight 1."""
+    pulse = PULSES[name]
+    xi = (np.arange(2048) + 0.5) / 2048
+    t, weight = pulse.sample(mi.Float(xi))
+    assert np.array(dr.zeros(mi.Float, 2048) + weight) == pytest.approx(np.ones(2048))
+    assert np.array(pulse.cdf(t)) == pytest.approx(xi, abs=2e-5)
+
+
+@pytest.mark.parametrize("name", PULSES)
+def test_samples_are_finite_at_both_ends(name):
+    """A 24-bit random number is 0 now and then."""
+    pulse = PULSES[name]
+    xi = [0.0, 2.0**-32, 2.0**-24, 0.5, 1 - 2.0**-24, 1.0]
+    t = np.array(pulse.sample(mi.Float(xi))[0])
+    low, high = pulse.support
+    margin = 0.2 * (high - low)
+    assert np.isfinite(t).all()
+    assert (t >= low - margin).all()
+    assert (t <= high + margin).all()
+    assert np.all(np.diff(t) >= 0)
+
+
+def test_gaussian_values():
+    pulse, t = GaussianPulse(0.03), np.linspace(-0.15, 0.15, 101)
+    density = np.exp(-0.5 * (t / 0.03) ** 2) / (0.03 * math.sqrt(2 * math.pi))
+    assert pulse.normalization == pytest.approx(1 / (0.03 * math.sqrt(2 * math.pi)))
+    assert called(pulse.eval, t) == pytest.approx(density, rel=1e-4, abs=1e-6)
+    assert called(pulse.cdf, t) == pytest.approx(oracles.gaussian_cdf(t, 0.03), abs=2e-7)
+
+
+@pytest.mark.statistical
+def test_gaussian_moments_of_samples():
+    """By the exact stratified numbers: mean 0, variance s², fourth moment 3 s⁴."""
+    xi = (np.arange(1 << 16) + 0.5) / (1 << 16)
+    t = np.array(GaussianPulse(0.5).sample(mi.Float(xi))[0], dtype=np.float64) / 0.5
+    assert t.mean() == pytest.approx(0, abs=1e-4)
+    assert (t**2).mean() == pytest.approx(1, abs=1e-3)
+    assert (t**4).mean() == pytest.approx(3, abs=0.02)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", PULSES)
+def test_samples_follow_the_density(name):
+    """Chi-square of 100 000 samples, and none of them where the density is 0."""
+    pulse = PULSES[name]
+    samples = called(lambda xi: pulse.sample(xi)[0], uniform(100_000, seed=7))
+    assert chi_square(samples, pulse) > smallest_p()
+    assert np.mean(called(pulse.eval, samples) == 0) < 1e-4
+
+
+@pytest.mark.statistical
+def test_right_samples_seldom_fail():
+    """Over 200 seeds: no false alarm, and p-values that are uniform."""
+    pulse = GaussianPulse(0.03)
+    p = np.array(
+        [
+            chi_square(called(lambda xi: pulse.sample(xi)[0], uniform(4000, seed)), pulse)
+            for seed in range(200)
+        ]
+    )
+    assert p.min() > smallest_p()
+    assert 0.4 < p.mean() < 0.6
+    assert 0.01 < np.mean(p < 0.05) < 0.11
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("drawn", "claimed"),
+    [
+        (GaussianPulse(0.03), GaussianPulse(0.0315)),
+        (BoxPulse(0.3), BoxPulse(0.31)),
+        (BoxPulse(0.3), GaussianPulse(0.3 / math.sqrt(12))),
+        (SampledPulse([1, 2, 3], 0, 0.1), SampledPulse([1, 2, 3], 0.003, 0.1)),
+        (SampledPulse([1, 2, 3], 0, 0.1), SampledPulse([1.1, 2, 3], 0, 0.1)),
+    ],
+)
+def test_a_wrong_density_is_found(drawn, claimed):
+    samples = called(lambda xi: drawn.sample(xi)[0], uniform(100_000, seed=7))
+    assert chi_square(samples, claimed) < smallest_p()
+
+
+@pytest.mark.parametrize("name", PULSES)
+def test_moments(name):
+    """Mean and variance of stratified samples are those of the density."""
+    pulse = PULSES[name]
+    low, high = pulse.support
+    t = np.linspace(low, high, 20_001)
+    t = 0.5 * (t[1:] + t[:-1])
+    mass = called(pulse.eval, t) / called(pulse.eval, t).sum()
+    samples = called(lambda xi: pulse.sample(xi)[0], (np.arange(1 << 16) + 0.5) / (1 << 16))
+    mean = np.sum(mass * t)
+    deviation = math.sqrt(np.sum(mass * (t - mean) ** 2))
+    assert samples.mean() == pytest.approx(mean, abs=2e-3 * deviation)
+    assert samples.std() == pytest.approx(deviation, rel=2e-3)
+
+
+def test_box_values():
+    """Variance w²/12, and density 1/w from end to end."""
+    pulse = BoxPulse(0.25)
+    t = [-0.126, -0.125, 0.0, 0.125, 0.126]
+    assert called(pulse.eval, t).tolist() == [0, 4, 4, 4, 0]
+    assert called(pulse.cdf, t).tolist() == [0, 0, 0.5, 1, 1]
+    assert pulse.support == (-0.125, 0.125)
+    samples = called(lambda xi: pulse.sample(xi)[0], (np.arange(4096) + 0.5) / 4096)
+    assert samples.var() == pytest.approx(0.25**2 / 12, rel=1e-5)
+    assert repr(pulse) == "BoxPulse(width_opl=0.25)"
+
+
+@pytest.mark.parametrize("name", PULSES)
+@pytest.mark.parametrize("number", [0, 0.25, np.float64(0.5), np.float32(0.5), 1])
+def test_numbers_give_numbers(name, number):
+    pulse = PULSES[name]
+    for function in (pulse.eval, pulse.cdf, lambda xi: pulse.sample(xi)[0]):
+        value = function(number)
+        assert isinstance(value, float)
+        assert value == pytest.approx(called(function, number)[0], rel=1e-4, abs=1e-6)
+
+
+def test_convolution_of_gaussians_adds_variances():
+    assert convolve(GaussianPulse(0.3), GaussianPulse(0.4)).width_opl == pytest.approx(0.5)
+
+
+def test_convolution_of_bins():
+    """Two boxes of widths 1 and 2 make a trapezium."""
+    made = convolve(SampledPulse([1.0], 0.0, 1.0), SampledPulse([1.0], 0.5, 2.0))
+    t = np.linspace(0.4, 3.6, 33)
+    area = np.interp(t, [0.5, 1.5, 2.5, 3.5], [0, 0.25, 0.75, 1])
+    ramp = np.where(t < 1.5, 0.25 * np.clip(t - 0.5, 0, 1) ** 2, area)
+    ramp = np.where(t > 2.5, 1 - 0.25 * np.clip(3.5 - t, 0, 1) ** 2, ramp)
+    assert called(made.cdf, t) == pytest.approx(ramp, abs=2e-3)
+
+
+@pytest.mark.parametrize("width", [0, -0.1, math.nan, math.inf, "0.1", None, True])
+@pytest.mark.parametrize("kind", [GaussianPulse, BoxPulse])
+def test_bad_width(kind, width):
+    with pytest.raises(ValueError, match=r"width_opl = .*: must be a finite number") as error:
+        kind(width)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("width", [1e-50, 1e50])
+@pytest.mark.parametrize(
+    "make", [GaussianPulse, BoxPulse, lambda width_opl: SampledPulse([1], 0, width_opl)]
+)
+def test_widths_beyond_single_precision(make, width):
+    with pytest.raises(ValueError, match=r"width_opl = 1e.50: must be from 1e-12 to 1e\+12 metres"):
+        make(width)
+
+
+@pytest.mark.parametrize(
+    ("values", "start", "width", "message"),
+    [
+        ([], 0, 1, "shape"),
+        ([[1.0]], 0, 1, "shape"),
+        ([0.0, 0.0], 0, 1, "all are 0"),
+        ([1.0, -1.0], 0, 1, "-1"),
+        ([1.0, math.nan], 0, 1, "nan"),
+        (["much"], 0, 1, "values: must be a list of finite numbers"),
+        ([[1.0], [1.0, 2.0]], 0, 1, "values: must be a list of finite numbers"),
+        (None, 0, 1, "values: "),
+        ([1.0], 0, 0, "bin_width_opl = 0"),
+        ([1.0], math.inf, 1, "start_opl = inf"),
+    ],
+)
+def test_bad_samples(values, start, width, message):
+    with pytest.raises(ValueError, match=message) as error:
+        SampledPulse(values, start, width)
+    assert "\n" not in str(error.value)
+
+
+def test_values_whose_sum_overflows():
+    assert SampledPulse([1e308, 1e308], 0, 1).density.tolist() == [0.5, 0.5]
+
+
+MEASURED = SampledPulse([1.0, 4.0, 3.0], -0.02, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "-0.015,1\n-0.005,4\n0.005,3\n"),
+        ("a.CSV", "\ufeffopl (m),counts per bin\r\n-0.015,10\r\n-0.005,40\r\n0.005,30\r\n"),
+        ("a.txt", "# a laser\n\n-0.015 1 # weak\n  -0.005\t4\n0.005 3"),
+        ("a.txt", "opl;value\n-0.015; 1\n-0.00501; 4\n0.005; 3"),
+    ],
+)
+def test_pulse_from_a_table(tmp_path, name, text):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    made = SampledPulse.from_file(str(tmp_path / name))
+    assert made.density == pytest.approx(MEASURED.density)
+    assert made.support == pytest.approx(MEASURED.support)
+
+
+def test_pulse_from_arrays(tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, values=[1, 4, 3], start_opl=-0.02, bin_width_opl=[0.01])
+    made = SampledPulse.from_file(path)
+    assert made.density.tolist() == MEASURED.density.tolist()
+    assert made.support == MEASURED.support
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.dat", b"", r"must end in .npz, .csv or .txt"),
+        ("a.csv", b"", "has 0 rows; must have at least two"),
+        ("a.csv", b"opl,value\n0,1", "has 1 rows"),
+        ("a.csv", b"0,1\n1,2,3\n", "line 2 = '1,2,3': must be two numbers"),
+        ("a.csv", b"0,1\none,2\n", "line 2 = 'one,2'"),
+        ("a.csv", b"0,one\n1,2\n", "line 1 = '0,one'"),
+        ("a.csv", b"nan,1\n1,2\n", "line 1 = 'nan,1'"),
+        ("a.txt", b"0 1\n1 2\n3 3\n", "opl = 1: opl must rise in even steps"),
+        ("a.txt", b"2 1\n1 2\n0 3\n", "opl = 0: opl must rise in even steps"),
+        ("a.txt", b"1 1\n1 2\n", "opl = 1: opl must rise in even steps"),
+        ("a.txt", b"0 0\n1 0\n", "values: all are 0"),
+        ("a.txt", b"0 1\n1 -2\n", "values: contain -2"),
+        ("a.txt", b"\xff\xfe0\x000", "must be text in UTF-8"),
+        ("a.npz", b"", "damaged or of another kind"),
+        ("a.npz", b"PK\x03\x04 and then nothing", "damaged or of another kind"),
+        ("a.npz", {"values": [1.0], "start_opl": 0}, "has no bin_width_opl"),
+        ("a.npz", {"values": [1], "start_opl": [0, 1], "bin_width_opl": 1}, "must be one number"),
+        ("a.npz", {"values": [1], "start_opl": 0, "bin_width_opl": 0}, "bin_width_opl = 0"),
+        ("a.npz", {"values": ["a"], "start_opl": 0, "bin_width_opl": 1}, "values: must be a list"),
+        ("a.npz", {"values": [0], "start_opl": 0, "bin_width_opl": 1}, "values: all are 0"),
+    ],
+)
+def test_bad_files(tmp_path, name, content, message):
+    path = tmp_path / name
+    if isinstance(content, dict):
+        np.savez(path, **content)
+    else:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match=message) as error:
+        SampledPulse.from_file(path)
+    assert str(error.value).startswith(f"path = {str(path)!r}: ")
+    assert "\n" not in str(error.value)
+
+
+def test_missing_file(tmp_path):
+    for path in (tmp_path / "none.csv", tmp_path / "none.npz"):
+        with pytest.raises(FileNotFoundError, match=r"path = .*: must be a file that exists"):
+            SampledPulse.from_file(path)

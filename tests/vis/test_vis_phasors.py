@@ -1,0 +1,374 @@
+"""Phasor panels, overlays of arrival times, camera unwarping, and the player in notebooks."""
+
+from __future__ import annotations
+
+import colorsys
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from test_io import START, WIDTH, make_dataset
+from test_vis import drawn
+
+import tofrender
+from tofrender import io, vis
+from tofrender.paths.camera import sample_camera
+from tofrender.signals.units import SPEED_OF_LIGHT, opl_to_ns
+
+# ------------------------------------------------------------------------------------ phasors
+
+
+def parts_of(phasor):
+    """Per channel, depths and phases wrong on purpose: they must be worked out from the sums."""
+    return (
+        phasor.real,
+        phasor.imag,
+        abs(phasor),
+        np.full(phasor.shape, 9.0),
+        np.full(phasor.shape, -7.0),
+    )
+
+
+def random_phasors(*shape):
+    rng = np.random.default_rng(4)
+    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+
+def maps(figure, rows):
+    """The images, by row and column."""
+    images = [axes.images[0] for axes in figure.axes[: 5 * rows]]
+    return [images[5 * row : 5 * row + 5] for row in range(rows)]
+
+
+@pytest.mark.slow
+def test_channels_are_added_before_phase_and_depth():
+    frequencies = [20e6, 50e6]
+    phasor = random_phasors(2, 6, 9, 3)
+    figure = vis.phasor_panel(frequencies, *parts_of(phasor), title="box")
+    for frequency, row, total in zip(
+        frequencies, maps(figure, 2), phasor.sum(axis=-1), strict=True
+    ):
+        unambiguous = SPEED_OF_LIGHT / (2 * frequency)
+        depth = np.mod(np.angle(total), 2 * np.pi) * SPEED_OF_LIGHT / (4 * np.pi * frequency)
+        expected = (total.real, total.imag, abs(total), np.angle(total), depth)
+        for image, values in zip(row, expected, strict=True):
+            np.testing.assert_allclose(image.get_array(), values, rtol=1e-12)
+        for image in row[:2]:
+            assert image.norm.vmin == -image.norm.vmax < 0
+        assert (row[3].norm.vmin, row[3].norm.vmax) == (-np.pi, np.pi)
+        assert row[3].cmap.name.startswith("twilight")
+        assert (row[4].norm.vmin, row[4].norm.vmax) == (0, pytest.approx(unambiguous))
+    assert drawn(figure).std() > 0
+    assert figure.get_suptitle() == "box"
+    assert not plt.get_fignums()
+
+
+@pytest.mark.slow
+def test_every_map_has_units():
+    figure = vis.phasor_panel([20e6, 1.5e9], *parts_of(random_phasors(2, 6, 9, 1)))
+    drawn(figure)
+    bars = [axes.get_ylabel() for axes in figure.axes[10:15]]
+    radiance = "[W m$^{-2}$ sr$^{-1}$]"
+    assert bars[:4] == [f"I {radiance}", f"Q {radiance}", f"amplitude {radiance}", "phase [rad]"]
+    assert bars[4].startswith("half the path length [m]")
+    ticks = [text.get_text() for text in figure.axes[13].get_yticklabels()]
+    assert ticks == ["-π", "-π/2", "0", "π/2", "π"]
+    assert [a.get_xlabel() for a in figure.axes[:10]] == [""] * 5 + ["x [pixel]"] * 5
+    assert [figure.axes[i].get_ylabel() for i in (0, 5)] == ["y [pixel]"] * 2
+    assert [figure.axes[i].texts[0].get_text() for i in (0, 5)] == ["20 MHz", "1.5 GHz"]
+
+
+def test_images_without_channels_are_drawn_as_they_are():
+    """For instance a depth that was unwrapped, beyond c/2f."""
+    phasor = random_phasors(5, 7, 3)
+    total = phasor.sum(axis=-1)
+    unwrapped = np.full((5, 7), 4.25)
+    figure = vis.phasor_panel(
+        100e6, phasor.real, phasor.imag, abs(total), np.angle(total), unwrapped
+    )
+    depth = maps(figure, 1)[0][4]
+    np.testing.assert_array_equal(depth.get_array(), unwrapped)
+    assert depth.norm.vmax == 4.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fill", [0, np.nan, np.inf])
+def test_pixels_without_a_phase_are_left_open(fill):
+    phasor = random_phasors(4, 6, 3)
+    phasor[1:3] = fill
+    for values in (phasor, phasor[1:3]):
+        figure = vis.phasor_panel(50e6, *parts_of(values))
+        assert drawn(figure).std() > 0
+        for image in maps(figure, 1)[0][3:]:
+            hidden = np.ma.getmaskarray(np.ma.masked_invalid(image.get_array()))
+            assert hidden[np.isin(np.arange(len(values)), (1, 2)) | (len(values) == 2)].all()
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "message"),
+    [
+        ([], r"frequencies_hz = \[\]: must hold at least one frequency"),
+        (0, "frequencies_hz = 0: must be a finite number of hertz above 0"),
+        ([20e6, -1.0], r"frequencies_hz = -1.0: must be a finite"),
+        (np.nan, "frequencies_hz = nan"),
+        ("20 MHz", "frequencies_hz = '20 MHz'"),
+        ([20e6, 50e6], r"I with shape \(4, 6, 3\): must be \(2, height, width, channels\)"),
+    ],
+)
+def test_bad_frequencies(frequencies, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        vis.phasor_panel(frequencies, *parts_of(random_phasors(4, 6, 3)))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 6), (4, 6, 2), (1, 4, 6, 300), (0, 6, 3)])
+def test_bad_phasor_shapes(shape):
+    with pytest.raises(ValueError, match=r"I with shape .*: must be \(height, width, channels\)"):
+        vis.phasor_panel(20e6, *parts_of(random_phasors(*shape)))
+
+
+def test_parts_of_a_phasor_must_fit():
+    good = parts_of(random_phasors(4, 6, 3))
+    with pytest.raises(ValueError, match=r"Q with shape \(4, 5, 3\): must be \(4, 6, 3\)"):
+        vis.phasor_panel(20e6, good[0], good[1][:, :5], *good[2:])
+    with pytest.raises(ValueError, match=r"phase with shape .* must be \(4, 6, 3\) or \(4, 6\)"):
+        vis.phasor_panel(20e6, *good[:3], good[3][:2], good[4])
+    with pytest.raises(ValueError, match="Q of type complex128: must hold real numbers"):
+        vis.phasor_panel(20e6, good[0], good[1] * 1j, *good[2:])
+
+
+# ------------------------------------------------------------------------------- arrival times
+
+
+def two_arrivals(early, late, share=0.25, bins=40):
+    """A row of three pixels: light at two bins, none, and all at the first; the sky above."""
+    data = np.zeros((2, 3, bins), np.float32)
+    data[1, 0, early], data[1, 0, late] = 1 - share, share
+    data[1, 2, early] = 1
+    return data
+
+
+def hue(pixel):
+    return colorsys.rgb_to_hsv(*(pixel / 255))[0]
+
+
+@pytest.mark.parametrize("style", ["arrival", "peak"])
+def test_colours_tell_the_time(style):
+    data = two_arrivals(4, 24)
+    figure = vis.light_in_flight(data, 3.5, 0.02, style=style)
+    picture = figure.axes[0].images[0].get_array()
+    assert (picture[0] == 0).all()
+    assert (picture[1, 1] == 0).all()
+    bar = figure.axes[1]
+    assert bar.get_ylabel().endswith("[ns]")
+    low, high = (opl_to_ns(3.5 + (b + 0.5) * 0.02) for b in (4, 4 + 0.25 * 20))
+    if style == "peak":
+        assert hue(picture[1, 0]) == hue(picture[1, 2])
+    else:
+        assert bar.get_ylim() == pytest.approx((low, high), rel=1e-3)
+        assert hue(picture[1, 0]) == pytest.approx(0, abs=0.01)  # late is red
+        assert hue(picture[1, 2]) == pytest.approx(0.7, abs=0.01)  # early is blue
+    assert drawn(figure).std() > 0
+    assert not plt.get_fignums()
+
+
+def test_rainbow_repeats_after_a_period_and_turns_grey_when_light_is_spread():
+    """Light 10 bins apart: the same hue at a period of 10 bins, none at one of 20."""
+    data = two_arrivals(4, 14, share=0.5)
+    data[0, 0, 9] = 1
+    period = opl_to_ns(10 * 0.02)
+    same, spread = (
+        vis.light_in_flight(data, 3.5, 0.02, style="rainbow", period_ns=factor * period)
+        for factor in (1, 2)
+    )
+    picture = same.axes[0].images[0].get_array()
+    assert np.ptp(picture[1, 0]) > 250
+    assert hue(picture[1, 0]) == pytest.approx(hue(picture[1, 2]), abs=0.005)
+    assert abs(hue(picture[0, 0]) - hue(picture[1, 2])) == pytest.approx(0.5, abs=0.005)
+    expected = opl_to_ns(3.5 + 4.5 * 0.02) / period % 1
+    assert hue(picture[1, 2]) == pytest.approx(expected, abs=0.005)
+    assert np.ptp(spread.axes[0].images[0].get_array()[1, 0]) <= 2
+    assert same.axes[1].get_ylabel() == "arrival time, modulo 0.6671 ns [ns]"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", ["arrival", "peak", "rainbow"])
+def test_unfinished_and_lost_light(style):
+    dataset = make_dataset(height=12, width=9, x0=20, y0=30)
+    dataset["transient"].values[:3] = np.nan
+    dataset["transient"].values[3:6] = 0  # the steady image has light, the window none
+    dataset["transient"].values[6, 0, 0] = np.inf
+    before = dataset.copy(deep=True)
+    figure = vis.light_in_flight(dataset, style=style)
+    image = figure.axes[0].images[0]
+    picture = np.asarray(image.get_array())
+    np.testing.assert_array_equal(picture[:3], vis.tonemap(np.full((3, 9), np.nan)))
+    grey = picture[3:6]
+    assert grey.max() > 0
+    assert (grey == grey[..., :1]).all()
+    assert image.get_extent() == [19.5, 28.5, 41.5, 29.5]
+    assert drawn(figure).std() > 0
+    assert dataset.identical(before)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", ["arrival", "peak", "rainbow"])
+@pytest.mark.parametrize("fill", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("shape", [(1, 1, 1), (2, 40, 3, 3)])
+def test_overlays_without_usable_light(style, fill, shape):
+    figure = vis.light_in_flight(np.full(shape, fill, np.float32), 3.5, 0.02, style=style)
+    assert drawn(figure).shape[2] == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"style": "peek"}, "style = 'peek': did you mean 'peak'"),
+        ({"period_ns": 1.0}, "period_ns = 1.0: must be None for style = 'arrival'"),
+        ({"style": "rainbow", "period_ns": 0}, "period_ns = 0: must be a finite number of nanosec"),
+        (
+            {"style": "rainbow", "period_ns": 0.1},
+            "period_ns = 0.1: must be at least two bins, 0.13",
+        ),
+        ({"exposure": 0}, "exposure = 0: must be a finite number above 0"),
+    ],
+)
+def test_bad_overlays(options, message):
+    with pytest.raises(ValueError, match=message):
+        vis.light_in_flight(np.ones((2, 2, 5)), 3.5, 0.02, **options)
+
+
+# ------------------------------------------------------------------------------------ unwarping
+
+
+def test_a_shift_by_whole_bins_is_exact():
+    dataset = make_dataset()
+    distances = np.full((6, 10), 7 * WIDTH)
+    distances[2:] += 2 * WIDTH
+    unwarped = vis.unwarp_camera(dataset, distances)
+    before, after = dataset["transient"].values, unwarped["transient"].values
+    assert after.shape == (6, 10, 7, 3)
+    np.testing.assert_array_equal(after[:2, :, 2:], before[:2])
+    np.testing.assert_array_equal(after[2:, :, :5], before[2:])
+    assert not after[:2, :, :2].any()
+    np.testing.assert_allclose(unwarped["opl"][0], START - 9 * WIDTH + WIDTH / 2, rtol=1e-12)
+    np.testing.assert_array_equal(unwarped["steady"], dataset["steady"])
+
+
+def test_light_is_kept_and_moved_by_its_distance():
+    dataset = make_dataset(height=8, width=7, bins=30, x0=3)
+    rng = np.random.default_rng(5)
+    distances = rng.uniform(0, 2, (8, 7)).astype(np.float32)
+    unwarped = vis.unwarp_camera(dataset, distances)
+    before, after = dataset["transient"], unwarped["transient"]
+    np.testing.assert_allclose(after.sum("opl"), before.sum("opl"), rtol=1e-5)
+
+    def mean(data):
+        return ((data * data["opl"]).sum("opl") / data.sum("opl")).values
+
+    np.testing.assert_allclose(
+        mean(before) - mean(after), distances[..., None] + [0] * 3, atol=1e-5
+    )
+    first, last = (np.nonzero(after.values.any(axis=(0, 1, 3)))[0][i] for i in (0, -1))
+    assert (first, last) == (0, after.sizes["opl"] - 1)  # nothing empty at either end
+
+
+def test_what_is_unknown_stays_unknown():
+    dataset = make_dataset()
+    cube = dataset["transient"].values
+    cube[0, 0] = np.nan  # unfinished
+    cube[1, 1] = 0
+    distances = np.full((6, 10), 0.5 * WIDTH)
+    distances[1, 1] = np.nan  # sees nothing
+    distances[1, 2] = np.inf  # sees nothing, and yet there is light
+    unwarped = vis.unwarp_camera(dataset, distances)["transient"].values
+    unknown = np.isnan(unwarped).all(axis=(2, 3))
+    assert np.argwhere(unknown).tolist() == [[0, 0], [1, 2]]
+    assert np.isfinite(unwarped[~unknown]).all()
+    assert not unwarped[1, 1].any()
+
+
+def test_an_unwarped_dataset_is_one_like_any_other(tmp_path):
+    unwarped = vis.unwarp_camera(make_dataset(fingerprint="abc"), np.full((6, 10), 1.237))
+    assert unwarped.attrs["camera_unwarp"] == 1
+    assert "fingerprint" not in unwarped.attrs
+    path = io.save_exr_stack(unwarped, tmp_path / "stack")
+    assert io.load_exr_stack(path).identical(unwarped)
+    vis.summary_figure(unwarped)
+    with pytest.raises(ValueError, match="camera_unwarp = 1: must be in camera time"):
+        vis.unwarp_camera(unwarped, np.zeros((6, 10)))
+
+
+def test_darkness_has_a_window_too():
+    dataset = make_dataset()
+    dataset["transient"].values[:] = 0
+    assert vis.unwarp_camera(dataset, np.ones((6, 10)))["transient"].shape == (6, 10, 5, 3)
+
+
+@pytest.mark.parametrize(
+    ("distances", "message"),
+    [
+        (np.ones((10, 6)), r"distance_m with shape \(10, 6\) .*numbers of shape \(6, 10\)"),
+        (np.full((6, 10), "1"), "distance_m with shape .* must be real"),
+        (np.full((6, 10), -0.5), "distance_m holds -0.5: must be from 0"),
+        (np.full((6, 10), 1e13), r"distance_m holds 1e\+13"),
+        (np.arange(60).reshape(6, 10) * 1e9, "distance_m spreads the light over .* bins"),
+    ],
+)
+def test_bad_distances(distances, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        vis.unwarp_camera(make_dataset(), distances)
+    assert "\n" not in str(caught.value)
+
+
+def test_unwarping_agrees_with_a_render_that_leaves_the_segment_out():
+    described = tofrender.cornell_box(width=32, height=32, start_opl=0.0, temporal_bins=800)
+    described["integrator"]["max_depth"] = 3
+    in_camera_time = tofrender.render(described, spp=32, progress=False)
+    described["integrator"]["camera_unwarp"] = True
+    in_scene_time = tofrender.render(described, spp=32, progress=False)
+    unwarped = vis.unwarp_camera(in_camera_time, distances_in(described, 32))
+
+    def mean(data):
+        light = data["transient"].sum("channel")
+        return ((light * light["opl"]).sum("opl") / light.sum("opl")).values
+
+    difference = mean(unwarped) - mean(in_scene_time)
+    assert np.median(abs(difference)) < 0.01  # half a bin
+    assert np.median(mean(in_camera_time) - mean(in_scene_time)) > 3
+
+
+def distances_in(described, samples):
+    """Mean distance of what each pixel sees [m], NaN where it sees nothing."""
+    scene = mi.load_dict(described)
+    film = scene.sensors()[0].film()
+    width, height = film.size()
+    count = width * height * samples
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, count)
+    pixel = dr.arange(mi.UInt32, count) // samples
+    camera = sample_camera(scene.sensors()[0], film, sampler, pixel)
+    si = scene.ray_intersect(camera.ray)
+    seen = np.array(si.is_valid()).reshape(height, width, samples)
+    distance = np.array(dr.norm(si.p - camera.origin)).reshape(seen.shape)
+    total = np.sum(distance, axis=2, where=seen)
+    return np.divide(total, seen.sum(axis=2), out=np.full(total.shape, np.nan), where=seen.any(2))
+
+
+# --------------------------------------------------------------------------------- in notebooks
+
+
+@pytest.mark.slow
+def test_a_notebook_plays_the_animation(monkeypatch):
+    """Every third frame of 23 where eight are allowed; the whole animation stays as it was."""
+    monkeypatch.setattr(vis.animation, "_PLAYER_FRAMES", 8)
+    animation = vis.visualize_transient(np.ones((4, 6, 23)), 3.5, 0.02)
+    player = animation._repr_html_()
+    assert player.count("data:image/jpeg") == 8
+    assert animation._repr_html_() is player
+    assert animation.to_jshtml().count("data:image/png") == 23
+    short = vis.visualize_transient(np.ones((4, 6, 3)), 3.5, 0.02)
+    assert short._repr_html_().count("data:image/jpeg") == 3
+    assert not plt.get_fignums()

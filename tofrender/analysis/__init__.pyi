@@ -1,0 +1,27 @@
+from .conversion import (
+    sum_channels as sum_channels,
+)
+from .conversion import (
+    transient_to_phasor as transient_to_phasor,
+)
+from .conversion import (
+    unambiguous_range as unambiguous_range,
+)
+from .conversion import (
+    unwrap as unwrap,
+)
+from .correlation import (
+    MultipathError as MultipathError,
+)
+from .correlation import (
+    four_bucket as four_bucket,
+)
+from .correlation import (
+    from_four_bucket as from_four_bucket,
+)
+from .correlation import (
+    multipath_error as multipath_error,
+)
+from .correlation import (
+    true_depth as true_depth,
+)

@@ -1,0 +1,321 @@
+"""Phasors of transient data: amplitude, phase and depth of an AMCW time-of-flight camera.
+
+The phasor of a pixel at the modulation frequency f is
+
+    P(f) = sum over k of L_k exp(+i 2 pi f opl_k / c),    I = Re P,    Q = Im P
+
+with the light L_k of bin k and the path length opl_k of its centre: light that arrives later has a
+larger phase. `transient_to_phasor` computes it, `unwrap` finds depth beyond the range of one
+frequency. NumPy arrays in and out.
+"""
+
+# ruff: noqa: E741 (I and Q are what the field calls them)
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
+from ..runtime import checks
+from ..signals.phasors import check_frequencies, phasor_parts, real_array
+from ..signals.units import SPEED_OF_LIGHT
+
+MAX_WRAPS = 4096
+"""Wraps of the highest frequency that `unwrap` tries."""
+
+_CHUNK = 1 << 18  # values that are converted to double precision at a time
+
+
+def transient_to_phasor(
+    transient_data: Any,
+    frequency_hz: float | Sequence[float],
+    start_opl: float | None = None,
+    bin_width_opl: float | None = None,
+    *,
+    quantity: str | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Convert transient data to phasors: P(f) = sum L_k exp(+i 2 pi f opl_k / c) at bin centres.
+
+    Film data, radiance per bin, is summed as it is; a density, radiance per metre, is multiplied
+    by the bin width. Three things make the result differ from phasors accumulated path by path:
+
+    - Light outside the window is missing, which can be a large error; see the warning.
+    - Light counts as if it arrived at its bin's centre. Spread evenly over a bin of width w, it has
+      sinc(f w / c) = sin(pi f w / c) / (pi f w / c) of that amplitude, so the result is larger by
+      about (pi f w / c)^2 / 6: 2e-5 of it for bins of 0.02 m at 50 MHz. It is not corrected.
+    - A pulse of the render is still in the data. It multiplies the phasor by its characteristic
+      function, exp(-(2 pi f s / c)^2 / 2) for a Gaussian: 0.9995 for s = 0.03 m at 50 MHz.
+
+    Args:
+        transient_data: A Dataset of `render`, or an array of shape (height, width, bins, channels)
+            with 1 or 3 channels, or (height, width, bins) for one channel. NaN (unfinished
+            pixels) gives NaN.
+        frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
+            sequence of them.
+        start_opl: Where the first bin starts [m]; a Dataset knows it.
+        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+        quantity: "radiance per bin" or "radiance per metre"; a Dataset knows it, and an array
+            is taken to hold radiance per bin by default.
+
+    Returns:
+        (I, Q, amplitude, phase, depth), each float64 of shape (height, width, channels), with a
+        leading axis of frequencies if a sequence was given; see `phasor_parts`.
+
+    Raises:
+        ValueError: A wrong shape, frequency or time axis, or a Dataset without its attributes.
+
+    Warns:
+        UserWarning: The Dataset's window lost more than 1 % of the energy.
+
+    Example:
+        >>> transient = np.zeros((1, 1, 100, 1))
+        >>> transient[0, 0, 60] = 2.0  # arrives at 3.0 + 60.5 * 0.02 = 4.21 m
+        >>> I, Q, amplitude, phase, depth = transient_to_phasor(transient, 20e6, 3.0, 0.02)
+        >>> amplitude.item(), round(depth.item(), 6)
+        (2.0, 2.105)
+    """
+    frequencies, many = check_frequencies(frequency_hz)
+    outside = 0.0
+    if hasattr(transient_data, "data_vars"):
+        given = {"start_opl": start_opl, "bin_width_opl": bin_width_opl, "quantity": quantity}
+        start, width, quantity = _described(transient_data, given)
+        values = transient_data["transient"].values
+        outside = transient_data.attrs["energy_outside_window"]
+    else:
+        start = checks.metres("start_opl", start_opl)
+        width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+        quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
+        values = transient_data
+    values = _check_shape(real_array("transient_data", values))
+    limit = SPEED_OF_LIGHT / (2 * width)
+    if max(frequencies) >= limit:
+        raise ValueError(
+            f"frequency_hz = {max(frequencies):g}: must be below {limit:g}, where bins of "
+            f"{width:g} m are half a period"
+        )
+    if outside > LOST_ENERGY:
+        warnings.warn(
+            f"{100 * outside:.1f} % of the energy arrives outside the window and is missing from "
+            "the phasors; use a longer window, or accumulate phasors per path",
+            stacklevel=2,
+        )
+
+    centres = start + (np.arange(values.shape[2]) + 0.5) * width
+    angles = 2 * math.pi / SPEED_OF_LIGHT * np.outer(frequencies, centres)
+    waves = np.concatenate((np.cos(angles), np.sin(angles)))
+    if quantity == "radiance per metre":
+        waves *= width
+    I, Q = np.split(_correlate(values, waves), 2)
+    if not many:
+        I, Q = I[0], Q[0]
+    return I, Q, *phasor_parts(I, Q, frequency_hz)
+
+
+def sum_channels(
+    I: Any, Q: Any, frequency_hz: float | Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Add the channels of phasors, as a sensor without colour filters does.
+
+    Phases of colours must not be averaged: they wrap, and the darkest counts as much as the
+    brightest. Phasors add.
+
+    Args:
+        I: Real part, channels last.
+        Q: Imaginary part, of the same shape.
+        frequency_hz: As for `phasor_parts`.
+
+    Returns:
+        (I, Q, amplitude, phase, depth) of the sums, with a last axis of length 1.
+
+    Raises:
+        ValueError: As for `phasor_parts`.
+
+    Example:
+        >>> I, Q = np.full((2, 2, 3), -1.0), np.array([-0.1, 0.1, 0.1])  # phases of about -pi, pi
+        >>> phase = sum_channels(I, np.broadcast_to(Q, I.shape), 20e6)[3]
+        >>> phase.shape, round(phase[0, 0, 0].item(), 4)
+        ((2, 2, 1), 3.1083)
+    """
+    parts = [real_array(name, values) for name, values in (("I", I), ("Q", Q))]
+    if parts[0].ndim == 0:
+        raise ValueError("I with shape (): must have channels in its last axis")
+    I, Q = (values.sum(axis=-1, keepdims=True, dtype=np.float64) for values in parts)
+    return I, Q, *phasor_parts(I, Q, frequency_hz)
+
+
+def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
+    """Depth [m] from which on phases repeat: c / 2f, or c / 2g with the common divisor g of many.
+
+    Args:
+        frequency_hz: Modulation frequency [Hz], above 0, or a sequence that is used together.
+            Their ratios count as fractions with denominators up to a million.
+
+    Raises:
+        ValueError: No frequency, or one that is not finite and above 0.
+
+    Example:
+        >>> round(unambiguous_range(50e6), 3), round(unambiguous_range([20e6, 50e6]), 3)
+        (2.998, 14.99)
+    """
+    frequencies, _ = check_frequencies(frequency_hz)
+    ratios = [Fraction(f / frequencies[0]).limit_denominator(10**6) for f in frequencies]
+    denominator = math.lcm(*(r.denominator for r in ratios))
+    divisor = math.gcd(*(int(r * denominator) for r in ratios))
+    return SPEED_OF_LIGHT / 2 / frequencies[0] * denominator / max(divisor, 1)
+
+
+def unwrap(
+    phases: Any,
+    frequencies_hz: Sequence[float],
+    max_depth: float | None = None,
+    *,
+    amplitudes: Any = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the depth that explains the phases at two or more frequencies best.
+
+    Phase j says depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) for an unknown whole number n_j.
+    All n of the highest frequency are tried, the others follow by rounding. The n are taken for
+    which the d_j disagree least, and depth is the mean of these d_j. Weights are (f_j A_j)^2, the
+    inverse variances if all I and Q have equal noise (amplitudes A_j, 1 if not given).
+
+    Args:
+        phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).
+        frequencies_hz: Two or more modulation frequencies [Hz].
+        max_depth: Largest depth that can occur [m], at most `unambiguous_range(frequencies_hz)`,
+            which is the default. The smaller it is, the more noise does no harm.
+        amplitudes: Amplitudes as weights, at least 0, of the same shape as the phases.
+
+    Returns:
+        (depth, residual), float64 of shape (...): depth in [0, max_depth] [m]; the weighted RMS
+        difference of the d_j from it [m]. Of depths that explain the phases equally the smallest
+        is taken. NaN where a phase is NaN, where fewer than two frequencies have an amplitude, or
+        where no depth up to `max_depth` fits the highest frequency.
+
+    Raises:
+        ValueError: Fewer than two frequencies, shapes that do not fit, a negative amplitude, or a
+            `max_depth` out of range.
+
+    Example:
+        >>> frequencies = (20e6, 50e6)  # ranges of 7.5 m and 3.0 m
+        >>> phases = [4 * np.pi * f / 299792458 * 11.0 for f in frequencies]
+        >>> depth, residual = unwrap(phases, frequencies)
+        >>> round(depth.item(), 6), round(residual.item(), 6)
+        (11.0, 0.0)
+    """
+    frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
+    if not many or len(frequencies) < 2:
+        raise ValueError(f"frequencies_hz = {frequencies_hz!r}: must hold two or more frequencies")
+    phases = real_array("phases", phases).astype(np.float64)
+    if phases.shape[:1] != (len(frequencies),):
+        raise ValueError(
+            f"phases with shape {phases.shape}: must have {len(frequencies)} frequencies first"
+        )
+    weights = np.ones(phases.shape)
+    if amplitudes is not None:
+        weights = real_array("amplitudes", amplitudes).astype(np.float64)
+        if weights.shape != phases.shape or (weights < 0).any():
+            raise ValueError(
+                f"amplitudes with shape {weights.shape}: must be at least 0 and of shape "
+                f"{phases.shape}, as the phases"
+            )
+    column = (-1, *[1] * (phases.ndim - 1))
+    ranges = (SPEED_OF_LIGHT / 2 / np.array(frequencies)).reshape(column)
+    reference = int(np.argmin(ranges))
+    finest = float(ranges.flat[reference])
+    longest = unambiguous_range(frequencies)
+    max_depth = longest if max_depth is None else max_depth
+    max_depth = checks.metres("max_depth", max_depth, positive=True)
+    limit = min(longest, MAX_WRAPS * finest)
+    if max_depth > limit * (1 + 1e-9):
+        raise ValueError(
+            f"max_depth = {max_depth:g}: must be at most {limit:g} m; phases repeat after "
+            f"{longest:g} m, and {MAX_WRAPS} ranges of the highest frequency are searched"
+        )
+
+    phases = np.where(np.isfinite(phases), phases, np.nan)
+    wrapped = np.mod(phases, 2 * math.pi) / (2 * math.pi) * ranges
+    light = (weights > 0).sum(axis=0) >= 2
+    weights = weights / np.where(light, weights.max(axis=0), 1) / ranges
+    weights = np.where(light, weights**2, 1 / len(frequencies))
+    weights /= weights.sum(axis=0)
+    depth = np.full(phases.shape[1:], np.nan)
+    least = np.full(phases.shape[1:], np.inf)
+    slack, margin = 1e-9 * finest, 1e-12 * finest**2  # For rounding at the ends and between equals
+    for n in range(-1, math.ceil(max_depth / finest) + 1):
+        guess = wrapped[reference] + n * finest
+        for _ in range(2):  # Again from the mean, should the highest frequency be the noisiest
+            each = wrapped + np.rint((guess - wrapped) / ranges) * ranges
+            guess = (weights * each).sum(axis=0)
+        cost = (weights * (each - guess) ** 2).sum(axis=0)
+        better = (guess >= -slack) & (guess <= max_depth + slack) & (cost < least - margin)
+        depth[better] = np.clip(guess, 0, max_depth)[better]
+        least[better] = cost[better]
+    found = light & np.isfinite(depth)
+    return np.where(found, depth, np.nan), np.where(found, np.sqrt(least), np.nan)
+
+
+# ------------------------------------------------------------------------------------ checks
+
+
+def _check_shape(values: np.ndarray) -> np.ndarray:
+    """Values as (height, width, bins, channels)."""
+    shape = values.shape
+    if values.ndim == 3 and shape[2] not in (1, 3):  # With 1 or 3 it is an image
+        values = values[..., None]
+    if values.ndim != 4 or values.shape[3] not in (1, 3) or 0 in shape:
+        swapped = values.ndim == 4 and shape[2] in (1, 3)
+        raise ValueError(
+            f"transient_data with shape {shape}: must be (height, width, bins) or (height, width, "
+            "bins, channels) with 1 or 3 channels last"
+            + ("; np.moveaxis(transient_data, 2, 3) brings them there" if swapped else "")
+        )
+    return values
+
+
+def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, str]:
+    """Start and width [m] of a Dataset's bins, and its quantity; what is given must agree."""
+    if "transient" not in dataset.data_vars or dataset["transient"].dims != DIMS["transient"]:
+        found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
+        raise ValueError(f"dataset with {found}: must hold transient {DIMS['transient']}")
+    if "opl" not in dataset.coords or dataset.sizes["opl"] == 0:
+        raise ValueError("dataset: coordinate opl is missing; must be the centres of the bins in m")
+    for name in ("quantity", "bin_width_opl", "energy_outside_window"):
+        if name not in dataset.attrs:
+            raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
+    checks.metres("energy_outside_window", dataset.attrs["energy_outside_window"], unit="energy")
+    start, width = time_axis(dataset)
+    quantity = checks.one_of("quantity", dataset.attrs["quantity"], QUANTITIES)
+    for name, own in (("start_opl", start), ("bin_width_opl", width), ("quantity", quantity)):
+        its = given[name]
+        if its is None or its == own:
+            continue
+        if name == "quantity" or abs(checks.metres(name, its) - own) > 1e-3 * width:
+            raise ValueError(
+                f"{name} = {its!r}: must be {own!r}, as the Dataset has it, or left out"
+            )
+    return start, width, quantity
+
+
+# ---------------------------------------------------------------------------------- the sums
+
+
+def _correlate(values: np.ndarray, waves: np.ndarray) -> np.ndarray:
+    """Sum over bins of (height, width, bins, channels) times each of (waves, bins), in double.
+
+    A few pixels are converted at a time, so that no second copy of the data is made.
+    """
+    height, width, bins, channels = values.shape
+    sums = np.empty((len(waves), height, width, channels))
+    step = max(1, _CHUNK // (bins * channels))
+    with np.errstate(invalid="ignore"):  # Of infinite values
+        for y in range(height):
+            for x in range(0, width, step):
+                part = values[y, x : x + step].astype(np.float64)
+                sums[:, y, x : x + step] = np.moveaxis(waves @ part, 1, 0)
+    return sums

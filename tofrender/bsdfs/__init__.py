@@ -1,1 +1,0 @@
-"""Materials; their plugin is registered by `tofrender.backend`."""

@@ -1,0 +1,168 @@
+"""The commands `tofrender release`, `verify`, `start` and `submit`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .options import number
+
+if TYPE_CHECKING:
+    from ..course.rubric import Rubric
+    from ..course.running import Outcome
+
+MAX_SEEDS = 10_000
+
+Name = Annotated[str, typer.Argument(metavar="ASSIGNMENT", help="For example a2, or its folder.")]
+
+
+def release(
+    assignment: Name,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Where to make it.")],
+) -> None:
+    """Make what students get of an assignment: a new folder in DIR.
+
+    It holds the handout and the package, without the modules that students write themselves. If
+    any of them is still there, nothing is made.
+    """
+    from tofrender.course import assignments, edition
+    from tofrender.course.release import PACKAGE_FOLDER
+    from tofrender.course.release import release as make
+
+    found = assignments.find(assignment)
+    made = make(found, out)
+    modules = edition.withheld(found)
+    alone = sorted(set(modules) - set(found.rubric.withheld))
+    typer.echo(f"{made}: README.md, exercises.md, figures and {PACKAGE_FOLDER}/")
+    typer.echo(f"withheld: {', '.join(sorted(found.rubric.withheld))}")
+    if alone:
+        typer.echo(f"left out, since they need one of these: {', '.join(alone)}")
+    typer.echo(f'students run: pip install "./{PACKAGE_FOLDER}[course]"')
+
+
+def verify(
+    assignment: Name,
+    seeds: Annotated[
+        str, typer.Option("--seeds", metavar="N", help="Seeds under which right code must pass.")
+    ] = "1",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="WHAT",
+            help="structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
+            "repeatable.",
+        ),
+    ] = None,
+) -> None:
+    """Check all that must hold of an assignment before it is released.
+
+    Right solutions get all points, the stubs none, each wrong one fails exactly its tests, nothing
+    withheld is in what students get, and rubric, tests and handout agree. If anything does not
+    hold, the exit status is 1.
+    """
+    from rich.console import Console
+
+    from tofrender.course import assignments
+    from tofrender.course.verify import verify as look
+    from tofrender.runtime import checks
+
+    count = checks.integer("--seeds", number(seeds), 1, MAX_SEEDS)
+    found = assignments.find(assignment)
+    console = Console()
+    failed = 0
+    with console.status("") as status:
+        for verdict in look(found, seeds=count, only=tuple(only or ()), say=status.update):
+            mark = "ok    " if verdict.ok else "FAILED"
+            line = f"{mark}  {verdict.name:10} {verdict.seconds:6.1f} s  {verdict.detail}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            for reason in verdict.reasons:
+                console.print(f"        {reason}", markup=False, highlight=False, soft_wrap=True)
+            failed += not verdict.ok
+    if failed:
+        raise typer.Exit(1)
+
+
+def start(
+    assignment: Name,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.")],
+) -> None:
+    """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
+    from tofrender.course import assignments
+    from tofrender.course.start import NOTEBOOK
+    from tofrender.course.start import start as make
+
+    found = assignments.find(assignment)
+    made = make(found, folder)
+    first = found.rubric.problems[0]
+    where = shlex.quote(str(made))
+    typer.echo(f"{made}: {found.rubric.title}")
+    typer.echo("Next:")
+    for command, what in (
+        (f"cd {where}", f"then read README.md, and open {NOTEBOOK} in an editor or Jupyter"),
+        (f"pytest -m {first.marker}", f"tests the first problem ({first.file or first.id})"),
+        ("pytest", "tests all of them"),
+        (f"tofrender submit {found.rubric.id} .", "packs what is handed in"),
+    ):
+        typer.echo(f"  {command:30} {what}".rstrip())
+
+
+def submit(
+    assignment: Name,
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="The folder that `start` has made.")
+    ],
+) -> None:
+    """Run the public tests, and pack what is handed in: FOLDER.zip beside FOLDER.
+
+    Failed tests do not keep you from handing in.
+    """
+    from tofrender.course import assignments
+    from tofrender.course import submit as submitting
+
+    found = assignments.find(assignment)
+    submitting.check(found, folder)
+    folder = folder.resolve()
+    typer.echo("Running the public tests ...")
+    try:
+        _table(found.rubric, submitting.test_results(found, folder))
+    except RuntimeError as error:  # no reason not to hand in
+        print(f"warning: {error}", file=sys.stderr)
+    handed = submitting.pack(found, folder, folder.with_name(f"{folder.name}.zip"))
+    for name in handed.missing:
+        print(f"warning: {name} is missing", file=sys.stderr)
+    for name in handed.unchanged:
+        print(f"warning: {name} is as it came", file=sys.stderr)
+    typer.echo(f"{handed.archive}: {', '.join(handed.files)}")
+
+
+def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
+    """The points of each problem, and the tests that failed."""
+    from tofrender.course.material import points_text
+    from tofrender.course.running import points_of
+
+    came = points_of(rubric, outcomes)
+    width = max(len(problem.title) for problem in rubric.problems)
+    total = 0.0
+    for problem in rubric.problems:
+        seen = [test for test in problem.tests if test.id in outcomes]
+        public = sum(test.points for test in seen)
+        total += 0 if problem.bonus else public
+        line = f"{points_text(came[problem.id]):>5} of {points_text(public)}"
+        line += " bonus" if problem.bonus else ""
+        if public < problem.points:
+            line += f", {points_text(problem.points - public)} from tests that are not public"
+        typer.echo(f"  {problem.title:{width}}  {line}")
+        failed = [test for test in seen if outcomes[test.id].outcome != "passed"]
+        unwritten = [t for t in failed if all("not written yet" in s for s in outcomes[t.id].texts)]
+        if unwritten:
+            typer.echo(f"  {'':{width}}    not written yet: {len(unwritten)} tests")
+        for test in failed:
+            if test not in unwritten:
+                typer.echo(f"  {'':{width}}    {test.id.partition('::')[2]}: failed")
+    together = f"{points_text(sum(came.values())):>5} of {points_text(total)}"
+    typer.echo(f"  {'Together':{width}}  {together}")

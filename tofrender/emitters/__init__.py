@@ -1,1 +1,0 @@
-"""Emitters: the projector that lights a relay wall."""

@@ -1,0 +1,1 @@
+"""What stands before a relay wall: laser, meter, projector; and what the wall is."""

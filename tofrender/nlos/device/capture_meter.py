@@ -1,0 +1,141 @@
+"""Sensor plugin `nlos_capture_meter`: looks at a grid of points on a relay wall."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...runtime import checks
+from .laser import axis, find_laser
+
+
+class NLOSCaptureMeter(mi.Sensor):
+    """A sensor that looks at the wall it is a child of (plugin `nlos_capture_meter`).
+
+    Each pixel of its film looks at one point: the centre of the pixel's cell in the wall's uv
+    square, from `sensor_origin`. All samples of a pixel go the same way. A rectangle is the best
+    wall, since equal cells in uv are equal there.
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `sensor_origin` | (0, 0, 0) | where the sensor is [m] |
+    | `laser_origin` | none | where the scene's laser is put [m] |
+    | `laser_lookat_pixel` | none | pixel that the laser is turned to; (0, 0) is a pixel's centre |
+    | `laser_lookat_3d` | none | or the point that it is turned to [m] |
+    | `confocal` | none | sets `capture_type` of a `transient_nlos_path` that has none |
+    | `original_film_width`, `original_film_height` | none | see below |
+
+    With an original film, as tools give it that capture point by point, the film itself has one
+    pixel, which looks at what the laser looks at. `account_first_and_last_bounces` is accepted
+    with a warning: the integrator has it.
+
+    Example:
+        >>> film = {"type": "transient_hdr_film", "width": 2, "height": 2}
+        >>> meter = {"type": "nlos_capture_meter", "sensor_origin": [0, 0, 1], "film": film}
+        >>> scene = mi.load_dict({"type": "scene", "w": {"type": "rectangle", "meter": meter}})
+        >>> ray, _ = scene.sensors()[0].sample_ray(0, 0.5, [0.75, 0.25], 0.5)
+        >>> scene.ray_intersect(mi.Ray3f(ray)).p
+        [[0.5, -0.5, 0]]
+    """
+
+    looks_at_pixel_centres = True
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.origin = _point(props, "sensor_origin") or [0.0, 0.0, 0.0]
+        self.laser_origin = _point(props, "laser_origin")
+        pixel, point = (_point(props, f"laser_lookat_{what}") for what in ("pixel", "3d"))
+        if pixel is not None and pixel[:2] != [-1, -1]:  # Which stands for none
+            self.laser_target: Any = ("pixel", pixel[:2])
+        else:
+            self.laser_target = None if point is None else ("3d", point)
+        confocal = props.get("confocal", None)
+        self.confocal = None if confocal is None else checks.boolean("confocal", confocal)
+        legs = "account_first_and_last_bounces"
+        if legs in props:
+            checks.boolean(legs, props[legs])
+            warnings.warn(
+                f"{legs} of nlos_capture_meter: has no effect; transient_nlos_path has it",
+                stacklevel=2,
+            )
+        self.follows_laser = self._is_one_of_many(props)
+        self.laser_point: mi.Point3f | None = None
+
+    def _is_one_of_many(self, props: mi.Properties) -> bool:
+        """Whether the film is one pixel of an original one."""
+        size = list(self.film().size())
+        names = ("original_film_width", "original_film_height")
+        given = [props.get(name, None) for name in names]
+        if given == [None, None] or given == size:
+            return False
+        for name, value in zip(names, given, strict=True):
+            checks.integer(name, value, 1, checks.MAX_SIZE)
+        if size != [1, 1]:
+            raise ValueError(
+                f"{names[0]}, {names[1]} = {given}: must be the film's {size}, or the film 1 x 1"
+            )
+        return True
+
+    def world_transform(self) -> mi.Transform4f:
+        """Moves the origin to the sensor; its axes are those of the world."""
+        return mi.Transform4f().translate(mi.Point3f(*self.origin))
+
+    def targets(self, sample: mi.Point2f, active: mi.Bool = True) -> mi.Point3f:
+        """Points of the wall that samples of the film's crop window, in [0, 1)^2, look at."""
+        if self.laser_point is not None:
+            return self.laser_point
+        film = self.film()
+        size = mi.ScalarVector2f(film.size())
+        crop, offset = mi.ScalarVector2f(film.crop_size()), mi.ScalarVector2f(film.crop_offset())
+        pixel = dr.floor(sample * crop) + offset
+        return self.get_shape().sample_position(0.0, (pixel + 0.5) / size, active).p
+
+    def misplaced_aim(self) -> str:
+        """What is wrong with the pixel that the laser should look at, "" if nothing."""
+        kind, where = self.laser_target
+        size = list(self.film().size())
+        if kind == "3d" or all(-0.5 <= k <= n - 0.5 for k, n in zip(where, size, strict=True)):
+            return ""
+        return f"laser_lookat_pixel = {where}: must be a pixel of the film, which has {size}"
+
+    def aim(self) -> mi.Point3f:
+        """The point that the laser should look at."""
+        kind, where = self.laser_target
+        if kind == "3d":
+            return mi.Point3f(*where)
+        uv = [(k + 0.5) / n for k, n in zip(where, self.film().size(), strict=True)]
+        return self.get_shape().sample_position(0.0, mi.Point2f(*uv), True).p
+
+    def follow_laser(self, scene: mi.Scene) -> None:
+        """Look at what the laser looks at, if the film is one pixel of an original one."""
+        if self.follows_laser:
+            si = scene.ray_intersect(mi.Ray3f(*axis(find_laser(scene))))
+            self.laser_point = dr.select(si.is_valid(), si.p, mi.Point3f(*self.origin) + 1)
+
+    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+        """The ray from the sensor to the point of the wall that a film sample belongs to."""
+        d = dr.normalize(self.targets(mi.Point2f(sample2), active) - mi.Point3f(*self.origin))
+        wavelengths, weight = [], mi.Spectrum(1)
+        if mi.is_spectral:
+            wavelengths, weight = mi.sample_rgb_spectrum(mi.sample_shifted(sample1))
+        return mi.RayDifferential3f(mi.Point3f(*self.origin), d, time, wavelengths), weight
+
+    def sample_ray_differential(self, time, sample1, sample2, sample3, active=True):
+        """As `sample_ray`; there is nothing next to a pixel's point."""
+        return self.sample_ray(time, sample1, sample2, sample3, active)
+
+    def to_string(self) -> str:
+        """Where it is, and its film."""
+        return f"NLOSCaptureMeter[sensor_origin = {self.origin}, film = {self.film()}]"
+
+
+def _point(props: mi.Properties, name: str) -> list[float] | None:
+    """Three numbers, None if they are not given."""
+    value: Any = props.get(name, None)
+    if value is not None and np.shape(value) != (3,):
+        raise ValueError(f"{name} = {value!r}: must be three numbers")
+    return None if value is None else [checks.metres(name, float(x)) for x in value]

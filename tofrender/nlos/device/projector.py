@@ -1,0 +1,315 @@
+"""Emitter plugin `confocal_projector`: Gaussian laser spots that scan a wall."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...runtime import checks
+
+if TYPE_CHECKING:
+    from ...signals.pulses import Pulse
+
+MAX_SPOTS = 65536
+SPACINGS = ("uniform", "random")
+PULSES = ("gaussian", "histogram")
+
+
+class ConfocalProjector(mi.Emitter):
+    """A laser projector with a pattern of Gaussian spots (plugin `confocal_projector`).
+
+    It is nested in a `transient_path` or `confocal_transient_path`, not part of the scene. The
+    pattern lives on a plane at unit distance whose part within the field of view is [-1, 1] x
+    [-1, 1]: a direction (X, Y, 1) in the projector's frame is at (X, Y) / tan(fov / 2). A spot of
+    power Phi at (x0, y0) has the radiant intensity
+
+        I(w) = Phi / (2 pi sigma^2) exp(-((x-x0)^2 + (y-y0)^2) / (2 sigma^2))
+               / (tan^2(fov/2) cos^3)   [W/sr]
+
+    where cos is between w and the projector's axis: dw = tan^2(fov/2) cos^3 dx dy. What falls
+    outside of the field of view is cut off.
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `fov` | 0.2 | full angle of the field of view [rad], below pi |
+    | `is_confocal` | true | the axis follows each camera ray, from the camera; else `frame` holds |
+    | `frame` | none | projector to world transform, which looks along its z axis |
+    | `grid_rows`, `grid_cols` | 1, 1 | number of spots |
+    | `grid_sigma` | 0.01 | standard deviation of each spot, of half the field of view |
+    | `grid_intensity` | 1.0 | power of each spot [W] |
+    | `grid_spacing` | "uniform" | "uniform": in the middle of equal cells; "random" |
+    | `grid_seed` | 0 | seed of random positions |
+    | `spot_positions` | none | instead of a grid: (n, 2) positions in [-1, 1] |
+    | `spot_sigmas` | none | their (n,) standard deviations |
+    | `spot_intensities` | none | their powers [W], (n,), or (n, 3) in colour |
+    | `max_rejection_samples` | 8 | tries to stay in the field of view, 1 to 64 |
+    | `pulse_type` | "gaussian" | or "histogram" |
+    | `pulse_width_opl` | 0.01 | standard deviation of a Gaussian pulse [m] |
+    | `pulse_values`, `pulse_start_opl`, `pulse_bin_width_opl` | none, 0, 0.001 | a histogram [m] |
+
+    Lists are arrays in a dict, and numbers separated by commas or blanks in XML.
+
+    Example:
+        >>> projector = mi.load_dict({"type": "confocal_projector", "grid_intensity": 2.0})
+        >>> projector.power, projector.pulse
+        ([2.0, 2.0, 2.0], GaussianPulse(width_opl=0.01))
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.is_confocal = checks.boolean("is_confocal", props.get("is_confocal", True))
+        fov = checks.metres("fov", props.get("fov", 0.2), positive=True, unit="radians")
+        if fov >= math.pi:
+            raise ValueError(f"fov = {fov:g}: must be an angle above 0 and below pi, in radians")
+        self.tan = math.tan(fov / 2)
+        tries = props.get("max_rejection_samples", 8)
+        self.tries = checks.integer("max_rejection_samples", tries, 1, 64)
+        frame: Any = props.get("frame", None)
+        if frame is None and not self.is_confocal:
+            raise ValueError("frame: is missing; must be given if is_confocal is false")
+        self.frame = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
+        self._pulse_width_opl, self._histogram = _pulse(props)
+        positions, sigmas, powers = _spots(props)
+        self._use(positions, sigmas, powers)
+
+    def _use(self, positions: np.ndarray, sigmas: np.ndarray, powers: np.ndarray) -> None:
+        """Take over the spots, and what sampling them needs."""
+        self.power: list[float] = powers.sum(axis=0).tolist()
+        brightness = powers.mean(axis=1)
+        self.count = len(sigmas)
+        self.positions = mi.Point2f(positions.T.copy())
+        self.sigmas = mi.Float(sigmas)
+        self.colours = mi.Color3f((powers / brightness[:, None]).T.copy())
+        self.cumulative = mi.Float(np.cumsum(brightness) / brightness.sum())
+        self.shares = mi.Float(brightness / brightness.sum())
+        self.total = float(brightness.sum())
+        inside = np.prod([_between(positions[:, k], sigmas) for k in (0, 1)], axis=0)
+        self.inside = mi.Float(inside)
+        dr.eval(self.positions, self.sigmas, self.colours, self.cumulative, self.inside)
+
+    @property
+    def pulse(self) -> Pulse:
+        """The temporal profile of the light."""
+        from ...signals.pulses import GaussianPulse
+
+        return GaussianPulse(self._pulse_width_opl) if self._histogram is None else self._histogram
+
+    def axes(self, direction: Any, up: Any) -> mi.Frame3f:
+        """The projector's frame: y up, n along the axis, x as in Mitsuba's `look_at`."""
+        if not self.is_confocal:
+            to_world = mi.Transform4f(self.frame)
+            s, t, n = (to_world @ mi.Vector3f(*axis) for axis in np.eye(3).tolist())
+            return mi.Frame3f(dr.normalize(s), dr.normalize(t), dr.normalize(n))
+        s = dr.normalize(dr.cross(up, direction))
+        return mi.Frame3f(s, dr.cross(direction, s), direction)
+
+    def origin(self, camera: Any) -> mi.Point3f:
+        """Where the projector is [m]."""
+        if self.is_confocal:
+            return mi.Point3f(camera)
+        return mi.Transform4f(self.frame) @ mi.Point3f(0)
+
+    def sample_beam(
+        self, axes: mi.Frame3f, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[mi.Vector3f, Any]:
+        """Sample a direction in proportion to the pattern.
+
+        Returns:
+            Unit vector, and the power that a sample stands for [W], 0 outside of the field of view.
+        """
+        xi, u = sampler.next_1d(), sampler.next_2d()
+        index = mi.UInt32(0)
+        if self.count > 1:
+            index = dr.binary_search(
+                0,
+                self.count - 1,
+                lambda k: dr.gather(mi.Float, self.cumulative, k, active) <= xi,
+            )
+        centre = dr.gather(mi.Point2f, self.positions, index, active)
+        sigma = dr.gather(mi.Float, self.sigmas, index, active)
+        inside = dr.gather(mi.Float, self.inside, index, active)
+        p = centre + sigma * mi.warp.square_to_std_normal(u)
+        for _ in range(self.tries - 1):
+            again = dr.any(dr.abs(p) > 1)
+            retry = centre + sigma * mi.warp.square_to_std_normal(sampler.next_2d())
+            p = dr.select(again, retry, p)
+        # With k tries, a sample is inside with the probability 1 - (1 - inside)^k
+        found = 1 - dr.power(1 - inside, self.tries)
+        weight = dr.select(dr.all(dr.abs(p) <= 1), self.total * inside / found, 0)
+        d = axes.to_world(dr.normalize(mi.Vector3f(p.x * self.tan, p.y * self.tan, 1)))
+        colour = dr.gather(mi.Color3f, self.colours, index, active)
+        return d, _spectrum(colour) * weight
+
+    def intensity(self, axes: mi.Frame3f, direction: mi.Vector3f) -> Any:
+        """Radiant intensity [W/sr] in a direction."""
+        local = axes.to_local(direction)
+        x, y = local.x / (local.z * self.tan), local.y / (local.z * self.tan)
+        total = mi.Color3f(0)
+        for k in range(self.count):
+            centre = dr.gather(mi.Point2f, self.positions, k)
+            sigma = dr.gather(mi.Float, self.sigmas, k)
+            r2 = dr.square(x - centre.x) + dr.square(y - centre.y)
+            share = dr.gather(mi.Float, self.shares, k) * self.total
+            density = share * dr.exp(-r2 / (2 * sigma * sigma)) / (2 * dr.pi * sigma * sigma)
+            total += dr.gather(mi.Color3f, self.colours, k) * density
+        seen = (local.z > 0) & (dr.abs(x) <= 1) & (dr.abs(y) <= 1)
+        per_sr = 1 / (self.tan**2 * local.z**3)
+        return dr.select(seen, _spectrum(total) * per_sr, 0)
+
+    # Mitsuba asks every emitter that exists, in whatever scene; this one is dark to all others.
+
+    def eval(self, si, active=True):
+        """0: it has no surface."""
+        return mi.Spectrum(0)
+
+    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+        """Nothing."""
+        return dr.zeros(mi.Ray3f), mi.Spectrum(0)
+
+    def sample_direction(self, it, sample, active=True):
+        """Nothing."""
+        return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
+
+    def pdf_direction(self, it, ds, active=True):
+        """0."""
+        return mi.Float(0)
+
+    def eval_direction(self, it, ds, active=True):
+        """0."""
+        return mi.Spectrum(0)
+
+    def sample_position(self, time, sample, active=True):
+        """Nothing."""
+        return dr.zeros(mi.PositionSample3f), mi.Float(0)
+
+    def pdf_position(self, ps, active=True):
+        """0."""
+        return mi.Float(0)
+
+    def sample_wavelengths(self, si, sample, active=True):
+        """Nothing."""
+        return si.wavelengths, mi.Spectrum(0)
+
+    def bbox(self):
+        """Empty."""
+        return mi.ScalarBoundingBox3f()
+
+    def to_string(self) -> str:
+        """Kind, number of spots and power."""
+        kind = "confocal" if self.is_confocal else "fixed"
+        return f"ConfocalProjector[{kind}, {self.count} spots, power = {self.power}]"
+
+
+def _pose(matrix: Any) -> np.ndarray:
+    """A finite matrix whose axes span space.
+
+    Raises:
+        ValueError: It is another; one line.
+    """
+    pose = np.array(matrix, dtype=np.float64).reshape(4, 4)
+    lengths = np.linalg.norm(pose[:3, :3], axis=0)
+    spans = np.isfinite(pose).all() and lengths.min() > 0
+    if not spans or abs(np.linalg.det(pose[:3, :3] / lengths)) < 1e-6:
+        rows = pose[:3].tolist()
+        raise ValueError(f"frame = {rows}: must be finite, with three axes that span space")
+    return pose
+
+
+def _spectrum(colour: mi.Color3f) -> Any:
+    """A colour in what the variant calculates with."""
+    if mi.is_monochromatic:
+        return mi.UnpolarizedSpectrum(mi.luminance(colour))
+    if mi.is_spectral:
+        return mi.UnpolarizedSpectrum(dr.mean(colour))
+    return mi.UnpolarizedSpectrum(colour)
+
+
+def _between(x0: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Share of a Gaussian within [-1, 1]."""
+    edges = [(edge - x0) / (sigma * math.sqrt(2)) for edge in (1.0, -1.0)]
+    upper, lower = (np.vectorize(math.erf)(edge) for edge in edges)
+    return 0.5 * (upper - lower)
+
+
+def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
+    """Width of a Gaussian pulse [m], and the pulse of a histogram, which replaces it."""
+    kind = checks.one_of("pulse_type", props.get("pulse_type", "gaussian"), PULSES)
+    width = props.get("pulse_width_opl", 0.01)
+    start, bin_width = props.get("pulse_start_opl", 0.0), props.get("pulse_bin_width_opl", 0.001)
+    values = props.get("pulse_values", None)
+    if kind == "gaussian":
+        return checks.metres("pulse_width_opl", width, positive=True), None
+    if values is None:
+        raise ValueError("pulse_values: are missing; must be given if pulse_type is 'histogram'")
+    from ...signals.pulses import SampledPulse
+
+    return 0.0, SampledPulse(numbers("pulse_values", values).ravel(), start, bin_width)
+
+
+def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (n, 2), sigmas (n,) and powers (n, 3) of the spots."""
+    listed = {name: props.get(name, None) for name in LISTED}
+    given = [name for name, value in listed.items() if value is not None]
+    grid = _grid(props)
+    if not given:
+        return grid
+    for name in LISTED:
+        if name not in given:
+            raise ValueError(f"{name}: is missing; must be given with {given[0]}")
+    positions, sigmas, powers = (numbers(name, listed[name]).ravel() for name in LISTED)
+    n = len(sigmas)
+    if len(positions) != 2 * n or len(powers) not in (n, 3 * n):
+        raise ValueError(
+            f"spot_positions: {len(positions)} numbers, spot_sigmas: {n}, spot_intensities: "
+            f"{len(powers)}; must be two, one, and one or three for each spot"
+        )
+    positions, powers = positions.reshape(n, 2), powers.reshape(n, -1)
+    if np.any(np.abs(positions) > 1):
+        raise ValueError("spot_positions: must be from -1 to 1")
+    for name, values in (("spot_sigmas", sigmas), ("spot_intensities", powers.mean(axis=1))):
+        if np.any(values <= 0):
+            raise ValueError(f"{name} = {values.min():g}: must be above 0")
+    return positions, sigmas, np.broadcast_to(powers, (n, 3)).copy()
+
+
+LISTED = ("spot_positions", "spot_sigmas", "spot_intensities")
+
+
+def _grid(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rows, columns = (
+        checks.integer(name, props.get(name, 1), 1, MAX_SPOTS)
+        for name in ("grid_rows", "grid_cols")
+    )
+    sigma, power = (
+        checks.metres(name, props.get(name, default), positive=True, unit=unit)
+        for name, default, unit in (
+            ("grid_sigma", 0.01, "half fields of view"),
+            ("grid_intensity", 1.0, "watts"),
+        )
+    )
+    spacing = checks.one_of("grid_spacing", props.get("grid_spacing", "uniform"), SPACINGS)
+    seed = checks.integer("grid_seed", props.get("grid_seed", 0), 0, checks.MAX_SEED)
+    n = checks.integer("grid_rows * grid_cols", rows * columns, 1, MAX_SPOTS)
+    if spacing == "uniform":
+        x, y = ((2 * np.arange(count) + 1) / count - 1 for count in (columns, rows))
+        positions = np.stack(np.meshgrid(x, y), axis=-1).reshape(n, 2)
+    else:
+        positions = np.random.default_rng(seed).uniform(-1, 1, (n, 2))
+    return positions, np.full(n, sigma), np.full((n, 3), power)
+
+
+def numbers(name: str, value: Any) -> np.ndarray:
+    """An array of finite numbers, from an array, or from text with commas or blanks."""
+    try:
+        if isinstance(value, str):
+            value = [float(x) for x in value.replace(",", " ").split()]
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.array([])
+    if array.size == 0 or not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} = {value!r}: must be finite numbers")
+    return array

@@ -1,0 +1,1 @@
+"""The integrators that see around a corner."""

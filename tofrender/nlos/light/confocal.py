@@ -1,0 +1,117 @@
+"""Integrator plugin `confocal_transient_path`: a scanned laser that lights what the camera sees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ...runtime import checks
+from .laser_spot import Spot
+from .relay_wall_path import Arrival, RelayWallPath, Scan
+
+MAX_SIGMA = 0.35
+"""Widest beam: standard deviation of its direction [rad]."""
+
+
+class ConfocalTransientIntegrator(RelayWallPath):
+    """Laser and camera along the same ray (plugin `confocal_transient_path`).
+
+    Each camera ray is a laser beam, too: the point that it meets first is lit, and is the light of
+    all further vertices (`lights.LaserSpot`). Light goes from laser to wall, to the hidden scene,
+    to the same point of the wall, and back to the camera; for a small patch of area A at a distance
+    r from the wall, which is at d,
+
+        L = Phi rho_w^2 rho_h A cos_w^2 cos_h^2 / (pi^3 r^4)   at the length 2 d + 2 r.
+
+    Paths leave the relay wall towards points of the hidden geometry, by area, as often as by the
+    wall's material (`targets.Targets`). Takes the parameters of `RelayWallPath`, and
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `max_depth` | 8 | longest path in segments between camera and lit point |
+    | `power` | 1.0 | power of the laser that arrives on the wall, Phi [W] |
+    | `spot_sigma` | 0.0 | standard deviation of the beam's direction [rad]; 0 is a point |
+    | `confocal_projector` | none | a nested emitter of that kind, instead of the two above |
+
+    A point lit by a point has no finite radiance of its own: paths of a single bounce (laser, wall,
+    camera) are there with a spot of some width only.
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "confocal_transient_path", "power": 0.5})
+        >>> integrator.power, integrator.max_depth
+        (0.5, 8)
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        if "max_depth" not in props:
+            props["max_depth"] = 8
+        projector: Any = props.get("confocal_projector", None)
+        if projector is not None:
+            for name in ("power", "spot_sigma", "pulse_width_opl"):
+                if name in props:
+                    raise ValueError(
+                        f"{name} = {props[name]}: must be left out; confocal_projector has it"
+                    )
+        self.power = checks.metres("power", props.get("power", 1.0), positive=True, unit="watts")
+        sigma = checks.metres("spot_sigma", props.get("spot_sigma", 0.0), unit="radians")
+        if not 0 <= sigma < MAX_SIGMA:
+            raise ValueError(f"spot_sigma = {sigma:g}: must be from 0 to {MAX_SIGMA} radians")
+        self.spot_sigma = sigma
+        super().__init__(props)
+        if projector is not None:
+            self.pulse = projector.pulse
+        elif sigma > 0:
+            projector = round_beam(sigma, self.power)
+        self.projector: Any = projector
+
+    def laser(
+        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+    ) -> tuple[Any, Arrival | None]:
+        """The beam along a camera ray, or the projector's pattern around it."""
+        scene, projector = scan.scene, self.projector
+        if projector is None:
+            spot = self.spot(scene, ray, origin, mi.UnpolarizedSpectrum(self.power), active)
+            return self.lit_point(scan, lambda sampler, active: spot), None
+        axes, source = projector.axes(ray.d, mi.Vector3f(scan.up)), projector.origin(origin)
+
+        def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+            d, power = projector.sample_beam(axes, sampler, active)
+            lit = active & dr.any(power > 0)
+            return self.spot(scene, mi.Ray3f(source, d), source, power, lit)
+
+        def irradiance(d: mi.Vector3f, r: mi.Float) -> Any:
+            return projector.intensity(axes, d) / (r * r)
+
+        seen = self.from_laser(scene, ray, origin, source, irradiance, active)
+        return self.lit_point(scan, beam), seen
+
+    def to_string(self) -> str:
+        """The integrator's parameters."""
+        laser = f"power = {self.power!r}" if self.projector is None else f"{self.projector}"
+        return super().to_string()[:-1] + f", {laser}]"
+
+
+def round_beam(sigma: float, power: float) -> Any:
+    """A projector with one spot of standard deviation `sigma` [rad], cut off at 8 of them."""
+    fov = min(16 * sigma, 3.0)
+    return mi.load_dict(
+        {
+            "type": "tofrender_confocal_projector",
+            "fov": fov,
+            "grid_sigma": math.tan(sigma) / math.tan(fov / 2),
+            "grid_intensity": power,
+        }
+    )
+
+
+def maker(plain: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
+    """Makes `transient_path` as scenes name it: a confocal one with a projector nested in it.
+
+    The classes are those of the active variant, whatever this module becomes in another one.
+    """
+    confocal = ConfocalTransientIntegrator
+    return lambda props: (confocal if "confocal_projector" in props else plain)(props)

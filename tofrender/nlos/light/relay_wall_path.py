@@ -1,0 +1,262 @@
+"""What the integrators of non-line-of-sight scenes share: wall, hidden geometry, bounces, legs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...integrators.transient_path import TransientPath
+from ...paths.targets import Targets
+from ...runtime import checks
+from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, names_of, seen_shapes
+from .corner import CornerConnections
+from .laser_spot import LaserSpot, Spot
+
+HIDDEN_SHARE = 0.5
+"""Probability with which a path leaves the wall towards a point of the hidden geometry."""
+
+Beam = Callable[[mi.Sampler, mi.Bool], Spot]
+Arrival = tuple[Any, mi.Float, mi.Bool]
+"""Spectrum, optical path length [m] and active lanes of light that arrives."""
+
+
+@dataclass
+class Scan:
+    """What a laser scans.
+
+    Attributes:
+        scene: The scene.
+        wall: Shapes of the relay wall, empty if it is not known.
+        up: The camera's upward direction.
+        origin: Where the sensor is, None without one [m].
+        follows_camera: Whether the laser is turned to where each camera ray meets the scene.
+    """
+
+    scene: mi.Scene
+    wall: list[mi.Shape]
+    up: list[float]
+    origin: list[float] | None
+    follows_camera: bool = False
+
+
+class RelayWallPath(TransientPath):
+    """Base of the integrators that see around a corner by a relay wall.
+
+    A subclass says in `laser` what lights the scene. Besides those of `TransientPath`:
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `relay_wall` | see below | ids of the wall's shapes, separated by commas |
+    | `hidden_shapes` | see below | ids of the shapes that hidden-geometry sampling aims at |
+    | `use_nlos_only` | false | count only paths that have met something else than the wall |
+    | `filter_bounces` | -1 | count only paths of so many surface points (3: wall, object, wall) |
+    | `nlos_hidden_geometry_sampling` | true | send paths from the wall to hidden geometry, too |
+    | `account_first_and_last_bounces` | true | count the legs from laser and sensor to the wall |
+    | `block_size` | 0 | as in Mitsuba: for scalar variants only, else a warning |
+
+    The wall is by default the shape that the sensor is a child of, else the one that is called
+    "relay_wall". Everything else is hidden geometry, whose points are chosen by area, unless
+    `hidden_shapes` says which of it: light of the others counts as well, but by the wall's
+    material alone. Where nothing says which shape is the wall, and sampling is asked for by name,
+    paths are sent from the shapes that the camera's pixels look at to the others. After a load,
+    `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
+    """
+
+    needs_lights = False
+    counts_legs_by_default = True
+
+    def __init__(self, props: mi.Properties) -> None:
+        self.relay_wall, self.hidden_shapes = (
+            cast(Any, names_of(name, props.get(name, None)))
+            for name in ("relay_wall", "hidden_shapes")
+        )
+        self._sampling_is_asked_for = props.get("nlos_hidden_geometry_sampling", None) is True
+        block = props.get("block_size", 0)
+        if block:
+            warnings.warn(
+                f"block_size = {block}: has no effect; only scalar variants render in blocks",
+                stacklevel=2,
+            )
+        self.use_nlos_only, self.samples_hidden, self.counts_legs = (
+            checks.boolean(name, props.get(name, default))
+            for name, default in (
+                ("use_nlos_only", False),
+                ("nlos_hidden_geometry_sampling", True),
+                ("account_first_and_last_bounces", self.counts_legs_by_default),
+            )
+        )
+        if self.hidden_shapes is not None and not self.samples_hidden:
+            raise ValueError(
+                f"hidden_shapes = {props['hidden_shapes']!r}: must be left out without "
+                "nlos_hidden_geometry_sampling"
+            )
+        self.filter_bounces = _bounces("filter_bounces", props.get("filter_bounces", -1))
+        super().__init__(props)
+        self.camera_unwarp |= not self.counts_legs
+
+    def laser(
+        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+    ) -> tuple[Any, Arrival | None]:
+        """What the paths of camera rays connect to.
+
+        Args:
+            scan: The scene and what is known of it.
+            ray: Camera rays.
+            origin: Where their lengths start.
+            active: Lanes with a ray.
+
+        Returns:
+            A light strategy, and what the camera sees of the lit point itself, if the strategy does
+            not find that.
+        """
+        raise TypeError(f"{type(self).__name__}: must define laser, what its paths connect to")
+
+    def lit_point(self, scan: Scan, beam: Beam) -> LaserSpot:
+        """Connections to where a beam lands."""
+        return LaserSpot(scan.scene, beam, scan.wall, self.use_nlos_only, self.filter_bounces)
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
+        """The scan that the rays of this sensor belong to."""
+        wall = self.wall(scene, sensor)
+        surfaces = [s for s in scene.shapes() if not s.is_emitter()]
+        if self.use_nlos_only and all(shape in wall for shape in surfaces):
+            raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
+        self.targets = None
+        if self.samples_hidden:
+            senders = wall
+            if not wall and (self._sampling_is_asked_for or self.hidden_shapes is not None):
+                senders = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
+            aims = self._aims(scene, surfaces, senders)
+            if senders and not wall and len(surfaces) == 1:
+                _tell_of_one_shape(surfaces[0])
+            if senders and (aims or not wall):
+                self.targets = self.aim_at(scene, aims or surfaces, senders)
+        if sensor is None:
+            return Scan(scene, wall, [0, 1, 0], None)
+        pose = np.array(sensor.world_transform().matrix).reshape(4, 4)
+        return Scan(scene, wall, pose[:3, 1].tolist(), pose[:3, 3].tolist())
+
+    def _aims(
+        self, scene: mi.Scene, surfaces: list[mi.Shape], senders: list[mi.Shape]
+    ) -> list[mi.Shape]:
+        """What hidden-geometry sampling aims at."""
+        if self.hidden_shapes is None:
+            return [shape for shape in surfaces if shape not in senders]
+        found = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
+        for shape in found:
+            if shape in senders:
+                raise ValueError(
+                    f"hidden_shapes = {shape.id()!r}: is the relay wall; must be other shapes"
+                )
+        return found
+
+    def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
+        """Which surfaces paths are sent to, and from where."""
+        return Targets(scene, hidden, wall, HIDDEN_SHARE)
+
+    def longest_path(self, lights: Any) -> int:
+        """Paths need not be longer than those that `filter_bounces` counts."""
+        if self.filter_bounces < 0:
+            return self.max_depth
+        # The lit point is a surface point, too; the laser itself is not
+        segments = self.filter_bounces + (0 if isinstance(lights, LaserSpot) else 1)
+        return segments if self.max_depth < 0 else min(self.max_depth, max(segments, 1))
+
+    def trace(self, scene, sampler, ray, origin, measurement, lights, active=True, last_opl=None):
+        """Follow camera rays through a scene that a laser lights."""
+        active = mi.Bool(active)
+        laser, seen = self.laser(lights, ray, origin, active)
+        if self.targets and isinstance(laser, LaserSpot) and self._counts_three():
+            corner = CornerConnections(scene, self.targets, laser)
+            start = None if self.camera_unwarp else origin
+            measurement = corner.add(ray, start, sampler, measurement, active)
+        if seen is not None and not self.use_nlos_only and self.filter_bounces in (-1, 1):
+            measurement.add(*seen)
+        return super().trace(
+            scene, sampler, ray, origin, measurement, laser, active=active, last_opl=last_opl
+        )
+
+    def _counts_three(self) -> bool:
+        """Whether paths of three bounces count."""
+        return self.filter_bounces in (-1, 3) and (self.max_depth < 0 or self.max_depth >= 3)
+
+    def spot(self, scene: mi.Scene, ray: mi.Ray3f, origin: Any, power: Any, active: Any) -> Spot:
+        """Where a beam lands; its length counts as `account_first_and_last_bounces` says."""
+        spot = Spot.of_beam(scene, ray, power, active, origin)
+        spot.distance = spot.distance if self.counts_legs else mi.Float(0)
+        return spot
+
+    def from_laser(
+        self,
+        scene: mi.Scene,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        laser: mi.Point3f,
+        irradiance: Callable[[mi.Vector3f, mi.Float], Any],
+        active: mi.Bool,
+    ) -> Arrival:
+        """Light that comes straight back from the surface that the camera sees.
+
+        Args:
+            scene: The scene.
+            ray: The camera ray.
+            origin: Where its length starts.
+            laser: Where the light comes from.
+            irradiance: Takes the direction from the laser and the distance, gives the irradiance
+                of a surface that faces the laser [W/m^2].
+            active: Lanes with a ray.
+        """
+        si = scene.ray_intersect(ray, active)
+        to_laser = laser - si.p
+        r = dr.norm(to_laser)
+        d = to_laser / r
+        seen = active & si.is_valid()
+        seen &= ~scene.ray_test(si.spawn_ray_to(laser), seen)
+        f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
+        radiance = f * irradiance(-d, r)
+        opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
+        return radiance, opl + (r if self.counts_legs else 0), seen & dr.any(radiance != 0)
+
+    def wall(self, scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
+        """The relay wall; none where nobody asks for it and nothing says which it is."""
+        if self.relay_wall is not None:
+            return find_relay_wall(scene, self.relay_wall)
+        carrier = None if sensor is None else sensor.get_shape()
+        if carrier is not None:  # The scene's own object for it, which compares
+            return [s for s in scene.shapes() if (mi.ShapePtr(s) == mi.ShapePtr(carrier))[0]]
+        if DEFAULT_ID in [shape.id() for shape in scene.shapes()] or self.use_nlos_only:
+            return find_relay_wall(scene, DEFAULT_ID)
+        return []
+
+    def to_string(self) -> str:
+        """The integrator's parameters."""
+        names = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")
+        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
+        return f"{type(self).__name__}[{values}]"
+
+
+def _tell_of_one_shape(shape: mi.Shape) -> None:
+    """Warn that a load may have merged the wall with what it hides."""
+    warnings.warn(
+        f"nlos_hidden_geometry_sampling: the scene is one shape, {shape.id()!r}; if that is relay "
+        "wall and hidden geometry merged, tofrender.load_scene(..., optimize=False) keeps them "
+        "apart and has less noise",
+        stacklevel=4,
+    )
+
+
+def _bounces(name: str, value: Any) -> int:
+    """A number of bounces, or -1 for all."""
+    try:
+        bounces = checks.integer(name, value, -1, checks.MAX_DEPTH)
+    except ValueError:
+        bounces = 0
+    if bounces == 0:
+        raise ValueError(f"{name} = {value!r}: must be -1 (all) or an integer from 1")
+    return bounces

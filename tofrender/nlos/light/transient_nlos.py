@@ -1,0 +1,250 @@
+"""Integrator plugin `transient_nlos_path`: captures with a projector that is part of the scene."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...paths.endpoints import Connection, PathState, SceneLights
+from ...paths.targets import Targets
+from ...runtime import checks
+from ..device.laser import GRAZING, axis, find_laser, follow_meters, require_aim
+from ..device.relay_wall import is_on_relay_wall, look
+from .relay_wall_path import Arrival, RelayWallPath, Scan
+
+CAPTURE_TYPES = ("single", "confocal", "exhaustive")
+MOST = 0.9
+"""Probability of a target's point where the material is not asked to choose as often."""
+
+AREA = 1.0
+"""Area that a laser spot stands for [m^2], as in the plugin of the same name in mitransient."""
+
+
+class TransientNLOSPath(RelayWallPath):
+    """Non-line-of-sight captures as mitransient describes them (plugin `transient_nlos_path`).
+
+    The scene's one emitter, a projector or spot, is the laser; an `nlos_capture_meter` can say
+    where it is. With `nlos_laser_sampling` it lights a single point: in a single capture the one
+    that it looks at, in a confocal capture the one that the camera ray meets, as if the emitter
+    were turned there. The power that arrives is the irradiance at that point times one square
+    metre, which falls with the distance of the laser, or `laser_power`, as of a real one. Besides
+    those of `RelayWallPath`, with `account_first_and_last_bounces` false by default:
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `capture_type` | "single" | "confocal" or "exhaustive" (1, 2, 3), which needs `capture` |
+    | `laser_power` | none | power that arrives on the wall, wherever it is lit [W] |
+    | `nlos_laser_sampling` | false | connect to the lit point; else to the emitter |
+    | `nlos_hidden_geometry_sampling` | false | as in `RelayWallPath` |
+    | `nlos_hidden_geometry_sampling_do_rroulette` | false | also by material; else by area alone |
+    | `nlos_hidden_geometry_sampling_includes_relay_wall` | false | the wall is a target, too |
+    | `nlos_hidden_geometry_sampling_max_depth` | -1 | a warning: paths leave the wall only |
+    | `discard_direct_paths` | false | drop paths of a single bounce |
+    | `filter_depth` | -1 | one more than `filter_bounces`, instead of it |
+    | `force_equal_illumination_scanning` | true | exhaustive captures light the sensor's points |
+    | `illumination_scan_fov` | 20 | a warning: there are no others |
+
+    Unlike there, what something hides does not count, surfaces count from both sides, choosing
+    between two samplings keeps the energy, 3 bounces are three, and a wall that meets the hidden
+    geometry is found by its material, too: sampling by area alone would miss its light.
+
+    Example:
+        >>> integrator = mi.load_dict({"type": "transient_nlos_path", "capture_type": 2})
+        >>> integrator.capture_type
+        'confocal'
+    """
+
+    counts_legs_by_default = False
+
+    def __init__(self, props: mi.Properties) -> None:
+        kind: Any = props.get("capture_type", None)
+        if isinstance(kind, int) and not isinstance(kind, bool) and 1 <= kind <= 3:
+            kind = CAPTURE_TYPES[kind - 1]
+        kind = kind.lower() if isinstance(kind, str) else kind
+        self.capture_type: str | None = kind
+        self._type_is_given = kind is not None
+        if kind is not None:
+            checks.one_of("capture_type", kind, CAPTURE_TYPES)
+        _peers_parameters(props)
+        hidden = "nlos_hidden_geometry_sampling"
+        self.laser_sampling, self.discard_direct_paths, self.both, self.wall_too = (
+            checks.boolean(name, props.get(name, False))
+            for name in (
+                "nlos_laser_sampling",
+                "discard_direct_paths",
+                f"{hidden}_do_rroulette",
+                f"{hidden}_includes_relay_wall",
+            )
+        )
+        if hidden not in props:
+            props[hidden] = False
+        power = props.get("laser_power", None)
+        if power is not None:
+            power = checks.metres("laser_power", power, positive=True, unit="watts")
+            if not self.laser_sampling:
+                raise ValueError("laser_power: must be left out without nlos_laser_sampling")
+        self.laser_power = power
+        super().__init__(props)
+
+    def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
+        """Targets as the parameters say."""
+        return Targets(scene, hidden + wall * self.wall_too, wall, 0.5 if self.both else MOST)
+
+    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
+        """The scan, once it is known that there is one laser."""
+        kind = self._kind(sensor)
+        if kind == "exhaustive":
+            raise ValueError(
+                "capture_type = 'exhaustive': must be 'single' or 'confocal' to render; "
+                "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
+            )
+        if kind == "confocal" and not self.laser_sampling:
+            raise ValueError(
+                "nlos_laser_sampling = False: must be true for confocal captures, whose laser "
+                "lights one point after the other"
+            )
+        find_laser(scene)
+        follow_meters(scene)
+        follow: Any = getattr(sensor, "follow_laser", None)
+        if follow is not None:
+            follow(scene)
+        scan = super().lights(scene, sensor)
+        if self.laser_sampling:
+            self._check_aim(scan, kind, sensor)
+        scan.follows_camera = kind == "confocal"
+        return scan
+
+    def _kind(self, sensor: mi.Sensor | None) -> str:
+        """The capture type; if none is given, the sensor may know it."""
+        stated = getattr(sensor, "confocal", None)
+        if self.capture_type is None:
+            return "confocal" if stated else "single"
+        differs = stated is not None and stated != (self.capture_type == "confocal")
+        if differs and self._type_is_given:
+            _no_effect("confocal", stated, f"capture_type is {self.capture_type!r}")
+        return self.capture_type
+
+    def _check_aim(self, scan: Scan, kind: str, sensor: mi.Sensor | None) -> None:
+        """Refuse a laser that misses the wall, or that is in its plane."""
+        origin, direction = axis(find_laser(scan.scene))
+        if kind == "single":
+            require_aim(scan.scene)
+            si = scan.scene.ray_intersect(mi.Ray3f(origin, direction))
+            lit = is_on_relay_wall(si, scan.wall) if scan.wall else si.is_valid()
+            if not lit[0]:
+                raise ValueError(
+                    "laser: does not light the relay wall; must look at it, "
+                    "and tofrender.focus_laser turns it there"
+                )
+        elif sensor is not None:
+            _, si = look(scan.scene, sensor)
+            cos = dr.dot(si.n, dr.normalize(origin - si.p))
+            if not dr.any(si.is_valid() & (dr.abs(cos) > GRAZING)):
+                raise ValueError(
+                    f"laser: is at {np.array(origin).ravel().tolist()}, in the plane of what the "
+                    "sensor sees; must be before it"
+                )
+
+    def laser(
+        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+    ) -> tuple[Any, Arrival | None]:
+        """The lit point, or the emitter itself."""
+        scene = scan.scene
+        bounces = self.filter_bounces
+        if not self.laser_sampling:
+            wall = scan.wall if self.use_nlos_only else None
+            return LaserItself(scene, wall, bounces, self.shows_spot, self.counts_legs), None
+        emitter = find_laser(scene)
+        source, forward = axis(emitter)
+
+        def irradiance(d: mi.Vector3f, r: mi.Float) -> Any:
+            lit = dr.zeros(mi.SurfaceInteraction3f)
+            lit.p = source + r * d
+            return mi.unpolarized_spectrum(emitter.sample_direction(lit, mi.Point2f(0.5))[1])
+
+        def in_focus(d: mi.Vector3f, r: mi.Float) -> Any:
+            return irradiance(forward, r)
+
+        confocal = scan.follows_camera
+        towards = dr.normalize(scene.ray_intersect(ray, active).p - source) if confocal else forward
+        carried = mi.UnpolarizedSpectrum(1)
+        spot = self.spot(scene, mi.Ray3f(source, towards), source, carried, active)
+        r = dr.norm(spot.si.p - source)
+        spot.power *= self.laser_power or in_focus(towards, r) * dr.abs(spot.si.wi.z) * AREA
+        seen = None
+        if self.shows_spot and not self.laser_power:
+            light = in_focus if confocal else irradiance
+            seen = self.from_laser(scene, ray, origin, source, light, active)
+        return self.lit_point(scan, lambda sampler, active: spot), seen
+
+    @property
+    def shows_spot(self) -> bool:
+        """Whether light of a single bounce counts."""
+        return not (self.discard_direct_paths or self.use_nlos_only)
+
+
+def _peers_parameters(props: mi.Properties) -> None:
+    """Read mitransient's parameters that ours are not, or warn that they do nothing here."""
+    depth = props.get("filter_depth", -1)
+    if depth != -1:
+        checks.integer("filter_depth", depth, 2, checks.MAX_DEPTH)
+        if props.get("filter_bounces", -1) != -1:
+            raise ValueError(f"filter_depth = {depth}: must be left out; filter_bounces is given")
+        props["filter_bounces"] = depth - 1
+    equal = "force_equal_illumination_scanning"
+    if not checks.boolean(equal, props.get(equal, True)):
+        raise ValueError(f"{equal} = False: must be True; all captures light the sensor's points")
+    limit = "nlos_hidden_geometry_sampling_max_depth"
+    if props.get(limit, -1) != -1:
+        checks.integer(limit, props[limit], 1, checks.MAX_DEPTH)
+        _no_effect(limit, props[limit], "paths are sent from the relay wall only")
+    if "illumination_scan_fov" in props:
+        fov = props["illumination_scan_fov"]
+        checks.metres("illumination_scan_fov", fov, positive=True, unit="degrees")
+        _no_effect("illumination_scan_fov", fov, "the laser lights the sensor's points")
+
+
+def _no_effect(name: str, value: Any, why: str) -> None:
+    warnings.warn(f"{name} = {value}: has no effect; {why}", stacklevel=3)
+
+
+class LaserItself(SceneLights):
+    """The scene's laser by ordinary connections, with the paths that count and their legs."""
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        wall: list[mi.Shape] | None,
+        bounces: int,
+        single: bool,
+        counts_legs: bool,
+    ) -> None:
+        super().__init__(scene)
+        self.wall, self.bounces = wall, bounces
+        self.single, self.counts_legs = single, counts_legs
+
+    def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Whether a vertex so far is off the wall."""
+        return memory if self.wall is None else memory | (active & ~is_on_relay_wall(si, self.wall))
+
+    def connect(
+        self,
+        si: mi.SurfaceInteraction3f,
+        path: PathState,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+    ) -> Connection:
+        """As in `SceneLights`, for the paths that count."""
+        if self.wall is not None:
+            active = active & path.memory
+        if not self.single:
+            active = active & (path.depth > 0)
+        if self.bounces >= 0:
+            active = active & (path.depth + 1 == self.bounces)
+        em = super().connect(si, path, sampler, active)
+        em.length = em.length if self.counts_legs else mi.Float(0)
+        return em

@@ -1,0 +1,114 @@
+"""When light arrives: the energy of a whole picture over path length, from a quick test render."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..paths.camera import sample_camera, sampled_size
+
+if TYPE_CHECKING:
+    from ..signals.pulses import Pulse
+
+PATHS = 1 << 14
+BINS = 1 << 13
+FIRST_OPL, LAST_OPL = 1e-3, 1e5
+
+
+@dataclass
+class ArrivalHistogram:
+    """A measurement: energy in logarithmic bins of path length, for all pixels together.
+
+    Attributes:
+        energy: Array of `BINS` values; light before 1 mm is in the first, after 100 km in the last.
+        hits: Number of contributions in each bin.
+    """
+
+    energy: Any
+    hits: Any
+
+    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+        """Add a contribution of all channels."""
+        position = dr.log(dr.maximum(opl, FIRST_OPL) / FIRST_OPL) / np.log(LAST_OPL / FIRST_OPL)
+        k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
+        active &= dr.isfinite(opl)
+        dr.scatter_add(self.energy, dr.sum(spectrum), k, active)
+        dr.scatter_add(self.hits, 1.0, k, active)
+
+
+@dataclass
+class Arrivals:
+    """Energy over path length.
+
+    Attributes:
+        edges: Edges of the bins [m], shape (n + 1,), in powers of a common ratio.
+        energy: Energy in each bin, in arbitrary units, shape (n,).
+        hits: Number of contributions in each bin, shape (n,).
+    """
+
+    edges: np.ndarray
+    energy: np.ndarray
+    hits: np.ndarray
+
+    @property
+    def any(self) -> bool:
+        """Whether any light was found at all."""
+        return bool(self.energy.sum() > 0)
+
+    def window(self, profile: Pulse | None = None, fraction: float = 0.999) -> tuple[float, float]:
+        """From the first arrival to where `fraction` of the energy has arrived [m].
+
+        Args:
+            profile: Temporal profile that arrivals are seen through; widens the window.
+            fraction: In (0, 1].
+
+        Returns:
+            Start and stop, rounded outwards to a thousandth of the window or so.
+        """
+        low, high = (0.0, 0.0) if profile is None else profile.support
+        cumulative = np.cumsum(self.energy)
+        first = int(np.flatnonzero(self.energy)[0])
+        last = int(np.searchsorted(cumulative, fraction * cumulative[-1]))
+        # A bin more on both sides: single precision may have put an arrival beside its own
+        start = float(self.edges[max(first - 1, 0)]) + low
+        stop = float(self.edges[min(last + 2, self.energy.size)]) + high
+        digit = 10.0 ** (math.floor(math.log10(stop - start)) - 2)
+        return math.floor(start / digit) * digit, math.ceil(stop / digit) * digit
+
+    def between(self, start_opl: float, stop_opl: float, profile: Pulse | None = None) -> int:
+        """Number of contributions in a window [m], seen through `profile`."""
+        low, high = (0.0, 0.0) if profile is None else profile.support
+        overlaps = (self.edges[1:] + high > start_opl) & (self.edges[:-1] + low < stop_opl)
+        return int(self.hits[overlaps].sum())
+
+
+def find_arrivals(
+    integrator: Any, scene: mi.Scene, sensor: mi.Sensor, film: Any, seed: int
+) -> Arrivals:
+    """Trace 16384 paths through random pixels and note when their light arrives.
+
+    Args:
+        integrator: A transient integrator.
+        scene: The scene.
+        sensor: The camera.
+        film: Its size and crop say which pixels are sampled.
+        seed: Seed of the random numbers.
+    """
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(seed, PATHS)
+    width, height = sampled_size(film)
+    pixel = mi.UInt32(sampler.next_1d() * (width * height))
+    with dr.suspend_grad():
+        camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
+        histogram = ArrivalHistogram(dr.zeros(mi.Float, BINS), dr.zeros(mi.Float, BINS))
+        lights = integrator.lights(scene, sensor)
+        integrator.trace(scene, sampler, camera.ray, camera.origin, histogram, lights)
+    edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
+    edges[0] = 0.0
+    energy, hits = (np.array(a, dtype=np.float64) for a in (histogram.energy, histogram.hits))
+    return Arrivals(edges, energy, hits)

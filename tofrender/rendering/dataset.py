@@ -1,0 +1,121 @@
+"""The Dataset that `render` returns: how it is labelled, and how others read it.
+
+`transient (y, x, opl, channel)` and `steady (y, x, channel)`, float32; coordinates are pixels, bin
+centres [m] and channel names; attributes are text, ints and floats.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..runtime import checks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+QUANTITIES = ("radiance per bin", "radiance per metre")
+"""What a transient may hold: the energy of each bin, or the density at its centre."""
+
+LOST_ENERGY = 0.01
+"""Energy outside the window, as a fraction, above which users are warned."""
+
+DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel")}
+
+
+def coordinates(film: Any) -> dict[str, np.ndarray]:
+    """Pixels, bin centres [m] and channels of a film's crop window."""
+    height, width, bins, channels = film.shape
+    x, y = (int(v) for v in film.crop_offset())
+    return {
+        "y": np.arange(y, y + height),
+        "x": np.arange(x, x + width),
+        "opl": film.start_opl + (np.arange(bins) + 0.5) * film.bin_width_opl,
+        "channel": np.array(["L"] if channels == 1 else ["R", "G", "B"]),
+    }
+
+
+def label(
+    steady: np.ndarray, transient: np.ndarray, film: Any, attrs: dict[str, str | int | float]
+) -> xr.Dataset:
+    """Make the Dataset of what a film has collected.
+
+    Args:
+        steady: Shape (height, width, channels).
+        transient: Shape (height, width, temporal_bins, channels).
+        film: Where they come from; says the coordinates.
+        attrs: How they were made.
+    """
+    import xarray as xr
+
+    size = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
+    dataset = xr.Dataset(
+        {"transient": (DIMS["transient"], transient), "steady": (DIMS["steady"], steady)},
+        coords=coordinates(film),
+        attrs=attrs | size,
+    )
+    dataset["opl"].attrs.update(units="m", long_name="optical path length")
+    return dataset
+
+
+def check_dataset(dataset: Any) -> None:
+    """Refuse anything but a Dataset like the ones that `render` returns, or a part of one.
+
+    Raises:
+        ValueError: One line that says what is missing or contradicts itself.
+    """
+    import xarray as xr
+
+    if not isinstance(dataset, xr.Dataset):
+        raise ValueError(f"dataset = {type(dataset).__name__}: must be an xarray.Dataset")
+    found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
+    if found != DIMS or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
+        raise ValueError(f"dataset with {found}: must hold the float32 variables {DIMS}, no other")
+    if set(dataset.coords) != set(DIMS["transient"]) or not all(dataset.sizes.values()):
+        raise ValueError(f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes")
+    first_pixel(dataset)
+    start, width = time_axis(dataset)
+    stated = [dataset.attrs.get(name) for name in ("start_opl", "bin_width_opl")]
+    if not np.allclose(np.array(stated, dtype=float), (start, width), rtol=1e-6, atol=1e-3 * width):
+        raise ValueError(
+            f"dataset: attributes start_opl, bin_width_opl = {stated}; must be [{start:g}, "
+            f"{width:g}], as the coordinate opl has it"
+        )
+    for name, value in plain(dataset.attrs).items():
+        if not isinstance(value, str | int | float):
+            raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
+
+
+def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:
+    """Column and row of the first pixel.
+
+    Raises:
+        ValueError: The pixels are not consecutive.
+    """
+    for axis in ("y", "x"):
+        values = dataset[axis].values
+        if values.dtype.kind not in "iu" or (np.diff(values) != 1).any():
+            raise ValueError(f"coordinate {axis}: must be consecutive pixel indices")
+    return int(dataset["x"].values[0]), int(dataset["y"].values[0])
+
+
+def time_axis(dataset: xr.Dataset) -> tuple[float, float]:
+    """Start of the first bin and width of the bins [m], from the coordinate `opl`.
+
+    Raises:
+        ValueError: The bins are not consecutive, or the attribute `bin_width_opl` is missing.
+    """
+    width = checks.metres("bin_width_opl", dataset.attrs.get("bin_width_opl"), positive=True)
+    centres = np.asarray(dataset["opl"].values, dtype=np.float64)
+    if not np.allclose(np.diff(centres), width, rtol=1e-3, atol=0):
+        raise ValueError(f"coordinate opl: must be the centres of consecutive bins of {width:g} m")
+    return float(centres[0] - width / 2), width
+
+
+def plain(attrs: Any) -> dict[str, Any]:
+    """Attributes by name, NumPy's scalars as Python's."""
+    return {
+        str(name): value.item() if isinstance(value, np.generic) else value
+        for name, value in attrs.items()
+    }

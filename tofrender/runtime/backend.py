@@ -1,0 +1,118 @@
+"""Choosing the Mitsuba variant, and an LLVM that Dr.Jit can use for it."""
+
+from __future__ import annotations
+
+import os
+
+from . import checks, llvm, plugins
+
+
+class BackendError(RuntimeError):
+    """No variant can render here; the message is one line with the command that mends it."""
+
+
+def activate(variant: str | None = None) -> str:
+    """Make sure that a usable Mitsuba variant is active and our plugins are registered in it.
+
+    Args:
+        variant: The variant to switch to. None keeps the one that is active; if there is none,
+            picks `cuda_ad_rgb` if CUDA works, else `llvm_ad_rgb`.
+
+    Returns:
+        The name of the active variant.
+
+    Raises:
+        ValueError: Mitsuba has no such variant.
+        BackendError: The variant cannot render on this machine.
+
+    Example:
+        >>> activate() in ("cuda_ad_rgb", "llvm_ad_rgb")
+        True
+    """
+    _offer_llvm()
+    import mitsuba as mi
+
+    if variant is not None:
+        checks.one_of("variant", variant, mi.variants())
+    if _on_variant_change not in _callbacks:
+        _callbacks.append(_on_variant_change)
+        mi.detail.add_variant_callback(_on_variant_change)
+    if variant is None and mi.variant() is None:
+        variant = "cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb"
+    if variant is not None and variant.startswith("llvm"):
+        require_llvm()
+    if variant is not None and variant.startswith("cuda") and not cuda_works():
+        raise BackendError(
+            f"variant = {variant!r}: no CUDA device or driver found; use an llvm_* variant"
+        )
+    if variant is not None and variant != mi.variant():
+        mi.set_variant(variant)
+    active = str(mi.variant())
+    if active.startswith("llvm"):
+        require_llvm()
+    plugins.register(active)
+    return active
+
+
+def require_vectorised() -> None:
+    """Refuse to render under a scalar variant, or under none.
+
+    Raises:
+        BackendError: One line that says which call helps.
+    """
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if variant is None or variant.startswith("scalar"):
+        raise BackendError(
+            f"variant = {variant!r}: cannot render in time, must be an llvm_* or cuda_* variant; "
+            "call mi.set_variant('llvm_ad_rgb') first"
+        )
+
+
+def cuda_works() -> bool:
+    """Whether Dr.Jit can use a CUDA device on this machine."""
+    import drjit as dr
+
+    return dr.has_backend(dr.JitBackend.CUDA)
+
+
+def require_llvm() -> None:
+    """Refuse an LLVM that would abort the process at the first kernel.
+
+    Raises:
+        BackendError: One line: what was found and the command that mends it.
+    """
+    import drjit as dr
+
+    library = llvm.choose()
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        raise BackendError(
+            llvm.refusal()
+            if library is None
+            else f"{library.path}: Dr.Jit cannot load this LLVM; run `tofrender doctor`"
+        )
+    major = dr.detail.llvm_version()[0]
+    if major < llvm.MINIMUM_MAJOR:
+        raise BackendError(
+            llvm.refusal()
+            if library is None
+            else f"Dr.Jit has loaded LLVM {major}, must be {llvm.MINIMUM_MAJOR} or newer: import "
+            f"tofrender before mitsuba and drjit, or set {llvm.VARIABLE}={library.path}"
+        )
+
+
+_callbacks: list = []
+
+
+def _offer_llvm() -> None:
+    """Name the LLVM that Dr.Jit shall load; it reads the variable when it is imported."""
+    if not os.environ.get(llvm.VARIABLE):
+        library = llvm.choose()
+        if library is not None:
+            os.environ[llvm.VARIABLE] = str(library.path)
+
+
+def _on_variant_change(_old: str | None, new: str | None) -> None:
+    if new is not None:
+        plugins.register(new)

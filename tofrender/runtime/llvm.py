@@ -1,0 +1,397 @@
+"""Find, judge and install the LLVM library that Dr.Jit compiles its CPU kernels with.
+
+Dr.Jit loads LLVM at run time: the file that `DRJIT_LIBLLVM_PATH` names, else the first
+`libLLVM.so` that the linker finds. With LLVM 15 or 16 it starts, and then the *process aborts*
+("Cannot select: fminimum") at the first kernel with a minimum on a CPU with AVX-512; an older
+LLVM it refuses. Debian 12 ships 14 and 15. So the choice is made here, before Dr.Jit is
+imported, and nothing below `MINIMUM_MAJOR` is ever handed to it.
+
+Versions are read from file names; a name that does not tell is asked in a process of its own.
+Standard library only, because the set-up runs this file before anything is installed:
+
+    python tofrender/runtime/llvm.py [--install]
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+MINIMUM_MAJOR = 17
+"""The oldest LLVM whose code generator knows all that Dr.Jit emits."""
+
+NEWEST_TRIED = 22
+"""The newest LLVM that this package was tried with; newer ones are taken for want of others."""
+
+VARIABLE = "DRJIT_LIBLLVM_PATH"
+
+PREFERRED_PACKAGE = 19
+"""The LLVM to install where several can be: all published figures were measured with it."""
+
+_FILE_NAME = re.compile(r"libLLVM(?:[-.]\d[\d.]*)?\.(?:so|dylib)[\d.]*|LLVM-C\.dll")
+_MAJOR = re.compile(r"libLLVM(?:-|\.so\.|\.)(\d+)")
+_APT_PACKAGE = re.compile(r"libllvm(\d+)(?:t64)?")
+_ASK_VERSION = """
+import ctypes, sys
+library = ctypes.CDLL(sys.argv[1])
+parts = [ctypes.c_uint() for _ in range(3)]
+library.LLVMGetVersion(*map(ctypes.byref, parts))
+print(parts[0].value)
+"""
+
+
+@dataclass(frozen=True)
+class Library:
+    """A libLLVM on this machine.
+
+    Attributes:
+        path: The file, symbolic links resolved.
+        major: Its major version, None where it could not be found out.
+        defect: Why this file cannot be loaded at all; empty if nothing speaks against it.
+    """
+
+    path: Path
+    major: int | None
+    defect: str = ""
+
+    @property
+    def problem(self) -> str:
+        """Why Dr.Jit must not get this library; empty if it may."""
+        if self.defect:
+            return self.defect
+        if self.major is None:
+            return "is an LLVM of unknown version"
+        if self.major < MINIMUM_MAJOR:
+            return f"is LLVM {self.major}"
+        return ""
+
+    @property
+    def usable(self) -> bool:
+        """Whether Dr.Jit renders with this library."""
+        return not self.problem
+
+
+@dataclass(frozen=True)
+class System:
+    """What the search and the advice depend on; tests hand in another one.
+
+    Attributes:
+        root: Root of the file system.
+        environ: Environment variables.
+        platform: As `sys.platform` has it.
+        prefixes: Where this Python lives: its virtual environment, and what that was made from.
+        euid: Effective user, 0 is root.
+    """
+
+    root: Path = Path("/")
+    environ: Mapping[str, str] = field(default_factory=lambda: os.environ)
+    platform: str = sys.platform
+    prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))
+    euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())
+
+    @property
+    def distributions(self) -> set[str]:
+        """The names in os-release that this Linux goes by: itself and what it is like."""
+        for name in ("etc/os-release", "usr/lib/os-release"):
+            try:
+                text = (self.root / name).read_text(encoding="utf-8", errors="replace")
+            except OSError:
+                continue
+            found = re.findall(r"^(?:ID|ID_LIKE)=[\"']?([^\"'\n]*)", text, re.MULTILINE)
+            return set(" ".join(found).lower().split())
+        return set()
+
+    def which(self, command: str) -> str | None:
+        """The path of `command`, None if this system has none."""
+        return shutil.which(command, path=self.environ.get("PATH", ""))
+
+
+def candidates(system: System | None = None) -> list[Library]:
+    """Every libLLVM on this machine, the one that the environment names first.
+
+    Broken links, folders, text files and libraries for other processors are listed with what is
+    wrong with them. Nothing is loaded into this process.
+    """
+    system = system or System()
+    named = _named(system)
+    found = {named.path: named} if named else {}
+    for folder in _folders(system):
+        try:
+            names = sorted(path for path in folder.iterdir() if _FILE_NAME.fullmatch(path.name))
+        except OSError:
+            continue
+        for path in names:
+            library = _inspect(path)
+            found.setdefault(library.path, library)
+    return list(found.values())
+
+
+def choose(system: System | None = None) -> Library | None:
+    """The library that Dr.Jit should load, None if there is none that it can use.
+
+    A library named by `DRJIT_LIBLLVM_PATH` is the only choice: if it is unusable, none is taken in
+    its place, and `refusal` says why.
+
+    Example:
+        >>> library = choose()
+        >>> library is None or library.major >= MINIMUM_MAJOR
+        True
+    """
+    system = system or System()
+    named = _named(system)
+    usable = [library for library in ([named] if named else candidates(system)) if library.usable]
+    return max(usable, key=lambda library: _preference(library.major), default=None)
+
+
+def refusal(system: System | None = None) -> str:
+    """One line for when `choose` finds nothing: what is wrong and the command that mends it."""
+    system = system or System()
+    named = _named(system)
+    if named:
+        line = f"{VARIABLE} = '{system.environ[VARIABLE]}' {named.problem}: must name the file of"
+        line += f" LLVM {MINIMUM_MAJOR} or newer"
+        others = [library for library in candidates(system) if library.usable]
+        if others:
+            best = max(others, key=lambda library: _preference(library.major))
+            return f"{line}; `unset {VARIABLE}` to use {best.path}"
+        return f"{line}; unset it and run: {install_command(system)}"
+    majors = sorted({library.major for library in candidates(system) if library.major})
+    only = f", only {', '.join(map(str, majors))}" if majors else ""
+    return f"no LLVM {MINIMUM_MAJOR} or newer found{only}; run: {install_command(system)}"
+
+
+def loading_error(path: Path) -> str:
+    """Why the library cannot be loaded (a missing dependency, say), empty if it can."""
+    _, error = _ask(path)
+    return error
+
+
+def install_command(system: System | None = None) -> str:
+    """The command that installs a usable LLVM on this system."""
+    system = system or System()
+    sudo = "" if system.euid == 0 else "sudo "
+    conda = next((name for name in ("mamba", "conda", "micromamba") if system.which(name)), "conda")
+    from_conda = f"{conda} install -y -c conda-forge libllvm19"
+    if system.platform == "win32":
+        return "winget install LLVM.LLVM"
+    if system.environ.get("CONDA_PREFIX") and system.euid != 0:
+        return from_conda
+    if system.platform == "darwin":
+        return "brew install llvm"
+    like = system.distributions
+    if like & {"debian", "ubuntu"}:
+        package, index = _apt_package(system)
+        if package:
+            return f"{sudo}apt-get install -y {package}"
+        if index:  # a release older than LLVM 17 itself: LLVM's own archive serves it
+            return f"wget -qO- https://apt.llvm.org/llvm.sh | {sudo}bash -s -- 19"
+        package = "libllvm18" if "ubuntu" in like else "libllvm19"
+        return f"{sudo}apt-get update && {sudo}apt-get install -y {package}"
+    if like & {"fedora", "rhel", "centos"}:
+        return f"{sudo}dnf install -y llvm-libs"
+    if "arch" in like:
+        return f"{sudo}pacman -S --noconfirm llvm-libs"
+    return from_conda
+
+
+def can_install(system: System | None = None) -> bool:
+    """Whether `install` can work here: root on Debian, Ubuntu or a relative."""
+    system = system or System()
+    debian = bool(system.distributions & {"debian", "ubuntu"})
+    return system.euid == 0 and debian and system.which("apt-get") is not None
+
+
+def install(system: System | None = None) -> None:
+    """Install Debian's or Ubuntu's package of a usable LLVM.
+
+    A package index that is empty or stale is renewed, an interrupted dpkg run is finished first.
+
+    Raises:
+        RuntimeError: One line with the log's path and the command to run by hand.
+    """
+    system = system or System()
+    handle, log = tempfile.mkstemp(prefix="tofrender-apt-", suffix=".log")
+    with os.fdopen(handle, "wb") as output:
+
+        def run(*command: str) -> bool:
+            result = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**system.environ, "DEBIAN_FRONTEND": "noninteractive"},
+                check=False,
+            )
+            return result.returncode == 0
+
+        for attempt in range(2):
+            package, _ = _apt_package(system)
+            if attempt or not package:
+                run("dpkg", "--configure", "-a")
+                run("apt-get", "update")
+                package, _ = _apt_package(system)
+            options = ("-y", "--no-install-recommends", "-o", "DPkg::Lock::Timeout=120")
+            if package and not attempt:
+                print(f"Installing {package} with apt-get ...", flush=True)
+            if package and run("apt-get", "install", *options, package):
+                os.unlink(log)
+                return
+    raise RuntimeError(f"apt-get failed (log: {log}); run: {install_command(system)}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Say in one line which LLVM Dr.Jit should get.
+
+    With --install, install one where there is none and root can, and say nothing if all is well.
+
+    Returns:
+        0 if there is a usable LLVM, 1 if there is none, 2 for an argument that is not --install.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments not in ([], ["--install"]):
+        print("usage: python tofrender/runtime/llvm.py [--install]", file=sys.stderr)
+        return 2
+    system = System()
+    library = choose(system)
+    if library is None and arguments and not _named(system) and can_install(system):
+        try:
+            install(system)
+        except RuntimeError as error:
+            print(error, file=sys.stderr)
+            return 1
+        library = choose(system)
+    if library is None:
+        print(refusal(system), file=sys.stderr)
+        return 1
+    if error := loading_error(library.path):
+        print(f"{library.path}: {error}; run: {install_command(system)}", file=sys.stderr)
+        return 1
+    if not arguments:
+        print(f"LLVM {library.major}: {library.path}")
+    return 0
+
+
+def _preference(major: int | None) -> tuple[bool, int]:
+    """Sort key: the newest that was tried, then the least new of those that were not."""
+    major = major or 0
+    return (True, major) if major <= NEWEST_TRIED else (False, -major)
+
+
+def _named(system: System) -> Library | None:
+    """The library that the environment names; a bare file name is looked up as the linker does."""
+    value = system.environ.get(VARIABLE, "")
+    if not value:
+        return None
+    path = Path(value).expanduser()
+    if not path.is_absolute() and len(path.parts) == 1:
+        path = next((d / path for d in _folders(system) if (d / path).exists()), path)
+    return _inspect(path)
+
+
+def _folders(system: System) -> Iterator[Path]:
+    """The folders that may hold libLLVM, those of this environment before the system's."""
+    conda = system.environ.get("CONDA_PREFIX")
+    environments = [*([Path(conda)] if conda else []), *system.prefixes]
+    if system.platform == "win32":
+        for prefix in environments:
+            yield prefix / "Library" / "bin"
+        yield Path(system.environ.get("ProgramFiles", r"C:\Program Files")) / "LLVM" / "bin"
+        return
+    for prefix in environments:
+        yield prefix / "lib"
+    for folder in filter(None, system.environ.get("LD_LIBRARY_PATH", "").split(":")):
+        yield Path(folder)
+    patterns = [
+        *("usr/lib/*-linux-gnu", "usr/lib64", "usr/lib", "usr/local/lib", "usr/local/lib64"),
+        *("usr/lib/llvm*/lib", "usr/lib64/llvm*/lib", "usr/lib64/llvm*/lib64"),
+        *("opt/homebrew/opt/llvm*/lib", "usr/local/opt/llvm*/lib", "opt/local/libexec/llvm-*/lib"),
+        "home/linuxbrew/.linuxbrew/opt/llvm*/lib",
+    ]
+    for pattern in patterns:
+        yield from sorted(system.root.glob(pattern))
+
+
+def _inspect(path: Path) -> Library:
+    """Judge one file without loading it into this process."""
+    try:
+        real = path.resolve(strict=True)
+        with real.open("rb") as file:
+            head = file.read(20)
+    except FileNotFoundError:
+        return Library(path, None, "does not exist")
+    except IsADirectoryError:
+        return Library(path, None, "is a folder")
+    except (OSError, RuntimeError) as error:  # RuntimeError: a circle of links
+        return Library(path, None, f"cannot be read ({getattr(error, 'strerror', error)})")
+    if not _is_native(head):
+        return Library(real, None, "is not a shared library for this machine")
+    for name in (real.name, path.name):
+        if match := _MAJOR.match(name):
+            return Library(real, int(match[1]))
+    major, error = _ask(real)
+    return Library(real, major, error)
+
+
+def _is_native(head: bytes) -> bool:
+    """Whether a file that starts with these bytes is a library for this interpreter's machine."""
+    if head[:4] == b"\x7fELF" and sys.platform == "linux":
+        with Path("/proc/self/exe").open("rb") as file:
+            own = file.read(20)
+        return len(head) == 20 and head[4:6] == own[4:6] and head[18:20] == own[18:20]
+    mach_o = (b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xca\xfe\xba\xbf")
+    if sys.platform == "darwin":
+        return head[:4] in mach_o
+    return sys.platform == "win32" and head[:2] == b"MZ"
+
+
+def _ask(path: Path) -> tuple[int | None, str]:
+    """Load the library in a process of its own: its major version, or why it cannot be loaded."""
+    command = [sys.executable, "-I", "-S", "-c", _ASK_VERSION, str(path)]
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    except (OSError, subprocess.SubprocessError) as error:
+        return None, f"cannot be loaded ({error})"
+    if result.returncode == 0:
+        return int(result.stdout), ""
+    lines = result.stderr.strip().splitlines() or [f"exit status {result.returncode}"]
+    if "AttributeError" in lines[-1]:
+        return None, "is older than LLVM 16"  # LLVMGetVersion came with 16
+    return None, f"cannot be loaded ({lines[-1]})"
+
+
+def _apt_package(system: System) -> tuple[str, bool]:
+    """The best libllvm package that apt can install, and whether apt has an index at all."""
+
+    def query(*arguments: str) -> str:
+        try:
+            result = subprocess.run(
+                ["apt-cache", *arguments],
+                capture_output=True,
+                text=True,
+                env={**system.environ, "LC_ALL": "C"},
+                check=False,
+            )
+        except OSError:
+            return ""
+        return result.stdout
+
+    names = query("pkgnames", "libllvm").split()
+    majors = {name: int(match[1]) for name in names if (match := _APT_PACKAGE.fullmatch(name))}
+    new = [name for name, major in majors.items() if major >= MINIMUM_MAJOR]
+    new.sort(key=lambda name: (majors[name] == PREFERRED_PACKAGE, _preference(majors[name])))
+    for name in reversed(new):
+        policy = re.search(r"Candidate: (\S+)", query("policy", name))
+        if policy and policy[1] != "(none)":
+            return name, True
+    return "", bool(majors)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""The Mitsuba plugins of this package: one table of all, and their registration in each variant.
+
+Classes that derive from Mitsuba's (films, integrators, samplers) belong to the variant that was
+active when their module ran. `MODULES` therefore run once more for every variant that is switched
+to, as Mitsuba's own Python integrators do, and `plugin` finds the class that belongs to the active
+variant. Everything else in the package works in any vectorised variant as it is.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any, NamedTuple
+
+from . import withheld
+
+MODULES = (
+    "tofrender.samplers.padded_sobol",
+    "tofrender.films.transient",
+    "tofrender.films.phasor",
+    "tofrender.integrators.base",
+    "tofrender.integrators.transient_path",
+    "tofrender.integrators.time_gated",
+    "tofrender.integrators.amcw",
+    "tofrender.integrators.path_tracer",
+    "tofrender.integrators.path_tracer_mats",
+    "tofrender.integrators.path_tracer_nee",
+    "tofrender.integrators.path_tracer_mis",
+    "tofrender.integrators.first_surface",
+    "tofrender.integrators.simple",
+    "tofrender.integrators.ao",
+    "tofrender.nlos.device.retroreflector",
+    "tofrender.nlos.device.projector",
+    "tofrender.nlos.device.capture_meter",
+    "tofrender.nlos.light.relay_wall_path",
+    "tofrender.nlos.light.confocal",
+    "tofrender.nlos.light.transient_nlos",
+)
+"""Modules whose classes derive from Mitsuba's, each after those that it builds on."""
+
+
+class Plugin(NamedTuple):
+    """Where a plugin is.
+
+    Attributes:
+        name: What scenes call it.
+        kind: What it is to Mitsuba: "integrator", "film", "sampler", "sensor", "emitter", "bsdf".
+        home: The module that defines its class.
+        maker: A module whose `maker` turns the class into what makes the plugin, where one name
+            stands for several classes.
+    """
+
+    name: str
+    kind: str
+    home: str
+    maker: str | None = None
+
+
+PLUGINS = {
+    "AmbientOcclusion": Plugin("ao", "integrator", "tofrender.integrators.ao"),
+    "AMCWTransientPath": Plugin("amcw_transient_path", "integrator", "tofrender.integrators.amcw"),
+    "ConfocalProjector": Plugin("confocal_projector", "emitter", "tofrender.nlos.device.projector"),
+    "ConfocalTransientIntegrator": Plugin(
+        "confocal_transient_path", "integrator", "tofrender.nlos.light.confocal"
+    ),
+    "NLOSCaptureMeter": Plugin(
+        "nlos_capture_meter", "sensor", "tofrender.nlos.device.capture_meter"
+    ),
+    "PaddedSobolSampler": Plugin("padded_sobol", "sampler", "tofrender.samplers.padded_sobol"),
+    "PathTracerMIS": Plugin(
+        "path_tracer_mis", "integrator", "tofrender.integrators.path_tracer_mis"
+    ),
+    "PathTracerMats": Plugin(
+        "path_tracer_mats", "integrator", "tofrender.integrators.path_tracer_mats"
+    ),
+    "PathTracerNEE": Plugin(
+        "path_tracer_nee", "integrator", "tofrender.integrators.path_tracer_nee"
+    ),
+    "PhasorHDRFilm": Plugin("phasor_hdr_film", "film", "tofrender.films.phasor"),
+    "Retroreflector": Plugin("retroreflector", "bsdf", "tofrender.nlos.device.retroreflector"),
+    "Simple": Plugin("simple", "integrator", "tofrender.integrators.simple"),
+    "TimeGatedTransientPath": Plugin(
+        "time_gated_transient_path", "integrator", "tofrender.integrators.time_gated"
+    ),
+    "TransientHDRFilm": Plugin("transient_hdr_film", "film", "tofrender.films.transient"),
+    "TransientNLOSPath": Plugin(
+        "transient_nlos_path", "integrator", "tofrender.nlos.light.transient_nlos"
+    ),
+    "TransientPath": Plugin(
+        "transient_path",
+        "integrator",
+        "tofrender.integrators.transient_path",
+        maker="tofrender.nlos.light.confocal",
+    ),
+}
+"""Public plugin classes by name.
+
+Another package may register a plugin of the same name; the last one to do so has it. Ours are
+therefore registered as "tofrender_..." too, and `own_name` says which name is safe.
+"""
+
+_classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
+
+
+def plugin(class_name: str) -> Any:
+    """The plugin class of the active variant.
+
+    Raises:
+        AttributeError: There is no such class, or the active variant cannot have it.
+        Withheld: Students write it.
+    """
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
+        raise AttributeError(
+            f"tofrender.{class_name} needs an llvm_* or cuda_* variant; the active one is "
+            f"{variant!r}"
+        )
+    reason = withheld.refusal(PLUGINS[class_name].home)
+    if reason is not None:
+        raise withheld.of_name("tofrender", class_name, withheld.Withheld(reason))
+    register(variant)
+    return _classes[variant][class_name]
+
+
+def own_name(plugin_name: str) -> str:
+    """The name by which a plugin of ours is found, whatever other packages have registered.
+
+    Example:
+        >>> own_name("transient_path"), own_name("path")
+        ('tofrender_transient_path', 'path')
+    """
+    ours = any(plugin_name == each.name for each in PLUGINS.values())
+    return f"tofrender_{plugin_name}" if ours else plugin_name
+
+
+def register(variant: str) -> None:
+    """Register our plugins in `variant`, once: another package's later ones stay in place."""
+    if variant in _classes or variant.startswith("scalar"):
+        return
+    import mitsuba as mi
+
+    loaded = {name: _run(name) for name in MODULES if withheld.refusal(name) is None}
+    _classes[variant] = {}
+    for class_name, each in PLUGINS.items():
+        if each.home in loaded:
+            made: Any = getattr(loaded[each.home], class_name)
+            _classes[variant][class_name] = made
+            if each.maker in loaded:
+                made = loaded[each.maker].maker(made)
+        else:
+            made = withheld.stand_in(class_name, each.name, each.kind, each.home)
+            if made is None:
+                continue
+        for name in (each.name, f"tofrender_{each.name}"):
+            getattr(mi, f"register_{each.kind}")(name, made)
+
+
+def _run(module: str) -> Any:
+    """A module, run under the active variant."""
+    before = sys.modules.get(module)
+    return importlib.reload(before) if before else importlib.import_module(module)

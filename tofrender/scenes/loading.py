@@ -1,0 +1,239 @@
+"""From a name, a dict or an XML file to an `mi.Scene`, with settings changed on the way.
+
+Every source goes one way: Mitsuba's parser makes a list of nodes from it, some of their properties
+are changed (`editing.change`), and the nodes become a scene.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Unpack
+
+import mitsuba as mi
+
+from ..nlos.device.laser import follow_meters
+from ..runtime import plugins
+from . import BUILT_IN
+from .editing import change, name_shapes, use_own_plugins
+from .settings import Settings, check_settings
+
+parser: Any = mi.parser
+
+
+def load_scene(
+    source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    optimize: bool = True,
+    **settings: Unpack[Settings],
+) -> mi.Scene:
+    """Load a scene and change its settings on the way.
+
+    A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
+    `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
+    the filter that it names (box if it names none), its integrator its depths.
+
+    A shape of an XML file that has a name and no id gets the name as its id.
+
+    Args:
+        source: A built-in name (`tofrender scenes` lists them), the path of a Mitsuba XML file, a
+            dict as for `mi.load_dict`, or an `mi.Scene`, which is returned as it is.
+        parameters: Values for the `<default>` names of an XML file.
+        optimize: Whether Mitsuba may merge shapes that share a material, which saves memory but
+            makes them one shape. Scenes that tell shapes apart (NLOS) need False.
+        **settings: Any of `width`, `height` [pixels], `temporal_bins`, `start_opl`,
+            `bin_width_opl` [m], `spp`, `sampler`, `max_depth`, `integrator`, `pulse_width_opl`
+            [m]. What is not given, or None, stays as the scene has it.
+
+    Returns:
+        The scene, under the active variant.
+
+    Raises:
+        ValueError: The scene's name or content, a setting or a parameter is wrong; one line.
+        FileNotFoundError: The XML file does not exist.
+
+    Example:
+        >>> scene = load_scene("cornell_box", width=32, height=16)
+        >>> list(scene.sensors()[0].film().size())
+        [32, 16]
+    """
+    given = check_settings(settings)
+    if isinstance(source, mi.Scene):
+        changed = [*given, *(parameters or {})]
+        if changed:
+            raise ValueError(
+                f"{changed[0]} = {(given | dict(parameters or {}))[changed[0]]!r}: a loaded scene "
+                "cannot be changed; give the dict or the XML file that it comes from"
+            )
+        return source
+    config = parser.ParserConfig(mi.variant())
+    config.parallel = False  # plugins written in Python can hang in parallel loading
+    config.merge_equivalent = config.merge_meshes = optimize
+    if isinstance(source, str):
+        source = find_scene(source)
+    try:
+        with _files_beside(source):
+            state = _parse(config, source, parameters or {})
+            parser.transform_upgrade(config, state)
+            parser.transform_resolve(config, state)
+            change(state, given)
+            use_own_plugins(state)
+            name_shapes(state)
+            parser.transform_all(config, state)
+            scene = parser.instantiate(config, state)
+    except RuntimeError as error:
+        raise ValueError(_one_line(str(error))) from None
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(f"scene: its outermost part is a {type(scene).__name__}, must be a scene")
+    follow_meters(scene)
+    return scene
+
+
+def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
+    """Make one object from a dict, ours where the plugin's name is one of ours.
+
+    Args:
+        what: What it is to be, for messages, e.g. "integrator".
+        description: As for `mi.load_dict`.
+
+    Raises:
+        ValueError: The dict is wrong; one line.
+    """
+    name = description.get("type")
+    if not isinstance(name, str):
+        raise ValueError(f"{what} = {dict(description)!r}: must have a plugin's name as its type")
+    try:
+        return mi.load_dict({**description, "type": plugins.own_name(name)})
+    except RuntimeError as error:
+        raise ValueError(f"{what}: {_one_line(str(error))}") from None
+
+
+def require_sensor(scene: mi.Scene) -> None:
+    """Refuse a scene without a sensor.
+
+    Raises:
+        ValueError: One line that says so.
+    """
+    if not scene.sensors():
+        raise ValueError("scene: has no sensor; it must have one, for example a perspective camera")
+
+
+def require_light(scene: mi.Scene) -> None:
+    """Refuse a scene without a light; its picture would be black.
+
+    Raises:
+        ValueError: One line that says so.
+    """
+    if not scene.emitters():
+        raise ValueError("scene: has no light; it must have an emitter, for example a point light")
+
+
+# ----------------------------------------------------------------------------------- sources
+
+
+def find_scene(name: str) -> str | Path:
+    """Tell what `name` names: a built-in scene (hyphens count as underscores) or an XML file.
+
+    Returns:
+        The built-in scene's name as a str, or the file as a Path.
+
+    Raises:
+        ValueError: No such scene; one line with the nearest names.
+        FileNotFoundError: `name` looks like a file and does not exist.
+
+    Example:
+        >>> find_scene("cornell-box")
+        'cornell_box'
+    """
+    built_in = name.replace("-", "_")
+    if built_in in BUILT_IN:
+        return built_in
+    path = Path(name)
+    if path.is_file():
+        return path
+    if path.suffix.lower() == ".xml" or path.name != name:
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise FileNotFoundError(f"scene = {name!r}: {what}; must be a Mitsuba XML file")
+    near = get_close_matches(built_in, BUILT_IN, 3, 0.5)
+    hint = f"did you mean {' or '.join(near)}? Must" if near else "must"
+    known = ", ".join(BUILT_IN)
+    raise ValueError(f"scene = {name!r}: {hint} be one of {known}, or a Mitsuba XML file")
+
+
+def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
+    """Mitsuba's parser state for a dict, a built-in name or a path."""
+    if isinstance(source, os.PathLike):
+        return _parse_file(config, Path(source), parameters)
+    if parameters:
+        name, value = next(iter(parameters.items()))
+        raise ValueError(f"parameter {name} = {value!r}: only XML files have parameters")
+    if isinstance(source, str):
+        source = BUILT_IN[source]()
+    if not isinstance(source, Mapping):
+        shown = repr(source)
+        shown = shown if len(shown) < 40 and "\n" not in shown else type(source).__name__
+        raise ValueError(
+            f"scene = {shown}: must be a built-in name, an XML file, a dict, "
+            f"or a scene of the active variant {mi.variant()}"
+        )
+    if source.get("type") != "scene":
+        raise ValueError(f"scene: type = {source.get('type')!r}, must be 'scene'")
+    return parser.parse_dict(config, dict(source))
+
+
+@contextmanager
+def _files_beside(source: Any) -> Iterator[None]:
+    """Let Mitsuba look for meshes and textures in the XML file's folder first."""
+    untyped: Any = mi  # the stubs of these functions are not callable
+    before = untyped.file_resolver()
+    resolver = mi.FileResolver(before)
+    if isinstance(source, os.PathLike):
+        resolver.prepend(str(Path(source).absolute().parent))
+    untyped.set_file_resolver(resolver)
+    try:
+        yield
+    finally:
+        untyped.set_file_resolver(before)
+
+
+def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
+    if not path.is_file():
+        raise FileNotFoundError(f"scene = {str(path)!r}: must be an XML file that exists")
+    if not os.access(path, os.R_OK):
+        raise ValueError(f"scene = {str(path)!r}: cannot be read, its permissions forbid it")
+    text = {name: str(value) for name, value in parameters.items()}
+    try:
+        return parser.parse_file(config, str(path), **text)
+    except RuntimeError as error:
+        unused = re.search(r"unused parameters:\s*- \$(\w+)=(.*)", str(error))
+        if not unused:
+            raise
+        allowed = ", ".join(_defaults(path)) or "none, it has no <default>"
+        raise ValueError(
+            f"parameter {unused[1]} = {unused[2]!r}: {path.name} does not use it, "
+            f"its parameters are: {allowed}"
+        ) from None
+
+
+def _defaults(path: Path) -> list[str]:
+    """The names that an XML file declares with <default>."""
+    from xml.etree import ElementTree
+
+    return [node.get("name", "") for node in ElementTree.parse(path).iter("default")]
+
+
+def _one_line(message: str) -> str:
+    """The line that matters in an error of Mitsuba's parser, without source files of its code.
+
+    An error raised by a plugin in Python arrives as a traceback; its last line is the message.
+    """
+    if "Traceback (most recent call last)" in message:
+        return re.sub(r"^\w+: ", "", message.strip().splitlines()[-1])
+    message = re.sub(r"\[[\w.]+:\d+\] ", "", message)
+    lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
+    return " ".join(line for line in lines if line)

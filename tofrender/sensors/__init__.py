@@ -1,1 +1,0 @@
-"""Sensors: the capture meter that scans a relay wall."""

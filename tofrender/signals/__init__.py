@@ -1,0 +1,1 @@
+"""Signals in time: units, pulses, modulations, and the convention of phasors."""

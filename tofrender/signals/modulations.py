@@ -1,0 +1,350 @@
+"""Modulations: what a correlation sensor weights light by, as a function of its path length.
+
+The light is modulated, the sensor multiplies what arrives with a demodulation and integrates. Light
+of one path length thus counts by the **correlation function** of the two, which is periodic in the
+optical path length with period c/f. A modulation here is that function. It offers
+
+    eval(opl)                 weight of light that arrives with the path length opl [m]
+    frequency_hz              repetition frequency f [Hz]
+    get_unambiguous_range()   half a period, c / 2f [m]: depths beyond it wrap around
+
+All correlations are scaled to [-1, 1], as if the sensor reported the difference of two taps that
+share the light. All are functions of the phase x = f opl/c + phase_offset/(2 pi), in turns.
+`eval` takes a Dr.Jit float or a number, and gives back the same kind.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..runtime import checks
+from .units import SPEED_OF_LIGHT
+
+MIN_FREQUENCY, MAX_FREQUENCY = 1e-9, 1e18
+"""Range of frequencies [Hz] whose period in metres single precision can divide by."""
+
+
+class Modulation(Protocol):
+    """What every modulation offers; see the module's text."""
+
+    frequency_hz: float
+
+    def eval(self, opl: mi.Float) -> mi.Float: ...  # noqa: D102
+
+    def get_unambiguous_range(self) -> float: ...  # noqa: D102
+
+
+def check_frequency(name: str, value: Any) -> float:
+    """Return `value`, a frequency in hertz, as a float.
+
+    Args:
+        name: The parameter's name, for the message.
+        value: A number from 1e-9 to 1e18; NaN, infinities, bools and text are refused.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> check_frequency("frequency_hz", 0)
+        Traceback (most recent call last):
+        ValueError: frequency_hz = 0: must be a finite number of hertz above 0
+    """
+    frequency = checks.metres(name, value, positive=True, unit="hertz")
+    if not MIN_FREQUENCY <= frequency <= MAX_FREQUENCY:
+        allowed = f"from {MIN_FREQUENCY:g} to {MAX_FREQUENCY:g} hertz"
+        raise ValueError(f"{name} = {value!r}: must be {allowed}")
+    return frequency
+
+
+class _Periodic:
+    """A function of the phase x, in turns, that repeats with the frequency."""
+
+    c = SPEED_OF_LIGHT
+
+    def __init__(self, frequency_hz: float, phase_offset: float = 0.0) -> None:
+        self.frequency_hz = check_frequency("frequency_hz", frequency_hz)
+        self.phase_offset = checks.metres("phase_offset", phase_offset, unit="radians")
+        # The period in two single-precision parts, so that opl - n period has no rounding error
+        period = SPEED_OF_LIGHT / self.frequency_hz
+        self._period = float(np.float32(period))
+        self._rest = period - self._period
+        self._shift = math.remainder(self.phase_offset / (2.0 * math.pi), 1.0)
+
+    def _turns(self, opl: Any) -> Any:
+        """Phase x within [-1/2, 1/2], as exact as `opl` itself for up to 2^24 periods."""
+        n = dr.round(opl / self._period)
+        within = dr.fma(-n, self._rest, dr.fma(-n, self._period, opl))
+        x = within / self._period + self._shift
+        return x - dr.round(x)
+
+    def get_unambiguous_range(self) -> float:
+        """Largest depth that is told apart from a shorter one: c / 2f [m].
+
+        Light and camera together: a depth is half a path.
+        """
+        return SPEED_OF_LIGHT / (2.0 * self.frequency_hz)
+
+    def __repr__(self) -> str:
+        """Name, frequency and, if there is one, the offset."""
+        offset = f", phase_offset={self.phase_offset:g}" if self.phase_offset else ""
+        return f"{type(self).__name__}({self._arguments()}{offset})"
+
+    def _arguments(self) -> str:
+        return f"frequency_hz={self.frequency_hz:g}"
+
+
+class AMCWPulse(_Periodic):
+    """Amplitude-modulated continuous wave: m(opl) = cos(omega opl/c + phase_offset).
+
+    A phasor P = sum of L exp(+i omega opl/c) has I = Re P and Q = Im P. Its I is measured with
+    `phase_offset = 0`. **Its Q is plus sine, `phase_offset = -pi/2`**: cos(x - pi/2) = sin x,
+    while +pi/2 gives minus sine and a depth that runs backwards.
+
+    Args:
+        frequency_hz: Modulation frequency f [Hz], from 1e-9 to 1e18.
+        phase_offset: Phase of the demodulation [rad], any finite number.
+
+    Attributes:
+        frequency_hz: f [Hz]; `frequency` is the same.
+        phase_offset: [rad].
+        omega: 2 pi f [rad/s].
+        c: Speed of light in vacuum [m/s].
+
+    Raises:
+        ValueError: `frequency_hz` is not a finite number above 0 or out of range, or
+            `phase_offset` is not finite.
+
+    Example:
+        >>> i, q = AMCWPulse(50e6), AMCWPulse(50e6, phase_offset=-math.pi / 2)
+        >>> round(i.get_unambiguous_range(), 4)
+        2.9979
+        >>> quarter = i.c / 50e6 / 4
+        >>> bool(abs(i.eval(quarter)) < 1e-6), round(q.eval(quarter), 6)
+        (True, 1.0)
+    """
+
+    def __init__(self, frequency_hz: float, phase_offset: float = 0.0) -> None:
+        super().__init__(frequency_hz, phase_offset)
+        self.frequency = self.frequency_hz
+        self.omega = 2.0 * math.pi * self.frequency_hz
+
+    def eval(self, opl: mi.Float) -> mi.Float:
+        """Weight in [-1, 1] of light with the path length `opl` [m]."""
+        return dr.cos((2.0 * math.pi) * self._turns(opl))
+
+
+class SquareWave(_Periodic):
+    """Square light times square demodulation, half a period on, half off: a triangle wave.
+
+    m(x) = 1 - 4 |x - round(x)|, which is 1 at x = 0 and -1 at x = 1/2. Its harmonics n = 1, 3, 5,
+    ... have amplitudes 8/(pi n)^2, so an algorithm made for cosines reads a phase that is slightly
+    wrong: the "wiggling error" of real cameras.
+
+    Args:
+        frequency_hz: Repetition frequency f [Hz], from 1e-9 to 1e18.
+        phase_offset: Phase of the demodulation [rad], any finite number; -pi/2 for Q.
+
+    Raises:
+        ValueError: `frequency_hz` is not a finite number above 0 or out of range, or
+            `phase_offset` is not finite.
+
+    Example:
+        >>> wave = SquareWave(100e6)
+        >>> period = 2 * wave.get_unambiguous_range()
+        >>> [round(wave.eval(x * period), 4) for x in (0.0, 0.125, 0.5, 1.0)]
+        [1.0, 0.5, -1.0, 1.0]
+    """
+
+    def eval(self, opl: mi.Float) -> mi.Float:
+        """Weight in [-1, 1] of light with the path length `opl` [m]."""
+        return 1.0 - 4.0 * abs(self._turns(opl))
+
+
+# Slots of the period at which each demodulation switches, first on, then off, on, off, ...
+_SWITCHES = {
+    3: ((0, 3), (2, 5), (4, 1)),
+    4: ((5, 11), (2, 8), (0, 3, 7, 10), (4, 6, 9, 1)),
+    5: (
+        (15, 0),
+        (7, 22),
+        (3, 11, 19, 26),
+        (1, 5, 9, 13, 17, 20, 24, 28),
+        (4, 6, 8, 10, 12, 14, 16, 18, 21, 23, 25, 27, 29, 2),
+    ),
+}
+
+
+class HamiltonianCode(_Periodic):
+    """One of the k correlations of a Hamiltonian code: a piecewise-linear function.
+
+    The period is divided into n = 6, 12 or 30 slots for k = 3, 4 or 5. The light is a pulse of one
+    slot, n times the mean power; each of the k demodulations d_i is binary in every slot, and from
+    one slot to the next exactly one of the k switches. So
+
+        m_i(x) = n * integral of d_i from x to x + 1/n
+
+    runs straight from d_i[j] at x = j/n to d_i[j + 1] at x = (j + 1)/n, and the k correlations
+    together walk along edges of the k-dimensional cube, a closed tour of n different corners, all
+    but the all-on and all-off one (k = 4: all but four). A longer curve in the same cube tells more
+    depths apart at the same noise than a cosine's circle does. For k = 3 the demodulations are one
+    square wave, shifted by thirds of the period; for k = 4 and 5 they differ in shape too.
+
+    Source: Gupta, Velten, Nayar and Breitbach, "What Are Optimal Coding Functions for
+    Time-of-Flight Imaging?", ACM Transactions on Graphics 37(2), 2018. The slots for k = 4 and 5
+    are those of ToFSim, a public simulator from the same group. There d_i is 0 or 1, here -1 or 1.
+
+    Args:
+        k: Number of demodulations: 3, 4 or 5.
+        frequency_hz: Repetition frequency f [Hz], from 1e-9 to 1e18.
+        demodulation: Which of them, from 0 to k - 1; `HamiltonianCode.all` makes all k.
+        phase_offset: Phase of the demodulation [rad], any finite number.
+
+    Attributes:
+        k: Number of demodulations.
+        demodulation: Index i.
+        code: d_i in each slot, NumPy array of shape (n,) of -1 and 1.
+
+    Raises:
+        ValueError: `k` is not 3, 4 or 5, `demodulation` is not below k, `frequency_hz` is not a
+            finite number above 0 or out of range, or `phase_offset` is not finite.
+
+    Example:
+        >>> code = HamiltonianCode(3, 20e6)
+        >>> code.code.tolist()
+        [1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
+        >>> slot = 2 * code.get_unambiguous_range() / code.code.size
+        >>> [round(code.eval(x * slot), 3) for x in (0, 2.25, 2.5, 4)]
+        [1.0, 0.5, 0.0, -1.0]
+    """
+
+    def __init__(
+        self, k: int, frequency_hz: float, demodulation: int = 0, phase_offset: float = 0.0
+    ) -> None:
+        self.k = checks.integer("k", k, 3, 5)
+        self.demodulation = checks.integer("demodulation", demodulation, 0, self.k - 1)
+        super().__init__(frequency_hz, phase_offset)
+        switches = _SWITCHES[self.k]
+        slots = sum(len(each) for each in switches)  # One switch a slot
+        self.code = np.full(slots, -1.0)
+        mine = switches[self.demodulation]
+        for on, off in zip(mine[::2], mine[1::2], strict=True):
+            self.code[np.arange(on, off if off > on else off + slots) % slots] = 1.0
+
+    @classmethod
+    def all(cls, k: int, frequency_hz: float) -> list[HamiltonianCode]:
+        """All k correlations of a code, which together tell depths apart.
+
+        Raises:
+            ValueError: `k` or `frequency_hz` is out of range.
+
+        Example:
+            >>> [code.demodulation for code in HamiltonianCode.all(4, 20e6)]
+            [0, 1, 2, 3]
+        """
+        return [cls(k, frequency_hz, i) for i in range(checks.integer("k", k, 3, 5))]
+
+    def eval(self, opl: mi.Float) -> mi.Float:
+        """Weight in [-1, 1] of light with the path length `opl` [m]."""
+        x = self._turns(opl)
+        slot = self.code.size * (x - dr.floor(x))
+        value = float(self.code[0])
+        for j, step in enumerate(np.roll(self.code, -1) - self.code):
+            if step:
+                value = value + float(step) * dr.clip(slot - j, 0.0, 1.0)
+        return value
+
+    def _arguments(self) -> str:
+        return f"k={self.k}, {super()._arguments()}, demodulation={self.demodulation}"
+
+
+# Feedback taps of shift registers with the longest possible period, one for each length
+_TAPS = {
+    2: (2, 1),
+    3: (3, 2),
+    4: (4, 3),
+    5: (5, 3),
+    6: (6, 5),
+    7: (7, 6),
+    8: (8, 6, 5, 4),
+    9: (9, 5),
+    10: (10, 7),
+    11: (11, 9),
+    12: (12, 6, 4, 1),
+    13: (13, 4, 3, 1),
+    14: (14, 5, 3, 1),
+    15: (15, 14),
+    16: (16, 15, 13, 4),
+}
+
+
+class MSequence(_Periodic):
+    """Maximal-length binary sequence of N = 2^n_bits - 1 chips, correlated with itself.
+
+    A linear-feedback shift register of n_bits runs through all its states but 0. The periodic
+    autocorrelation of the +1/-1 sequence is 1 at no shift and -1/N at every other whole chip, and
+    straight in between: a triangle, one chip c/(f N) to each side, on a flat floor:
+
+        m(x) = max(1 - (1 + 1/N) N |x - round(x)|, -1/N)
+
+    Light paths that differ by more than a chip do not mix but for the floor. (Light is not
+    negative: a source of power 1 + s instead of the sequence s adds its mean, 1/N, and the floor is
+    0.) `phase_offset` moves the peak to opl = -phase_offset/(2 pi) c/f: scan it over a period to
+    sample a transient chip by chip.
+
+    Source: Golomb, "Shift Register Sequences", 1967; for time of flight: Kadambi et al., "Coded
+    Time of Flight Cameras", ACM Transactions on Graphics 32(6), 2013.
+
+    Args:
+        n_bits: Length of the register, from 2 to 16.
+        frequency_hz: Frequency f at which the whole sequence repeats [Hz], from 1e-9 to 1e18; chips
+            follow at N f.
+        phase_offset: Phase of the demodulation [rad] of the whole sequence, any finite number.
+
+    Attributes:
+        n_bits: Length of the register.
+        n_chips: N.
+        code: The sequence, NumPy array of shape (N,) of -1 and 1.
+
+    Raises:
+        ValueError: `n_bits` is out of range, `frequency_hz` is not a finite number above 0 or out
+            of range, or `phase_offset` is not finite.
+
+    Example:
+        >>> sequence = MSequence(3, 10e6)
+        >>> sequence.code.tolist()
+        [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0]
+        >>> chip = 2 * sequence.get_unambiguous_range() / sequence.n_chips
+        >>> [round(sequence.eval(x * chip), 4) for x in (0, 0.5, 1, 3)]
+        [1.0, 0.4286, -0.1429, -0.1429]
+    """
+
+    def __init__(self, n_bits: int, frequency_hz: float, phase_offset: float = 0.0) -> None:
+        self.n_bits = checks.integer("n_bits", n_bits, min(_TAPS), max(_TAPS))
+        self.n_chips = 2**self.n_bits - 1
+        super().__init__(frequency_hz, phase_offset)
+
+    @cached_property
+    def code(self) -> np.ndarray:
+        """The sequence, shape (n_chips,), of -1 and 1."""
+        chips = np.empty(self.n_chips)
+        register = self.n_chips  # All ones; any state but 0 gives the same sequence, shifted
+        for i in range(self.n_chips):
+            last = self.n_bits - 1
+            chips[i] = 1.0 if register >> last & 1 else -1.0
+            fed_back = sum(register >> (tap - 1) & 1 for tap in _TAPS[self.n_bits]) & 1
+            register = (register << 1 | fed_back) & self.n_chips
+        return chips
+
+    def eval(self, opl: mi.Float) -> mi.Float:
+        """Weight in [-1/N, 1] of light with the path length `opl` [m]."""
+        slope = self.n_chips + 1.0
+        return dr.maximum(1.0 - slope * abs(self._turns(opl)), -1.0 / self.n_chips)
+
+    def _arguments(self) -> str:
+        return f"n_bits={self.n_bits}, {super()._arguments()}"

@@ -1,0 +1,93 @@
+"""What a phasor says: amplitude, phase and depth, in the convention P = sum L exp(+i 2 pi f opl/c).
+
+All of the package goes by this one: I = Re P, Q = Im P, a later arrival turns the phase forwards.
+"""
+
+# ruff: noqa: E741 (I and Q are what the field calls them)
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..runtime import checks
+from .units import SPEED_OF_LIGHT
+
+
+def phasor_parts(
+    I: Any, Q: Any, frequency_hz: float | Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Amplitude, phase and depth of phasors I + iQ.
+
+    depth = c (phase mod 2 pi) / (4 pi f) is half the path length, wrapped to [0, c / 2f): the
+    distance of a surface where light and camera coincide and all light takes the direct path.
+
+    Args:
+        I: Real part, any shape; for a sequence of frequencies the first axis is theirs.
+        Q: Imaginary part, of the same shape.
+        frequency_hz: Modulation frequency [Hz], above 0, or a sequence of them.
+
+    Returns:
+        (amplitude, phase, depth), float64 of the same shape: amplitude in units of I, phase =
+        atan2(Q, I) in (-pi, pi] [rad], depth [m]. Without light all three are 0.
+
+    Raises:
+        ValueError: Shapes that do not fit, or a frequency that is not finite and above 0.
+
+    Example:
+        >>> amplitude, phase, depth = phasor_parts(0.0, -2.0, 20e6)  # three quarters of a turn
+        >>> bool(np.isclose(depth, 0.75 * SPEED_OF_LIGHT / (2 * 20e6)))
+        True
+    """
+    frequencies, many = check_frequencies(frequency_hz)
+    I, Q = real_array("I", I).astype(np.float64), real_array("Q", Q).astype(np.float64)
+    if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):
+        first = f", {len(frequencies)} frequencies first" if many else ""
+        raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal{first}")
+    phase = np.arctan2(Q, I)
+    phase = np.where(phase <= -math.pi, math.pi, phase)  # of a Q that rounds to -0
+    ranges = SPEED_OF_LIGHT / (2 * np.array(frequencies))
+    ranges = ranges.reshape(-1, *[1] * (I.ndim - 1)) if many else ranges[0]
+    depth = np.mod(phase, 2 * math.pi) / (2 * math.pi) * ranges
+    return np.hypot(I, Q), phase, np.minimum(depth, np.nextafter(ranges, 0))
+
+
+def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[float], bool]:
+    """The frequencies [Hz] that are given as a number or a sequence, and whether as a sequence.
+
+    Raises:
+        ValueError: An empty sequence, or a frequency that is not finite and above 0.
+
+    Example:
+        >>> check_frequencies([20e6, 0])
+        Traceback (most recent call last):
+        ValueError: frequency_hz[1] = 0: must be a finite number of hertz above 0
+    """
+    try:
+        values = None if isinstance(value, str | bytes) else list(value)
+    except TypeError:
+        values = None
+    if values is None:
+        return [checks.metres(name, value, positive=True, unit="hertz")], False
+    if not values:
+        raise ValueError(f"{name} = {value!r}: must hold at least one frequency in hertz")
+    named = [(f"{name}[{index}]", each) for index, each in enumerate(values)]
+    return [checks.metres(n, each, positive=True, unit="hertz") for n, each in named], True
+
+
+def real_array(name: str, values: Any) -> np.ndarray:
+    """Values as an array, which must hold real numbers.
+
+    Raises:
+        ValueError: One line with the name and what the array holds.
+    """
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError):
+        array = np.array(None)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name} of type {type(values).__name__}: must hold real numbers")
+    return array

@@ -1,0 +1,361 @@
+"""Temporal profiles of the light: how the energy of one emission is spread over time.
+
+A pulse is a density over the offset t from its centre, in metres of optical path. It offers
+
+    eval(t)      density p(t) [1/m]
+    cdf(t)       integral of p up to t, which gives exact bin masses as differences
+    sample(xi)   (t, weight) for a uniform xi, with E[weight f(t)] = integral of p f
+    support      (first, last) offset [m] outside of which p is 0 or negligible
+
+All three functions take Dr.Jit floats or numbers, and give back the same kind (`weight` is always
+a Dr.Jit float). `sample` is finite for every xi in [0, 1], both ends included.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Sequence
+from numbers import Real
+from pathlib import Path
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..runtime import checks
+
+MIN_WIDTH = 1e-12
+"""Smallest width of a pulse or a bin [m]; single precision divides by it without overflow."""
+
+
+class Pulse(Protocol):
+    """What every pulse offers; see the module's text."""
+
+    @property
+    def support(self) -> tuple[float, float]: ...  # noqa: D102
+
+    def eval(self, t: mi.Float) -> mi.Float: ...  # noqa: D102
+
+    def cdf(self, t: mi.Float) -> mi.Float: ...  # noqa: D102
+
+    def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]: ...  # noqa: D102
+
+
+def _width(name: str, value: Any) -> float:
+    """Return `value` as a width that single precision can divide by."""
+    width = checks.metres(name, value, positive=True)
+    if not MIN_WIDTH <= width <= checks.MAX_OPL:
+        allowed = f"from {MIN_WIDTH:g} to {checks.MAX_OPL:g} metres"
+        raise ValueError(f"{name} = {value!r}: must be {allowed}")
+    return width
+
+
+def _like(given: Any, result: Any) -> Any:
+    """A number if a number was given, else the Dr.Jit float."""
+    return result[0] if isinstance(given, Real) else result
+
+
+class GaussianPulse:
+    """Normalised Gaussian p(t) = exp(-t^2 / (2 s^2)) / (s sqrt(2 pi)).
+
+    Args:
+        width_opl: Standard deviation s [m], from 1e-12 to 1e12.
+
+    Attributes:
+        width_opl: Standard deviation s [m].
+        normalization: 1 / (s sqrt(2 pi)) [1/m].
+
+    Raises:
+        ValueError: `width_opl` is not a finite number above 0, or out of range.
+
+    Example:
+        >>> pulse = GaussianPulse(width_opl=0.05)
+        >>> round(float(pulse.eval(0.0)), 4)
+        7.9788
+        >>> float(pulse.cdf(0.0))
+        0.5
+    """
+
+    def __init__(self, width_opl: float) -> None:
+        self.width_opl = _width("width_opl", width_opl)
+        self.normalization = 1.0 / (self.width_opl * math.sqrt(2.0 * math.pi))
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Five standard deviations to each side [m]; 6e-7 of the energy lies beyond."""
+        return (-5.0 * self.width_opl, 5.0 * self.width_opl)
+
+    def eval(self, t: mi.Float) -> mi.Float:
+        """Density [1/m] at the offset `t` [m]."""
+        z = t / self.width_opl
+        return self.normalization * dr.exp(-0.5 * z * z)
+
+    def cdf(self, t: mi.Float) -> mi.Float:
+        """Fraction of the energy up to the offset `t` [m]: (1 + erf(t / (s sqrt 2))) / 2."""
+        return 0.5 + 0.5 * dr.erf(t / (self.width_opl * math.sqrt(2.0)))
+
+    def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Offset s sqrt(2) erfinv(2 xi - 1) [m] and its weight, 1.
+
+        erfinv is infinite at both ends, and a 24-bit sampler returns 0 now and then, so `xi` is
+        kept 2^-24 away from 0 and 1: every offset is finite.
+        """
+        edge = 2.0**-24
+        argument = dr.clip(2.0 * xi - 1.0, -1.0 + 2 * edge, 1.0 - 2 * edge)
+        return self.width_opl * math.sqrt(2.0) * dr.erfinv(argument), mi.Float(1.0)
+
+    def __repr__(self) -> str:
+        """Name and width."""
+        return f"GaussianPulse(width_opl={self.width_opl:g})"
+
+
+class BoxPulse:
+    """Constant p(t) = 1 / w over [-w/2, w/2]: a laser that is on for w/c, or a gate that is open.
+
+    Args:
+        width_opl: Full width w [m], from 1e-12 to 1e12.
+
+    Attributes:
+        width_opl: Full width w [m].
+        normalization: 1 / w [1/m].
+
+    Raises:
+        ValueError: `width_opl` is not a finite number above 0, or out of range.
+
+    Example:
+        >>> pulse = BoxPulse(width_opl=0.5)
+        >>> pulse.eval(0.1), pulse.eval(0.3), pulse.cdf(0.125)
+        (2.0, 0.0, 0.75)
+    """
+
+    def __init__(self, width_opl: float) -> None:
+        self.width_opl = _width("width_opl", width_opl)
+        self.normalization = 1.0 / self.width_opl
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Both ends of the box [m]."""
+        return (-0.5 * self.width_opl, 0.5 * self.width_opl)
+
+    def eval(self, t: mi.Float) -> mi.Float:
+        """Density [1/m] at the offset `t` [m]; both ends belong to the box."""
+        return dr.select(dr.abs(t) <= 0.5 * self.width_opl, self.normalization, 0.0)
+
+    def cdf(self, t: mi.Float) -> mi.Float:
+        """Fraction of the energy up to the offset `t` [m]: t / w + 1/2, kept within [0, 1]."""
+        return dr.clip(t / self.width_opl + 0.5, 0.0, 1.0)
+
+    def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Offset w (xi - 1/2) [m] and its weight, 1."""
+        return self.width_opl * (dr.clip(xi, 0.0, 1.0) - 0.5), mi.Float(1.0)
+
+    def __repr__(self) -> str:
+        """Name and width."""
+        return f"BoxPulse(width_opl={self.width_opl:g})"
+
+
+class SampledPulse:
+    """A measured pulse: constant within equal bins, scaled so that its energy is 1.
+
+    Args:
+        values: Relative energy in each bin, shape (n,), none negative, at least one positive.
+        start_opl: Offset at which the first bin starts [m].
+        bin_width_opl: Width of a bin [m], from 1e-12 to 1e12.
+
+    Attributes:
+        density: Normalised density in each bin [1/m], NumPy array of shape (n,).
+
+    Raises:
+        ValueError: There is no value, one is negative or not finite, all are 0, or a length is out
+            of range.
+
+    Example:
+        >>> pulse = SampledPulse([1.0, 3.0], start_opl=0.0, bin_width_opl=0.5)
+        >>> pulse.density.tolist()
+        [0.5, 1.5]
+        >>> pulse.eval(0.75), pulse.cdf(0.5)
+        (1.5, 0.25)
+    """
+
+    def __init__(
+        self, values: Sequence[float] | np.ndarray, start_opl: float, bin_width_opl: float
+    ) -> None:
+        try:
+            energy = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError("values: must be a list of finite numbers, 0 or more") from None
+        if energy.ndim != 1 or energy.size == 0:
+            raise ValueError(f"values: shape {energy.shape}; must be a list of at least one number")
+        if not np.all(np.isfinite(energy)) or np.any(energy < 0):
+            worst = energy[~np.isfinite(energy) | (energy < 0)][0]
+            raise ValueError(f"values: contain {worst:g}; each must be a finite number, 0 or more")
+        if not np.any(energy > 0):
+            raise ValueError("values: all are 0; at least one must be above 0")
+        self.start_opl = checks.metres("start_opl", start_opl)
+        self.bin_width_opl = _width("bin_width_opl", bin_width_opl)
+        energy = energy / energy.max()  # Their sum could overflow
+        mass = energy / energy.sum()
+        self.density = mass / self.bin_width_opl
+        self._cumulative = np.concatenate([[0.0], np.cumsum(mass)])
+        self._cumulative[-1] = 1.0
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> SampledPulse:
+        r"""Read a measured pulse.
+
+        Args:
+            path: A file of one of two kinds.
+                `.npz`: arrays `values` of shape (n,), `start_opl` and `bin_width_opl` [m].
+                `.csv` or `.txt`: a row for each of at least two bins, its centre [m] and its value,
+                evenly spaced to a hundredth of a bin. Commas, semicolons or blanks part the two, a
+                first row may name them, and `#` starts a comment.
+
+        Raises:
+            FileNotFoundError: There is no such file.
+            ValueError: The file is of another kind, or does not hold a pulse; one line with the
+                path and, in a table, the line.
+
+        Example:
+            >>> import tempfile
+            >>> with tempfile.TemporaryDirectory() as folder:
+            ...     path = Path(folder, "laser.csv")
+            ...     _ = path.write_text("opl_m,value\n0.25,1\n0.75,3\n")
+            ...     SampledPulse.from_file(path)
+            SampledPulse(2 values, start_opl=0, bin_width_opl=0.5)
+        """
+        readers = {".npz": _read_npz, ".csv": _read_table, ".txt": _read_table}
+        path = Path(path)
+        where = f"path = {str(path)!r}"
+        if path.suffix.lower() not in readers:
+            raise ValueError(f"{where}: must end in .npz, .csv or .txt")
+        if not path.is_file():
+            raise FileNotFoundError(f"{where}: must be a file that exists")
+        try:
+            return cls(*readers[path.suffix.lower()](path))
+        except OSError as error:
+            raise ValueError(f"{where}: cannot be read, {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise ValueError(f"{where}: must be text in UTF-8") from None
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from None
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Start of the first and end of the last bin [m]."""
+        return (self.start_opl, self.start_opl + self.density.size * self.bin_width_opl)
+
+    def eval(self, t: mi.Float) -> mi.Float:
+        """Density [1/m] at the offset `t` [m]."""
+        position = (mi.Float(t) - self.start_opl) / self.bin_width_opl
+        inside = (position >= 0) & (position < self.density.size)
+        density = dr.gather(mi.Float, mi.Float(self.density), mi.UInt32(position), inside)
+        return _like(t, density)
+
+    def cdf(self, t: mi.Float) -> mi.Float:
+        """Fraction of the energy up to the offset `t` [m]."""
+        n = self.density.size
+        position = dr.clip((mi.Float(t) - self.start_opl) / self.bin_width_opl, 0, n)
+        k = dr.minimum(mi.UInt32(position), n - 1)
+        table = mi.Float(self._cumulative)
+        low, high = dr.gather(mi.Float, table, k), dr.gather(mi.Float, table, k + 1)
+        return _like(t, dr.lerp(low, high, position - k))
+
+    def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Offset [m] by inversion of the cdf, and its weight, 1."""
+        u = dr.clip(mi.Float(xi), 0, 1)
+        table = mi.Float(self._cumulative)
+        last = self.density.size - 1
+        k = dr.binary_search(0, last, lambda i: dr.gather(mi.Float, table, i + 1) <= u)
+        low, high = dr.gather(mi.Float, table, k), dr.gather(mi.Float, table, k + 1)
+        within = dr.clip(dr.select(high > low, (u - low) / (high - low), 0), 0, 1)
+        t = self.start_opl + (k + within) * self.bin_width_opl
+        return _like(xi, t), mi.Float(1.0)
+
+    def __repr__(self) -> str:
+        """Size and place."""
+        return (
+            f"SampledPulse({self.density.size} values, start_opl={self.start_opl:g}, "
+            f"bin_width_opl={self.bin_width_opl:g})"
+        )
+
+
+def _read_npz(path: Path) -> tuple[np.ndarray, float, float]:
+    """Values, start and bin width [m] from arrays of these names."""
+    names = ("values", "start_opl", "bin_width_opl")
+    allowed = f"must be an .npz file with the arrays {', '.join(names)}"
+    try:
+        with zipfile.ZipFile(path) as archive:  # NumPy takes other kinds of file for an .npz too
+            missing = [name for name in names if f"{name}.npy" not in archive.namelist()]
+        if missing:
+            raise ValueError(f"has no {missing[0]}; {allowed}")
+        with np.load(path, allow_pickle=False) as file:
+            values, start, width = (file[name] for name in names)
+    except (zipfile.BadZipFile, zlib.error, EOFError, KeyError):
+        raise ValueError(f"is damaged or of another kind; {allowed}") from None
+    for name, number in (("start_opl", start), ("bin_width_opl", width)):
+        if number.size != 1:
+            raise ValueError(f"{name}: shape {number.shape}; must be one number")
+    return values, start.item(), width.item()
+
+
+def _read_table(path: Path) -> tuple[np.ndarray, float, float]:
+    """Values, start and bin width [m] from rows of a bin's centre and its value."""
+    rows: list[list[float]] = []
+    for line, text in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
+        words = text.partition("#")[0].replace(",", " ").replace(";", " ").split()
+        if not words:
+            continue
+        row = [_number(word) for word in words]
+        numbers = [number for number in row if number is not None]
+        if len(row) == len(numbers) == 2 and math.isfinite(numbers[0]):
+            rows.append(numbers)
+        elif rows or numbers:  # Words alone in the first row are names
+            raise ValueError(f"line {line} = {text[:40]!r}: must be two numbers, opl [m] and value")
+    if len(rows) < 2:
+        raise ValueError(f"has {len(rows)} rows; must have at least two, each opl [m] and value")
+    opl, values = np.array(rows).T
+    step = (opl[-1] - opl[0]) / (opl.size - 1)
+    uneven = np.abs(opl - np.linspace(opl[0], opl[-1], opl.size)) > 0.01 * step
+    if step <= 0 or uneven.any():
+        worst = opl[np.argmax(uneven)] if step > 0 else opl[-1]
+        raise ValueError(f"opl = {worst:g}: opl must rise in even steps, here {step:g} metres")
+    return values, float(opl[0] - 0.5 * step), float(step)
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def convolve(first: Pulse, second: Pulse) -> Pulse:
+    """The pulse of two that act one after the other: a laser's and a detector's, say.
+
+    Two Gaussians give a Gaussian. Anything else is convolved on 4096 samples of its joint support.
+
+    Example:
+        >>> convolve(GaussianPulse(0.03), GaussianPulse(0.04))
+        GaussianPulse(width_opl=0.05)
+    """
+    if isinstance(first, GaussianPulse) and isinstance(second, GaussianPulse):
+        return GaussianPulse(math.hypot(first.width_opl, second.width_opl))
+    low = first.support[0] + second.support[0]
+    step = (first.support[1] + second.support[1] - low) / 4096
+    masses = [_masses(pulse, step) for pulse in (first, second)]
+    # Bins [i, i+1) and [j, j+1) of two densities meet in [i+j, i+j+2), half of the mass in each
+    joint = np.convolve(masses[0], masses[1])
+    joint = 0.5 * (np.append(joint, 0.0) + np.insert(joint, 0, 0.0))
+    return SampledPulse(joint, low, step)
+
+
+def _masses(pulse: Pulse, step: float) -> np.ndarray:
+    """Energy of `pulse` in bins of width `step` [m] that cover its support."""
+    low, high = pulse.support
+    edges = low + step * np.arange(math.ceil((high - low) / step) + 1)
+    values: Any = pulse.cdf(mi.Float(edges))
+    return np.clip(np.diff(np.array(values, dtype=np.float64)), 0.0, None)
