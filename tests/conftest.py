@@ -26,4 +26,6 @@ def mitsubas_steps(monkeypatch):
 
     With it, our pictures are Mitsuba's to float rounding; `test_lengths.py` has what it is for.
     """
-    monkeypatch.setattr(tofrender.paths.walk, "leave", lambda si, d, specular: si.spawn_ray(d))
+    monkeypatch.setattr(
+        tofrender.paths.scattering, "leave", lambda si, d, specular: si.spawn_ray(d)
+    )

@@ -11,9 +11,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from tofrender.integrators.plan import Plan
 from tofrender.paths.camera import sample_camera
 from tofrender.paths.endpoints import SceneLights
-from tofrender.paths.walk import walk
+from tofrender.paths.records import Limits
+from tofrender.paths.scattering import Materials
+from tofrender.paths.space import Vacuum
 from tofrender.sampling.statistics import p_values, smallest_allowed
 
 ALPHA = 1e-3
@@ -178,10 +181,11 @@ class Arrivals:
     def of(cls, lanes: int, slots: int) -> Arrivals:
         return cls(dr.zeros(mi.UInt32, lanes), Store(lanes, slots))
 
-    def add(self, spectrum, opl, active):
+    def add(self, contribution):
+        opl, value = contribution.opl, contribution.spectrum[0]
         index = self.store.lane * self.store.slots + self.count
-        active = active & (self.count < self.store.slots)
-        for name, what in (("opl", opl), ("value", spectrum[0]), ("filled", mi.Float(1))):
+        active = contribution.active & (self.count < self.store.slots)
+        for name, what in (("opl", opl), ("value", value), ("filled", mi.Float(1))):
             dr.scatter(self.store.arrays[name], what, index, active)
         self.count[active] += 1
 
@@ -229,16 +233,10 @@ def follow(
     source.set_samples_per_wavefront(lanes)
     source.seed(seed, lanes)
     record = Arrivals.of(lanes, slots)
-    defaults = {
-        "max_depth": 2,
-        "rr_depth": 5,
-        "origin": None,
-        "unwarp": False,
-        "first_emission": True,
-        "hide_emitters": False,
-        "active": mi.Bool(True),
-    }
-    walk(loaded, source, ray, record, lights(loaded), **defaults | options)
+    origin = options.pop("origin", None)
+    limits = Limits(**{"max_depth": 2} | options)
+    plan = Plan(Vacuum(loaded), lights(loaded), Materials(loaded), limits)
+    plan.trace(source, ray, origin, record)
     arrays = record.store.arrays
     dr.eval(arrays)
     opl, value, filled = (

@@ -24,6 +24,7 @@ from support import (
     with_integrator,
 )
 
+from tofrender.films.contribution import Contribution
 from tofrender.films.deposit import FilmDeposit
 from tofrender.signals.pulses import GaussianPulse
 
@@ -320,7 +321,7 @@ def test_pulse_of_the_table():
     measure = FilmDeposit.into(
         lamp, mi.Point2f(0.5), mi.Color0f(), mi.Spectrum(1), GaussianPulse(0.03)
     )
-    measure.add(mi.Spectrum(1), mi.Float(0.0), mi.Bool(True))
+    measure.add(Contribution(mi.Spectrum(1), mi.Float(0.0), mi.Bool(True)))
     bins = bins_of(lamp)[0, 0, :, 0]
     density = np.exp(-0.5 * (np.arange(-50, 51) * 0.02 / 0.03) ** 2) / (0.03 * np.sqrt(2 * np.pi))
     assert density[50] / (bins[50] / 0.02) == pytest.approx(1.0186, abs=2e-4)

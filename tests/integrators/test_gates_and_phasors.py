@@ -69,7 +69,7 @@ def test_all_gates_are_one_trace():
         target = 3.0 + (k + 0.5) * 0.1
         image = tofrender.render_at_time(loaded, hits, loaded.sensors()[0], target, spp=64)
         np.testing.assert_allclose(cube[:, :, k], image, atol=2e-5 * cube.max())
-    assert float(gated(target_time=5.0).last_opl()[0]) == pytest.approx(5.5)
+    assert float(gated().gate(5.0).closes[0]) == pytest.approx(5.5)
 
 
 @pytest.mark.slow
@@ -327,5 +327,7 @@ def test_render_refuses_integrators_that_do_not_fill_bins(plugin):
 def test_correlations_need_an_ordinary_film():
     loaded = box()
     integrator = mi.load_dict({"type": "amcw_transient_path", "frequency_hz": 2e7}, parallel=False)
-    with pytest.raises(TypeError, match="film: is a transient one; must be an ordinary film"):
+    with pytest.raises(
+        TypeError, match="film = TransientHDRFilm: must be hdrfilm or phasor_hdr_film"
+    ):
         integrator.render(loaded, spp=1)

@@ -31,7 +31,7 @@ from test_confocal import (
     totals,
 )
 
-from tofrender.paths import targets
+from tofrender.paths import guided
 from tofrender.scenes.meshes import bunny_mesh, letter_z_mesh
 
 SEEDS = range(16)
@@ -328,11 +328,12 @@ def test_sampled_points_are_those_that_rays_find(kind, bsdf, plain, flip, monkey
         return np.array(mi.render(loaded, spp=1024, seed=1)[0], dtype=np.float64)
 
     shown = picture()
-    assert loaded.integrator().targets.plain == plain
-    monkeypatch.setattr(targets, "is_plain", lambda shape: False)
+    plan = loaded.integrator().plan(loaded, loaded.sensors()[0])
+    assert plan.scattering.targets.plain == plain
+    monkeypatch.setattr(guided, "is_plain", lambda shape: False)
     assert shown == pytest.approx(picture(), rel=2e-3, abs=1e-6)
 
 
 def test_meshes_with_shading_normals_are_looked_at_by_rays():
     for mesh, plain in ((letter_z_mesh(), True), (bunny_mesh(), False)):
-        assert targets.is_plain(mesh) == plain
+        assert guided.is_plain(mesh) == plain

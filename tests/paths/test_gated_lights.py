@@ -10,7 +10,9 @@ from gallery import SCENES
 from support import agree, over_seeds, with_sampler
 
 import tofrender
-from tofrender.paths.endpoints import GatedLights, PathState, SceneLights
+from tofrender.paths.endpoints import GatedLights, SceneLights
+from tofrender.paths.records import Path, Vertex
+from tofrender.paths.space import Vacuum
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
@@ -76,9 +78,11 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         )
         si.n = mi.Normal3f(0, 1, 0)
         si.sh_frame = mi.Frame3f(si.n)
-        before = dr.zeros(mi.Interaction3f)
-        path = PathState(opl, η, mi.UInt32(0), mi.Bool(False), before, mi.Float(1), mi.Bool(False))
-        em = lights.connect(si, path, sampler, mi.Bool(True))
+        path = Path.start(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, -1, 0)))
+        path.opl, path.η = opl, η
+        vertex = Vertex(si, mi.Float(0), mi.Bool(True))
+        em = lights.connect(vertex, path, sampler, mi.Bool(True))
+        em.weight *= Vacuum(loaded).transmittance(vertex, em, sampler)
         assert dr.all(~em.active | (em.length >= lights.nearest(si.p) - 1e-5))
         cos = dr.maximum(dr.dot(em.direction, si.n), 0)
         value = dr.mean(em.weight) * cos * gate.eval(5.0 - dr.fma(η, em.length, opl))

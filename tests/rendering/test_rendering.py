@@ -19,6 +19,7 @@ from support import area_light, camera, film, grey, plane, point_light, scene, t
 
 import tofrender
 from tofrender.integrators import passes as base
+from tofrender.rendering import renderer
 from tofrender.samplers import padded_sobol
 from tofrender.scenes.settings import SAMPLERS
 
@@ -66,7 +67,7 @@ def no_work(monkeypatch):
     def never(*_):
         raise AssertionError("work has started")
 
-    monkeypatch.setattr(tofrender.TransientPath, "steps", never)
+    monkeypatch.setattr(renderer, "steps", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 
@@ -255,7 +256,7 @@ def test_the_largest_seed():
 def test_many_steps_are_one(monkeypatch, sampler):
     """A render in steps goes on in the same point set, so that steps do not show."""
     counts = []
-    steps = tofrender.TransientPath.steps
+    steps = renderer.steps
 
     def counted(*arguments):
         counts.append(0)
@@ -263,7 +264,7 @@ def test_many_steps_are_one(monkeypatch, sampler):
             counts[-1] += 1
             yield done
 
-    monkeypatch.setattr(tofrender.TransientPath, "steps", counted)
+    monkeypatch.setattr(renderer, "steps", counted)
     whole = render(box(), spp=512, sampler=sampler)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     parts = render(box(), spp=512, sampler=sampler)
@@ -621,13 +622,14 @@ def test_a_film_larger_than_memory():
 _INTERRUPTED = """
 import json, sys, tofrender
 from tofrender.integrators import passes as base
+from tofrender.rendering import renderer
 base.STEP_SAMPLES = 256 * 512  # Steps of some 30 ms
-steps = tofrender.TransientPath.steps
+steps = renderer.steps
 def told(*arguments):
     for done in steps(*arguments):
         print("step", flush=True)
         yield done
-tofrender.TransientPath.steps = told
+renderer.steps = told
 scene = tofrender.cornell_box(width=16, height=16, temporal_bins=120, bin_width_opl=0.25)
 dataset = tofrender.render(scene, spp=1 << 22, progress=False)
 sums = {name: float(dataset[name].sum()) for name in ("steady", "transient")}
@@ -668,7 +670,7 @@ def test_ctrl_c_returns_what_is_finished():
 
 def interrupting(monkeypatch, times: int) -> None:
     """Let SIGINT come `times` times after the second step of a render."""
-    steps = tofrender.TransientPath.steps
+    steps = renderer.steps
 
     def interrupted(*arguments):
         for number, done in enumerate(steps(*arguments)):
@@ -678,7 +680,7 @@ def interrupting(monkeypatch, times: int) -> None:
             yield done
 
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
-    monkeypatch.setattr(tofrender.TransientPath, "steps", interrupted)
+    monkeypatch.setattr(renderer, "steps", interrupted)
 
 
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])

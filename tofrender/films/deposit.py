@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
+from .contribution import Contribution
+
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
@@ -62,10 +64,11 @@ class FilmDeposit:
 
         return cls(mi.UnpolarizedSpectrum(0), put if pulse is None else put_pulse)
 
-    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+    def add(self, contribution: Contribution) -> None:
         """Deposit a contribution."""
+        spectrum, active = contribution.spectrum, contribution.active
         self.total += dr.select(active, spectrum, 0)
-        self.put(spectrum, opl, active)
+        self.put(spectrum, contribution.opl, active)
 
 
 @dr.syntax

@@ -39,3 +39,15 @@ def pixels_of(film: mi.Film) -> dict[str, Any]:
         "sample_border": film.sample_border(),
         "rfilter": film.rfilter(),
     }
+
+
+def time_bins(film: Any) -> tuple[int, float, float] | None:
+    """Number of time bins of a film, start of the first and width [m]; None without bins."""
+    if not hasattr(film, "temporal_bins") or not hasattr(film, "add_transient_data"):
+        return None
+    return int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
+
+
+def developed_shape(film: Any) -> tuple[int, int, int, int] | None:
+    """Shape (height, width, temporal_bins, channels) of what a film's bins develop to, or None."""
+    return getattr(film, "shape", None)

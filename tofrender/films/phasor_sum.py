@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..signals.units import SPEED_OF_LIGHT
+from .contribution import Contribution
 
 
 @dataclass
@@ -36,10 +37,10 @@ class PhasorSum:
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
         return cls(mi.UnpolarizedSpectrum(0), *zeros, turns)
 
-    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+    def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
-        spectrum = dr.select(active, spectrum, 0)
-        opl = dr.select(active, opl, 0)
+        spectrum = dr.select(contribution.active, contribution.spectrum, 0)
+        opl = dr.select(contribution.active, contribution.opl, 0)
         self.total += spectrum
         for k, turns in enumerate(self.turns_per_metre):
             phase = opl * turns

@@ -8,15 +8,19 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..films.exposure import PHASORS, PICTURE, Exposure, Weight
 from ..films.image import image_film, pixels_of
 from ..films.phasor import parse_frequencies
-from ..paths.camera import CameraSample
+from ..films.recording import recording
+from ..films.sums import Weighted
 from ..runtime import plugins
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
+from .own_sample import brings_sample, require_sample, take_by_sample
 from .passes import take
-from .time_gated import Gate
 from .transient_path import TransientPath
+
+NO_MODULATION = "modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))"
 
 
 class AMCWTransientPath(TransientPath):
@@ -78,35 +82,22 @@ class AMCWTransientPath(TransientPath):
         Returns:
             Spectrum, lanes that met a surface, and no AOVs.
         """
-        start = ray.o if origin is None else origin
-        gate, valid = self.trace(
-            scene, sampler, ray, start, self._correlation(), self.lights(scene), active
-        )
-        return mi.Spectrum(gate.total), valid, []
+        weight = self._modulation()
+        origin = ray.o if origin is None else origin
+        plan, measure = self.plan(scene), Weighted.zero(weight)
+        measured, path = plan.trace(sampler, ray, origin, measure, active)
+        return mi.Spectrum(measured.total), path.covered, []
 
-    def prepare(self, film: Any) -> None:
-        """Refuse to render without a modulation; empty the film."""
-        if hasattr(film, "frequencies_hz"):
-            super().prepare(film)
-        elif hasattr(film, "add_transient_data"):
-            raise TypeError(
-                "film: is a transient one; must be an ordinary film or a phasor_hdr_film for "
-                "amcw_transient_path"
-            )
-        else:
-            self._correlation()
-            film.prepare([])
+    def exposure(self) -> Exposure:
+        """The correlation on a picture; phasors of the light's pulse on a film that stores them."""
+        lacks = NO_MODULATION if self.modulation is None else ""
+        weight = None if self.modulation is None else self.modulation.eval
+        return Exposure((PICTURE, PHASORS), self.pulse, weight=weight, lacks=lacks)
 
-    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
-        """The correlation, or the phasors of a film that stores them."""
-        if hasattr(film, "frequencies_hz"):
-            return super().measurement(film, camera, spp)
-        return self._correlation()
-
-    def _correlation(self) -> Gate:
+    def _modulation(self) -> Weight:
         if self.modulation is None:
-            raise ValueError("modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))")
-        return Gate(mi.UnpolarizedSpectrum(0), self.modulation.eval)
+            raise ValueError(NO_MODULATION)
+        return self.modulation.eval
 
 
 def render_single_amcw(
@@ -116,7 +107,8 @@ def render_single_amcw(
 
     Args:
         scene: The scene.
-        integrator: An `AMCWTransientPath` with its modulation set.
+        integrator: An `AMCWTransientPath` with its modulation set, or any object with a
+            `sample(scene, sampler, ray)` of its own, which is then asked.
         sensor: The camera; its film says size, crop and filter.
         spp: Samples per pixel.
         seed: Seed of the random numbers; the same seed gives the same paths, whatever is set.
@@ -133,7 +125,13 @@ def render_single_amcw(
         (16, 16, 3)
     """
     film = image_film(sensor.film())
-    take(scene, integrator, sensor, film, spp, seed)
+    if brings_sample(integrator):
+        require_sample(integrator, "sample(scene, sampler, ray)")
+        record = recording(film, Exposure(onto=(PICTURE,)))
+        take_by_sample(integrator, scene, record, sensor, spp, seed)
+    else:
+        record = integrator.recording(film)
+        take(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
     return np.array(film.develop())
 
 
@@ -182,7 +180,7 @@ def render_amcw_phasor(
     )
     plugin = {"type": plugins.own_name("amcw_transient_path")}
     tracer = mi.load_dict(plugin) if integrator is None else integrator
-    take(scene, tracer, sensor, film, spp, seed)
+    take(tracer.plan(scene, sensor), tracer.recording(film), sensor, spp, seed)
     phasors = np.array(film.develop()[1])
     height, width = phasors.shape[:2]
     parts = phasors.reshape(height, width, len(frequencies), 2, -1)

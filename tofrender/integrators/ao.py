@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mitsuba as mi
 
 from ..paths.endpoints import OpenSky
@@ -28,6 +26,6 @@ class AmbientOcclusion(FirstSurface):
         1
     """
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> OpenSky:
         """The sky."""
-        return OpenSky(scene, sensor)
+        return OpenSky(scene, sensor, self.hide_emitters)

@@ -1,4 +1,4 @@
-"""What all integrators of this package share: parameters, paths, and rendering."""
+"""What all integrators of this package share: parameters, plans, and rendering."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
-from ..paths.camera import CameraSample, behind_emitters, sample_camera
+from ..films.exposure import Exposure, Weight
+from ..films.recording import Recording, recording
+from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
-from ..paths.targets import Targets
-from ..paths.walk import Radiance, walk
-from ..runtime import backend, checks, memory
-from . import passes
-from .passes import image_channels, to_rgb
+from ..paths.protocols import Endpoint, Scattering
+from ..paths.records import Limits
+from ..paths.scattering import Materials
+from ..paths.space import Vacuum
+from ..runtime import checks
+from .own_sample import brings_sample, by_sample
+from .passes import expose, steps
+from .plan import Plan
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
@@ -23,8 +28,8 @@ if TYPE_CHECKING:
 class TransientIntegrator(mi.SamplingIntegrator):
     """Base of the integrators that know how long each path is.
 
-    A subclass says what is measured along a path, in `measurement`; its `total` is the colour of
-    the film's image.
+    A subclass says how light counts on a film, in `exposure`, and what paths are like, in
+    `endpoint`, `scattering` and `limits`, of which `plan` is made. It keeps parameters only.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -62,78 +67,43 @@ class TransientIntegrator(mi.SamplingIntegrator):
     needs_lights = True
     """Whether a scene without emitters would be black."""
 
-    material: mi.BSDF | None = None
-    """What all surfaces are made of, None if each of its own."""
-
-    targets: Targets | None = None
-    """Surfaces that paths are sent to on purpose."""
-
     pulse: Pulse | None = None
     temporal_filter: str = "box"
 
-    def temporal_profile(self, film: Any) -> Any:
-        """The pulse that each contribution is spread by, None for an instant.
+    def exposure(self) -> Exposure:
+        """How light counts on a film."""
+        return Exposure(pulse=self.pulse)
 
-        Raises:
-            ValueError: This film or filter cannot be used; one line.
-        """
-        return self.pulse
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
+        """What paths connect to."""
+        return self.emitters(SceneLights if self.emitter_sampling else EmitterHits, scene, sensor)
 
-    def prepare(self, film: Any) -> None:
-        """Make the film ready, or refuse it.
+    def scattering(self, scene: mi.Scene) -> Scattering:
+        """How paths go on."""
+        return Materials(scene)
 
-        Raises:
-            TypeError: The film is of the wrong kind; one line with its type and what is allowed.
-        """
-        film.prepare([])
+    def limits(self, last_opl: Any = None) -> Limits:
+        """Which paths count; `last_opl` [m] is the greatest length that does, None if all do."""
+        return Limits(self.max_depth, self.rr_depth, last_opl, self.camera_unwarp)
 
-    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
-        """What is done with the light of camera rays; by default it is summed."""
-        return Radiance.zero()
-
-    def colour(self, camera: CameraSample, spectrum: Any) -> mi.Color3f:
-        """Colour of light that came along camera rays."""
-        return to_rgb(spectrum * camera.weight, camera.ray.wavelengths)
-
-    def extra_channels(self, film: Any, camera: CameraSample, measured: Any) -> list[mi.Float]:
-        """What of a measurement goes to the image of the film behind the colour of `total`."""
-        return []
+    def emitters(self, kind: Any, scene: mi.Scene, sensor: mi.Sensor | None, *more: Any) -> Any:
+        """An endpoint of the scene's emitters that shows those which the sensor shall see."""
+        return kind(scene, sensor, *more, self.hide_emitters, self.discard_direct_light)
 
     # ------------------------------------------------------------------------- paths
 
-    def longest_path(self, lights: Any) -> int:
-        """Segments of the longest path that counts, -1 without limit."""
-        return self.max_depth
+    def plan(
+        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
+    ) -> Plan:
+        """What is done with the rays of a sensor.
 
-    def last_opl(self) -> Any:
-        """Length beyond which paths count for nothing [m], None if all count."""
-        return None
-
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
-        """What paths connect to."""
-        return (SceneLights if self.emitter_sampling else EmitterHits)(scene, sensor)
-
-    def trace(self, scene, sampler, ray, origin, measurement, lights, active=True, last_opl=None):
-        """Follow camera rays; returns the measurement and the lanes that met a surface."""
-        if self.hide_emitters:
-            ray = behind_emitters(scene, ray)
-        return walk(
-            scene,
-            sampler,
-            ray,
-            measurement,
-            lights,
-            max_depth=self.longest_path(lights),
-            rr_depth=self.rr_depth,
-            origin=origin,
-            unwarp=self.camera_unwarp,
-            first_emission=not self.discard_direct_light,
-            hide_emitters=self.hide_emitters,
-            active=active,
-            last_opl=last_opl,
-            material=self.material,
-            targets=self.targets,
-        )
+        Args:
+            scene: The scene.
+            sensor: The sensor, None where only rays are known.
+            weight: What light counts by its length where nothing else of it matters.
+        """
+        endpoint, scattering = self.endpoint(scene, sensor), self.scattering(scene)
+        return Plan(Vacuum(scene), endpoint, scattering, self.limits())
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.
@@ -141,10 +111,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
         Returns:
             Spectrum, lanes that met a surface, and no AOVs.
         """
-        radiance, valid = self.trace(
-            scene, sampler, ray, ray.o, Radiance.zero(), self.lights(scene), active
-        )
-        return mi.Spectrum(radiance.total), valid, []
+        plan = self.plan(scene)
+        radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), active)
+        return mi.Spectrum(radiance.total), path.covered, []
 
     # --------------------------------------------------------------------- rendering
 
@@ -166,10 +135,11 @@ class TransientIntegrator(mi.SamplingIntegrator):
         film, sampler = sensor.film(), sensor.sampler().clone()
         if spp:
             sampler.set_sample_count(spp)
-        if develop and hasattr(film, "shape"):  # The bins, and the tensor that is returned
-            memory.require_film(*film.shape, 1 + film.shape[3] / memory.stride(film.shape[3]))
+        record = self.recording(film)
+        if develop:
+            record.require_memory()
         with dr.suspend_grad():
-            for _ in self.steps(scene, sensor, film, sampler, seed):
+            for _ in self.steps(scene, sensor, record, sampler, seed):
                 pass
             return film.develop() if develop else None
 
@@ -179,50 +149,27 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     render_backward = render_forward
 
+    def recording(self, film: Any) -> Recording:
+        """How this integrator's light is recorded on a film.
+
+        Raises:
+            TypeError: The film is of the wrong kind; one line.
+            ValueError: The film and the integrator's parameters do not fit; one line.
+        """
+        return recording(film, self.exposure())
+
     def steps(
         self,
         scene: mi.Scene,
         sensor: mi.Sensor,
-        film: Any,
+        record: Recording,
         sampler: mi.Sampler,
         seed: Any,
         first: int = 0,
     ) -> Iterator[int]:
-        """Render in steps of about a second, all from one point set.
-
-        Args:
-            scene: The scene.
-            sensor: The camera.
-            film: A film of the same size as the sensor's; it is emptied first.
-            sampler: Its `sample_count` is the number of samples per pixel.
-            seed: Seed of the random numbers.
-            first: As in `passes.steps`.
-
-        Yields:
-            Samples per pixel that the film holds so far.
-
-        Raises:
-            BackendError: The active variant cannot render in time.
-            TypeError: The film is of the wrong kind.
-            ValueError: The film and the integrator's parameters do not fit.
-            MemoryError: The film does not fit.
-        """
-        backend.require_vectorised()
-        if sensor.class_name() == "BatchSensor":
-            raise ValueError(
-                "sensor: is a batch of sensors; must be one, e.g. a perspective camera"
-            )
-        self.prepare(film)
-        lights, last_opl = self.lights(scene, sensor), self.last_opl()
-        spp = sampler.sample_count()
-
-        def shot(pixel):
-            camera = sample_camera(sensor, film, sampler, pixel)
-            measured = self.measurement(film, camera, spp)
-            measured, covered = self.trace(
-                scene, sampler, camera.ray, camera.origin, measured, lights, last_opl=last_opl
-            )
-            colour = image_channels(film, self.colour(camera, measured.total), covered)
-            return camera.position, colour, self.extra_channels(film, camera, measured)
-
-        yield from passes.steps(film, sampler, seed, first, shot)
+        """Render in steps of about a second, see `passes.steps`."""
+        if brings_sample(self):
+            follow = by_sample(self, scene, record)
+            return expose(follow, record, sensor, sampler, seed, first)
+        plan = self.plan(scene, sensor, record.weight)
+        return steps(plan, record, sensor, sampler, seed, first)

@@ -6,6 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..paths.scattering import Materials
 from .path_tracer import PathTracer
 
 WHITE = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 1.0}}
@@ -15,9 +16,8 @@ class FirstSurface(PathTracer):
     """Direct light of what is seen, as if it were white and diffuse: f cos = cos / pi.
 
     Surfaces are lit on the side that is seen. The scene's own lights and materials make no
-    difference. A subclass says in `lights` where the
-    light comes from. Takes `hide_emitters`, `camera_unwarp`, and for films with time what
-    `TransientPath` takes.
+    difference. A subclass says in `endpoint` where the light comes from. Takes `hide_emitters`,
+    `camera_unwarp`, and for films with time what `TransientPath` takes.
     """
 
     needs_lights = False  # Of the scene
@@ -30,3 +30,7 @@ class FirstSurface(PathTracer):
         super().__init__(props)
         white: Any = mi.load_dict(WHITE)
         self.material = white
+
+    def scattering(self, scene: mi.Scene) -> Materials:
+        """White surfaces."""
+        return Materials(scene, self.material)

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 
 from ..films.cells import MAX_ADDED
-from ..paths.camera import pixel_corner, sampled_size
-from ..runtime import checks, plugins
+from ..films.recording import Recording
+from ..paths.camera import CameraSample, pixel_corner, sample_camera, sampled_size
+from ..runtime import backend, checks, plugins
 from ..samplers.padded_sobol import mix
+from .plan import Plan
 
 STEP_SAMPLES = 1 << 22
 """Camera rays of one kernel launch: about a second's work on two cores."""
@@ -31,31 +33,75 @@ PRIVATE_LANES = 4
 LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 """Samplers that can go on to their next sample within a symbolic loop."""
 
-Shot = Callable[[mi.UInt32], tuple[mi.Point2f, list[mi.Float], list[mi.Float]]]
-"""Takes a sample of each of some pixels: its film position, its colour (and coverage), the rest."""
+
+class Shot(NamedTuple):
+    """A sample of each of some pixels.
+
+    Attributes:
+        position: Where it lands on the film [pixels].
+        colour: Channels of the picture before its weight.
+        rest: Channels behind it.
+        not_finite: Contributions that were left out.
+    """
+
+    position: mi.Point2f
+    colour: list[mi.Float]
+    rest: list[mi.Float]
+    not_finite: mi.UInt32
 
 
-def steps(film: Any, sampler: mi.Sampler, seed: Any, first: int, shot: Shot) -> Iterator[int]:
-    """Take all samples, in steps of about a second and from one point set.
+Follow = Callable[[mi.Sampler, CameraSample, Any], tuple[Any, mi.Bool, mi.UInt32]]
+"""Follows camera rays with a measurement: gives it, lanes that met a surface, what was left out."""
+
+
+def steps(
+    plan: Plan, record: Recording, sensor: mi.Sensor, sampler: mi.Sampler, seed: Any, first: int = 0
+) -> Iterator[int]:
+    """Carry out a plan in steps of about a second, all from one point set.
 
     Args:
-        film: A prepared film. A transient one has its image in `film.steady`.
+        plan: What is done with camera rays.
+        record: The film and how light counts on it; the film is emptied first.
+        sensor: The camera, of the film's size.
         sampler: Its `sample_count` is the number of samples per pixel.
         seed: Seed of the random numbers.
         first: Number of samples per pixel that an earlier render with this seed has taken.
             `padded_sobol` goes on in the same point set, other samplers start another one.
-        shot: Takes a sample; its values go to the channels of the film's image.
 
     Yields:
         Samples per pixel that the film holds so far.
+
+    Raises:
+        BackendError: The active variant cannot render in time.
+        ValueError: The sensor is several.
+        MemoryError: The film does not fit.
     """
+
+    def follow(sampler: mi.Sampler, camera: CameraSample, measurement: Any) -> Any:
+        measured, path = plan.trace(sampler, camera.ray, camera.origin, measurement)
+        return measured, path.covered, path.not_finite
+
+    return expose(follow, record, sensor, sampler, seed, first)
+
+
+def expose(
+    follow: Follow,
+    record: Recording,
+    sensor: mi.Sensor,
+    sampler: mi.Sampler,
+    seed: Any,
+    first: int = 0,
+) -> Iterator[int]:
+    """As `steps`, with any way to follow camera rays."""
+    backend.require_vectorised()
+    if sensor.class_name() == "BatchSensor":
+        raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
+    record.prepare()
+    film = record.film
     width, height = sampled_size(film)
     spp = sampler.sample_count()
-    lanes, per_step, private = _plan(sampler, width * height, spp)
-    has_cells = hasattr(film, "add_transient_data")
-    if has_cells:
-        film.samples_per_pixel = spp
-        film.one_writer_per_pixel = private and film.rfilter().is_box_filter()
+    lanes, per_step, private = _lanes(sampler, width * height, spp)
+    record.begin(spp, private)
     sampler.set_samples_per_wavefront(lanes)
     skip = getattr(sampler, "skip", None)
     if first and skip is None:  # Other points, by another seed
@@ -64,21 +110,28 @@ def steps(film: Any, sampler: mi.Sampler, seed: Any, first: int, shot: Shot) -> 
     if first and skip is not None:
         skip(first)
 
+    def shot(pixel: mi.UInt32) -> Shot:
+        camera = sample_camera(sensor, film, sampler, pixel)
+        measured, covered, not_finite = follow(sampler, camera, record.measurement(camera, spp))
+        return Shot(camera.position, *record.channels(camera, measured, covered), not_finite)
+
     done = folded = 0
     while done < spp:
         count = min(per_step, (spp - done) // lanes)
         lane = dr.arange(mi.UInt32, width * height * lanes)
-        _step(film, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count)
+        record.not_finite += _step(
+            record, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count
+        )
         done += count * lanes
-        if has_cells:
-            film.partial = done < spp
-        if spp > done >= folded + MAX_ADDED and hasattr(film, "fold"):
-            film.fold()
+        record.reach(done, spp)
+        if spp > done >= folded + MAX_ADDED:
+            record.fold()
             folded = done
         yield done
+    record.report()
 
 
-def _plan(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
+def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
     """Lanes per pixel, samples that each lane takes in a step, and whether pixels are private."""
     most = max(1, min(STEP_SAMPLES // pixels, MAX_ADDED))
     if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
@@ -99,35 +152,45 @@ def _divisor(number: int, bound: int) -> int:
 
 
 @dr.syntax
-def _step(film, sampler, shot, pixel, count):
-    """Take `count` samples in every lane, one after the other, and evaluate the film."""
-    image = getattr(film, "steady", film)
+def _step(record, sampler, shot, pixel, count):
+    """Take `count` samples in every lane, one after the other, and evaluate the film.
+
+    Returns:
+        Number of contributions that were left out.
+    """
+    image = record.image
     block = image.create_block()
     left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
+    not_finite = mi.UInt32(0)
     if dr.hint(count == 1, mode="scalar"):
-        position, colour, rest = shot(pixel)
+        position, colour, rest, odd = shot(pixel)
         block.put(position, [*colour, mi.Float(1), *rest])
+        not_finite += odd
         sampler.advance()
-    elif dr.hint(film.rfilter().is_box_filter(), mode="scalar"):
+    elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
+        n = _colour_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
-            _, colour, rest = shot(pixel)
+            _, colour, rest, odd = shot(pixel)
             sums = _added(sums, [*colour, *rest])
+            not_finite += odd
             sampler.advance()
             left -= 1
-        n = _colour_count(image)
-        block.put(pixel_corner(film, pixel), [*sums[:n], mi.Float(count), *sums[n:]])
+        block.put(pixel_corner(record.film, pixel), [*sums[:n], mi.Float(count), *sums[n:]])
     else:
         while left > 0:
-            position, colour, rest = shot(pixel)
+            position, colour, rest, odd = shot(pixel)
             block.put(position, [*colour, mi.Float(1), *rest])
+            not_finite += odd
             sampler.advance()
             left -= 1
     image.put_block(block)
     sampler.schedule_state()
     image.schedule_storage()
+    dr.schedule(not_finite)
     dr.eval()
     dr.sync_thread()
+    return int(dr.sum(mi.UInt64(not_finite))[0])
 
 
 def _colour_count(image: mi.Film) -> int:
@@ -139,33 +202,22 @@ def _added(sums: list[mi.Float], values: list[mi.Float]) -> list[mi.Float]:
     return [total + value for total, value in zip(sums, values, strict=True)]
 
 
-def image_channels(film: Any, colour: mi.Color3f, covered: mi.Bool) -> list[mi.Float]:
-    """A colour as the channels of a film's image, coverage included if it has alpha."""
-    channels = [colour.x, colour.y, colour.z]
-    if _colour_count(getattr(film, "steady", film)) == 4:
-        channels.append(dr.select(covered, mi.Float(1), mi.Float(0)))
-    return channels
+def best_sampler(spp: Any) -> mi.Sampler:
+    """The sampler that leaves the least noise.
+
+    Raises:
+        ValueError: `spp` is out of range; one line.
+    """
+    count = checks.integer("spp", spp, 1, checks.MAX_SPP)
+    return mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
 
 
-def to_rgb(spectrum: Any, wavelengths: Any) -> mi.Color3f:
-    """Colour of a spectrum, in whatever way the variant stores it."""
-    if mi.is_monochromatic:
-        return mi.Color3f(spectrum[0])
-    if mi.is_spectral:
-        return mi.spectrum_to_srgb(spectrum, wavelengths)
-    return mi.Color3f(spectrum)
-
-
-def take(
-    scene: mi.Scene, integrator: Any, sensor: mi.Sensor, film: Any, spp: int, seed: int
-) -> None:
-    """Render into a film, with the sampler that leaves the least noise.
+def take(plan: Plan, record: Recording, sensor: mi.Sensor, spp: Any, seed: Any) -> None:
+    """Carry out a plan from start to end.
 
     Raises:
         ValueError: `spp` or `seed` is out of range; one line.
     """
-    count = checks.integer("spp", spp, 1, checks.MAX_SPP)
-    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-    sampler = mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
-    for _ in integrator.steps(scene, sensor, film, sampler, seed):
+    sampler = best_sampler(spp)
+    for _ in steps(plan, record, sensor, sampler, checks.integer("seed", seed, 0, checks.MAX_SEED)):
         pass

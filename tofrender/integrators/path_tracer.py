@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import mitsuba as mi
 
-from ..paths.camera import CameraSample
-from ..paths.walk import Radiance
+from ..films.exposure import BINS, PHASORS, PICTURE, Exposure
 from ..runtime import checks
-from .base import TransientIntegrator
 from .transient_path import TransientPath
 
 
 class PathTracer(TransientPath):
     """A path tracer for both kinds of films: pictures (`hdrfilm`), and bins (`transient_hdr_film`).
 
-    A subclass says in `lights` how light is found, and nothing else. It takes the parameters of
+    A subclass says in `endpoint` how light is found, and nothing else. It takes the parameters of
     `TransientPath`, and instead of `max_depth`
 
     | parameter | default | meaning |
@@ -46,18 +44,6 @@ class PathTracer(TransientPath):
         """Surfaces on the longest path, -1 if unlimited."""
         return self.max_depth - 1 if self.max_depth > 0 else -1
 
-    def prepare(self, film: Any) -> None:
-        """Make the film ready, whatever it is."""
-        if has_time(film):
-            super().prepare(film)
-        else:
-            TransientIntegrator.prepare(self, film)
-
-    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
-        """Deposits in the film's bins if it has them; the sum of all light if not."""
-        return super().measurement(film, camera, spp) if has_time(film) else Radiance.zero()
-
-
-def has_time(film: Any) -> bool:
-    """Whether a film stores when light arrives."""
-    return hasattr(film, "add_transient_data") or hasattr(film, "frequencies_hz")
+    def exposure(self) -> Exposure:
+        """As for films with time; on a picture all light counts."""
+        return replace(super().exposure(), onto=(BINS, PHASORS, PICTURE))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..paths.endpoints import EmitterHits, SceneLights
+from ..paths.endpoints import EmitterHits
 from .path_tracer import PathTracer
 
 
@@ -25,6 +25,6 @@ class PathTracerMats(PathTracer):
         1
     """
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> EmitterHits:
         """Lights are where paths run into them."""
-        return EmitterHits(scene, sensor)
+        return self.emitters(EmitterHits, scene, sensor)

@@ -35,6 +35,6 @@ class PathTracerMIS(PathTracer):
         self.technique = checks.one_of("technique", name, TECHNIQUES)
         super().__init__(props)
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights:
         """Lights are found by both techniques."""
-        return TECHNIQUES[self.technique](scene, sensor)
+        return self.emitters(TECHNIQUES[self.technique], scene, sensor)

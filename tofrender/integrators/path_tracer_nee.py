@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..paths.endpoints import ConnectionsOnly, SceneLights
+from ..paths.endpoints import ConnectionsOnly
 from .path_tracer import PathTracer
 
 
@@ -26,6 +26,6 @@ class PathTracerNEE(PathTracer):
         5
     """
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> ConnectionsOnly:
         """Lights are found by connections."""
-        return ConnectionsOnly(scene, sensor)
+        return self.emitters(ConnectionsOnly, scene, sensor)

@@ -47,9 +47,9 @@ class Simple(FirstSurface):
         emitter: Any = mi.load_dict(light)
         self.emitter = emitter
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> PointSource:
         """The integrator's own light."""
-        return PointSource(scene, self.emitter)
+        return PointSource(scene, self.emitter, self.hide_emitters)
 
 
 def _point(name: str, value: Any) -> list[float]:

@@ -3,41 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.deposit import FilmDeposit, open_gates
+from ..films.exposure import BINS, PICTURE, Exposure, Weight
 from ..films.image import image_film, transient_film
-from ..paths.camera import CameraSample
-from ..paths.endpoints import GatedLights, SceneLights
-from ..paths.walk import transmits
+from ..films.recording import recording
+from ..films.sums import Weighted
+from ..paths.endpoints import GatedLights
+from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
+from .own_sample import brings_sample, require_sample, take_by_sample
 from .passes import take
+from .plan import Plan
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
+NO_TARGET = "target_time = None: must be the gate's path length in metres"
+CALL = "sample(scene, sampler, ray, target_time)"
 
 
-@dataclass
 class Gate:
-    """A measurement: light that arrives around one path length, weighted by a pulse.
+    """The weight of light by its length: a pulse seen at one instant.
+
+    Args:
+        pulse: The light's pulse; needs `eval`.
+        target_time: Path length of the gate [m].
 
     Attributes:
-        total: Radiance per metre at the gate, of type `mi.UnpolarizedSpectrum`.
-        weight: Takes a path length [m], gives its weight [1/m].
+        closes: Length beyond which the weight is 0 [m], None if the pulse does not say.
     """
 
-    total: Any
-    weight: Any
+    def __init__(self, pulse: Any, target_time: Any) -> None:
+        self.pulse, self.target_time = pulse, target_time
+        support = getattr(pulse, "support", None)
+        self.closes = None if support is None else target_time - support[0]
 
-    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-        """Add a contribution."""
-        self.total += dr.select(active, spectrum * self.weight(opl), 0)
+    def __call__(self, opl: mi.Float) -> mi.Float:
+        """Density of the pulse at the gate [1/m]."""
+        return self.pulse.eval(self.target_time - opl)
 
 
 class TimeGatedTransientPath(TransientIntegrator):
@@ -70,7 +78,6 @@ class TimeGatedTransientPath(TransientIntegrator):
         self.pulse: Pulse = GaussianPulse(width)
         target = props.get("target_time", None)
         self.target_time = None if target is None else checks.metres("target_time", target)
-        self._gates = False
 
     def sample(self, scene, sampler, ray, target_time=None, medium=None, active=True, origin=None):
         """Radiance per metre along rays at one instant.
@@ -88,47 +95,44 @@ class TimeGatedTransientPath(TransientIntegrator):
         Returns:
             Spectrum [1/m], lanes that met a surface, and no AOVs.
         """
-        target = self.target_time if target_time is None else target_time
-        origin, gate = ray.o if origin is None else origin, self._gate(target)
-        lights, closed = self._lights(scene, None, target), mi.Float(target) - self.pulse.support[0]
-        gate, valid = self.trace(scene, sampler, ray, origin, gate, lights, active, last_opl=closed)
-        return mi.Spectrum(gate.total), valid, []
+        gate = self.gate(self.target_time if target_time is None else target_time)
+        origin = ray.o if origin is None else origin
+        plan, measure = self.plan(scene, None, gate), Weighted.zero(gate)
+        measured, path = plan.trace(sampler, ray, origin, measure, active)
+        return mi.Spectrum(measured.total), path.covered, []
 
-    def _gate(self, target_time: Any) -> Gate:
+    def gate(self, target_time: Any) -> Gate:
+        """The gate at a path length [m].
+
+        Raises:
+            ValueError: There is none; one line.
+        """
         if target_time is None:
-            raise ValueError("target_time = None: must be the gate's path length in metres")
-        return Gate(mi.UnpolarizedSpectrum(0), lambda opl: self.pulse.eval(target_time - opl))
+            raise ValueError(NO_TARGET)
+        return Gate(self.pulse, dr.opaque(mi.Float, target_time))
 
-    def _lights(self, scene: mi.Scene, sensor: mi.Sensor | None, target_time: Any) -> SceneLights:
-        """For a single gate, connections that look for light of its length."""
-        rough_glass = transmits(scene, mi.BSDFFlags.GlossyTransmission)
-        if self._gates or rough_glass or not self.emitter_sampling:
-            return super().lights(scene, sensor)
-        return GatedLights(scene, sensor, self._gate(target_time).weight)
+    def exposure(self, target_time: Any = None) -> Exposure:
+        """One gate on a picture, by default the stored one; a gate at the centre of every bin."""
+        target = self.target_time if target_time is None else target_time
+        return Exposure(
+            onto=(BINS, PICTURE),
+            pulse=self.pulse,
+            at_centres=True,
+            weight=None if target is None else self.gate(target),
+            lacks=NO_TARGET if target is None else "",
+        )
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> SceneLights:
-        """As for every integrator; those of a single gate look for light of its length."""
-        return self._lights(scene, sensor, dr.opaque(mi.Float, self.target_time or 0.0))
-
-    def prepare(self, film: Any) -> None:
-        """Refuse to render without a target time; empty the film."""
-        self._gates = hasattr(film, "add_transient_data")
-        if not self._gates:
-            self._gate(self.target_time)
-        super().prepare(film)
-
-    def last_opl(self) -> Any:
-        """Where a single gate closes [m]."""
-        if self._gates or self.target_time is None:
-            return None
-        return dr.opaque(mi.Float, self.target_time - self.pulse.support[0])
-
-    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
-        """One gate, or on a film with time a gate at the centre of every bin."""
-        if not self._gates:
-            return self._gate(dr.opaque(mi.Float, self.target_time))
-        wavelengths, weight = camera.ray.wavelengths, camera.weight / spp
-        return FilmDeposit.into(film, camera.position, wavelengths, weight, self.pulse, open_gates)
+    def plan(
+        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
+    ) -> Plan:
+        """For a single gate, connections that look for light of its length, and an early end."""
+        plan = super().plan(scene, sensor)
+        if weight is None:
+            return plan
+        plan.limits = self.limits(getattr(weight, "closes", None))
+        if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
+            plan.endpoint = self.emitters(GatedLights, scene, sensor, weight)
+        return plan
 
     def to_string(self) -> str:
         """The integrator's parameters."""
@@ -149,7 +153,8 @@ def render_at_time(
 
     Args:
         scene: The scene.
-        integrator: A `TimeGatedTransientPath`.
+        integrator: A `TimeGatedTransientPath`, or any object with a
+            `sample(scene, sampler, ray, target_time)` of its own, which is then asked.
         sensor: The camera; its film says size, crop and filter.
         target_time: Path length of the gate [m], 0 or more.
         spp: Samples per pixel.
@@ -160,6 +165,7 @@ def render_at_time(
 
     Raises:
         ValueError: An argument is out of range; one line.
+        TypeError: The integrator has no `sample`; one line.
 
     Example:
         >>> import tofrender
@@ -172,11 +178,13 @@ def render_at_time(
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
     film = image_film(sensor.film())
-    stored, integrator.target_time = integrator.target_time, target
-    try:
-        take(scene, integrator, sensor, film, spp, seed)
-    finally:
-        integrator.target_time = stored
+    if brings_sample(integrator):
+        require_sample(integrator, CALL)
+        record = recording(film, Exposure(onto=(PICTURE,)))
+        take_by_sample(integrator, scene, record, sensor, spp, seed, dr.opaque(mi.Float, target))
+    else:
+        record = recording(film, integrator.exposure(target))
+        take(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
     return np.array(film.develop())
 
 
@@ -222,6 +230,12 @@ def render_transient(
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
     start = checks.metres("start_opl", film_config["start_opl"])
     width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)
+    if brings_sample(integrator):
+        raise TypeError(
+            f"integrator = {type(integrator).__name__}: has a sample of its own, which sees one "
+            "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
+        )
     film = transient_film(sensor.film(), bins, start, width)
-    take(scene, integrator, sensor, film, spp, seed)
+    record = recording(film, integrator.exposure())
+    take(integrator.plan(scene, sensor), record, sensor, spp, seed)
     return film.take()[1]

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
-
 import mitsuba as mi
-import numpy as np
 
-from ..films.deposit import FilmDeposit
-from ..films.phasor_sum import PhasorSum
-from ..paths.camera import CameraSample
+from ..films.exposure import BINS, PHASORS, Exposure
 from ..runtime import checks
-from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
+from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 
 TEMPORAL_FILTERS = ("", "box", "gaussian")
@@ -52,7 +46,6 @@ class TransientPath(TransientIntegrator):
         self.gaussian_stddev = checks.metres("gaussian_stddev", bins, positive=True, unit="bins")
         width = props.get("pulse_width_opl", None)
         self._pulse: Pulse | None = None
-        self._profile: Pulse | None = None
         if width is not None:
             self._pulse = GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
 
@@ -71,56 +64,9 @@ class TransientPath(TransientIntegrator):
             raise TypeError(f"pulse = {pulse!r}: must be a pulse like GaussianPulse(0.03), or None")
         self._pulse = pulse
 
-    def temporal_profile(self, film: Any) -> Pulse | None:
-        """The light's pulse, seen through the temporal filter."""
-        blur = self._filter(film)
-        if self.pulse is None or blur is None:
-            return self.pulse or blur
-        return convolve(self.pulse, blur)
-
-    def prepare(self, film: Any) -> None:
-        """Refuse a film without time, and filters that do not fit; empty the film."""
-        if hasattr(film, "frequencies_hz"):
-            self._profile = self.pulse
-        elif hasattr(film, "add_transient_data"):
-            self._profile = self.temporal_profile(film)
-        else:
-            raise TypeError(
-                f"film: is a {film.class_name()}; must be a transient_hdr_film or another film "
-                "with time"
-            )
-        super().prepare(film)
-
-    def measurement(self, film: Any, camera: CameraSample, spp: int) -> Any:
-        """Deposits every contribution in the film's bins, or sums its phasors."""
-        if hasattr(film, "frequencies_hz"):
-            return PhasorSum.zero(film.frequencies_hz)
-        wavelengths, weight = camera.ray.wavelengths, camera.weight / spp
-        return FilmDeposit.into(film, camera.position, wavelengths, weight, self._profile)
-
-    def extra_channels(self, film: Any, camera: CameraSample, measured: Any) -> list[mi.Float]:
-        """The phasors, if the film stores them."""
-        if not isinstance(measured, PhasorSum):
-            return []
-        return film.channels(measured, partial(self.colour, camera), self._profile)
-
-    def _filter(self, film: Any) -> Pulse | None:
-        """The temporal filter as a pulse, None if it is a box: a bin's own width."""
-        width = float(film.bin_width_opl)
-        if self.temporal_filter == "gaussian":
-            return GaussianPulse(self.gaussian_stddev * width)
-        rfilter = film.rfilter()
-        if self.temporal_filter == "box" or rfilter.is_box_filter():
-            return None
-        radius = rfilter.radius()
-        step = 2 * radius / 4096
-        values = np.array(rfilter.eval(mi.Float(-radius + step * (np.arange(4096) + 0.5))))
-        if np.any(values < 0):
-            raise ValueError(
-                "temporal_filter = '': takes the film's rfilter, whose negative lobes have no "
-                "meaning in time; must be 'box' or 'gaussian' with this film"
-            )
-        return SampledPulse(values, -radius * width, step * width)
+    def exposure(self) -> Exposure:
+        """The light's pulse, through the temporal filter."""
+        return Exposure((BINS, PHASORS), self.pulse, self.temporal_filter, self.gaussian_stddev)
 
     def to_string(self) -> str:
         """The integrator's parameters."""

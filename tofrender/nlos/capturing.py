@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import transient_film
+from ..films.image import time_bins, transient_film
 from ..integrators.passes import take
-from ..rendering.renderer import render
-from ..runtime import backend, checks, plugins
+from ..rendering.renderer import carry_out
+from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
 from ..scenes.loading import load_scene, require_sensor
 from .captures import MODES, make_capture
-from .device.laser import axis, find_laser, follow_meters, forget_meters, turn
+from .device.laser import axis, find_laser, follow_meters, forget_meters, kept_aim, place_of, turn
 from .device.relay_wall import DEFAULT_ID as WALL
 from .device.relay_wall import find_shapes, ids, is_on_relay_wall, seen_shapes
 from .device.wall_points import wall_points
@@ -85,43 +84,42 @@ def capture(
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
-    integrator = _integrator(scene, mode)
+    integrator = _integrator(scene)
+    integrator.require_mode(mode)
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
-    follow_meters(scene)
-    if hasattr(camera, "follow_laser"):
-        camera.follow_laser(scene)
+    follow_meters(scene, camera)
     wall = _wall(scene, integrator, camera, relay_wall)
     points, normals, on_wall = wall_points(scene, camera, wall)
     _tell_misses(on_wall)
     geometry: dict[str, Any] = {"sensor_grid": points, "sensor_normals": normals}
-    geometry["sensor_origin"] = _origin(camera)
-    geometry["laser_origin"] = _laser_origin(scene, integrator, camera)
+    geometry["sensor_origin"] = place_of(camera)
+    geometry["laser_origin"] = integrator.laser_origin(scene, camera)
     attrs = {"scene": name, "spp": samples, "seed": seed, "variant": mi.variant()}
-    kind = "confocal" if mode == "confocal" else "single"
-    with _set(integrator, capture_type=kind, relay_wall=wall):
-        if mode == "exhaustive":
-            lit = np.where(on_wall[..., None], points, np.nan)
-            values = _exhaustive(scene, integrator, camera, lit, samples, seed, progress)
-            film: Any = camera.film()
-            start, width = film.start_opl, film.bin_width_opl
-            geometry |= {"laser_grid": points, "laser_normals": normals}
-        else:
-            with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
-                warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
-                dataset = render(
-                    scene,
-                    integrator=integrator,
-                    sensor=number,
-                    spp=samples,
-                    seed=seed,
-                    progress=progress,
-                )
-            values = dataset["transient"].values
-            start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
-            attrs |= {k: dataset.attrs[k] for k in ("pulse", "energy_outside_window", "complete")}
-            if mode == "single":
-                geometry |= _laser_point(scene, wall)
+    if mode == "exhaustive":
+        lit = np.where(on_wall[..., None], points, np.nan)
+        with kept_aim(find_laser(scene)):
+            values = _exhaustive(scene, integrator, camera, wall, lit, samples, seed, progress)
+        _, start, width = time_bins(camera.film()) or _no_bins(camera.film())
+        geometry |= {"laser_grid": points, "laser_normals": normals}
+    else:
+        with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
+            warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
+            dataset = carry_out(
+                integrator.capture_plan(scene, camera, wall, mode),
+                integrator,
+                scene,
+                name=name,
+                spp=samples,
+                seed=seed,
+                sensor=number,
+                progress=progress,
+            )
+        values = dataset["transient"].values
+        start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
+        attrs |= {k: dataset.attrs[k] for k in ("pulse", "energy_outside_window", "complete")}
+        if mode == "single":
+            geometry |= _laser_point(scene, wall)
     return make_capture(
         np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
@@ -234,21 +232,10 @@ def _size(grid: Any) -> dict[str, int]:
     }
 
 
-def _integrator(scene: mi.Scene, mode: str) -> Any:
-    """The scene's integrator, if it can capture in this mode."""
+def _integrator(scene: mi.Scene) -> Any:
+    """The scene's integrator, if it can capture."""
     integrator: Any = scene.integrator()
-    if isinstance(integrator, plugins.plugin("ConfocalTransientIntegrator")):
-        if mode != "confocal":
-            raise ValueError(
-                f"mode = {mode!r}: must be 'confocal' with a confocal_transient_path; "
-                "the others need a transient_nlos_path"
-            )
-        if integrator.projector is not None and not integrator.projector.is_confocal:
-            raise ValueError(
-                "is_confocal = False: must be True for a capture, whose laser follows the camera"
-            )
-        return integrator
-    if not isinstance(integrator, plugins.plugin("TransientNLOSPath")):
+    if not hasattr(integrator, "capture_plan"):
         kind = "none" if integrator is None else type(integrator).__name__
         raise ValueError(
             f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
@@ -256,17 +243,9 @@ def _integrator(scene: mi.Scene, mode: str) -> Any:
     return integrator
 
 
-@contextmanager
-def _set(integrator: Any, **values: Any) -> Iterator[None]:
-    """Give an integrator other values of those attributes that it has, for a while."""
-    before = {name: getattr(integrator, name) for name in values if hasattr(integrator, name)}
-    try:
-        for name in before:
-            setattr(integrator, name, values[name])
-        yield
-    finally:
-        for name, value in before.items():
-            setattr(integrator, name, value)
+def _no_bins(film: mi.Film) -> Any:
+    """Refuse a film without time bins."""
+    raise ValueError(f"film = {film.class_name()}: has no time bins; must be transient_hdr_film")
 
 
 def _wall(scene: mi.Scene, integrator: Any, camera: mi.Sensor, given: Any) -> list[mi.Shape]:
@@ -302,6 +281,7 @@ def _exhaustive(
     scene: mi.Scene,
     integrator: Any,
     camera: mi.Sensor,
+    wall: list[mi.Shape],
     points: np.ndarray,
     spp: int,
     seed: int,
@@ -309,8 +289,7 @@ def _exhaustive(
 ) -> np.ndarray:
     """One render for each laser point: (laser rows, laser columns, rows, columns, bins, C)."""
     rows, columns = points.shape[:2]
-    source: Any = camera.film()
-    window = (source.temporal_bins, source.start_opl, source.bin_width_opl)
+    window = time_bins(camera.film()) or _no_bins(camera.film())
     values = None
     bar = progress_bar("laser points", rows * columns, unit="point", enabled=progress)
     with bar:
@@ -322,24 +301,14 @@ def _exhaustive(
                 focus_laser(scene, point=points[row, column])
                 film = transient_film(camera.film(), *window)
                 step = seed + row * columns + column
-                take(scene, integrator, camera, film, spp, step % checks.MAX_SEED)
+                plan = integrator.capture_plan(scene, camera, wall, "exhaustive")
+                take(plan, integrator.recording(film), camera, spp, step % checks.MAX_SEED)
                 part = film.take()[1]
                 if values is None:
                     values = np.zeros((rows, columns, *part.shape), np.float32)
                 values[row, column] = part
     assert values is not None
     return values
-
-
-def _origin(sensor: mi.Sensor) -> np.ndarray:
-    return np.array(sensor.world_transform() @ mi.Point3f(0)).ravel()
-
-
-def _laser_origin(scene: mi.Scene, integrator: Any, camera: mi.Sensor) -> np.ndarray:
-    """Where the laser is: with the camera, if the integrator brings it."""
-    if isinstance(integrator, plugins.plugin("ConfocalTransientIntegrator")):
-        return _origin(camera)
-    return np.array(axis(find_laser(scene))[0]).ravel()
 
 
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:

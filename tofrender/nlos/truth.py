@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..paths.targets import is_on
+from ..paths.surfaces import is_on
 from ..scenes.loading import load_scene
 from .device.relay_wall import DEFAULT_ID, find_shapes
 

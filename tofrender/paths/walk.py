@@ -1,268 +1,163 @@
 """The path loop, the only one of the package.
 
-`walk` follows paths from the sensor and hands every connection to a light to a measurement, as
-(spectrum, opl, active). It knows how long each path is and nothing of pulses, films or frequencies.
+`walk` follows paths and hands every connection to an endpoint to a measurement. It knows how long
+each path is, and nothing of pulses, films or frequencies: what varies are the four parts of
+`protocols`. What may come enters through them, without a second loop:
 
-A measurement is any object with `add(spectrum, opl, active)`. One that accumulates in variables is
-a dataclass of Dr.Jit arrays, which the loop carries as its state; one that scatters into a film
-has none. `Radiance` is the simplest.
+- **Paths that start at lights** start with an emitter's ray, weighted by their measurement. Their
+  endpoint is the camera: `connect` ends on the lens, and the contribution has a `position` on the
+  film. Importance is scattered in the other mode of `mi.BSDFContext` and not compressed at
+  refraction, so that roulette leaves η² out.
+- **Media** are a space: `next` returns a vertex without a surface, passes null collisions and
+  boundaries of equal index without moving `prev`, and `transmittance` is a spectrum. Phase
+  functions are a scattering that wraps another one.
+- **Polarised light** makes the throughput a Mueller matrix. `extend` is the only place that
+  multiplies; the factors then are `si.to_world_mueller` of the BSDF's.
+- **Gradients by replay** are a measurement that reads a film's gradient: it runs `step` once more
+  with the same random numbers. All parts are therefore pure: `step` returns a new path, and nothing
+  is remembered outside of it.
+- **A velocity** along the path is one more field of `Path` that `space.next` advances, and one
+  more of `Contribution`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from copy import copy
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
-from .endpoints import PathState, SceneLights
-
-
-class Measurement(Protocol):
-    """What is done with light that arrives."""
-
-    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-        """Take in a contribution.
-
-        Args:
-            spectrum: Radiance that this path carries to the sensor.
-            opl: Optical path length from the emitter to the sensor [m].
-            active: Lanes that have such a contribution.
-        """
-        ...
-
-
-@dataclass
-class Radiance:
-    """The plain sum, as a steady camera measures it.
-
-    Attributes:
-        total: Sum of all contributions, of type `mi.UnpolarizedSpectrum`.
-    """
-
-    total: Any
-
-    @classmethod
-    def zero(cls) -> Radiance:
-        """Nothing measured yet."""
-        return cls(mi.UnpolarizedSpectrum(0))
-
-    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-        """Add a contribution."""
-        self.total += dr.select(active, spectrum, 0)
-
+from ..films.contribution import Contribution
+from .protocols import Endpoint, Measurement, Scattering, Space
+from .records import Limits, Path, extend
 
 M = TypeVar("M", bound=Measurement)
+
+
+@dr.syntax
+def walk(
+    sampler: mi.Sampler,
+    path: Path,
+    space: Space,
+    endpoint: Endpoint,
+    scattering: Scattering,
+    measurement: M,
+    limits: Limits,
+) -> tuple[M, Path]:
+    """Trace paths and hand each of their connections to `measurement`.
+
+    Unidirectional path tracing with next-event estimation and multiple importance sampling. The
+    length of a path is the sum of index of refraction times distance between its vertices, taken
+    point to point. The index is relative to the medium that the paths start in.
+
+    Args:
+        sampler: Random numbers; every vertex draws four, and what its connection draws.
+        path: Where paths start, see `Path.start`.
+        space: How vertices are found.
+        endpoint: What connections are made to.
+        scattering: How paths go on.
+        measurement: Receives every contribution.
+        limits: Which paths count, and how much of them.
+
+    Returns:
+        The measurement, and the paths at their ends; `path.covered` are the lanes whose first ray
+        met a surface.
+    """
+    while dr.hint(path.active, max_iterations=limits.iterations, label="walk"):
+        path = step(sampler, path, space, endpoint, scattering, measurement, limits)
+    return measurement, path
+
+
+def step(
+    sampler: mi.Sampler,
+    path: Path,
+    space: Space,
+    endpoint: Endpoint,
+    scattering: Scattering,
+    measurement: Measurement,
+    limits: Limits,
+) -> Path:
+    """Follow paths to their next vertex, connect it, and choose where they go on.
+
+    Arguments as for `walk`. Returns the paths with that vertex as their last one.
+    """
+    path = copy(path)
+    vertex = space.next(path, sampler)
+    path = scattering.arrive(path, vertex)
+
+    # -------------------- Light that the ray runs into ---------------------
+
+    hit = endpoint.hit(vertex, path)
+    length = dr.select(path.depth == 0, 0, hit.length) if limits.unwarp else hit.length
+    path.opl = dr.fma(path.η, length, path.opl)
+    mis = mi.Float(0) if endpoint.finds_all else mis_weight(path.pdf, hit.pdf)
+    mis = dr.select(path.specular, mi.Float(1), mis)
+    found = hit.active & dr.any(hit.radiance != 0)
+    deliver(measurement, path, path.β * mis * hit.radiance, path.opl, found)
+
+    # ------------------- Stop at the last surface vertex -------------------
+
+    active = path.active & vertex.valid
+    path.covered |= active & (path.depth == 0)
+    if limits.bounded:
+        active &= path.depth + 1 < limits.max_depth
+    if limits.last_opl is not None:
+        # Behind glass, the way to a light may be optically shorter than it is long
+        to_light = mi.Float(0) if scattering.refracts else endpoint.nearest(vertex.si.p)
+        active &= path.opl + to_light <= limits.last_opl
+
+    # --------------- Connect the vertex, and choose a direction ------------
+
+    if endpoint.connects:
+        path.memory = endpoint.remember(path.memory, vertex, active)
+        link = endpoint.connect(vertex, path, sampler, active & scattering.smooth(vertex))
+        link.weight *= space.transmittance(vertex, link, sampler)
+        link.active &= dr.any(link.weight != 0)
+        bounce = scattering.scatter(vertex, link, sampler, active)
+        mis = dr.select(link.delta, 1, mis_weight(link.pdf, bounce.pdf_f))
+        Lr = extend(path.β * mis, bounce.f) * link.weight
+        opl = dr.fma(path.η * bounce.η_f, link.length, path.opl)
+        deliver(measurement, path, Lr, opl, link.active & dr.any(Lr != 0))
+    else:
+        bounce = scattering.scatter(vertex, None, sampler, active)
+
+    # ------------------------ Move to the next vertex ----------------------
+
+    path.ray, path.guide = bounce.ray, bounce.guide
+    path.β = extend(path.β, bounce.weight)
+    path.η *= bounce.η
+    path.prev = mi.Interaction3f(vertex.si)
+    path.pdf, path.specular = bounce.pdf, bounce.specular
+    path.depth += dr.select(vertex.valid, mi.UInt32(1), 0)
+
+    # The last ray can only run into lights; a smooth surface's connections have found those
+    if limits.bounded and endpoint.finds_all:
+        active &= path.specular | (path.depth + 1 < limits.max_depth)
+
+    # --------------------------- Russian roulette --------------------------
+
+    # η² undoes the compression of radiance at refraction, which the throughput contains
+    survival = dr.minimum(dr.max(path.β) * path.η * path.η, 0.95)
+    roulette = path.depth >= limits.rr_depth
+    path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
+    active &= ~roulette | (sampler.next_1d() < survival)
+
+    # Do not go on once the throughput is zero
+    path.active = active & dr.any(path.β != 0)
+    return path
+
+
+def deliver(
+    measurement: Measurement, path: Path, spectrum: Any, opl: mi.Float, active: mi.Bool
+) -> None:
+    """Hand a contribution to a measurement, or count it in the path if it is not finite."""
+    finite = dr.all(dr.isfinite(spectrum)) & dr.isfinite(opl)
+    path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
+    measurement.add(Contribution(spectrum, opl, active & finite))
 
 
 def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
     """Power heuristic a^2 / (a^2 + b^2) of a sample from the first density (Veach 1997, 9.13)."""
     a2 = pdf_a * pdf_a
     return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
-
-
-def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
-    """Whether a surface of the scene lets light through in one of the given ways."""
-    bsdfs = [shape.bsdf().flags() for shape in scene.shapes()]
-    return any(mi.has_flag(flags, way) for flags in bsdfs for way in ways)
-
-
-def index_behind(
-    bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-) -> mi.Float:
-    """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`.
-
-    Mitsuba tells it with a sample only. The one that is drawn here comes along the normal, where
-    nothing is totally reflected.
-    """
-    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.GlossyTransmission))
-    through = mi.SurfaceInteraction3f(si)
-    through.wi = mi.Vector3f(0, 0, dr.sign(si.wi.z))
-    crossing = active & (si.wi.z * wo.z < 0)
-    sample, _ = bsdf.sample(ctx, through, 0.5, mi.Point2f(0.5), crossing)
-    return dr.select(crossing & (sample.eta > 0), sample.eta, 1)
-
-
-def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
-    """The ray from a vertex in direction `d`, started a little off the surface.
-
-    Mitsuba moves the start along the normal. After a specular bounce, whose direction is no random
-    number, that would move every further vertex sideways: there the start moves along the ray, as
-    far off the surface, but at most ten times that far at grazing angles.
-    """
-    ray = si.spawn_ray(d)
-    along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
-    ray.o = dr.select(specular, dr.fma(d, along, si.p), ray.o)
-    return ray
-
-
-@dr.syntax
-def walk(
-    scene: mi.Scene,
-    sampler: mi.Sampler,
-    ray: mi.Ray3f,
-    measurement: M,
-    lights: SceneLights,
-    max_depth: int,  # No bare * before it: dr.syntax would drop the defaults
-    rr_depth: int = 5,
-    origin: mi.Point3f | None = None,
-    unwarp: bool = False,
-    first_emission: bool = True,
-    hide_emitters: bool = False,
-    active: mi.Bool = True,
-    last_opl: mi.Float | None = None,
-    material: mi.BSDF | None = None,
-    targets: Any = None,
-) -> tuple[M, mi.Bool]:
-    """Trace paths and hand each of their connections to a light to `measurement`.
-
-    Unidirectional path tracing with next-event estimation and multiple importance sampling. The
-    length of a path is the sum of index of refraction times distance between its vertices, taken
-    point to point: rays start a little off the surface, and camera rays at the near plane. The
-    index is relative to the medium that the camera is in.
-
-    Args:
-        scene: The scene.
-        sampler: Random numbers; every vertex draws four, and what its connection draws.
-        ray: Camera rays, of any number.
-        measurement: Receives (spectrum, opl, active) of every connection.
-        lights: What connections are made to.
-        max_depth: Longest path in segments, camera's included: 1 shows emitters only, 2 adds
-            direct light; -1 means no limit.
-        rr_depth: Number of surface vertices from which on Russian roulette may end a path.
-        origin: Points from which lengths are measured, the sensor's lens; by default where the
-            rays start.
-        unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
-            scene's own ("camera unwarping").
-        first_emission: Whether light that comes straight from an emitter counts.
-        hide_emitters: Whether the environment is invisible to the camera, as in Mitsuba. (Area
-            lights are hidden before the walk, by `camera.behind_emitters`.)
-        active: Lanes to trace.
-        last_opl: Length at which paths may end, because longer ones count for nothing [m].
-        material: What all surfaces are made of; by default each of its own.
-        targets: Surfaces that rays are sent to besides where materials send them; see `targets`.
-
-    Returns:
-        The measurement, and the lanes whose camera ray met a surface.
-    """
-    bsdf_ctx = mi.BSDFContext()
-    bounded = max_depth >= 0
-    rough_glass = transmits(scene, mi.BSDFFlags.GlossyTransmission)
-    glass = rough_glass or transmits(scene, mi.BSDFFlags.DeltaTransmission)
-
-    # --------------------- Configure loop state ----------------------
-
-    # fmt: off
-    ray = mi.Ray3f(ray)              # Current ray
-    depth = mi.UInt32(0)             # Surface vertices so far
-    β = mi.UnpolarizedSpectrum(1)    # Path throughput
-    η = mi.Float(1)                  # Index of refraction around the ray
-    opl = mi.Float(0)                # Optical length up to the last vertex [m]
-    valid = mi.Bool(False)           # Has the camera ray met a surface?
-    active = mi.Bool(active)         # Lanes that still walk
-    # fmt: on
-
-    # The vertex before this one, and how its BSDF was sampled
-    prev = dr.zeros(mi.Interaction3f)
-    prev.p = mi.Point3f(ray.o if origin is None else origin)
-    prev_pdf = mi.Float(1)
-    prev_delta = mi.Bool(True)
-    aimed = mi.Float(0)  # Distance to the point that the ray was sent to, or 0 [m]
-    memory = mi.Bool(False)  # What the light strategy remembers of the vertices
-
-    while dr.hint(active, max_iterations=max_depth if bounded else -1, label="walk"):
-        si = scene.ray_intersect(
-            ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0), active=active
-        )
-        if dr.hint(targets is not None, mode="scalar"):
-            β, prev_pdf, active = targets.arrive(si, prev, prev_pdf, prev_delta, aimed, β, active)
-        active_next = active & si.is_valid()
-
-        # ------------------ Light that the ray runs into -----------------
-
-        Le, em_pdf, length = lights.hit(si, prev, ray, active)
-        if dr.hint(unwarp, mode="scalar"):
-            length = dr.select(depth == 0, 0, length)
-        visible = active & dr.any(Le != 0)
-        if dr.hint(hide_emitters, mode="scalar"):
-            visible &= (depth > 0) | si.is_valid()
-        if dr.hint(not first_emission, mode="scalar"):
-            visible &= depth > 0
-
-        opl = dr.fma(η, length, opl)
-        mis_hit = 0 if lights.finds_all else mis_weight(prev_pdf, em_pdf)
-        mis_hit = dr.select(prev_delta, mi.Float(1), mis_hit)
-        measurement.add(β * mis_hit * Le, opl, visible)
-
-        # ----------------- Stop at the last surface vertex ---------------
-
-        valid |= active_next & (depth == 0)
-        if dr.hint(bounded, mode="scalar"):
-            active_next &= depth + 1 < max_depth
-        if dr.hint(last_opl is not None, mode="scalar"):
-            # Behind glass, the way to a light may be optically shorter than it is long
-            to_light = mi.Float(0) if glass else lights.nearest(si.p)
-            active_next &= opl + to_light <= last_opl
-
-        # ---------- Connect to a light and sample the next ray -----------
-
-        bsdf = si.bsdf() if material is None else material
-        if dr.hint(lights.connects, mode="scalar"):
-            # Connections to a smooth BSDF only: a delta lobe reflects none of them
-            active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            memory = lights.remember(memory, si, active_next)
-            shared = (aimed != 0) & ~prev_delta
-            path = PathState(opl, η, depth, memory, prev, prev_pdf, shared)
-            em = lights.connect(si, path, sampler, active_em)
-            wo = si.to_local(em.direction)
-            f, pdf, bs, bsdf_weight = bsdf.eval_pdf_sample(
-                bsdf_ctx, si, wo, sampler.next_1d(), sampler.next_2d(), active_next
-            )
-            if dr.hint(targets is not None, mode="scalar"):
-                pdf *= targets.material_share(si)
-            mis_em = dr.select(em.delta, 1, mis_weight(em.pdf, pdf))
-            Lr = β * mis_em * mi.unpolarized_spectrum(f) * em.weight
-            η_em = mi.Float(η)
-            if dr.hint(rough_glass, mode="scalar"):
-                η_em *= index_behind(bsdf, si, wo, em.active)
-            measurement.add(Lr, dr.fma(η_em, em.length, opl), em.active & dr.any(Lr != 0))
-        else:
-            bs, bsdf_weight = bsdf.sample(
-                bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(), active_next
-            )
-
-        # ------------------- Move to the next vertex ---------------------
-
-        if dr.hint(targets is not None, mode="scalar"):
-            bs, bsdf_weight, aimed = targets.aim(
-                bsdf_ctx, si, bsdf, bs, bsdf_weight, sampler, active_next
-            )
-        ray = leave(si, si.to_world(bs.wo), mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta))
-        if dr.hint(targets is not None, mode="scalar"):
-            ray = targets.send(ray, si, aimed)
-        β *= mi.unpolarized_spectrum(bsdf_weight)
-        η *= bs.eta
-        prev = mi.Interaction3f(si)
-        prev_pdf = bs.pdf
-        prev_delta = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
-
-        depth[si.is_valid()] += 1
-
-        # The last ray can only run into lights; a smooth surface's connections have found those
-        if dr.hint(bounded and lights.finds_all, mode="scalar"):
-            active_next &= prev_delta | (depth + 1 < max_depth)
-
-        # ---------------------- Russian roulette -------------------------
-
-        # η² undoes the compression of radiance at refraction, which the throughput contains
-        survival = dr.minimum(dr.max(β) * η * η, 0.95)
-        roulette = depth >= rr_depth
-        β[roulette] *= dr.rcp(survival)
-        active_next &= ~roulette | (sampler.next_1d() < survival)
-
-        # Do not go on once the throughput is zero
-        active_next &= dr.any(β != 0)
-        active = active_next
-
-    return measurement, valid

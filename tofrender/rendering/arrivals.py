@@ -10,6 +10,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..films.contribution import Contribution
+from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
 
 if TYPE_CHECKING:
@@ -32,13 +34,13 @@ class ArrivalHistogram:
     energy: Any
     hits: Any
 
-    def add(self, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+    def add(self, contribution: Contribution) -> None:
         """Add a contribution of all channels."""
-        position = dr.log(dr.maximum(opl, FIRST_OPL) / FIRST_OPL) / np.log(LAST_OPL / FIRST_OPL)
+        beyond = dr.maximum(contribution.opl, FIRST_OPL) / FIRST_OPL
+        position = dr.log(beyond) / np.log(LAST_OPL / FIRST_OPL)
         k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
-        active &= dr.isfinite(opl)
-        dr.scatter_add(self.energy, dr.sum(spectrum), k, active)
-        dr.scatter_add(self.hits, 1.0, k, active)
+        dr.scatter_add(self.energy, dr.sum(contribution.spectrum), k, contribution.active)
+        dr.scatter_add(self.hits, 1.0, k, contribution.active)
 
 
 @dataclass
@@ -87,14 +89,11 @@ class Arrivals:
         return int(self.hits[overlaps].sum())
 
 
-def find_arrivals(
-    integrator: Any, scene: mi.Scene, sensor: mi.Sensor, film: Any, seed: int
-) -> Arrivals:
+def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arrivals:
     """Trace 16384 paths through random pixels and note when their light arrives.
 
     Args:
-        integrator: A transient integrator.
-        scene: The scene.
+        plan: What is done with camera rays.
         sensor: The camera.
         film: Its size and crop say which pixels are sampled.
         seed: Seed of the random numbers.
@@ -106,8 +105,7 @@ def find_arrivals(
     with dr.suspend_grad():
         camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
         histogram = ArrivalHistogram(dr.zeros(mi.Float, BINS), dr.zeros(mi.Float, BINS))
-        lights = integrator.lights(scene, sensor)
-        integrator.trace(scene, sampler, camera.ray, camera.origin, histogram, lights)
+        plan.trace(sampler, camera.ray, camera.origin, histogram)
     edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
     edges[0] = 0.0
     energy, hits = (np.array(a, dtype=np.float64) for a in (histogram.energy, histogram.hits))

@@ -14,7 +14,12 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.cells import MAX_ADDED
-from ..films.image import transient_film
+from ..films.image import time_bins, transient_film
+from ..films.recording import profile as seen_pulse
+from ..films.recording import recording
+from ..integrators.own_sample import brings_sample
+from ..integrators.passes import steps
+from ..integrators.plan import Plan
 from ..runtime import backend, checks, memory, plugins
 from ..runtime.progress import deferred_stop, progress_bar
 from ..runtime.withheld import Withheld
@@ -97,17 +102,67 @@ def render(
     sensors = scene.sensors()
     sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
     camera = sensors[sensor]
-    film = _film(camera.film(), window, temporal_bins)
+    _film(camera.film(), window, temporal_bins)  # Refuses what is wrong with the window first
     tracer = _integrator(scene, integrator)
     if tracer.needs_lights:
         require_light(scene)
-    profile = tracer.temporal_profile(film)  # Refuses what does not fit together
-    arrivals = find_arrivals(tracer, scene, camera, film, seed)
+    return carry_out(
+        tracer.plan(scene, camera),
+        tracer,
+        scene,
+        name=name,
+        spp=spp,
+        seed=seed,
+        sensor=sensor,
+        sampler=sampler,
+        window=window,
+        temporal_bins=temporal_bins,
+        resume=resume,
+        progress=progress,
+    )
+
+
+def carry_out(
+    plan: Plan,
+    tracer: Any,
+    scene: mi.Scene,
+    *,
+    name: str,
+    spp: int | None,
+    seed: int,
+    sensor: int,
+    sampler: str | mi.Sampler | None = None,
+    window: str | tuple[float, float] | None = None,
+    temporal_bins: int | None = None,
+    resume: xr.Dataset | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Carry out a plan on a film with bins.
+
+    Args:
+        plan: What is done with camera rays.
+        tracer: The integrator that has made it; says how light counts on the film.
+        scene: The loaded scene.
+        name: What the Dataset calls it.
+        spp: Samples per pixel. This and what follows is as for `render`, whose result and errors
+            this has.
+        seed: Seed.
+        sensor: Number of the sensor.
+        sampler: Sampler.
+        window: Window of the time bins.
+        temporal_bins: Number of bins.
+        resume: What to go on from.
+        progress: Whether to show a bar.
+    """
+    camera, exposure = scene.sensors()[sensor], tracer.exposure()
+    film = _film(camera.film(), window, temporal_bins)
+    profile = seen_pulse(film, exposure)  # Refuses what does not fit together
+    arrivals = find_arrivals(plan, camera, film, seed)
     if _is_auto(window):
         if not arrivals.any:
             raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
         film = _film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
-        profile = tracer.temporal_profile(film)  # A filter's width is known when that of a bin is
+        profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
         film = _film(camera.film(), arrivals.window(profile), temporal_bins)
     _check_window(film, arrivals, profile)
     first = 0 if resume is None else _samples_of(resume)
@@ -135,7 +190,10 @@ def render(
         _check_resume(resume, recipe, film)
 
     start = time.perf_counter()
-    done = _run(tracer, scene, camera, film, points, seed, first, progress)
+    record = recording(film, exposure)
+    if brings_sample(tracer):
+        record.require_no_lengths(type(tracer).__name__)
+    done = _run(plan, record, camera, points, seed, first, progress)
     seconds = time.perf_counter() - start
 
     steady, transient = film.take()
@@ -155,6 +213,7 @@ def render(
         "spp": first + done,
         "energy_outside_window": outside,
         "complete": int(complete),
+        "contributions_not_finite": record.not_finite,
         "render_seconds": seconds,
     }
     return label(steady, transient, film, attrs)
@@ -210,20 +269,21 @@ def _sampler_name(sampler: mi.Sampler) -> str:
 
 def _film(film: Any, window: Any, temporal_bins: int | None) -> Any:
     """An empty film of the same pixels as `film`, with the window that is asked for."""
-    timed = hasattr(film, "temporal_bins")
-    if not timed and (window is None or temporal_bins is None):
+    own = time_bins(film)
+    if own is None and (window is None or temporal_bins is None):
         raise ValueError(
             f"film = {film.class_name()}: has no time bins; must be transient_hdr_film, or give "
             "both window and temporal_bins"
         )
-    bins = film.temporal_bins if temporal_bins is None else temporal_bins
+    bins = own[0] if own and temporal_bins is None else temporal_bins
     bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
     if _is_auto(window):
         start, width = 0.0, 1.0  # Until the light was looked at
     elif window is not None:
         start, width = _window(window, bins)
     else:
-        start, width = float(film.start_opl), float(film.bin_width_opl)
+        assert own is not None
+        _, start, width = own
     return transient_film(film, bins, start, width)
 
 
@@ -283,7 +343,7 @@ def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     start, stop = film.start_opl, film.end_opl()
     if not arrivals.any:
         warnings.warn(
-            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=3
+            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=4
         )
         return
     if arrivals.between(start, stop, profile):
@@ -297,14 +357,14 @@ def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     warnings.warn(
         f"none of {PATHS} test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
         f"empty; light was found from {first:g} m to {last:g} m",
-        stacklevel=3,
+        stacklevel=4,
     )
 
 
 # --------------------------------------------------------------------------- the render
 
 
-def _run(tracer, scene, camera, film, points, seed, first, progress) -> int:
+def _run(plan, record, camera, points, seed, first, progress) -> int:
     """Take all steps; returns the samples per pixel that the film holds, fewer after Ctrl-C."""
     spp = points.sample_count()
     done = 0
@@ -312,12 +372,12 @@ def _run(tracer, scene, camera, film, points, seed, first, progress) -> int:
         progress_bar("Rendering", spp, unit="spp", enabled=progress) as bar,
         deferred_stop() as stop,
     ):
-        for done in tracer.steps(scene, camera, film, points, seed, first):
+        for done in steps(plan, record, camera, points, seed, first):
             bar.update(done - bar.n)
             if stop.requested:
                 break
     if done < spp:
-        warnings.warn(f"interrupted: returning {done} of {spp} samples per pixel", stacklevel=3)
+        warnings.warn(f"interrupted: returning {done} of {spp} samples per pixel", stacklevel=4)
     return done
 
 
@@ -328,7 +388,7 @@ def _warn_of_losses(film: Any, arrivals: Arrivals, profile: Pulse | None, outsid
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
             f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (window='auto')",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import drjit as dr
@@ -53,10 +55,11 @@ def turn(laser: Any, target: Any, origin: Any = None) -> None:
     _place(laser, mi.Transform4f().look_at(place, target, up))
 
 
-def follow_meters(scene: mi.Scene) -> None:
+def follow_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Put the laser where an `nlos_capture_meter` of the scene says, the first time it is asked.
 
-    Of a pixel that the film does not have, the meter keeps the word; `require_aim` tells it.
+    Of a pixel that the film does not have, the meter keeps the word; `require_aim` tells it. A
+    `sensor` that looks from where the laser is then learns where that is.
     """
     for meter in scene.sensors():
         words: Any = meter
@@ -69,6 +72,24 @@ def follow_meters(scene: mi.Scene) -> None:
         if getattr(words, "laser_target", None) is not None and not words.misplaced_aim():
             turn(find_laser(scene), words.aim())
             words.laser_target = None
+    follow: Any = getattr(sensor, "follow_laser", None)
+    if follow is not None:
+        follow(scene)
+
+
+@contextmanager
+def kept_aim(laser: Any) -> Iterator[None]:
+    """Let a laser look afterwards where it looks now, whatever happens."""
+    pose = mi.Transform4f(laser.world_transform())
+    try:
+        yield
+    finally:
+        _place(laser, pose)
+
+
+def place_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
+    """Where a sensor or laser is [m], shape (3,)."""
+    return np.array(device.world_transform() @ mi.Point3f(0)).ravel()
 
 
 def forget_meters(scene: mi.Scene) -> None:

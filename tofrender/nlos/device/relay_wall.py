@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.targets import is_on
+from ...paths.surfaces import is_on
 
 DEFAULT_ID = "relay_wall"
 

@@ -9,9 +9,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...films.contribution import Contribution
 from ...runtime import checks
 from .laser_spot import Spot
-from .relay_wall_path import Arrival, RelayWallPath, Scan
+from .relay_wall_path import RelayWallPath, Scan
 
 MAX_SIGMA = 0.35
 """Widest beam: standard deviation of its direction [rad]."""
@@ -21,14 +22,14 @@ class ConfocalTransientIntegrator(RelayWallPath):
     """Laser and camera along the same ray (plugin `confocal_transient_path`).
 
     Each camera ray is a laser beam, too: the point that it meets first is lit, and is the light of
-    all further vertices (`lights.LaserSpot`). Light goes from laser to wall, to the hidden scene,
+    all further vertices (`LaserSpot`). Light goes from laser to wall, to the hidden scene,
     to the same point of the wall, and back to the camera; for a small patch of area A at a distance
     r from the wall, which is at d,
 
         L = Phi rho_w^2 rho_h A cos_w^2 cos_h^2 / (pi^3 r^4)   at the length 2 d + 2 r.
 
     Paths leave the relay wall towards points of the hidden geometry, by area, as often as by the
-    wall's material (`targets.Targets`). Takes the parameters of `RelayWallPath`, and
+    wall's material (`Guided`). Takes the parameters of `RelayWallPath`, and
 
     | parameter | default | meaning |
     |---|---|---|
@@ -70,7 +71,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
 
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
-    ) -> tuple[Any, Arrival | None]:
+    ) -> tuple[Any, Contribution | None]:
         """The beam along a camera ray, or the projector's pattern around it."""
         scene, projector = scan.scene, self.projector
         if projector is None:
@@ -88,6 +89,18 @@ class ConfocalTransientIntegrator(RelayWallPath):
 
         seen = self.from_laser(scene, ray, origin, source, irradiance, active)
         return self.lit_point(scan, beam), seen
+
+    def require_mode(self, mode: str) -> None:
+        """Refuse all modes but confocal, and a projector that does not follow the camera."""
+        if mode != "confocal":
+            raise ValueError(
+                f"mode = {mode!r}: must be 'confocal' with a confocal_transient_path; "
+                "the others need a transient_nlos_path"
+            )
+        if self.projector is not None and not self.projector.is_confocal:
+            raise ValueError(
+                "is_confocal = False: must be True for a capture, whose laser follows the camera"
+            )
 
     def to_string(self) -> str:
         """The integrator's parameters."""

@@ -17,8 +17,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.endpoints import PathState
-from ...paths.targets import REACHED, Targets, is_on
+from ...films.contribution import Contribution
+from ...paths.guided import REACHED, Guided, ray_to
+from ...paths.records import Path, Vertex
+from ...paths.space import Vacuum
 from .laser_spot import LaserSpot
 
 CONNECTIONS = 16
@@ -31,28 +33,36 @@ GOLDEN = 0.6180339887498949
 """Step of the lattice's second coordinate, which no few multiples of come close to 0."""
 
 
+class CornerShare:
+    """The share that connections leave to walked paths of three bounces.
+
+    Args:
+        guided: The scattering of the walked paths.
+        count: Number n of target points for each camera ray.
+    """
+
+    def __init__(self, guided: Guided, count: int = CONNECTIONS) -> None:
+        self.guided, self.count = guided, count
+
+    def __call__(self, vertex: Vertex, path: Path) -> mi.Float:
+        """Weight of the connection of a walked path."""
+        by_area = self.count * self.guided.targets.density(vertex.si, path.prev)
+        both = (path.depth == 1) & self.guided.competed(path)
+        return dr.select(both, path.pdf / (path.pdf + by_area), 1)
+
+
 class CornerConnections:
     """Three-bounce light by connections, shared with the paths that are walked.
 
     Args:
-        scene: The scene.
-        targets: Where the middle point is chosen.
-        laser: The lit point; its connections from target points after one wall point are weighted
-            from now on.
-        count: Number n of target points for each camera ray.
+        space: What lies between the points.
+        share: What they share with walked paths, and where the middle point is chosen.
+        laser: The lit point.
     """
 
-    def __init__(
-        self, scene: mi.Scene, targets: Targets, laser: LaserSpot, count: int = CONNECTIONS
-    ) -> None:
-        self.scene, self.targets, self.laser, self.count = scene, targets, laser, count
-        laser.shared = self.walked_share
-
-    def walked_share(self, si: mi.SurfaceInteraction3f, path: PathState) -> mi.Float:
-        """Weight of the connection of a walked path."""
-        by_area = self.count * self.targets.density(si, path.previous)
-        both = (path.depth == 1) & path.shared
-        return dr.select(both, path.pdf / (path.pdf + by_area), 1)
+    def __init__(self, space: Vacuum, share: CornerShare, laser: LaserSpot) -> None:
+        self.space, self.scene, self.laser = space, space.scene, laser
+        self.guided, self.targets, self.count = share.guided, share.guided.targets, share.count
 
     def add(
         self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, measurement: Any, active: mi.Bool
@@ -70,49 +80,42 @@ class CornerConnections:
             The measurement.
         """
         si = self.scene.ray_intersect(ray, active)
-        bsdf = si.bsdf()
-        active = active & is_on(si, self.targets.senders)
-        active &= mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         opl = mi.Float(0) if origin is None else dr.norm(si.p - origin)
-        return _connect(self, si, bsdf, opl, sampler.next_2d(), sampler, measurement, active)
+        seen = Vertex(si, opl, si.is_valid())
+        active = self.guided.sends(seen, active)
+        return _connect(self, seen, opl, sampler.next_2d(), sampler, measurement, active)
 
     def at(
-        self,
-        si: mi.SurfaceInteraction3f,
-        bsdf: Any,
-        opl: mi.Float,
-        u: mi.Point2f,
-        sampler: mi.Sampler,
-        active: mi.Bool,
-    ) -> tuple[Any, mi.Float, mi.Bool]:
-        """Connect over one target point: spectrum, optical path length and lanes."""
-        ctx, targets = mi.BSDFContext(), self.targets
+        self, seen: Vertex, opl: mi.Float, u: mi.Point2f, sampler: mi.Sampler, active: mi.Bool
+    ) -> Contribution:
+        """Connect over one target point."""
+        si, guided, targets = seen.si, self.guided, self.targets
         ps, shape = targets.sample(u, active)
         r = dr.norm(ps.p - si.p)
         d = (ps.p - si.p) / r
-        wo = si.to_local(d)
         if targets.plain:  # There is no need to find a point that is known
             y = _at_point(si, ps, shape, d, r)
             ray = si.spawn_ray_to(ps.p)
             ray.maxt = dr.norm(ps.p - ray.o) * (1 - SHORT)
             active = active & ~self.scene.ray_test(ray, active)
         else:
-            y = self.scene.ray_intersect(targets.send(si.spawn_ray(d), si, r), active)
+            y = self.scene.ray_intersect(ray_to(si, d, r), active)
             active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
 
-        f, pdf = bsdf.eval_pdf(ctx, si, wo, active)
+        f, by_material = guided.eval_pdf(seen, d, active)
         by_area = targets.density(y, mi.Interaction3f(si))
-        walked = targets.share * by_area + (1 - targets.share) * pdf
-        density = walked + self.count * by_area
+        density = by_material + (guided.share + self.count) * by_area
 
-        memory = self.laser.remember(mi.Bool(False), y, active)
-        seen, one = mi.Interaction3f(si), mi.UInt32(1)
-        path = PathState(opl + r, mi.Float(1), one, memory, seen, walked, mi.Bool(True))
-        em = self.laser.lit(y, path, sampler, active)
-        f_y = mi.unpolarized_spectrum(y.bsdf().eval(ctx, y, y.to_local(em.direction), em.active))
-        found = em.active & (by_area > 0)
-        spectrum = dr.select(found, mi.unpolarized_spectrum(f) * f_y * em.weight / density, 0)
-        return spectrum, opl + r + em.length, found & dr.any(spectrum != 0)
+        path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory())
+        path.depth, path.opl = mi.UInt32(1), opl + r
+        middle = Vertex(y, r, active)
+        path.memory = self.laser.remember(path.memory, middle, active)
+        link = self.laser.lit(middle, path, sampler, active)
+        link.weight *= self.space.transmittance(middle, link, sampler)
+        f_y, _ = guided.inner.eval_pdf(middle, link.direction, link.active)
+        spectrum = mi.unpolarized_spectrum(f) * mi.unpolarized_spectrum(f_y) * link.weight / density
+        found = link.active & (by_area > 0) & dr.any(spectrum != 0)
+        return Contribution(spectrum, path.opl + link.length, found)
 
 
 def _at_point(
@@ -132,12 +135,11 @@ def _at_point(
 
 
 @dr.syntax
-def _connect(corner, si, bsdf, opl, shift, sampler, measurement, active):
+def _connect(corner, seen, opl, shift, sampler, measurement, active):
     """The loop over target points: a lattice of them, moved by one random number."""
     k = mi.UInt32(0)
     while k < corner.count:
         u = shift + mi.Point2f(mi.Float(k) / corner.count, GOLDEN * mi.Float(k))
-        spectrum, length, found = corner.at(si, bsdf, opl, u - dr.floor(u), sampler, active)
-        measurement.add(spectrum, length, found)
+        measurement.add(corner.at(seen, opl, u - dr.floor(u), sampler, active))
         k += 1
     return measurement

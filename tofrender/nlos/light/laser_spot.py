@@ -9,8 +9,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.endpoints.scene_lights import Connection, PathState
-from ...paths.targets import is_on
+from ...paths.endpoints.unseen import Unseen
+from ...paths.records import Connection, Path, Vertex
+from ...paths.surfaces import is_on
 
 SAME = 1e-10
 """Squared distance of two points, over that to a third, below which they are one."""
@@ -48,7 +49,11 @@ class Spot:
         return cls(si, power, dr.norm(si.p - (ray.o if origin is None else origin)))
 
 
-class LaserSpot:
+Share = Callable[[Vertex, Path], mi.Float]
+"""Takes a vertex and its path, gives the share of its connection that counts."""
+
+
+class LaserSpot(Unseen):
     """Connections to the lit point, a point light whose light has left the laser before.
 
     A laser of power Phi [W] that lands on p makes it a source of intensity
@@ -65,14 +70,10 @@ class LaserSpot:
         wall: Shapes of the relay wall; needed for `hidden_only`.
         hidden_only: Whether only paths count that have met something else than the wall.
         bounces: Count only paths of so many surface points, the lit one included; -1 means all.
-
-    Attributes:
-        shared: Takes a vertex and its `PathState`, gives the share of its connection that counts
-            where another technique finds the same paths; None if nothing else does.
+        share: What counts of a connection where another technique finds the same paths; by default
+            all.
+        hide_emitters: As in `Unseen`.
     """
-
-    connects = True
-    finds_all = True
 
     def __init__(
         self,
@@ -81,60 +82,55 @@ class LaserSpot:
         wall: Sequence[mi.Shape] = (),
         hidden_only: bool = False,
         bounces: int = -1,
+        share: Share | None = None,
+        hide_emitters: bool = False,
     ) -> None:
-        self.scene, self.beam = scene, beam
+        super().__init__(scene, hide_emitters)
+        self.beam = beam
         self.wall, self.hidden_only, self.bounces = list(wall), hidden_only, bounces
-        self.shared: Callable[[mi.SurfaceInteraction3f, PathState], mi.Float] | None = None
+        self.share = share
 
-    def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-        """Whether a vertex so far, `si` included, is off the wall."""
-        return memory | (active & ~is_on(si, self.wall)) if self.hidden_only else memory
+    def memory(self) -> Any:
+        """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
+        return mi.UInt32(0) if self.hidden_only else None
+
+    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
+        """Whether a vertex so far, this one included, is off the wall."""
+        if not self.hidden_only:
+            return memory
+        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), memory)
 
     def connect(
-        self,
-        si: mi.SurfaceInteraction3f,
-        path: PathState,
-        sampler: mi.Sampler,
-        active: mi.Bool,
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Connect to the lit point, with its shadow ray; the share of it that counts here."""
-        em = self.lit(si, path, sampler, active)
-        if self.shared is not None:
-            em.weight *= self.shared(si, path)
-        return em
+        """Connect to the lit point; the share of it that counts here."""
+        link = self.lit(vertex, path, sampler, active)
+        if self.share is not None:
+            link.weight *= self.share(vertex, path)
+        return link
 
-    def lit(
-        self,
-        si: mi.SurfaceInteraction3f,
-        path: PathState,
-        sampler: mi.Sampler,
-        active: mi.Bool,
-    ) -> Connection:
-        """Connect to the lit point, with its shadow ray."""
+    def lit(self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Connection:
+        """Connect to the lit point."""
         if self.bounces >= 0:
             active = active & (path.depth + 2 == self.bounces)
         if self.hidden_only:
-            active = active & path.memory
+            active = active & (path.memory != 0)
         spot = self.beam(sampler, active)
-        to_spot = spot.si.p - si.p
+        lit = spot.si
+        to_spot = lit.p - vertex.si.p
         r2 = dr.squared_norm(to_spot)
         active = active & (r2 > 0) & dr.any(spot.power > 0)
         d = to_spot * dr.rsqrt(r2)
-        lit, leaving = spot.si, spot.si.to_local(-d)
-        f = lit.bsdf().eval(mi.BSDFContext(), lit, leaving, active)
+        f = lit.bsdf().eval(mi.BSDFContext(), lit, lit.to_local(-d), active)
         weight = spot.power * mi.unpolarized_spectrum(f) / r2
-        active = active & dr.any(weight != 0)
-        # A path that goes back to where it has come from has nothing in its way
-        back = dr.squared_norm(lit.p - path.previous.p) <= SAME * r2
-        active = active & ~self.scene.ray_test(si.spawn_ray_to(lit.p), active & ~back)
-        weight = dr.select(active, weight, 0)
-        length = dr.sqrt(r2) + spot.distance
-        return Connection(d, weight, mi.Float(1), mi.Bool(True), length, active)
-
-    def hit(self, si, previous, ray, active):
-        """No light: what rays run into is lit by connections."""
-        return mi.UnpolarizedSpectrum(0), mi.Float(0), dr.norm(si.p - previous.p)
-
-    def nearest(self, p: mi.Point3f) -> mi.Float:
-        """No bound."""
-        return mi.Float(0)
+        return Connection(
+            point=lit.p,
+            direction=d,
+            weight=dr.select(active, weight, 0),
+            pdf=mi.Float(1),
+            delta=mi.Bool(True),
+            length=dr.sqrt(r2) + spot.distance,
+            active=active & dr.any(weight != 0),
+            # A path that goes back to where it has come from has nothing in its way
+            clear=dr.squared_norm(lit.p - path.prev.p) <= SAME * r2,
+        )

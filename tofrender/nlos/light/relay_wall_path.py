@@ -11,38 +11,76 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...films.contribution import Contribution
+from ...integrators.plan import Plan
 from ...integrators.transient_path import TransientPath
-from ...paths.targets import Targets
+from ...paths.guided import Guided, Targets
+from ...paths.records import Limits
+from ...paths.scattering import Materials
+from ...paths.space import Vacuum
 from ...runtime import checks
+from ..device.laser import place_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, names_of, seen_shapes
-from .corner import CornerConnections
+from .corner import CornerConnections, CornerShare
 from .laser_spot import LaserSpot, Spot
 
 HIDDEN_SHARE = 0.5
 """Probability with which a path leaves the wall towards a point of the hidden geometry."""
 
 Beam = Callable[[mi.Sampler, mi.Bool], Spot]
-Arrival = tuple[Any, mi.Float, mi.Bool]
-"""Spectrum, optical path length [m] and active lanes of light that arrives."""
 
 
 @dataclass
 class Scan:
-    """What a laser scans.
+    """What a laser scans, and how paths find what it lights.
 
     Attributes:
         scene: The scene.
         wall: Shapes of the relay wall, empty if it is not known.
         up: The camera's upward direction.
-        origin: Where the sensor is, None without one [m].
+        guided: The scattering that sends paths to hidden geometry, None without.
+        share: What walked paths leave to connections around the corner, None without those.
         follows_camera: Whether the laser is turned to where each camera ray meets the scene.
     """
 
     scene: mi.Scene
     wall: list[mi.Shape]
     up: list[float]
-    origin: list[float] | None
+    guided: Guided | None = None
+    share: CornerShare | None = None
     follows_camera: bool = False
+
+
+class ScanPlan(Plan):
+    """The plan of a scan: what is lit depends on each camera ray.
+
+    Args:
+        scan: What is scanned.
+        light: Takes the scan, rays, their origins and the active lanes; gives what their paths
+            connect to, and what the camera sees of the lit point itself, if that does not find it.
+        limits: Which paths count.
+        counts_spot: Whether the lit point itself does.
+    """
+
+    def __init__(
+        self, scan: Scan, light: Callable[..., Any], limits: Limits, counts_spot: bool
+    ) -> None:
+        scattering = scan.guided or Materials(scan.scene)
+        super().__init__(Vacuum(scan.scene), None, scattering, limits)
+        self.scan, self.light, self.counts_spot = scan, light, counts_spot
+
+    def trace(self, sampler, ray, origin, measurement, active=True):
+        """Follow camera rays through a scene that a laser lights."""
+        active = mi.Bool(active)
+        laser, seen = self.light(self.scan, ray, origin, active)
+        if self.scan.share is not None:
+            corner = CornerConnections(self.space, self.scan.share, laser)
+            start = None if self.limits.unwarp else origin
+            measurement = corner.add(ray, start, sampler, measurement, active)
+        if seen is not None and self.counts_spot:
+            measurement.add(seen)
+        lit = Plan(self.space, laser, self.scattering, self.limits)
+        return lit.trace(sampler, ray, origin, measurement, active)
 
 
 class RelayWallPath(TransientPath):
@@ -100,9 +138,12 @@ class RelayWallPath(TransientPath):
         super().__init__(props)
         self.camera_unwarp |= not self.counts_legs
 
+    lights_a_point = True
+    """Whether paths connect to the lit point, rather than to the emitter itself."""
+
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
-    ) -> tuple[Any, Arrival | None]:
+    ) -> tuple[Any, Contribution | None]:
         """What the paths of camera rays connect to.
 
         Args:
@@ -112,35 +153,91 @@ class RelayWallPath(TransientPath):
             active: Lanes with a ray.
 
         Returns:
-            A light strategy, and what the camera sees of the lit point itself, if the strategy does
-            not find that.
+            An endpoint, and what the camera sees of the lit point itself, if the endpoint does not
+            find that.
         """
         raise TypeError(f"{type(self).__name__}: must define laser, what its paths connect to")
 
     def lit_point(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Connections to where a beam lands."""
-        return LaserSpot(scan.scene, beam, scan.wall, self.use_nlos_only, self.filter_bounces)
+        return LaserSpot(
+            scan.scene,
+            beam,
+            scan.wall,
+            self.use_nlos_only,
+            self.filter_bounces,
+            scan.share,
+            self.hide_emitters,
+        )
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
-        """The scan that the rays of this sensor belong to."""
-        wall = self.wall(scene, sensor)
+    def plan(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None = None,
+        weight: Any = None,
+        wall: list[mi.Shape] | None = None,
+    ) -> ScanPlan:
+        """The scan that the rays of this sensor belong to.
+
+        Args:
+            scene: The scene.
+            sensor: The sensor.
+            weight: As for every integrator.
+            wall: The relay wall; by default as the parameters say.
+        """
+        scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
+        return ScanPlan(scan, self.laser, self.limits(), self.counts_spot)
+
+    def require_mode(self, mode: str) -> None:
+        """Refuse a mode of capture that this integrator has not.
+
+        Raises:
+            ValueError: One line with the mode and those that there are.
+        """
+
+    def capture_plan(
+        self, scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape], mode: str
+    ) -> ScanPlan:
+        """The plan of a capture in a mode that `require_mode` has let pass."""
+        return self.plan(scene, sensor, wall=wall)
+
+    def laser_origin(self, scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray:
+        """Where the laser is [m]: with the camera."""
+        return place_of(sensor)
+
+    def scan(self, scene: mi.Scene, sensor: mi.Sensor | None, wall: list[mi.Shape]) -> Scan:
+        """What is scanned."""
         surfaces = [s for s in scene.shapes() if not s.is_emitter()]
         if self.use_nlos_only and all(shape in wall for shape in surfaces):
             raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
-        self.targets = None
-        if self.samples_hidden:
-            senders = wall
-            if not wall and (self._sampling_is_asked_for or self.hidden_shapes is not None):
-                senders = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
-            aims = self._aims(scene, surfaces, senders)
-            if senders and not wall and len(surfaces) == 1:
-                _tell_of_one_shape(surfaces[0])
-            if senders and (aims or not wall):
-                self.targets = self.aim_at(scene, aims or surfaces, senders)
-        if sensor is None:
-            return Scan(scene, wall, [0, 1, 0], None)
-        pose = np.array(sensor.world_transform().matrix).reshape(4, 4)
-        return Scan(scene, wall, pose[:3, 1].tolist(), pose[:3, 3].tolist())
+        up = [0.0, 1.0, 0.0]
+        if sensor is not None:
+            up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
+        scan = Scan(scene, wall, up, self._guided(scene, sensor, surfaces, wall))
+        if scan.guided and self.lights_a_point and self._counts_three():
+            scan.share = CornerShare(scan.guided)
+        return scan
+
+    def _guided(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None,
+        surfaces: list[mi.Shape],
+        wall: list[mi.Shape],
+    ) -> Guided | None:
+        """The scattering that sends paths to hidden geometry, None where nothing is sent."""
+        if not self.samples_hidden:
+            return None
+        senders = wall
+        if not wall and (self._sampling_is_asked_for or self.hidden_shapes is not None):
+            senders = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
+        aims = self._aims(scene, surfaces, senders)
+        if senders and not wall and len(surfaces) == 1:
+            _tell_of_one_shape(surfaces[0])
+        if not senders or not (aims or not wall):
+            return None
+        shapes, share = self.aim_at(aims or surfaces, senders)
+        return Guided(Materials(scene), Targets(scene, shapes), senders, share)
 
     def _aims(
         self, scene: mi.Scene, surfaces: list[mi.Shape], senders: list[mi.Shape]
@@ -156,31 +253,24 @@ class RelayWallPath(TransientPath):
                 )
         return found
 
-    def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
-        """Which surfaces paths are sent to, and from where."""
-        return Targets(scene, hidden, wall, HIDDEN_SHARE)
+    def aim_at(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> tuple[list[mi.Shape], float]:
+        """Which surfaces paths are sent to, and with which probability."""
+        return hidden, HIDDEN_SHARE
 
-    def longest_path(self, lights: Any) -> int:
+    def limits(self, last_opl: Any = None) -> Limits:
         """Paths need not be longer than those that `filter_bounces` counts."""
-        if self.filter_bounces < 0:
-            return self.max_depth
-        # The lit point is a surface point, too; the laser itself is not
-        segments = self.filter_bounces + (0 if isinstance(lights, LaserSpot) else 1)
-        return segments if self.max_depth < 0 else min(self.max_depth, max(segments, 1))
+        limits = super().limits(last_opl)
+        if self.filter_bounces >= 0:
+            # The lit point is a surface point, too; the laser itself is not
+            segments = self.filter_bounces + (0 if self.lights_a_point else 1)
+            bounded = min(self.max_depth, max(segments, 1))
+            limits.max_depth = segments if self.max_depth < 0 else bounded
+        return limits
 
-    def trace(self, scene, sampler, ray, origin, measurement, lights, active=True, last_opl=None):
-        """Follow camera rays through a scene that a laser lights."""
-        active = mi.Bool(active)
-        laser, seen = self.laser(lights, ray, origin, active)
-        if self.targets and isinstance(laser, LaserSpot) and self._counts_three():
-            corner = CornerConnections(scene, self.targets, laser)
-            start = None if self.camera_unwarp else origin
-            measurement = corner.add(ray, start, sampler, measurement, active)
-        if seen is not None and not self.use_nlos_only and self.filter_bounces in (-1, 1):
-            measurement.add(*seen)
-        return super().trace(
-            scene, sampler, ray, origin, measurement, laser, active=active, last_opl=last_opl
-        )
+    @property
+    def counts_spot(self) -> bool:
+        """Whether the lit point counts where the camera sees it."""
+        return not self.use_nlos_only and self.filter_bounces in (-1, 1)
 
     def _counts_three(self) -> bool:
         """Whether paths of three bounces count."""
@@ -200,7 +290,7 @@ class RelayWallPath(TransientPath):
         laser: mi.Point3f,
         irradiance: Callable[[mi.Vector3f, mi.Float], Any],
         active: mi.Bool,
-    ) -> Arrival:
+    ) -> Contribution:
         """Light that comes straight back from the surface that the camera sees.
 
         Args:
@@ -221,7 +311,8 @@ class RelayWallPath(TransientPath):
         f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
         radiance = f * irradiance(-d, r)
         opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
-        return radiance, opl + (r if self.counts_legs else 0), seen & dr.any(radiance != 0)
+        opl += r if self.counts_legs else 0
+        return Contribution(radiance, opl, seen & dr.any(radiance != 0))
 
     def wall(self, scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
         """The relay wall; none where nobody asks for it and nothing says which it is."""

@@ -9,12 +9,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...paths.endpoints import Connection, PathState, SceneLights
-from ...paths.targets import Targets
+from ...films.contribution import Contribution
+from ...paths.endpoints import SceneLights
+from ...paths.records import Connection, Path, Vertex
+from ...paths.surfaces import is_on
 from ...runtime import checks
-from ..device.laser import GRAZING, axis, find_laser, follow_meters, require_aim
+from ..device.laser import GRAZING, axis, find_laser, follow_meters, place_of, require_aim
 from ..device.relay_wall import is_on_relay_wall, look
-from .relay_wall_path import Arrival, RelayWallPath, Scan
+from .relay_wall_path import RelayWallPath, Scan, ScanPlan
 
 CAPTURE_TYPES = ("single", "confocal", "exhaustive")
 MOST = 0.9
@@ -90,13 +92,33 @@ class TransientNLOSPath(RelayWallPath):
         self.laser_power = power
         super().__init__(props)
 
-    def aim_at(self, scene: mi.Scene, hidden: list[mi.Shape], wall: list[mi.Shape]) -> Targets:
-        """Targets as the parameters say."""
-        return Targets(scene, hidden + wall * self.wall_too, wall, 0.5 if self.both else MOST)
+    def aim_at(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> tuple[list[mi.Shape], float]:
+        """As the parameters say."""
+        return hidden + wall * self.wall_too, 0.5 if self.both else MOST
 
-    def lights(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> Any:
-        """The scan, once it is known that there is one laser."""
-        kind = self._kind(sensor)
+    @property
+    def lights_a_point(self) -> bool:
+        """With laser sampling."""
+        return self.laser_sampling
+
+    def plan(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None = None,
+        weight: Any = None,
+        wall: list[mi.Shape] | None = None,
+        capture_type: str | None = None,
+    ) -> ScanPlan:
+        """The scan, once it is known that there is one laser.
+
+        Args:
+            scene: The scene.
+            sensor: The sensor.
+            weight: As for every integrator.
+            wall: The relay wall; by default as the parameters say.
+            capture_type: "single" or "confocal"; by default as the parameters say.
+        """
+        kind = self._kind(sensor) if capture_type is None else capture_type
         if kind == "exhaustive":
             raise ValueError(
                 "capture_type = 'exhaustive': must be 'single' or 'confocal' to render; "
@@ -108,15 +130,23 @@ class TransientNLOSPath(RelayWallPath):
                 "lights one point after the other"
             )
         find_laser(scene)
-        follow_meters(scene)
-        follow: Any = getattr(sensor, "follow_laser", None)
-        if follow is not None:
-            follow(scene)
-        scan = super().lights(scene, sensor)
+        follow_meters(scene, sensor)
+        plan = super().plan(scene, sensor, weight, wall)
         if self.laser_sampling:
-            self._check_aim(scan, kind, sensor)
-        scan.follows_camera = kind == "confocal"
-        return scan
+            self._check_aim(plan.scan, kind, sensor)
+        plan.scan.follows_camera = kind == "confocal"
+        return plan
+
+    def capture_plan(
+        self, scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape], mode: str
+    ) -> ScanPlan:
+        """The plan of a capture; an exhaustive one is a single one for each laser point."""
+        kind = "confocal" if mode == "confocal" else "single"
+        return self.plan(scene, sensor, wall=wall, capture_type=kind)
+
+    def laser_origin(self, scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray:
+        """Where the scene's laser is [m]."""
+        return place_of(find_laser(scene))
 
     def _kind(self, sensor: mi.Sensor | None) -> str:
         """The capture type; if none is given, the sensor may know it."""
@@ -151,13 +181,14 @@ class TransientNLOSPath(RelayWallPath):
 
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
-    ) -> tuple[Any, Arrival | None]:
+    ) -> tuple[Any, Contribution | None]:
         """The lit point, or the emitter itself."""
         scene = scan.scene
         bounces = self.filter_bounces
         if not self.laser_sampling:
             wall = scan.wall if self.use_nlos_only else None
-            return LaserItself(scene, wall, bounces, self.shows_spot, self.counts_legs), None
+            more = (self.shows_spot, self.counts_legs, self.hide_emitters)
+            return LaserItself(scene, wall, bounces, *more), None
         emitter = find_laser(scene)
         source, forward = axis(emitter)
 
@@ -213,7 +244,16 @@ def _no_effect(name: str, value: Any, why: str) -> None:
 
 
 class LaserItself(SceneLights):
-    """The scene's laser by ordinary connections, with the paths that count and their legs."""
+    """The scene's laser by ordinary connections, with the paths that count and their legs.
+
+    Args:
+        scene: The scene.
+        wall: The relay wall if only paths count that have met something else, else None.
+        bounces: Count only paths of so many surface points; -1 means all.
+        single: Whether light of a single bounce counts.
+        counts_legs: Whether the leg from the laser counts in lengths.
+        hide_emitters: As in `Unseen`.
+    """
 
     def __init__(
         self,
@@ -222,29 +262,32 @@ class LaserItself(SceneLights):
         bounces: int,
         single: bool,
         counts_legs: bool,
+        hide_emitters: bool,
     ) -> None:
-        super().__init__(scene)
+        super().__init__(scene, None, hide_emitters)
         self.wall, self.bounces = wall, bounces
         self.single, self.counts_legs = single, counts_legs
 
-    def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+    def memory(self) -> Any:
+        """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
+        return None if self.wall is None else mi.UInt32(0)
+
+    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
         """Whether a vertex so far is off the wall."""
-        return memory if self.wall is None else memory | (active & ~is_on_relay_wall(si, self.wall))
+        if self.wall is None:
+            return memory
+        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), memory)
 
     def connect(
-        self,
-        si: mi.SurfaceInteraction3f,
-        path: PathState,
-        sampler: mi.Sampler,
-        active: mi.Bool,
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """As in `SceneLights`, for the paths that count."""
         if self.wall is not None:
-            active = active & path.memory
+            active = active & (path.memory != 0)
         if not self.single:
             active = active & (path.depth > 0)
         if self.bounces >= 0:
             active = active & (path.depth + 1 == self.bounces)
-        em = super().connect(si, path, sampler, active)
-        em.length = em.length if self.counts_legs else mi.Float(0)
-        return em
+        link = super().connect(vertex, path, sampler, active)
+        link.length = link.length if self.counts_legs else mi.Float(0)
+        return link

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from .scene_lights import Connection, PathState, SceneLights
+from ..records import Connection, Path, Vertex
+from .scene_lights import SceneLights
 
 CANDIDATES = 8
 """Points on lights that a connection is chosen from; only the chosen one costs a shadow ray."""
@@ -31,44 +33,44 @@ class GatedLights(SceneLights):
             it goes.
         sensor: As in `SceneLights`.
         gate: Takes an optical path length [m], gives its weight [1/m].
+        hide_emitters, discard_direct_light: As in `SceneLights`.
     """
 
     def __init__(
-        self, scene: mi.Scene, sensor: mi.Sensor | None, gate: Callable[[mi.Float], mi.Float]
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None,
+        gate: Callable[[mi.Float], mi.Float],
+        hide_emitters: bool = False,
+        discard_direct_light: bool = False,
     ) -> None:
-        super().__init__(scene, sensor)
+        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
         self.gate = gate
 
     def connect(
-        self,
-        si: mi.SurfaceInteraction3f,
-        path: PathState,
-        sampler: mi.Sampler,
-        active: mi.Bool,
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a point on a light that the gate is likely to see, as a whole lane at a time."""
+        """A point on a light that the gate is likely to see."""
         shift, xi = sampler.next_2d(), sampler.next_1d()
         total, t_chosen = mi.Float(0), mi.Float(0)
-        chosen, end = dr.zeros(Connection), mi.Point3f(0)
+        chosen: Any = None
         for k in range(CANDIDATES):
             u = shift + mi.Point2f(k / CANDIDATES, _radical_inverse(k))
-            em, p = self.choose(si, u - dr.floor(u), False, active)
-            cos = dr.abs(dr.dot(em.direction, si.sh_frame.n))
-            t = dr.max(em.weight) * cos * self.gate(dr.fma(path.η, em.length, path.opl))
-            t = dr.select(em.active & dr.isfinite(t), t, 0)
+            link = self.choose(vertex, u - dr.floor(u), active)
+            cos = dr.abs(dr.dot(link.direction, vertex.si.sh_frame.n))
+            t = dr.max(link.weight) * cos * self.gate(dr.fma(path.η, link.length, path.opl))
+            t = dr.select(link.active & dr.isfinite(t), t, 0)
 
             # One random number chooses among all: what is left of it is uniform again
             total += t
             share = dr.select(t > 0, t / total, 0)
             take = xi < share
             xi = dr.select(take, xi / share, (xi - share) / (1 - share))
-            chosen, end = dr.select(take, em, chosen), dr.select(take, p, end)
+            chosen = link if chosen is None else dr.select(take, link, chosen)
             t_chosen = dr.select(take, t, t_chosen)
 
-        seen = active & (t_chosen > 0)
-        seen &= ~self.scene.ray_test(si.spawn_ray_to(end), seen)
-        chosen.weight *= dr.select(seen, total / (CANDIDATES * t_chosen), 0)
-        chosen.active = seen
+        chosen.active = active & (t_chosen > 0)
+        chosen.weight *= dr.select(chosen.active, total / (CANDIDATES * t_chosen), 0)
         return chosen
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .scene_lights import Connection, PathState, SceneLights
+from ..records import Connection, Path, Vertex
+from .scene_lights import SceneLights
 
 
 class OneSampleLights(SceneLights):
@@ -20,15 +21,12 @@ class OneSampleLights(SceneLights):
     finds_all = True
 
     def connect(
-        self,
-        si: mi.SurfaceInteraction3f,
-        path: PathState,
-        sampler: mi.Sampler,
-        active: mi.Bool,
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a direction, from either technique, and take the light that comes from there."""
+        """A direction from either technique, and the light that comes from there."""
+        si = vertex.si
         to_light = sampler.next_1d() < 0.5
-        em = super().connect(si, path, sampler, active & to_light)
+        link = super().connect(vertex, path, sampler, active & to_light)
 
         # A sample of a mirror's or glass's only direction is left to the path itself
         ctx, bsdf = mi.BSDFContext(), si.bsdf()
@@ -37,18 +35,22 @@ class OneSampleLights(SceneLights):
         by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
         ray = si.spawn_ray(si.to_world(bs.wo))
         seen = self.scene.ray_intersect(ray, by_material)
-        Le, pdf_light, length = self.hit(seen, si, ray, by_material)
+        ahead = Path.start(ray, si.p, by_material)
+        ahead.depth = mi.UInt32(1)  # No longer what the sensor sees directly
+        found = self.hit(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
 
         # A point light cannot be hit: the lights' half of the samples has all of it
-        pdf_material = bsdf.pdf(ctx, si, si.to_local(em.direction), em.active)
-        pdf_material = dr.select(em.delta, 0, pdf_material)
-        by_light = em.weight * em.pdf
-        pdf = 0.5 * dr.select(to_light, em.pdf + pdf_material, pdf_light + bs.pdf)
+        pdf_material = bsdf.pdf(ctx, si, si.to_local(link.direction), link.active)
+        pdf_material = dr.select(link.delta, 0, pdf_material)
+        by_light = link.weight * link.pdf
+        pdf = 0.5 * dr.select(to_light, link.pdf + pdf_material, found.pdf + bs.pdf)
         return Connection(
-            direction=dr.select(to_light, em.direction, ray.d),
-            weight=dr.select(pdf > 0, dr.select(to_light, by_light, Le) / pdf, 0),
+            point=dr.select(to_light, link.point, seen.p),
+            direction=dr.select(to_light, link.direction, ray.d),
+            weight=dr.select(pdf > 0, dr.select(to_light, by_light, found.radiance) / pdf, 0),
             pdf=pdf,
             delta=mi.Bool(True),
-            length=dr.select(to_light, em.length, length),
-            active=dr.select(to_light, em.active, by_material),
+            length=dr.select(to_light, link.length, found.length),
+            active=dr.select(to_light, link.active, by_material),
+            clear=~to_light,
         )

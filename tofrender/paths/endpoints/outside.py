@@ -8,52 +8,42 @@ import drjit as dr
 import mitsuba as mi
 
 from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
-from .scene_lights import Connection, Wavefronts
+from ..records import Connection, Path, Vertex
+from .unseen import Unseen
+from .wavefronts import Wavefronts
 
 
-class _Outside:
-    """A light that paths cannot run into."""
-
-    connects = True
-    finds_all = True
-
-    def __init__(self, scene: mi.Scene) -> None:
-        self.scene = scene
-
-    def hit(self, si, previous, ray, active):
-        """No light: what emits in the scene is dark."""
-        return mi.UnpolarizedSpectrum(0), mi.Float(0), dr.norm(si.p - previous.p)
-
-    def remember(self, memory: mi.Bool, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-        """Nothing."""
-        return memory
-
-    def nearest(self, p: mi.Point3f) -> mi.Float:
-        """No bound."""
-        return mi.Float(0)
-
-
-class PointSource(_Outside):
+class PointSource(Unseen):
     """A point light of Mitsuba's that no scene needs to hold.
 
     Args:
         scene: What casts shadows.
         emitter: A `point` emitter.
+        hide_emitters: As in `Unseen`.
     """
 
-    def __init__(self, scene: mi.Scene, emitter: mi.Emitter) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: mi.Scene, emitter: mi.Emitter, hide_emitters: bool = False) -> None:
+        super().__init__(scene, hide_emitters)
         self.emitter: Any = emitter
 
-    def connect(self, si, path, sampler, active) -> Connection:
-        """The one direction towards the light, with its shadow ray; draws no random number."""
-        ds, weight = self.emitter.sample_direction(si, mi.Point2f(0.5), active)
-        seen = active & ~self.scene.ray_test(si.spawn_ray_to(ds.p), active)
-        weight = dr.select(seen, mi.unpolarized_spectrum(weight), 0)
-        return Connection(ds.d, weight, ds.pdf, mi.Bool(True), ds.dist, seen)
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """The one direction towards the light; draws no random number."""
+        ds, weight = self.emitter.sample_direction(vertex.si, mi.Point2f(0.5), active)
+        return Connection(
+            point=ds.p,
+            direction=ds.d,
+            weight=mi.unpolarized_spectrum(weight),
+            pdf=ds.pdf,
+            delta=mi.Bool(True),
+            length=ds.dist,
+            active=mi.Bool(active),
+            clear=mi.Bool(False),
+        )
 
 
-class OpenSky(_Outside):
+class OpenSky(Unseen):
     """Radiance 1 from every direction in which there is no surface.
 
     Directions are sampled by their cosine to the shading normal, on the side that the path comes
@@ -62,18 +52,31 @@ class OpenSky(_Outside):
     Args:
         scene: What the sky is hidden by.
         sensor: As in `SceneLights`.
+        hide_emitters: As in `Unseen`.
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-        super().__init__(scene)
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor | None = None, hide_emitters: bool = False
+    ) -> None:
+        super().__init__(scene, hide_emitters)
         self.sphere = Wavefronts.around(scene, sensor)
 
-    def connect(self, si, path, sampler, active) -> Connection:
-        """Sample a direction of the sky, with its shadow ray."""
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """A direction of the sky."""
+        si = vertex.si
         local = square_to_cosine_hemisphere(sampler.next_2d())
         pdf = square_to_cosine_hemisphere_pdf(local)
         d = si.to_world(mi.Vector3f(local.x, local.y, dr.mulsign(local.z, si.wi.z)))
-        seen = active & (pdf > 0)
-        seen &= ~self.scene.ray_test(si.spawn_ray(d), seen)
-        weight = mi.UnpolarizedSpectrum(dr.select(seen, dr.rcp(pdf), 0))
-        return Connection(d, weight, pdf, mi.Bool(True), self.sphere.length(si.p, d), seen)
+        length = self.sphere.length(si.p, d)
+        return Connection(
+            point=dr.fma(d, length + self.sphere.radius, si.p),  # Beyond all that could hide it
+            direction=d,
+            weight=mi.UnpolarizedSpectrum(dr.select(pdf > 0, dr.rcp(pdf), 0)),
+            pdf=pdf,
+            delta=mi.Bool(True),
+            length=length,
+            active=active & (pdf > 0),
+            clear=mi.Bool(False),
+        )

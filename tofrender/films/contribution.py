@@ -1,0 +1,26 @@
+"""What arrives at a film, or at whatever else measures light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+
+
+@dataclass
+class Contribution:
+    """Light that one path carries from an emitter to the sensor.
+
+    Attributes:
+        spectrum: Radiance; the weight of the camera ray is not in it.
+        opl: Optical path length from the emitter to the sensor [m].
+        active: Lanes that have such a contribution.
+        position: Where it lands on the film [pixels], of paths that end on the lens; None if it
+            lands where its camera ray has started.
+    """
+
+    spectrum: Any
+    opl: mi.Float
+    active: mi.Bool
+    position: Any = None

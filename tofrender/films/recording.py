@@ -1,0 +1,260 @@
+"""What each kind of film makes of light: the only place that tells films apart.
+
+| recording | film | measures |
+|---|---|---|
+| `BinRecording` | `transient_hdr_film`, mitransient's as well | the energy of each time bin |
+| `PhasorRecording` | `phasor_hdr_film` | phasors |
+| `PictureRecording` | any other | one weighted sum |
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..runtime import memory
+from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
+from .deposit import FilmDeposit, open_gates, spread
+from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight
+from .phasor_sum import PhasorSum
+from .sums import Radiance, Weighted
+
+
+def recording(film: Any, exposure: Exposure) -> Recording:
+    """The recording of an exposure on a film.
+
+    Raises:
+        TypeError: The film is of a kind that the exposure makes no sense on; one line.
+        ValueError: The exposure lacks something, or does not fit the film's filter; one line.
+    """
+    if hasattr(film, "frequencies_hz"):
+        found: type[Recording] = PhasorRecording
+    else:
+        found = BinRecording if hasattr(film, "add_transient_data") else PictureRecording
+    if found.kind not in exposure.onto:
+        allowed = " or ".join(exposure.onto)
+        kind = film.class_name() if type(film) is mi.Film else type(film).__name__
+        raise TypeError(f"film = {kind}: must be {allowed}, or a film like it")
+    return found(film, exposure)
+
+
+class Recording:
+    """A film under exposure.
+
+    Args:
+        film: The film.
+        exposure: How light counts.
+
+    Attributes:
+        not_finite: Contributions that were left out because they were not finite.
+    """
+
+    kind = PICTURE
+
+    def __init__(self, film: Any, exposure: Exposure) -> None:
+        self.film, self.exposure = film, exposure
+        self.not_finite = 0
+
+    @property
+    def image(self) -> Any:
+        """The film's picture, which takes samples."""
+        return self.film
+
+    @property
+    def weight(self) -> Weight | None:
+        """The weight by length that all light counts by; None if light of any length counts."""
+        return None
+
+    def prepare(self) -> None:
+        """Empty the film."""
+        self.film.prepare([])
+
+    def require_memory(self) -> None:
+        """Refuse to develop what does not fit into memory.
+
+        Raises:
+            MemoryError: One line with what it takes and what there is.
+        """
+
+    def require_no_lengths(self, integrator: str) -> None:
+        """Refuse an integrator that tells what a ray sees and not how long its paths are.
+
+        Raises:
+            TypeError: The film needs lengths; one line.
+        """
+        raise TypeError(
+            f"integrator = {integrator}: has a sample of its own, which tells no path lengths; "
+            f"must have none on a film with time, here a {self.film.class_name()}"
+        )
+
+    def measurement(self, camera: Any, spp: int) -> Any:
+        """What is done with the light of camera rays; its `total` is the picture's colour.
+
+        Args:
+            camera: The rays, a `CameraSample`.
+            spp: Samples per pixel.
+        """
+        raise NotImplementedError
+
+    def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
+        """What samples put into the picture, before and behind their weight.
+
+        Args:
+            camera: The rays.
+            measured: What they measured.
+            covered: Lanes that met a surface.
+        """
+        colour = to_rgb(measured.total * camera.weight, camera.ray.wavelengths)
+        first = [colour.x, colour.y, colour.z]
+        if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):
+            first.append(dr.select(covered, mi.Float(1), mi.Float(0)))
+        return first, []
+
+    def begin(self, spp: int, one_writer: bool) -> None:
+        """Say how many samples per pixel come, and whether one thread alone writes to a pixel."""
+
+    def reach(self, taken: int, spp: int) -> None:
+        """Say how many samples per pixel were taken so far."""
+
+    def fold(self) -> None:
+        """Keep single precision from losing small addends, after many samples."""
+
+    def report(self) -> None:
+        """Warn of contributions that were left out."""
+        if self.not_finite:
+            warnings.warn(
+                f"{self.not_finite} contributions of paths were not finite and left out; a light, "
+                "a material or a texture of the scene is",
+                stacklevel=2,
+            )
+
+
+class PictureRecording(Recording):
+    """A steady picture of all light, or of light weighted by its length."""
+
+    def __init__(self, film: Any, exposure: Exposure) -> None:
+        if exposure.lacks:
+            raise ValueError(exposure.lacks)
+        super().__init__(film, exposure)
+
+    def require_no_lengths(self, integrator: str) -> None:
+        """A picture needs none."""
+
+    @property
+    def weight(self) -> Weight | None:
+        """That of the exposure."""
+        return self.exposure.weight
+
+    def measurement(self, camera: Any, spp: int) -> Radiance | Weighted:
+        """The sum, weighted if the exposure says so."""
+        return Radiance.zero() if self.weight is None else Weighted.zero(self.weight)
+
+
+class BinRecording(Recording):
+    """Time bins. The light's pulse is seen through the temporal filter."""
+
+    kind = BINS
+
+    def __init__(self, film: Any, exposure: Exposure) -> None:
+        super().__init__(film, exposure)
+        self.profile = profile(film, exposure)
+
+    @property
+    def image(self) -> Any:
+        """The film's steady image."""
+        return self.film.steady
+
+    def require_memory(self) -> None:
+        """Refuse where bins and the tensor that `develop` returns do not fit together."""
+        shape = getattr(self.film, "shape", None)  # mitransient's film has none
+        if shape is not None:
+            memory.require_film(*shape, 1 + shape[3] / memory.stride(shape[3]))
+
+    def measurement(self, camera: Any, spp: int) -> FilmDeposit:
+        """Deposits in the bins."""
+        how = open_gates if self.exposure.at_centres else spread
+        weight, wavelengths = camera.weight / spp, camera.ray.wavelengths
+        position = camera.position
+        return FilmDeposit.into(self.film, position, wavelengths, weight, self.profile, how)
+
+    def begin(self, spp: int, one_writer: bool) -> None:
+        """Tell the film."""
+        self.film.samples_per_pixel = spp
+        self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
+
+    def reach(self, taken: int, spp: int) -> None:
+        """Tell the film."""
+        self.film.partial = taken < spp
+
+    def fold(self) -> None:
+        """Put the bins aside; mitransient's film cannot."""
+        if hasattr(self.film, "fold"):
+            self.film.fold()
+
+
+class PhasorRecording(Recording):
+    """Phasors, path by path; the light's pulse multiplies them by its Fourier transform."""
+
+    kind = PHASORS
+
+    @property
+    def image(self) -> Any:
+        """The film's image, with the phasors behind its colours."""
+        return self.film.steady
+
+    def measurement(self, camera: Any, spp: int) -> PhasorSum:
+        """The phasors of every path."""
+        return PhasorSum.zero(self.film.frequencies_hz)
+
+    def channels(self, camera: Any, measured: PhasorSum, covered: mi.Bool) -> tuple[list, list]:
+        """The colour, and all phasors."""
+        first, _ = super().channels(camera, measured, covered)
+
+        def colour(spectrum: Any) -> mi.Color3f:
+            return to_rgb(spectrum * camera.weight, camera.ray.wavelengths)
+
+        return first, self.film.channels(measured, colour, self.exposure.pulse)
+
+
+def profile(film: Any, exposure: Exposure) -> Pulse | None:
+    """The light's pulse as the bins of a film see it, through the temporal filter.
+
+    Raises:
+        ValueError: The filter has no meaning in time; one line.
+    """
+    blur = _filter(film, exposure)
+    if exposure.pulse is None or blur is None:
+        return exposure.pulse or blur
+    return convolve(exposure.pulse, blur)
+
+
+def _filter(film: Any, exposure: Exposure) -> Pulse | None:
+    """The temporal filter as a pulse, None if it is a box: a bin's own width."""
+    width = float(film.bin_width_opl)
+    if exposure.temporal_filter == "gaussian":
+        return GaussianPulse(exposure.gaussian_stddev * width)
+    rfilter = film.rfilter()
+    if exposure.temporal_filter == "box" or rfilter.is_box_filter():
+        return None
+    radius = rfilter.radius()
+    step = 2 * radius / 4096
+    values = np.array(rfilter.eval(mi.Float(-radius + step * (np.arange(4096) + 0.5))))
+    if np.any(values < 0):
+        raise ValueError(
+            "temporal_filter = '': takes the film's rfilter, whose negative lobes have no "
+            "meaning in time; must be 'box' or 'gaussian' with this film"
+        )
+    return SampledPulse(values, -radius * width, step * width)
+
+
+def to_rgb(spectrum: Any, wavelengths: Any) -> mi.Color3f:
+    """Colour of a spectrum, in whatever way the variant stores it."""
+    if mi.is_monochromatic:
+        return mi.Color3f(spectrum[0])
+    if mi.is_spectral:
+        return mi.spectrum_to_srgb(spectrum, wavelengths)
+    return mi.Color3f(spectrum)

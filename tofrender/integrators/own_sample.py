@@ -1,0 +1,78 @@
+"""Integrators that bring a `sample` of their own, as students write them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..films.recording import Recording
+from ..films.sums import Radiance
+from ..paths.camera import CameraSample
+from ..runtime import checks
+from .passes import Follow, best_sampler, expose
+
+
+def brings_sample(integrator: Any) -> bool:
+    """Whether a class outside of this package says what a ray sees."""
+    sample = getattr(type(integrator), "sample", None)
+    return getattr(sample, "__module__", "").partition(".")[0] != __name__.partition(".")[0]
+
+
+def require_sample(integrator: Any, call: str) -> None:
+    """Refuse what cannot be asked what a ray sees.
+
+    Args:
+        integrator: What should be an integrator.
+        call: How it would be asked, for the message.
+
+    Raises:
+        TypeError: It has no `sample` of its own; one line.
+    """
+    if not callable(getattr(integrator, "sample", None)):
+        kind = type(integrator).__name__
+        raise TypeError(f"integrator = {kind}: has no sample; must have {call}")
+
+
+def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -> Follow:
+    """Follow camera rays by an integrator's `sample(scene, sampler, ray, *more)`.
+
+    Rays start on the sensor instead of at its near plane, since a `sample` measures lengths from
+    where its ray starts.
+
+    Raises:
+        TypeError: The film needs the length of each path, which a `sample` does not tell; one line.
+    """
+    record.require_no_lengths(type(integrator).__name__)
+
+    def follow(sampler: mi.Sampler, camera: CameraSample, _: Any) -> Any:
+        ray = mi.RayDifferential3f(camera.ray)
+        ray.o = camera.origin
+        spectrum, covered, *_aovs = integrator.sample(scene, sampler, ray, *more)
+        total = mi.UnpolarizedSpectrum(mi.unpolarized_spectrum(spectrum))
+        finite = dr.all(dr.isfinite(total))
+        radiance = Radiance(dr.select(finite, total, 0))
+        return radiance, mi.Bool(covered), dr.select(finite, mi.UInt32(0), 1)
+
+    return follow
+
+
+def take_by_sample(
+    integrator: Any,
+    scene: mi.Scene,
+    record: Recording,
+    sensor: mi.Sensor,
+    spp: Any,
+    seed: Any,
+    *more: Any,
+) -> None:
+    """Render by an integrator's own `sample`, from start to end.
+
+    Raises:
+        ValueError: `spp` or `seed` is out of range; one line.
+    """
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    follow = by_sample(integrator, scene, record, *more)
+    for _ in expose(follow, record, sensor, best_sampler(spp), seed):
+        pass

@@ -1,0 +1,58 @@
+"""What an integrator decides before a render: the parts of the path loop."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import mitsuba as mi
+
+from ..paths.protocols import Endpoint, Measurement, Scattering, Space
+from ..paths.records import Limits, Path
+from ..paths.walk import walk
+
+M = TypeVar("M", bound=Measurement)
+
+
+class Plan:
+    """What is done with camera rays.
+
+    An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it; a
+    render carries it out.
+
+    Args:
+        space: How vertices are found.
+        endpoint: What they connect to.
+        scattering: How paths go on.
+        limits: Which paths count.
+    """
+
+    def __init__(
+        self, space: Space, endpoint: Endpoint, scattering: Scattering, limits: Limits
+    ) -> None:
+        self.space, self.endpoint, self.scattering = space, endpoint, scattering
+        self.limits = limits
+
+    def trace(
+        self,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        origin: Any,
+        measurement: M,
+        active: Any = True,
+    ) -> tuple[M, Path]:
+        """Follow camera rays.
+
+        Args:
+            sampler: Random numbers.
+            ray: The rays.
+            origin: Where their lengths start [m].
+            measurement: What becomes of their light.
+            active: Lanes with a ray.
+
+        Returns:
+            The measurement, and the paths at their ends.
+        """
+        memory, guide = self.endpoint.memory(), self.scattering.guide()
+        path = Path.start(self.endpoint.begin(ray), origin, active, memory, guide)
+        space, endpoint, scattering = self.space, self.endpoint, self.scattering
+        return walk(sampler, path, space, endpoint, scattering, measurement, self.limits)

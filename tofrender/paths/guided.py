@@ -1,0 +1,206 @@
+"""Scattering that sends paths to surfaces on purpose: hidden geometry, which materials rarely find.
+
+At the vertices where it applies, a path takes its next direction from the material with the
+probability 1 - s, or from a point that is chosen by area on the target surfaces with s. A point
+that something else hides counts nothing; so one next vertex y, seen from x under r and cos, has the
+density (per solid angle at x)
+
+    p(y) = (1 - s) p_material + s r^2 / (A |cos|)
+
+where the second term is there only if y is on a target, and A is the area of all targets. The
+path's throughput is divided by that sum, whichever of the two has found y: the one-sample model
+with the balance heuristic (Veach 1997, section 9.2.4). Both sides of a surface count; what faces
+away and is black there reflects nothing by its own BSDF.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from copy import copy
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .protocols import Scattering
+from .records import Bounce, Connection, Path, Vertex
+from .surfaces import is_on
+
+MATERIAL = -1.0
+"""Stands for a distance where the material chose the direction."""
+
+REACHED = 1e-3
+"""Relative distance by which a ray may miss the point that it was sent to, by rounding."""
+
+PLAIN_SHAPES = ("Rectangle", "Cube", "Disk", "Cylinder")
+"""Where a sampled point has the very normal that a ray finds there; not so on a `Sphere`."""
+
+PLAIN_MATERIALS = re.compile(r"(\w+\.)*(reflectance\.value|lobe_exponent)")
+
+
+def is_plain(shape: Any) -> bool:
+    """Whether position and normal of a surface point are all that its material looks at.
+
+    So it is of surfaces without shading normals that are diffuse or retroreflecting in one colour.
+    """
+    flat = shape.is_mesh() and not shape.has_vertex_normals()
+    if not flat and shape.class_name() not in PLAIN_SHAPES:
+        return False
+    names = [name for name, _ in mi.traverse(shape.bsdf())]
+    return bool(names) and all(PLAIN_MATERIALS.fullmatch(name) for name in names)
+
+
+class Targets:
+    """Surfaces whose points are chosen by area.
+
+    Args:
+        scene: The scene.
+        shapes: The surfaces, whose `sample_position` must be even in area.
+
+    Attributes:
+        area: Area of all of them [m^2].
+        plain: Whether all are as `is_plain` says.
+    """
+
+    def __init__(self, scene: mi.Scene, shapes: Sequence[mi.Shape]) -> None:
+        self.shapes = list(shapes)
+        areas = np.array([shape.surface_area()[0] for shape in self.shapes])
+        cumulative = np.cumsum(areas) / areas.sum()
+        everything = scene.shapes()
+        numbers = [everything.index(shape) for shape in self.shapes]
+        self.area = dr.opaque(mi.Float, float(areas.sum()))
+        self.upper = mi.Float(cumulative)
+        self.lower = mi.Float(np.concatenate([[0.0], cumulative[:-1]]))
+        self.pointers = dr.gather(mi.ShapePtr, scene.shapes_dr(), mi.UInt32(numbers))
+        self.plain = all(map(is_plain, self.shapes))
+        dr.eval(self.upper, self.lower, self.pointers)
+
+    def sample(self, u: mi.Point2f, active: mi.Bool) -> tuple[mi.PositionSample3f, mi.ShapePtr]:
+        """A point on the surfaces, even in area, and the shape that it is on."""
+        index = mi.UInt32(0)
+        for k in range(len(self.shapes) - 1):
+            index[u.x >= dr.gather(mi.Float, self.upper, k)] = k + 1
+        low, high = dr.gather(mi.Float, self.lower, index), dr.gather(mi.Float, self.upper, index)
+        inside = dr.clip((u.x - low) / (high - low), 0, dr.one_minus_epsilon(mi.Float))
+        shape = dr.gather(mi.ShapePtr, self.pointers, index, active)
+        return shape.sample_position(0.0, mi.Point2f(inside, u.y), active), shape
+
+    def density(self, si: mi.SurfaceInteraction3f, previous: mi.Interaction3f) -> mi.Float:
+        """Density r^2 / (A |cos|) of the direction from `previous` to a target point [1/sr]."""
+        to_target = si.p - previous.p
+        r2 = dr.squared_norm(to_target)
+        cos = dr.abs(dr.dot(si.n, to_target)) * dr.rsqrt(r2)
+        return dr.select(is_on(si, self.shapes) & (cos > 0), r2 / (self.area * cos), 0)
+
+
+class Guided:
+    """Another scattering, mixed with directions to targets.
+
+    The path's `guide` is the distance to the target point that its ray was sent to, MATERIAL where
+    the material chose instead, 0 where nothing is sent to targets.
+
+    Args:
+        inner: The other scattering.
+        targets: The targets.
+        senders: Shapes at whose points paths are sent to targets.
+        share: Probability s of that, above 0 and at most 1. With 1 only targets are found.
+    """
+
+    def __init__(
+        self, inner: Scattering, targets: Targets, senders: Sequence[mi.Shape], share: float
+    ) -> None:
+        self.inner, self.targets = inner, targets
+        self.senders, self.share = list(senders), share
+
+    @property
+    def refracts(self) -> bool:
+        """As the other scattering."""
+        return self.inner.refracts
+
+    def guide(self) -> mi.Float:
+        """Nothing is sent to targets yet."""
+        return mi.Float(0)
+
+    def smooth(self, vertex: Vertex) -> mi.Bool:
+        """As the other scattering."""
+        return self.inner.smooth(vertex)
+
+    def sends(self, vertex: Vertex, active: mi.Bool) -> mi.Bool:
+        """Whether paths are sent to targets from here."""
+        return active & self.smooth(vertex) & is_on(vertex.si, self.senders)
+
+    def competed(self, path: Path) -> mi.Bool:
+        """Whether targets and material competed for the direction of the path's ray."""
+        return (path.guide != 0) & ~path.specular
+
+    def eval_pdf(
+        self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
+    ) -> tuple[Any, mi.Float]:
+        """BSDF times cosine; density with which the material chooses the direction [1/sr]."""
+        f, pdf = self.inner.eval_pdf(vertex, direction, active)
+        return f, pdf * self._material_share(vertex)
+
+    def scatter(
+        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> Bounce:
+        """As the other scattering, but to a target with the probability `share`.
+
+        The bounce has the material's density, and the BSDF over the density of what chose the
+        direction, without the target's cosine: that is for `arrive`.
+        """
+        bounce = self.inner.scatter(vertex, link, sampler, active)
+        bounce.pdf_f *= self._material_share(vertex)
+        xi, u = sampler.next_1d(), sampler.next_2d()
+        sending = self.sends(vertex, active)
+        chosen = sending & (xi < self.share)
+
+        si = vertex.si
+        to_target = self.targets.sample(u, chosen)[0].p - si.p
+        r = dr.norm(to_target)
+        d = to_target / r
+        f, pdf = self.inner.eval_pdf(vertex, d, chosen)
+
+        by_material = 1 - self.share
+        kept = dr.select(sending, dr.rcp(by_material) if by_material > 0 else 0.0, 1)
+        reflected = mi.unpolarized_spectrum(f) / self.sent_density(r)
+        weight = mi.unpolarized_spectrum(bounce.weight) * kept
+        bounce.ray = dr.select(chosen, ray_to(si, d, r), bounce.ray)
+        bounce.weight = dr.select(chosen, reflected, weight)
+        bounce.pdf = dr.select(chosen, pdf, bounce.pdf)
+        bounce.η = dr.select(chosen, 1, bounce.η)
+        bounce.specular &= ~chosen
+        bounce.guide = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
+        return bounce
+
+    def arrive(self, path: Path, vertex: Vertex) -> Path:
+        """Drop what was hidden, and divide by the density of both techniques."""
+        path = copy(self.inner.arrive(path, vertex))
+        sent = path.guide > 0
+        missed = ~vertex.valid | (dr.abs(vertex.length - path.guide) > REACHED * path.guide)
+        shared = sent | ((path.guide < 0) & ~path.specular)
+        by_material = (1 - self.share) * path.pdf
+        by_area = self.share * self.targets.density(vertex.si, path.prev)
+        mixed = by_material + by_area
+        chosen = dr.select(sent, self.sent_density(path.guide), by_material)
+        counts = (mixed > 0) & ~(sent & (by_area == 0))  # Not where a target is seen edge-on
+        path.β = dr.select(shared, path.β * dr.select(counts, chosen / mixed, 0), path.β)
+        path.pdf = dr.select(shared, mixed, path.pdf)
+        path.active &= ~(sent & missed)
+        return path
+
+    def sent_density(self, r: mi.Float) -> mi.Float:
+        """Density of being sent to a target point at distance r, but for 1 / |cos|."""
+        return self.share * r * r / self.targets.area
+
+    def _material_share(self, vertex: Vertex) -> mi.Float:
+        """Probability with which the material chooses the direction."""
+        return dr.select(is_on(vertex.si, self.senders), 1 - self.share, 1)
+
+
+def ray_to(si: mi.SurfaceInteraction3f, d: mi.Vector3f, r: mi.Float) -> mi.Ray3f:
+    """A ray that starts a little off a surface and meets the very point at distance r along d."""
+    ray = si.spawn_ray(d)
+    ray.d = dr.normalize(mi.Vector3f(dr.fma(d, r, si.p) - ray.o))
+    return ray

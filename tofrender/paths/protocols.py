@@ -1,0 +1,130 @@
+"""The four parts that vary between renderers. The loop asks none of them what it is.
+
+| part | kind | is |
+|---|---|---|
+| space | `space.Vacuum` | straight rays, nothing lost on the way |
+| endpoint | `endpoints.SceneLights` | the scene's emitters, by connections and by hits |
+| | `endpoints.EmitterHits` | the scene's emitters where paths run into them |
+| | `endpoints.ConnectionsOnly` | the scene's emitters by connections, mirrors and glass apart |
+| | `endpoints.OneSampleLights` | an emitter or, as often, what the material's sampling finds |
+| | `endpoints.GatedLights` | points on emitters whose light comes when a gate is open |
+| | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
+| | `nlos.light.laser_spot.LaserSpot` | the point of a wall that a laser lights |
+| | `nlos.light.transient_nlos.LaserItself` | the laser, for the paths that count |
+| scattering | `scattering.Materials` | each surface's own material, or one for all |
+| | `guided.Guided` | another scattering, mixed with directions to target surfaces |
+| measurement | `films.sums.Radiance` | the plain sum |
+| | `films.sums.Weighted` | a sum weighted by length: a gate, a correlation |
+| | `films.deposit.FilmDeposit` | a film's time bins |
+| | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
+| | `rendering.arrivals.ArrivalHistogram` | energy over length, for all pixels together |
+
+A part is a plain object. What it has to remember of a path it keeps in the path (`memory`,
+`guide`), never in itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import mitsuba as mi
+
+from ..films.contribution import Contribution
+from .records import Bounce, Connection, Hit, Path, Vertex
+
+
+class Space(Protocol):
+    """How the next vertex is found, how long the way is, and what is lost on it."""
+
+    def next(self, path: Path, sampler: mi.Sampler) -> Vertex:
+        """Where the path's ray leads."""
+        ...
+
+    def transmittance(self, vertex: Vertex, connection: Connection, sampler: mi.Sampler) -> Any:
+        """What of a connection's light arrives at the vertex: 0 where something is in the way."""
+        ...
+
+
+class Endpoint(Protocol):
+    """What a vertex connects to, and what a ray may run into.
+
+    Attributes:
+        connects: Whether next-event estimation happens at all.
+        finds_all: Whether connections find all light on their own, mirrors apart.
+    """
+
+    connects: bool
+    finds_all: bool
+
+    def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
+        """The sensor's ray, past whatever the sensor does not see of this endpoint."""
+        ...
+
+    def memory(self) -> Any:
+        """What is remembered before the first vertex, None if nothing ever is."""
+        ...
+
+    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
+        """What is remembered with one more vertex."""
+        ...
+
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """A connection from the vertex. The path's length reaches it, `path.prev` is before it."""
+        ...
+
+    def hit(self, vertex: Vertex, path: Path) -> Hit:
+        """Light that the path's ray runs into."""
+        ...
+
+    def nearest(self, p: mi.Point3f) -> mi.Float:
+        """Length that no connection from p falls below [m]."""
+        ...
+
+
+class Scattering(Protocol):
+    """How a path goes on from a vertex.
+
+    Attributes:
+        refracts: Whether the index of refraction may change, so that an optical length may be
+            shorter than the way is long.
+    """
+
+    refracts: bool
+
+    def guide(self) -> Any:
+        """The path's guide before the first vertex, None if there never is one."""
+        ...
+
+    def arrive(self, path: Path, vertex: Vertex) -> Path:
+        """What the new vertex tells of the direction that was chosen at the last one."""
+        ...
+
+    def smooth(self, vertex: Vertex) -> mi.Bool:
+        """Whether connections can find light here: a delta lobe reflects none of them."""
+        ...
+
+    def eval_pdf(
+        self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
+    ) -> tuple[Any, mi.Float]:
+        """BSDF times cosine, and the density of the direction [1/sr]."""
+        ...
+
+    def scatter(
+        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> Bounce:
+        """Towards a connection, if there is one, and onwards."""
+        ...
+
+
+class Measurement(Protocol):
+    """What becomes of light that arrives.
+
+    One that accumulates in variables is a dataclass of Dr.Jit arrays, which the loop carries as its
+    state; one that scatters into a film hides the film in a function.
+    """
+
+    def add(self, contribution: Contribution) -> None:
+        """Take in a contribution."""
+        ...

@@ -1,0 +1,235 @@
+"""The records of the path loop: a path, a vertex, what leaves it, and how far paths go.
+
+Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could
+not differentiate the loop in reverse otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+
+@dataclass
+class Path:
+    """A path up to its last vertex: the state of the loop.
+
+    Attributes:
+        ray: The ray that leads onwards.
+        depth: Surface vertices so far.
+        β: Throughput, of type `mi.UnpolarizedSpectrum`; `extend` multiplies it.
+        η: Index of refraction around the ray, relative to the medium that the path started in.
+        opl: Optical length up to the last vertex [m].
+        prev: The last vertex; at first the point that lengths are measured from.
+        pdf: Density of the ray's direction [1/sr].
+        memory: What the endpoint remembers of the vertices, None if nothing.
+        guide: What the scattering remembers of how it chose the direction, None if nothing.
+        not_finite: Contributions that were left out because they were not finite.
+        alive: `active` as an integer.
+        met: `covered` as an integer.
+        mirrored: `specular` as an integer.
+    """
+
+    ray: mi.Ray3f
+    depth: mi.UInt32
+    β: Any
+    η: mi.Float
+    opl: mi.Float
+    prev: mi.Interaction3f
+    pdf: mi.Float
+    memory: Any
+    guide: Any
+    not_finite: mi.UInt32
+    alive: mi.UInt32
+    met: mi.UInt32
+    mirrored: mi.UInt32
+
+    @classmethod
+    def start(
+        cls,
+        ray: mi.Ray3f,
+        origin: Any = None,
+        active: Any = True,
+        memory: Any = None,
+        guide: Any = None,
+    ) -> Path:
+        """A path that has no vertex yet.
+
+        Args:
+            ray: Where it goes.
+            origin: Point from which its length is measured, the lens; by default the ray's start.
+            active: Lanes that have a path.
+            memory: As the endpoint's `memory()` gives it.
+            guide: As the scattering's `guide()` gives it.
+        """
+        ray = mi.Ray3f(ray)
+        prev: Any = dr.zeros(mi.Interaction3f)
+        prev.p = mi.Point3f(ray.o if origin is None else origin)
+        return cls(
+            ray=ray,
+            depth=mi.UInt32(0),
+            β=mi.UnpolarizedSpectrum(1),
+            η=mi.Float(1),
+            opl=mi.Float(0),
+            prev=prev,
+            pdf=mi.Float(1),
+            memory=memory,
+            guide=guide,
+            not_finite=mi.UInt32(0),
+            alive=mi.UInt32(dr.select(mi.Bool(active), 1, 0)),
+            met=mi.UInt32(0),
+            mirrored=mi.UInt32(1),
+        )
+
+    @property
+    def active(self) -> mi.Bool:
+        """Lanes that still walk."""
+        return self.alive != 0
+
+    @active.setter
+    def active(self, mask: mi.Bool) -> None:
+        self.alive = dr.select(mask, mi.UInt32(1), 0)
+
+    @property
+    def covered(self) -> mi.Bool:
+        """Lanes whose first ray met a surface."""
+        return self.met != 0
+
+    @covered.setter
+    def covered(self, mask: mi.Bool) -> None:
+        self.met = dr.select(mask, mi.UInt32(1), 0)
+
+    @property
+    def specular(self) -> mi.Bool:
+        """Lanes in which nothing but the path itself finds what the ray runs into."""
+        return self.mirrored != 0
+
+    @specular.setter
+    def specular(self, mask: mi.Bool) -> None:
+        self.mirrored = dr.select(mask, mi.UInt32(1), 0)
+
+
+def extend(throughput: Any, factor: Any) -> Any:
+    """Throughput of a path from the sensor after one more factor (a BSDF's, a transmittance).
+
+    The one place that multiplies: a path from the sensor puts new factors on the right, which
+    matters where they are Mueller matrices.
+    """
+    return throughput * mi.unpolarized_spectrum(factor)
+
+
+@dataclass
+class Vertex:
+    """Where a ray leads.
+
+    Attributes:
+        si: The surface point.
+        length: Distance from the last vertex, point to point [m].
+        valid: Whether there is a surface.
+    """
+
+    si: mi.SurfaceInteraction3f
+    length: mi.Float
+    valid: mi.Bool
+
+
+@dataclass
+class Hit:
+    """Light that a ray runs into.
+
+    Attributes:
+        radiance: Radiance towards the last vertex.
+        pdf: Solid-angle density with which a connection from there would have found it [1/sr].
+        length: Distance to where it was emitted [m].
+        active: Lanes in which it counts.
+    """
+
+    radiance: Any
+    pdf: mi.Float
+    length: mi.Float
+    active: mi.Bool
+
+
+@dataclass
+class Connection:
+    """One sample of next-event estimation, before anything is known of what lies between.
+
+    Attributes:
+        point: Where the connection ends [m].
+        direction: Unit vector from the vertex towards it, world space.
+        weight: Radiance over density.
+        pdf: Density of `direction` [1/sr].
+        delta: Whether nothing else finds this light (point lights, lasers), so that it counts in
+            full.
+        length: Geometric length of the connection, which may start beyond `point` [m].
+        active: Lanes in which there is a connection.
+        clear: Lanes in which nothing can be in the way.
+    """
+
+    point: mi.Point3f
+    direction: mi.Vector3f
+    weight: Any
+    pdf: mi.Float
+    delta: mi.Bool
+    length: mi.Float
+    active: mi.Bool
+    clear: mi.Bool
+
+
+@dataclass
+class Bounce:
+    """What a vertex does: towards a connection, and onwards.
+
+    Attributes:
+        f: BSDF times cosine towards the connection.
+        pdf_f: Density with which the path would have gone there [1/sr].
+        η_f: Index of refraction on that side, over that on the path's side.
+        ray: The ray onwards.
+        weight: BSDF times cosine over the density of the ray's direction.
+        pdf: That density [1/sr].
+        η: Index of refraction around the ray onwards, over that before.
+        specular: Whether the direction was the only one possible.
+        guide: What the scattering remembers of how it chose.
+    """
+
+    f: Any
+    pdf_f: mi.Float
+    η_f: mi.Float
+    ray: mi.Ray3f
+    weight: Any
+    pdf: mi.Float
+    η: mi.Float
+    specular: mi.Bool
+    guide: Any = None
+
+
+class Limits:
+    """What of a path counts. No dataclass, so that the loop does not carry it as state.
+
+    Args:
+        max_depth: Longest path in segments, camera's included: 1 shows emitters only, 2 adds
+            direct light; -1 means no limit.
+        rr_depth: Number of surface vertices from which on Russian roulette may end a path.
+        last_opl: Length at which paths may end, because longer ones count for nothing [m].
+        unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
+            scene's own ("camera unwarping").
+    """
+
+    def __init__(
+        self, max_depth: int, rr_depth: int = 5, last_opl: Any = None, unwarp: bool = False
+    ) -> None:
+        self.max_depth, self.rr_depth = max_depth, rr_depth
+        self.last_opl, self.unwarp = last_opl, unwarp
+
+    @property
+    def bounded(self) -> bool:
+        """Whether paths have a longest one."""
+        return self.max_depth >= 0
+
+    @property
+    def iterations(self) -> int:
+        """Bound on the rays of a path, -1 if there is none."""
+        return self.max_depth if self.bounded else -1

@@ -1,0 +1,51 @@
+"""Space: how a path finds its next vertex, and what is lost on the way."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from .records import Connection, Path, Vertex
+
+
+class Vacuum:
+    """Straight rays from surface to surface; nothing is lost but what a surface hides.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: mi.Scene) -> None:
+        self.scene = scene
+
+    def next(self, path: Path, sampler: mi.Sampler) -> Vertex:
+        """The first surface along the ray.
+
+        Its length is taken from point to point, since rays start a little off the surface, and
+        camera rays at the near plane.
+        """
+        si = self.scene.ray_intersect(
+            path.ray, ray_flags=mi.RayFlags.All, coherent=(path.depth == 0), active=path.active
+        )
+        return Vertex(si, dr.norm(si.p - path.prev.p), si.is_valid())
+
+    def transmittance(
+        self, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+    ) -> mi.Float:
+        """1 where a connection is free, 0 where a surface is in the way."""
+        asked = connection.active & ~connection.clear
+        shadow = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), asked)
+        return dr.select(asked & shadow, mi.Float(0), 1)
+
+
+def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
+    """The ray from a surface point in direction `d`, started a little off the surface.
+
+    Mitsuba moves the start along the normal. After a specular bounce, whose direction is no random
+    number, that would move every further vertex sideways: there the start moves along the ray, as
+    far off the surface, but at most ten times that far at grazing angles.
+    """
+    ray = si.spawn_ray(d)
+    along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
+    ray.o = dr.select(specular, dr.fma(d, along, si.p), ray.o)
+    return ray
