@@ -39,6 +39,11 @@ def available() -> int:
 
     if (mi.variant() or "").startswith("cuda"):
         return _cuda_free()
+    return free_on_host()
+
+
+def free_on_host() -> int:
+    """Memory of the machine that this process may still take [bytes], whatever limits it."""
     import psutil
 
     return max(0, min(psutil.virtual_memory().available, *_left_in_cgroups(), address_space()[1]))
