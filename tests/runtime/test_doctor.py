@@ -6,11 +6,12 @@ import io
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from tofrender.runtime import doctor, llvm
+from tofrender.runtime import doctor, llvm, memory
 from tofrender.runtime.doctor import Check
 
 
@@ -85,6 +86,26 @@ def test_a_missing_package_is_a_problem():
     check = doctor._package("Nothing", "no-such-package", "tofrender")
     assert (check.ok, check.detail) == (False, "not installed")
     assert check.remedy.endswith('-m pip install "no-such-package"')
+
+
+def test_a_refusal_that_names_its_remedy_gets_no_other(monkeypatch):
+    refused = (
+        "from tofrender.runtime.backend import BackendError\nraise BackendError('ulimit -v = 1')"
+    )
+    monkeypatch.setattr(doctor, "_TEST_RENDER", refused)
+    monkeypatch.setattr(llvm, "choose", lambda: llvm.Library(Path("libLLVM.so.19"), 19))
+    check = doctor._check_render()
+    assert (check.ok, check.detail, check.remedy) == (False, "ulimit -v = 1", "")
+
+
+def test_memory_is_what_the_limits_leave(monkeypatch):
+    monkeypatch.setattr(memory, "free_on_host", lambda: 3 << 30)
+    check = doctor._check_memory()
+    assert check.ok
+    assert check.detail.startswith("3.0 of ")
+    monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 29)
+    check = doctor._check_memory()
+    assert (check.ok, check.required) == (False, False)
 
 
 @pytest.mark.parametrize(

@@ -266,43 +266,18 @@ class TestInstallCommand:
         assert llvm.install_command(machine.system()).startswith("conda install")
 
 
-class TestInstall:
-    def test_only_root_with_apt_can(self, machine):
-        assert not llvm.can_install(machine.system(euid=0, PATH=str(machine.bin)))
-        machine.command("apt-get")
-        assert llvm.can_install(machine.system(euid=0))
-        assert not llvm.can_install(machine.system(euid=1000))
-
-    def test_renews_an_empty_index(self, machine, capsys):
-        cache = machine.bin / "apt-cache"
-        machine.command("dpkg")
-        machine.packages("libllvm19")
-        full = cache.read_text()
-        cache.write_text("#!/bin/sh\n")
-        (machine.root / "full").write_text(full)
-        machine.command(
-            "apt-get",
-            f'echo "$DEBIAN_FRONTEND $*" >>{machine.root}/calls\n'
-            f"[ $1 = update ] && cat {machine.root}/full >{cache}\nexit 0",
-        )
-        llvm.install(machine.system(euid=0))
-        assert capsys.readouterr().out == "Installing libllvm19 with apt-get ...\n"
-        update, install = (machine.root / "calls").read_text().splitlines()
-        assert update == "noninteractive update"
-        assert install.startswith("noninteractive install -y ")
-        assert install.endswith(" libllvm19")
-
-    def test_failure_names_log_and_command(self, machine):
-        machine.packages("libllvm19")
-        machine.command("dpkg")
-        machine.command("apt-get", "echo E: no such luck; exit 100")
-        with pytest.raises(RuntimeError, match=r"run: apt-get install -y libllvm19$") as caught:
-            llvm.install(machine.system(euid=0))
-        log = Path(str(caught.value).split("log: ")[1].split(")")[0])
-        assert "no such luck" in log.read_text()
-        log.unlink()
-
-
-def test_main_refuses_other_arguments(capsys):
-    assert llvm.main(["--instal"]) == 2
-    assert "usage" in capsys.readouterr().err
+def test_what_the_set_up_reads(debian12, monkeypatch, capsys):
+    debian12.packages("libllvm19")
+    system = debian12.system(euid=0)
+    monkeypatch.setattr(llvm, "System", lambda: system)
+    assert llvm.main() == 1
+    line = "no LLVM 17 or newer found, only 14, 15; run: apt-get install -y libllvm19\n"
+    assert capsys.readouterr() == ("", line)
+    path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")
+    assert llvm.main() == 1  # a header and nothing else
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(f"{path}: cannot be loaded")
+    monkeypatch.setattr(llvm, "loading_error", lambda path: "")
+    assert llvm.main() == 0
+    assert capsys.readouterr() == (f"LLVM 19: {path}\n", "")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 
 import mitsuba as mi
 import psutil
@@ -104,13 +107,121 @@ def test_available_is_what_the_system_says():
     assert 0 < available <= psutil.virtual_memory().total
 
 
-def test_a_control_group_limits(monkeypatch):
-    numbers = {"memory.max": 2 * GIB, "memory.current": GIB}
-    monkeypatch.setattr(memory, "_cgroup", numbers.get)
+V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
+
+
+@pytest.mark.parametrize(
+    ("membership", "limits", "free"),
+    [
+        # The limit of the root alone, as within a container
+        ("0::/\n", {f"{V2}/memory.max": 2 * GIB, f"{V2}/memory.current": GIB}, GIB),
+        # The process's own group, below a group without limit
+        (
+            "0::/user.slice/job\n",
+            {
+                f"{V2}/user.slice/memory.max": "max",
+                f"{V2}/user.slice/memory.current": 5 * GIB,
+                f"{V2}/user.slice/job/memory.max": 3 * GIB,
+                f"{V2}/user.slice/job/memory.current": 2 * GIB,
+            },
+            GIB,
+        ),
+        # One above has less left, not counting what it only caches
+        (
+            "0::/all/job\n",
+            {
+                f"{V2}/all/memory.max": 4 * GIB,
+                f"{V2}/all/memory.current": 3 * GIB,
+                f"{V2}/all/memory.stat": f"anon 7\ninactive_file {GIB}\n",
+                f"{V2}/all/job/memory.max": 4 * GIB,
+                f"{V2}/all/job/memory.current": GIB,
+            },
+            2 * GIB,
+        ),
+        # The first version, whose root holds the number of no limit
+        (
+            "7:cpu,cpuacct:/cpu\n4:memory:/all/job\n0::/\n",
+            {
+                f"{V1}/memory.limit_in_bytes": 2**63 - 4096,
+                f"{V1}/memory.usage_in_bytes": 7 * GIB,
+                f"{V1}/all/job/memory.limit_in_bytes": 3 * GIB,
+                f"{V1}/all/job/memory.usage_in_bytes": 2 * GIB,
+                f"{V1}/all/job/memory.stat": f"inactive_file 1\ntotal_inactive_file {GIB}\n",
+            },
+            2 * GIB,
+        ),
+        # More is used than the limit allows, which was lowered since
+        ("0::/a\n", {f"{V2}/a/memory.max": GIB, f"{V2}/a/memory.current": 2 * GIB}, 0),
+        ("", {}, 8 * GIB),
+    ],
+)
+def test_control_groups_limit(monkeypatch, tmp_path, membership, limits, free):
+    for name, value in {"proc/self/cgroup": membership, **limits}.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(str(value))
+    monkeypatch.setattr(memory, "ROOT", tmp_path)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: type("V", (), {"available": 8 * GIB}))
-    assert memory.available() == GIB
-    numbers["memory.max"] = None  # "max": no limit
-    assert memory.available() == 8 * GIB
+    assert memory.available() == free
+
+
+needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="ulimit -v counts on Linux")
+
+
+@needs_linux
+def test_dr_jit_maps_powers_of_two(machine, monkeypatch):
+    machine(64 * GIB)
+    monkeypatch.setattr(memory, "address_space", lambda: (8 * GIB, memory.RESERVE + GIB))
+    memory.require_film(512, 512, 256, 3)  # exactly 1 GiB
+    with pytest.raises(MemoryError, match=r"at most 1\.0 GiB; 256 bins"):
+        memory.require_film(512, 512, 257, 3)
+    with pytest.raises(MemoryError, match=r"at most 1\.0 GiB"):
+        memory.require_film(512, 512, 256, 3, copies=2)
+
+
+UNDER_A_LIMIT = """
+import resource, sys, psutil, mitsuba as mi, tofrender
+used = psutil.Process().memory_info().vms
+resource.setrlimit(resource.RLIMIT_AS, (used + (1000 << 20), -1))
+for bins in (900, 400):  # 900 and 400 MiB, for which 1024 and 512 are mapped
+    scene = tofrender.load_scene("cornell_box", width=256, height=256, temporal_bins=bins)
+    try:
+        print(tofrender.render(scene, spp=1, progress=False).sizes["opl"])
+    except MemoryError as error:
+        print(error)
+"""
+
+
+@needs_linux
+@pytest.mark.slow
+def test_a_limit_on_address_space_refuses_a_film_and_leaves_the_process_alive():
+    result = subprocess.run(
+        [sys.executable, "-c", UNDER_A_LIMIT],
+        env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    refused, rendered = result.stdout.splitlines()
+    assert refused.startswith("film of 256 x 256 pixels x 900 bins: takes 0.9 GiB, must be at most")
+    assert rendered == "400"
+
+
+@needs_linux
+@pytest.mark.parametrize("kib", [100_000, 420_000])
+def test_too_little_address_space_to_start_is_one_line(kib):
+    result = subprocess.run(
+        ["sh", "-c", f"ulimit -v {kib}; exec {sys.executable} -c 'import tofrender'"],
+        env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 1
+    last = result.stderr.splitlines()[-1]
+    assert last.startswith(f"tofrender.runtime.backend.BackendError: ulimit -v = {kib}: must be at")
 
 
 def test_a_film_refuses_before_it_allocates(machine, monkeypatch):

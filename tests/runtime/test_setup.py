@@ -39,16 +39,22 @@ llvm.System = functools.partial(
     llvm.System, root=pathlib.Path("{base}"), platform="linux", prefixes=(), euid={euid}
 )
 llvm.loading_error = lambda path: ""
-sys.exit(llvm.main(sys.argv[1:]))
+sys.exit(llvm.main())
 """
 
-# An apt-get that knows two packages: LLVM 19, and what makes venv work.
+# An apt-get that knows two packages, once it has an index: LLVM 19, and what makes venv work.
 APT_GET = """#!/bin/sh
-echo "apt-get $*" >>"{calls}"
+echo "$DEBIAN_FRONTEND apt-get $*" >>"{calls}"
+[ -e "{base}/apt-fails" ] && echo E: no such luck && exit 100
 case "$*" in
+  update) cp "{base}/offers" "{base}/index" ;;
   *libllvm19) head -c 64 "{python}" >"{base}/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1" ;;
   *-venv) rm "{base}/no-venv" ;;
 esac
+"""
+
+APT_CACHE = """#!/bin/sh
+case $1 in pkgnames) cat "{base}/index" ;; *) echo "  Candidate: 1:19.1.7" ;; esac
 """
 
 
@@ -76,10 +82,9 @@ class Project:
         self.command("apt-get", APT_GET)
         self.command("id", f"#!/bin/sh\necho {0 if root else 1000}\n")
         self.command("dpkg", "#!/bin/sh\n")
-        self.command(
-            "apt-cache",
-            "#!/bin/sh\n[ $1 = pkgnames ] && echo libllvm19 || echo 'Candidate: 1:19.1.7'\n",
-        )
+        self.command("apt-cache", APT_CACHE)
+        for name in ("index", "offers"):
+            (base / name).write_text("libllvm14\nlibllvm19\n")
 
     def fill(self, text: str, **values: object) -> str:
         python = Path(sys.executable)
@@ -120,6 +125,11 @@ def root(tmp_path):
     return Project(tmp_path, root=True)
 
 
+def apt_calls(project: Project) -> list[str]:
+    """The calls of apt-get, each after its DEBIAN_FRONTEND."""
+    return [line for line in project.ran.splitlines() if "apt-get" in line]
+
+
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="apt-get is Debian's")
 needs_no_gpu = pytest.mark.skipif(
     Path("/proc/driver/nvidia/version").exists() or bool(shutil.which("nvidia-smi")),
@@ -148,9 +158,61 @@ def test_root_gets_the_package(root):
     assert [line.split()[0] for line in result.stdout.splitlines()] == [
         *("Installing", "Creating", "Installing")
     ]
-    (apt,) = [line for line in root.ran.splitlines() if line.startswith("apt-get")]
-    assert apt.startswith("apt-get install -y ")
+    (apt,) = apt_calls(root)
+    assert apt.startswith("noninteractive apt-get install -y ")
     assert apt.endswith(" libllvm19")
+
+
+@needs_linux
+def test_root_with_an_empty_index_renews_it(root):
+    (root.base / "index").write_text("")
+    result = root.setup()
+    assert result.returncode == 0, result.stderr
+    update, install = apt_calls(root)
+    assert update.endswith(" apt-get update")
+    assert install.endswith(" libllvm19")
+
+
+@needs_linux
+@needs_no_gpu
+def test_a_release_without_a_usable_package_is_told_of_another_archive(root):
+    for index in ("", "libllvm14\n"):
+        (root.base / "index").write_text(index)
+        (root.base / "offers").write_text("libllvm14\n")
+        result = root.setup()
+        assert (result.returncode, result.stdout) == (1, "")
+        assert result.stderr == (
+            "setup: no LLVM 17 or newer found; run: "
+            "wget -qO- https://apt.llvm.org/llvm.sh | bash -s -- 19\n"
+        )
+        assert "install" not in root.ran
+
+
+@needs_linux
+@needs_no_gpu
+def test_a_failing_apt_names_log_and_command(root):
+    (root.base / "apt-fails").touch()
+    result = root.setup()
+    assert (result.returncode, result.stderr.count("\n")) == (1, 1)
+    assert result.stderr.endswith("run: apt-get update && apt-get install -y libllvm19\n")
+    log = Path(result.stderr.split("log: ")[1].split(")")[0])
+    assert "no such luck" in log.read_text()
+    install, update, again = apt_calls(root)
+    assert install == again
+    assert install.startswith("noninteractive apt-get install -y ")
+    assert update.endswith(" update")
+
+
+@needs_linux
+@needs_no_gpu
+def test_what_the_environment_names_is_not_replaced(root):
+    result = root.setup(DRJIT_LIBLLVM_PATH="/nope")
+    assert result.returncode == 1
+    assert result.stderr == (
+        "setup: DRJIT_LIBLLVM_PATH = '/nope' does not exist: must name the file of LLVM 17 or "
+        "newer; unset it and run: apt-get install -y libllvm19\n"
+    )
+    assert apt_calls(root) == []
 
 
 def test_the_second_run_does_nothing(user):

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import os
+import sys
 
-from . import checks, llvm, plugins
+from . import checks, llvm, memory, plugins
+
+START = 480 << 20
+"""Address space that Python, Mitsuba, Dr.Jit and LLVM take before anything is rendered [bytes]."""
+
+THREAD = 8 << 20
+"""Address space of each of Dr.Jit's threads, one a core [bytes]."""
 
 
 class BackendError(RuntimeError):
@@ -29,6 +36,7 @@ def activate(variant: str | None = None) -> str:
         >>> activate() in ("cuda_ad_rgb", "llvm_ad_rgb")
         True
     """
+    _require_address_space()
     _offer_llvm()
     import mitsuba as mi
 
@@ -103,6 +111,19 @@ def require_llvm() -> None:
 
 
 _callbacks: list = []
+
+
+def _require_address_space() -> None:
+    """Refuse a limit under which Mitsuba's import would abort, or crash at the first kernel."""
+    if "drjit" in sys.modules:
+        return
+    limit, left = memory.address_space()
+    needed = START + THREAD * (os.cpu_count() or 1)
+    if left < needed:
+        raise BackendError(
+            f"ulimit -v = {limit >> 10}: must be at least {(limit - left + needed) >> 10} for "
+            "Mitsuba to start, or unlimited"
+        )
 
 
 def _offer_llvm() -> None:

@@ -19,7 +19,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import llvm
+from . import llvm, memory
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -170,10 +170,7 @@ def _check_cuda(works: bool) -> Check:
 
 
 def _check_threads(threads: int | None) -> Check:
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:
-        cores = os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     used = f", Dr.Jit uses {threads}" if threads else ""
     return Check("Threads", True, f"{cores} for this process{used}")
 
@@ -184,9 +181,9 @@ def _check_memory() -> Check:
     except ImportError:
         remedy = f"{sys.executable} -m pip install psutil"
         return Check("Memory", False, "cannot be measured without psutil", remedy)
-    memory = psutil.virtual_memory()
-    detail = f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GiB free"
-    if memory.available < LEAST_MEMORY:
+    free = memory.free_on_host()
+    detail = f"{free / 2**30:.1f} of {psutil.virtual_memory().total / 2**30:.1f} GiB free"
+    if free < LEAST_MEMORY:
         remedy = "close other programs, or render with fewer pixels and bins (--size, --bins)"
         return Check("Memory", False, detail, remedy, required=False)
     return Check("Memory", True, detail)
@@ -213,6 +210,8 @@ def _check_render() -> Check:
         return Check("Test render", True, f"{rate:.2g} million samples/s with {answer['variant']}")
     if llvm.choose() is None:
         error, remedy = "no usable LLVM", ""  # which stands at LLVM
+    elif "BackendError: " in error:
+        remedy = ""  # which the error says itself
     elif error.startswith("ended by"):
         remedy = f"try another LLVM: `unset {llvm.VARIABLE}`, or run: {llvm.install_command()}"
     else:
@@ -232,8 +231,7 @@ def _in_process(code: str) -> tuple[dict, str]:
         return {}, str(error)
     if result.returncode < 0:
         last = _last_line(result.stderr)
-        name = signal.Signals(-result.returncode).name
-        return {}, f"ended by {name}" + (f" ({last})" if last else "")
+        return {}, f"ended by {signal.Signals(-result.returncode).name}" + f" ({last})" * bool(last)
     if result.returncode > 0:
         return {}, _last_line(result.stderr) or f"exit status {result.returncode}"
     return json.loads(_last_line(result.stdout)), ""

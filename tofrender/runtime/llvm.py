@@ -1,4 +1,4 @@
-"""Find, judge and install the LLVM library that Dr.Jit compiles its CPU kernels with.
+"""Find and judge the LLVM library that Dr.Jit compiles its CPU kernels with.
 
 Dr.Jit loads LLVM at run time: the file that `DRJIT_LIBLLVM_PATH` names, else the first
 `libLLVM.so` that the linker finds. With LLVM 15 or 16 it starts, and then the *process aborts*
@@ -9,7 +9,7 @@ imported, and nothing below `MINIMUM_MAJOR` is ever handed to it.
 Versions are read from file names; a name that does not tell is asked in a process of its own.
 Standard library only, because the set-up runs this file before anything is installed:
 
-    python tofrender/runtime/llvm.py [--install]
+    python tofrender/runtime/llvm.py
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +31,7 @@ NEWEST_TRIED = 22
 
 VARIABLE = "DRJIT_LIBLLVM_PATH"
 
-PREFERRED_PACKAGE = 19
+PREFERRED = 19
 """The LLVM to install where several can be: all published figures were measured with it."""
 
 _FILE_NAME = re.compile(r"libLLVM(?:[-.]\d[\d.]*)?\.(?:so|dylib)[\d.]*|LLVM-C\.dll")
@@ -54,23 +53,12 @@ class Library:
     Attributes:
         path: The file, symbolic links resolved.
         major: Its major version, None where it could not be found out.
-        defect: Why this file cannot be loaded at all; empty if nothing speaks against it.
+        problem: Why Dr.Jit must not get this library; empty if it may.
     """
 
     path: Path
     major: int | None
-    defect: str = ""
-
-    @property
-    def problem(self) -> str:
-        """Why Dr.Jit must not get this library; empty if it may."""
-        if self.defect:
-            return self.defect
-        if self.major is None:
-            return "is an LLVM of unknown version"
-        if self.major < MINIMUM_MAJOR:
-            return f"is LLVM {self.major}"
-        return ""
+    problem: str = ""
 
     @property
     def usable(self) -> bool:
@@ -146,31 +134,29 @@ def choose(system: System | None = None) -> Library | None:
     """
     system = system or System()
     named = _named(system)
-    usable = [library for library in ([named] if named else candidates(system)) if library.usable]
-    return max(usable, key=lambda library: _preference(library.major), default=None)
+    return _best([named] if named else candidates(system))
 
 
 def refusal(system: System | None = None) -> str:
     """One line for when `choose` finds nothing: what is wrong and the command that mends it."""
     system = system or System()
-    named = _named(system)
+    named, found = _named(system), candidates(system)
     if named:
-        line = f"{VARIABLE} = '{system.environ[VARIABLE]}' {named.problem}: must name the file of"
-        line += f" LLVM {MINIMUM_MAJOR} or newer"
-        others = [library for library in candidates(system) if library.usable]
-        if others:
-            best = max(others, key=lambda library: _preference(library.major))
-            return f"{line}; `unset {VARIABLE}` to use {best.path}"
-        return f"{line}; unset it and run: {install_command(system)}"
-    majors = sorted({library.major for library in candidates(system) if library.major})
+        line = (
+            f"{VARIABLE} = '{system.environ[VARIABLE]}' {named.problem}: must name the file of "
+            f"LLVM {MINIMUM_MAJOR} or newer; "
+        )
+        if best := _best(found):
+            return f"{line}`unset {VARIABLE}` to use {best.path}"
+        return f"{line}unset it and run: {install_command(system)}"
+    majors = sorted({library.major for library in found if library.major})
     only = f", only {', '.join(map(str, majors))}" if majors else ""
     return f"no LLVM {MINIMUM_MAJOR} or newer found{only}; run: {install_command(system)}"
 
 
 def loading_error(path: Path) -> str:
     """Why the library cannot be loaded (a missing dependency, say), empty if it can."""
-    _, error = _ask(path)
-    return error
+    return _ask(path)[1]
 
 
 def install_command(system: System | None = None) -> str:
@@ -201,86 +187,32 @@ def install_command(system: System | None = None) -> str:
     return from_conda
 
 
-def can_install(system: System | None = None) -> bool:
-    """Whether `install` can work here: root on Debian, Ubuntu or a relative."""
-    system = system or System()
-    debian = bool(system.distributions & {"debian", "ubuntu"})
-    return system.euid == 0 and debian and system.which("apt-get") is not None
-
-
-def install(system: System | None = None) -> None:
-    """Install Debian's or Ubuntu's package of a usable LLVM.
-
-    A package index that is empty or stale is renewed, an interrupted dpkg run is finished first.
-
-    Raises:
-        RuntimeError: One line with the log's path and the command to run by hand.
-    """
-    system = system or System()
-    handle, log = tempfile.mkstemp(prefix="tofrender-apt-", suffix=".log")
-    with os.fdopen(handle, "wb") as output:
-
-        def run(*command: str) -> bool:
-            result = subprocess.run(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**system.environ, "DEBIAN_FRONTEND": "noninteractive"},
-                check=False,
-            )
-            return result.returncode == 0
-
-        for attempt in range(2):
-            package, _ = _apt_package(system)
-            if attempt or not package:
-                run("dpkg", "--configure", "-a")
-                run("apt-get", "update")
-                package, _ = _apt_package(system)
-            options = ("-y", "--no-install-recommends", "-o", "DPkg::Lock::Timeout=120")
-            if package and not attempt:
-                print(f"Installing {package} with apt-get ...", flush=True)
-            if package and run("apt-get", "install", *options, package):
-                os.unlink(log)
-                return
-    raise RuntimeError(f"apt-get failed (log: {log}); run: {install_command(system)}")
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Say in one line which LLVM Dr.Jit should get.
-
-    With --install, install one where there is none and root can, and say nothing if all is well.
+def main() -> int:
+    """Say in one line which LLVM Dr.Jit should get, or on stderr what is wrong and what helps.
 
     Returns:
-        0 if there is a usable LLVM, 1 if there is none, 2 for an argument that is not --install.
+        0 if there is a usable LLVM, 1 if there is none.
     """
-    arguments = sys.argv[1:] if arguments is None else arguments
-    if arguments not in ([], ["--install"]):
-        print("usage: python tofrender/runtime/llvm.py [--install]", file=sys.stderr)
-        return 2
-    system = System()
-    library = choose(system)
-    if library is None and arguments and not _named(system) and can_install(system):
-        try:
-            install(system)
-        except RuntimeError as error:
-            print(error, file=sys.stderr)
-            return 1
-        library = choose(system)
+    library = choose()
     if library is None:
-        print(refusal(system), file=sys.stderr)
-        return 1
-    if error := loading_error(library.path):
-        print(f"{library.path}: {error}; run: {install_command(system)}", file=sys.stderr)
-        return 1
-    if not arguments:
+        problem = refusal()
+    elif error := loading_error(library.path):
+        problem = f"{library.path}: {error}; run: {install_command()}"
+    else:
         print(f"LLVM {library.major}: {library.path}")
-    return 0
+        return 0
+    print(problem, file=sys.stderr)
+    return 1
 
 
-def _preference(major: int | None) -> tuple[bool, int]:
+def _best(libraries: list[Library]) -> Library | None:
+    """The usable one to prefer, if there is any."""
+    usable = [library for library in libraries if library.usable]
+    return max(usable, key=lambda library: _preference(library.major or 0), default=None)
+
+
+def _preference(major: int) -> tuple[bool, int]:
     """Sort key: the newest that was tried, then the least new of those that were not."""
-    major = major or 0
     return (True, major) if major <= NEWEST_TRIED else (False, -major)
 
 
@@ -332,11 +264,11 @@ def _inspect(path: Path) -> Library:
         return Library(path, None, f"cannot be read ({getattr(error, 'strerror', error)})")
     if not _is_native(head):
         return Library(real, None, "is not a shared library for this machine")
-    for name in (real.name, path.name):
-        if match := _MAJOR.match(name):
-            return Library(real, int(match[1]))
-    major, error = _ask(real)
-    return Library(real, major, error)
+    match = _MAJOR.match(real.name) or _MAJOR.match(path.name)
+    major, problem = (int(match[1]), "") if match else _ask(real)
+    if major and major < MINIMUM_MAJOR:
+        problem = f"is LLVM {major}"
+    return Library(real, major, problem)
 
 
 def _is_native(head: bytes) -> bool:
@@ -384,11 +316,10 @@ def _apt_package(system: System) -> tuple[str, bool]:
 
     names = query("pkgnames", "libllvm").split()
     majors = {name: int(match[1]) for name in names if (match := _APT_PACKAGE.fullmatch(name))}
-    new = [name for name, major in majors.items() if major >= MINIMUM_MAJOR]
-    new.sort(key=lambda name: (majors[name] == PREFERRED_PACKAGE, _preference(majors[name])))
-    for name in reversed(new):
-        policy = re.search(r"Candidate: (\S+)", query("policy", name))
-        if policy and policy[1] != "(none)":
+    by_preference = sorted(majors, key=lambda n: (majors[n] == PREFERRED, _preference(majors[n])))
+    for name in reversed(by_preference):
+        known = majors[name] >= MINIMUM_MAJOR and query("policy", name)
+        if known and re.search(r"Candidate: (?!\(none\))", known):
             return name, True
     return "", bool(majors)
 

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-
-import drjit as dr
+from pathlib import Path, PurePosixPath
 
 RESERVE = 300 << 20
 """What a render takes besides its film [bytes]: Mitsuba, kernels, rays."""
+
+UNLIMITED = 1 << 62
+
+ROOT = Path("/")
+CGROUPS = {  # controller: mount, and files there with limit, usage, and cache that can be dropped
+    "": ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
+    "memory": (
+        *("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes"),
+        "total_inactive_file",
+    ),
+}
 
 MAX_FLOATS = (1 << 32) - 1
 """Entries of the largest array that Dr.Jit can make."""
@@ -30,11 +39,28 @@ def available() -> int:
 
     if (mi.variant() or "").startswith("cuda"):
         return _cuda_free()
+    return free_on_host()
+
+
+def free_on_host() -> int:
+    """Memory of the machine that this process may still take [bytes], whatever limits it."""
     import psutil
 
-    free = psutil.virtual_memory().available
-    limit, used, cache = _cgroup("memory.max"), _cgroup("memory.current"), _cgroup_cache()
-    return free if limit is None or used is None else min(free, limit - used + cache)
+    return max(0, min(psutil.virtual_memory().available, *_left_in_cgroups(), address_space()[1]))
+
+
+def address_space() -> tuple[int, int]:
+    """The limit that `ulimit -v` sets on this process, and what is left of it [bytes]."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return UNLIMITED, UNLIMITED
+    import psutil
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return UNLIMITED, UNLIMITED
+    return limit, limit - psutil.Process().memory_info().vms
 
 
 def require_film(
@@ -55,6 +81,8 @@ def require_film(
     size = film_bytes(height, width, temporal_bins, channels)
     part = _part_that_fits(size, copies)
     if part < 1:
+        import drjit as dr
+
         dr.flush_malloc_cache()
         part = _part_that_fits(size, copies)
     if part >= 1:
@@ -71,7 +99,10 @@ def require_film(
 
 def _part_that_fits(size: int, copies: float) -> float:
     """How much of a film of `size` bytes there is room for; 1 or more if all of it."""
-    return min(max(0, available() - RESERVE) / (copies * size), MAX_FLOATS * 4 / size)
+    part = min(max(0, available() - RESERVE) / (copies * size), MAX_FLOATS * 4 / size)
+    left = (address_space()[1] - RESERVE) // math.ceil(copies)
+    # Dr.Jit maps the next power of two of bytes, and touches what it needs
+    return min(part, 2 ** (left.bit_length() - 1) / size) if left > 0 else 0.0
 
 
 def _cuda_free() -> int:
@@ -85,21 +116,29 @@ def _cuda_free() -> int:
         status = driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total))
     except OSError:
         status = -1
-    return free.value if status == 0 else 1 << 62
+    return free.value if status == 0 else UNLIMITED
 
 
-def _cgroup(name: str) -> int | None:
-    """A number of this process's control group, None if it has none."""
+def _left_in_cgroups() -> list[int]:
+    """What each limit on this process's control group, or on one above it, leaves [bytes]."""
+    left = []
+    for line in _lines(ROOT / "proc/self/cgroup"):
+        _, controllers, path = line.split(":", 2)
+        for top, limit, used, cache in (CGROUPS[c] for c in controllers.split(",") if c in CGROUPS):
+            own = PurePosixPath(path.lstrip("/"))
+            for group in (ROOT / top / part for part in (own, *own.parents)):
+                numbers = dict(line.split() for line in _lines(group / "memory.stat"))
+                try:
+                    most, taken = (int(_lines(group / name)[0]) for name in (limit, used))
+                except (IndexError, ValueError):  # No such group, or "max": no limit
+                    continue
+                left.append(most - taken + int(numbers.get(cache, 0)))
+    return left
+
+
+def _lines(path: Path) -> list[str]:
+    """The lines of a file, none if it cannot be read."""
     try:
-        return int((Path("/sys/fs/cgroup") / name).read_text())
-    except (OSError, ValueError):
-        return None
-
-
-def _cgroup_cache() -> int:
-    """Part of the control group's memory that is file cache, free to be taken [bytes]."""
-    try:
-        lines = Path("/sys/fs/cgroup/memory.stat").read_text().splitlines()
-        return int(dict(line.split() for line in lines)["inactive_file"])
-    except (OSError, ValueError, KeyError):
-        return 0
+        return path.read_text().splitlines()
+    except OSError:
+        return []
