@@ -50,7 +50,6 @@ def verify(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            "--only",
             metavar="WHAT",
             help="structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
             "repeatable.",

@@ -15,8 +15,7 @@ from .options import INTERRUPTED, real
 def grade(
     assignment: Name,
     submission: Annotated[
-        Path | None,
-        typer.Option("--submission", metavar="DIR|ZIP", help="What one student has handed in."),
+        Path | None, typer.Option(metavar="DIR|ZIP", help="What one student has handed in.")
     ] = None,
     everyone: Annotated[
         Path | None, typer.Option("--all", metavar="DIR", help="Folder of a class's submissions.")
@@ -31,7 +30,7 @@ def grade(
         ),
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="With --all, a line a student.")
+        Path | None, typer.Option(metavar="FILE", help="With --all, a line a student.")
     ] = None,
     time_limit: Annotated[float, real(30, "Seconds for one submission.")] = 540,
     memory: Annotated[float, real(1, "GiB of memory for one submission.")] = 4,

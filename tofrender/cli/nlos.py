@@ -15,12 +15,11 @@ Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
 
 def capture(
     scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene with a relay wall.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="HDF5 file to write.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file to write.")],
     mode: Annotated[Mode, choice(Mode, "Which points of the wall are lit.")] = "confocal",
     grid: Annotated[Size | None, size("64x64", "Points on the wall.")] = None,
     wall: Annotated[
-        str | None,
-        typer.Option("--wall", metavar="ID", help="Shape that is the wall, if not relay_wall."),
+        str | None, typer.Option(metavar="ID", help="Shape that is the wall, if not relay_wall.")
     ] = None,
     spp: Spp = None,
     seed: Seed = 0,

@@ -33,6 +33,9 @@ class Size(NamedTuple):
     width: int
     height: int
 
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}"
+
 
 # ------------------------------------------------------------------------------ kinds of options
 
@@ -142,7 +145,7 @@ Scene = Annotated[
         metavar="SCENE", help="Built-in name (see `tofrender scenes`) or Mitsuba XML file."
     ),
 ]
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write, made whole.")]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder to write, made whole.")]
 Spp = Annotated[int | None, integer(1, checks.MAX_SPP, "Samples per pixel.")]
 Pixels = Annotated[Size | None, size("256x256", "Picture's size, pixels.")]
 MaxDepth = Annotated[
@@ -150,7 +153,7 @@ MaxDepth = Annotated[
 ]
 Seed = Annotated[int, integer(0, checks.MAX_SEED, "Random seed.")]
 Variant = Annotated[
-    str | None, typer.Option("--variant", metavar="NAME", help="Mitsuba variant, e.g. llvm_ad_rgb.")
+    str | None, typer.Option(metavar="NAME", help="Mitsuba variant, e.g. llvm_ad_rgb.")
 ]
 
 

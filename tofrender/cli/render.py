@@ -41,8 +41,7 @@ def render(
         Window | None, opt.choice(Window, "Find the window that holds the light.")
     ] = None,
     pulse_width: Annotated[
-        float | None,
-        opt.positive("metres", "Gaussian pulse's standard deviation, metres."),
+        float | None, opt.positive("metres", "Gaussian pulse's standard deviation, metres.")
     ] = None,
     max_depth: opt.MaxDepth = None,
     integrator: Annotated[

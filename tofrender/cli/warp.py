@@ -26,12 +26,10 @@ PointSet = Literal["independent", "grid", "stratified"]
 
 def warp(
     name: Annotated[Warp, choice(Warp, "What to draw.", kind=typer.Argument)],
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FIG", help="Figure to write: png, pdf, svg.")
-    ],
+    out: Annotated[Path, typer.Option(metavar="FIG", help="Figure to write: png, pdf, svg.")],
     alpha: Annotated[float | None, real(0, "Roughness of beckmann.")] = None,
     image: Annotated[
-        str | None, typer.Option("--image", metavar="FILE", help="Image of hierarchical.")
+        str | None, typer.Option(metavar="FILE", help="Image of hierarchical.")
     ] = None,
     points: Annotated[PointSet, choice(PointSet, "Point set to draw.")] = "independent",
     count: Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")] = 1024,
