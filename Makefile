@@ -16,10 +16,11 @@ render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); 
 test: setup ## run all tests; ARGS='-m "not slow and not statistical"' runs the fast ones
 	.venv/bin/python -m pytest $(ARGS)
 
-lint: setup ## check style and types
+lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/pyright
+	.venv/bin/lint-imports --no-logo --no-cache
 
 bench: setup ## time the renderer against Mitsuba's steady path tracer and mitransient
 	.venv/bin/python -m benchmarks $(ARGS)

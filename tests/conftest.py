@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import durations
 import mitsuba as mi
 import pytest
 
 import tofrender  # Picks the variant and registers the plugins
 
 VARIANT = "llvm_ad_rgb"
+
+pytest_addoption = durations.pytest_addoption
+pytest_configure = durations.pytest_configure
 
 
 @pytest.fixture(autouse=True)

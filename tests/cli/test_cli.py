@@ -10,13 +10,21 @@ import subprocess
 import sys
 import termios
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import OpenEXR
 import pytest
 
 import tofrender
+from tofrender.cli import nlos as cli_nlos
+from tofrender.cli import render as cli_render
+from tofrender.cli import warp as cli_warp
 from tofrender.cli.app import main
+from tofrender.cli.options import FILES
+from tofrender.sampling.points import POINT_SETS
+from tofrender.sampling.warps import WARPS
+from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
 
 ROOT = Path(__file__).parents[2]
 XML = ROOT / "scenes" / "cornell_box.xml"
@@ -97,9 +105,10 @@ def test_scenes(capsys):
         (["--bins", "many"], "--bins = 'many': must be an integer"),
         (["--bins", "0"], "--bins = 0: must be an integer"),
         (["--bins", "nan"], "--bins = nan: must be an integer"),
-        (["--size", "64"], "--size = '64': must be width x height, like 256x256"),
-        (["--size", "0x64"], "--size = 0: must be an integer from 1 to 65536"),
-        (["--size", "64x"], "--size = '': must be an integer"),
+        (["--size", "64"], "--size = 64: must be width x height, like 256x256, of integers from"),
+        (["--size", "0x64"], "--size = 0x64: must be width x height"),
+        (["--size", "64x"], "--size = 64x: must be width x height"),
+        (["--size", "8x8x8"], "--size = 8x8x8: must be width x height"),
         (["--bin-width", "0"], "--bin-width = 0: must be a finite number of metres above 0"),
         (["--bin-width", "-0.1"], "--bin-width = -0.1: must be a finite number"),
         (["--bin-width", "inf"], "--bin-width = inf: must be a finite number"),
@@ -125,6 +134,69 @@ def test_bad_option_is_one_line(capsys, tmp_path, arguments, text):
     folder = tmp_path / "out"
     assert text in refused(capsys, "render", "cornell_box", "--out", folder, *arguments)
     assert not folder.exists()
+
+
+BAD_NUMBERS = ["inf", "-inf", "1e400", "9" * 5000, "", " 3", "1_0", "0x10", "\u0663", "-2"]
+ALL_KINDS = {"render": ["--spp", "--bin-width", "--max-depth"], "gate": ["--at"]}
+NUMBERS = {
+    "render": ["--bins", "--start-opl", "--pulse-width", "--seed"],
+    "phasor": ["--freq", "--spp", "--max-depth", "--seed"],
+    "gate": ["--pulse-width", "--spp", "--max-depth", "--seed"],
+    "capture": ["--spp", "--seed", "--grid"],
+    "warp": ["--alpha", "--count", "--seed"],
+    "verify": ["--seeds"],
+    "grade": ["--time-limit", "--memory"],
+}
+
+
+@pytest.mark.slow
+def test_bad_numbers_are_refused_before_anything_is_imported():
+    """Each in one line that names the option."""
+    cases = [(c, o, text) for c in ALL_KINDS for o in ALL_KINDS[c] for text in BAD_NUMBERS]
+    cases += [(c, o, text) for c in NUMBERS for o in NUMBERS[c] for text in ("nan", "\u0663")]
+    cases += [("render", "--spp", "2.5"), ("verify", "--seeds", "1.0")]
+    code = f"""
+import contextlib, io, sys
+sys.argv = ["tofrender"]
+from tofrender.cli import main
+for command, option, text in {cases!r}:
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        status = main([command, option, text])
+    line, start = said.getvalue(), f"error: {{option}} = "
+    if status != 2 or line.count("\\n") != 1 or not line.startswith(start):
+        print(command, option, repr(text[:9]), status, line)
+print([name for name in {HEAVY!r} if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout == "[]\n", done.stdout + done.stderr
+
+
+def test_choices_are_those_there_are():
+    """The command line names them without importing what has them."""
+    for names, there in (
+        (cli_render.Integrator, INTEGRATORS),
+        (cli_render.Sampler, SAMPLERS),
+        (cli_render.Format, FILES),
+        (cli_nlos.Mode, tofrender.nlos.MODES),
+        (cli_nlos.Method, tofrender.nlos.METHODS),
+        (cli_warp.Warp, WARPS),
+        (cli_warp.PointSet, POINT_SETS),
+    ):
+        assert set(get_args(names)) == set(there)
+
+
+def test_help_says_types_ranges_and_defaults(capsys):
+    words = " ".join(run(capsys, "render", "--help")[1].split())
+    for text in (
+        "--spp <int range> Samples per pixel. [1<=x<=16777216]",
+        "--start-opl <float> ",
+        "--bin-width <float above 0> ",
+        "--seed <int range> Random seed. [default: 0; 0<=x<=4294967295]",
+        "--format <frames|multipart|npz> How to store the transient. [default: frames]",
+        "--size WxH ",
+    ):
+        assert text in words
 
 
 def test_bad_scene_is_one_line(capsys, tmp_path):
@@ -355,10 +427,11 @@ def test_a_gate(tmp_path):
         (["phasor", "cornell_box", "--freq", "nan"], "--freq = nan: must be"),
         (["phasor", "cornell_box"], "Missing option '--freq'"),
         (["phasor", "cornel_box", "--freq", "2e7"], "did you mean cornell_box"),
-        (["gate", "cornell_box", "--at", "-1"], "--at = -1: must be 0 m or more"),
-        (["gate", "cornell_box", "--at", "soon"], "--at = 'soon': must be a finite number"),
+        (["gate", "cornell_box", "--at", "-1"], "--at = -1: must be a number from 0"),
+        (["gate", "cornell_box", "--at", "soon"], "--at = soon: must be a number from 0"),
         (["gate", "cornell_box", "--at", "1", "--size", "8x8"], "no light arrives then"),
         (["gate", "cornell_box", "--at", "6", "--spp", "0"], "--spp = 0: must be an integer"),
+        (["gate", "cornell_box", "--at", "6", "--max-depth", "0"], "--max-depth = 0: must be -1"),
     ],
 )
 def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
@@ -367,5 +440,8 @@ def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
 
 
 def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):
-    error = refused(capsys, "phasor", tmp_path, "--freq", "2e7", "--out", tmp_path / "out")
-    assert "holds no render" in error
+    arguments = ["phasor", tmp_path, "--freq", "2e7", "--out", tmp_path / "out"]
+    assert "holds no render" in refused(capsys, *arguments)
+    for option in (["--size", "8x6"], ["--spp", "4"], ["--max-depth", "2"]):
+        error = refused(capsys, *arguments, *option)
+        assert error == f"{' = '.join(option)}: must be left out, {tmp_path} is rendered"

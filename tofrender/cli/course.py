@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import number
+from .options import integer
 
 if TYPE_CHECKING:
     from ..course.rubric import Rubric
@@ -46,13 +46,10 @@ def release(
 
 def verify(
     assignment: Name,
-    seeds: Annotated[
-        str, typer.Option("--seeds", metavar="N", help="Seeds under which right code must pass.")
-    ] = "1",
+    seeds: Annotated[int, integer(1, MAX_SEEDS, "Seeds under which right code must pass.")] = 1,
     only: Annotated[
         list[str] | None,
         typer.Option(
-            "--only",
             metavar="WHAT",
             help="structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
             "repeatable.",
@@ -69,14 +66,12 @@ def verify(
 
     from tofrender.course import assignments
     from tofrender.course.verify import verify as look
-    from tofrender.runtime import checks
 
-    count = checks.integer("--seeds", number(seeds), 1, MAX_SEEDS)
     found = assignments.find(assignment)
     console = Console()
     failed = 0
     with console.status("") as status:
-        for verdict in look(found, seeds=count, only=tuple(only or ()), say=status.update):
+        for verdict in look(found, seeds=seeds, only=tuple(only or ()), say=status.update):
             mark = "ok    " if verdict.ok else "FAILED"
             line = f"{mark}  {verdict.name:10} {verdict.seconds:6.1f} s  {verdict.detail}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import signal
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import number
-
-INTERRUPTED = 130
+from .course import Name
+from .options import INTERRUPTED, real
 
 
 def grade(
-    assignment: Annotated[
-        str, typer.Argument(metavar="ASSIGNMENT", help="For example a2, or its folder.")
-    ],
+    assignment: Name,
     submission: Annotated[
-        Path | None,
-        typer.Option("--submission", metavar="DIR|ZIP", help="What one student has handed in."),
+        Path | None, typer.Option(metavar="DIR|ZIP", help="What one student has handed in.")
     ] = None,
     everyone: Annotated[
         Path | None, typer.Option("--all", metavar="DIR", help="Folder of a class's submissions.")
@@ -35,24 +30,16 @@ def grade(
         ),
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="With --all, a line a student.")
+        Path | None, typer.Option(metavar="FILE", help="With --all, a line a student.")
     ] = None,
-    time_limit: Annotated[
-        str, typer.Option("--time-limit", metavar="S", help="Seconds for one submission.")
-    ] = "540",
-    memory: Annotated[
-        str, typer.Option("--memory", metavar="GIB", help="Memory for one submission.")
-    ] = "4",
+    time_limit: Annotated[float, real(30, "Seconds for one submission.")] = 540,
+    memory: Annotated[float, real(1, "GiB of memory for one submission.")] = 4,
 ) -> None:
     """Grade a submission, or a class, with all tests.
 
     The results are in Gradescope's format. A class can be stopped and gone on with: what is graded
     is kept, unless the submission or the tests have changed.
     """
-    limits = {
-        "time_limit_s": _from("--time-limit", time_limit, 30),
-        "memory_gib": _from("--memory", memory, 1),
-    }
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
     if submission is not None:
@@ -69,7 +56,7 @@ def grade(
         typer.echo(f"warning: this machine cannot keep a submission from {what}", err=True)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: ends what runs
     try:
-        with grading.opened(found, **limits) as grader:
+        with grading.opened(found, time_limit_s=time_limit, memory_gib=memory) as grader:
             if submission is None:
                 grading.grade_all(grader, everyone, csv, out, typer.echo)
                 typer.echo(f"{csv}: written")
@@ -87,14 +74,6 @@ def grade(
         typer.echo(remark)
     total = f"{results.score:g} of {found.rubric.points:g} points"
     typer.echo(f"{out}: {total}, {results.seconds:.0f} s")
-
-
-def _from(option: str, text: str, low: float) -> float:
-    """The number of an option, at least `low`."""
-    value = number(text)
-    if isinstance(value, str) or not low <= value < math.inf:
-        raise ValueError(f"{option} = {text}: must be a number from {low:g}")
-    return float(value)
 
 
 def _check_one(submission: Path, out: Path | None, csv: Path | None) -> Path:

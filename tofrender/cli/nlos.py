@@ -3,48 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from .options import check_out, number, settings_of, split_size
-from .time import Out, Seed, Spp, Variant
+from .options import Out, Seed, Size, Spp, Variant, check_out, choice, size
 
-MODES = ("confocal", "single", "exhaustive")
-METHODS = ("lct", "fk", "bp", "fbp", "phasor")
+Mode = Literal["confocal", "single", "exhaustive"]
+Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
 
 
 def capture(
     scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene with a relay wall.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="HDF5 file to write.")],
-    mode: Annotated[
-        str, typer.Option("--mode", metavar="MODE", help=f"One of {', '.join(MODES)}.")
-    ] = "confocal",
-    grid: Annotated[
-        str | None, typer.Option("--grid", metavar="WxH", help="Points on the wall.")
-    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file to write.")],
+    mode: Annotated[Mode, choice(Mode, "Which points of the wall are lit.")] = "confocal",
+    grid: Annotated[Size | None, size("64x64", "Points on the wall.")] = None,
     wall: Annotated[
-        str | None,
-        typer.Option("--wall", metavar="ID", help="Shape that is the wall, if not relay_wall."),
+        str | None, typer.Option(metavar="ID", help="Shape that is the wall, if not relay_wall.")
     ] = None,
     spp: Spp = None,
-    seed: Seed = "0",
+    seed: Seed = 0,
     variant: Variant = None,
 ) -> None:
     """Capture a hidden scene by its relay wall.
 
     FILE holds the transient of every point, with all geometry, as reconstruction tools read it.
     """
-    from tofrender.runtime import backend, checks
+    from tofrender.runtime import backend
 
-    checks.one_of("--mode", mode, MODES)
-    given = settings_of(spp=spp)
-    size = None
-    if grid is not None:
-        sides = (number(text) for text in split_size(grid, "--grid", "64x64"))
-        width, height = (checks.integer("--grid", side, 1, checks.MAX_SIZE) for side in sides)
-        size = (width, height)
-    seed_number = checks.integer("--seed", number(seed), 0, checks.MAX_SEED)
     if out.exists():
         raise ValueError(f"--out = {out}: exists already; must be a new file")
     if out.suffix.lower() not in (".h5", ".hdf5"):
@@ -56,15 +42,11 @@ def capture(
 
     from tofrender import io
     from tofrender.nlos import capture as render_capture
-    from tofrender.nlos.extras import optional
     from tofrender.scenes.loading import find_scene
 
-    optional("h5py")  # Before there is something to lose
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    captured = render_capture(
-        source, mode=mode, grid=size, spp=given.get("spp"), seed=seed_number, relay_wall=names
-    )
+    captured = render_capture(source, mode=mode, grid=grid, spp=spp, seed=seed, relay_wall=names)
     io.save_capture(captured, out)
     rows, columns = captured["sensor_grid"].shape[:2]
     bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
@@ -74,18 +56,12 @@ def capture(
 def reconstruct(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="What `capture` has written.")],
     out: Out,
-    method: Annotated[
-        str,
-        typer.Option("--method", metavar="NAME", help=f"One of {', '.join(METHODS)}."),
-    ] = "lct",
+    method: Annotated[Method, choice(Method, "How to reconstruct.")] = "lct",
 ) -> None:
     """Reconstruct the hidden scene of a capture.
 
     DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
     """
-    from tofrender.runtime import checks
-
-    checks.one_of("--method", method, METHODS)
     check_out(out)
     import numpy as np
 

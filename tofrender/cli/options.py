@@ -1,46 +1,163 @@
-"""What the commands of `tofrender` have in common: options as text, and the folder they write."""
+"""Options that commands share, and what turns the text of each into a value.
+
+Types, ranges and choices are Typer's, which shows them in `--help`. Only its words for a bad value
+are replaced, as they do not say the value: each is refused in one line, `--option = value: must be
+...`. Nothing here imports Mitsuba.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args
+
+import typer
+
+from ..runtime import checks
 
 if TYPE_CHECKING:
     import xarray as xr
+
+BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
+"""What the command's exit status is, if not 0."""
 
 FILES = {"frames": "", "multipart": "stack.exr", "npz": "transient.npz"}
 """What holds the transient in the output folder, by --format."""
 
 
-def number(text: str) -> int | float | str:
-    """The number that `text` spells, NaN and infinities too, or `text` for a check to refuse."""
-    if re.fullmatch(r"[+-]?\d+", text, re.ASCII):
-        return int(text)
-    try:
-        return text if "_" in text else float(text)
-    except ValueError:
+class Size(NamedTuple):
+    """Width and height, of pixels or points."""
+
+    width: int
+    height: int
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}"
+
+
+# ------------------------------------------------------------------------------ kinds of options
+
+
+class Refused(typer.BadParameter):
+    """A bad value, with all that is said of it behind the option's name."""
+
+    def format_message(self) -> str:
+        """The whole line."""
+        name = self.param.opts[0] if self.param else ""
+        return f"{name if name.startswith('-') else name.upper()}{self.message}"
+
+
+def checked(
+    check: Callable[[str, Any], Any], help: str, *names: str, kind: Any = typer.Option, **info: Any
+) -> Any:
+    """An option whose value is `check("", text)`, where text that spells a number is one.
+
+    Args:
+        check: Returns the value, or raises ValueError with what is to be said behind the name.
+        help: What `--help` says.
+        *names: The option's names, if they are not the parameter's.
+        kind: `typer.Option` or `typer.Argument`.
+        **info: More for `kind`.
+    """
+
+    def parse(text: Any) -> Any:
+        try:
+            return check("", number(text))
+        except ValueError as error:
+            raise Refused(str(error)) from None
+
+    return kind(*names, parser=parse, help=help, **info)
+
+
+def integer(low: int, high: int, help: str) -> Any:
+    """An option that is an integer from `low` to `high`."""
+    return checked(partial(checks.integer, low=low, high=high), help, min=low, max=high)
+
+
+def real(low: float, help: str) -> Any:
+    """An option that is a finite number from `low`."""
+
+    def check(name: str, value: Any) -> float:
+        if isinstance(value, str) or not low <= value < math.inf:
+            raise ValueError(f"{name} = {value}: must be a number from {low:g}")
+        return value
+
+    return checked(check, help, min=low)
+
+
+def positive(unit: str, help: str) -> Any:
+    """An option that is a finite number of some unit above 0."""
+    check = partial(checks.metres, positive=True, unit=unit)
+    return checked(check, help, metavar="<float above 0>")
+
+
+def choice(names: Any, help: str, **info: Any) -> Any:
+    """An option that is one of the names of a `Literal`."""
+    return checked(partial(checks.one_of, allowed=get_args(names)), help, **info)
+
+
+def size(example: str, help: str) -> Any:
+    """An option that is a width and a height."""
+
+    def check(name: str, value: Any) -> Size:
+        try:
+            width, height = (number(side) for side in str(value).lower().split("x"))
+            return Size(*(checks.integer(name, n, 1, checks.MAX_SIZE) for n in (width, height)))
+        except ValueError:
+            allowed = f"like {example}, of integers from 1 to {checks.MAX_SIZE}"
+            raise ValueError(f"{name} = {value}: must be width x height, {allowed}") from None
+
+    return checked(check, help, metavar="WxH")
+
+
+def definition(name: str, value: Any) -> tuple[str, str]:
+    """The check of an option that is a name and a value."""
+    key, separator, text = str(value).partition("=")
+    if not separator or not key:
+        raise ValueError(f"{name} {value}: must be name=value, like spp=64")
+    return key, text
+
+
+def number(text: Any) -> Any:
+    """The number that a text spells, NaN and infinities too; any other text for a check to refuse.
+
+    Example:
+        >>> number("64"), number("2e7"), number("1_000"), number("\u0663")
+        (64, 20000000.0, '1_000', '\u0663')
+    """
+    if not isinstance(text, str) or not text.isascii() or "_" in text or text != text.strip():
         return text
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
-def split_size(text: str, option: str = "--size", example: str = "256x256") -> tuple[str, str]:
-    """Width and height of `64x48`."""
-    width, separator, height = text.lower().partition("x")
-    if not separator:
-        raise ValueError(f"{option} = {text!r}: must be width x height, like {example}")
-    return width, height
+# ---------------------------------------------------------------------------------- shared options
+
+Scene = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE", help="Built-in name (see `tofrender scenes`) or Mitsuba XML file."
+    ),
+]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder to write, made whole.")]
+Spp = Annotated[int | None, integer(1, checks.MAX_SPP, "Samples per pixel.")]
+Pixels = Annotated[Size | None, size("256x256", "Picture's size, pixels.")]
+MaxDepth = Annotated[
+    int | None, checked(checks.depth, "Longest path, in segments; -1: any.", min=-1)
+]
+Seed = Annotated[int, integer(0, checks.MAX_SEED, "Random seed.")]
+Variant = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Mitsuba variant, e.g. llvm_ad_rgb.")
+]
 
 
-def definitions(defines: Sequence[str]) -> dict[str, str]:
-    """Names and values of `-D name=value`."""
-    pairs = {}
-    for define in defines:
-        name, separator, value = define.partition("=")
-        if not separator or not name:
-            raise ValueError(f"-D {define}: must be name=value, like -D spp=64")
-        pairs[name] = value
-    return pairs
+# ------------------------------------------------------------------------------------- the folder
 
 
 def check_out(out: Path, film: Any = None, precision: str = "float") -> None:
@@ -66,18 +183,3 @@ def load_render(out: Path, option: str) -> xr.Dataset:
         if path.exists():
             return load(path)
     raise ValueError(f"{option}: {out} holds no render")
-
-
-def settings_of(**texts: str | None) -> dict[str, Any]:
-    """Settings of `load_scene` from the texts of options of the same names, each one checked."""
-    from ..scenes.settings import CHECKS
-
-    values = dict(texts)
-    if values.get("size") is not None:
-        values["width"], values["height"] = split_size(str(values["size"]))
-    values.pop("size", None)
-    return {
-        name: CHECKS[name]("--size" if name in ("width", "height") else f"--{name}", number(text))
-        for name, text in values.items()
-        if text is not None
-    }

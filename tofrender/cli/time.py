@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import check_out, load_render, number, settings_of
+from . import options as opt
 
 if TYPE_CHECKING:
     import numpy as np
 
-Text = str | None
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write, made whole.")]
-Spp = Annotated[Text, typer.Option("--spp", metavar="N", help="Samples per pixel.")]
-Size = Annotated[Text, typer.Option("--size", metavar="WxH", help="Picture's size, pixels.")]
-Seed = Annotated[str, typer.Option("--seed", metavar="N", help="Random seed.")]
-Variant = Annotated[Text, typer.Option("--variant", metavar="NAME", help="Mitsuba variant.")]
+TRAITS = (
+    *("max_depth", "rr_depth", "hide_emitters"),
+    *("camera_unwarp", "discard_direct_light", "emitter_sampling"),
+)
+"""What of the scene's integrator decides which paths are followed, and from where they are long."""
 
 
 def phasor(
@@ -28,107 +27,101 @@ def phasor(
             help="What `tofrender render` has written, or a scene as for it.",
         ),
     ],
-    out: Out,
-    freq: Annotated[
-        list[str], typer.Option("--freq", metavar="HZ", help="Modulation frequency; repeatable.")
-    ],
-    spp: Spp = None,
-    size: Size = None,
-    seed: Seed = "0",
-    variant: Variant = None,
+    out: opt.Out,
+    freq: Annotated[list[float], opt.positive("hertz", "Modulation frequency, hertz; repeatable.")],
+    spp: opt.Spp = None,
+    size: opt.Pixels = None,
+    max_depth: opt.MaxDepth = None,
+    seed: opt.Seed = 0,
+    variant: opt.Variant = None,
 ) -> None:
     """Phasor images: I, Q, amplitude, phase and depth at each frequency.
 
-    From a scene, phasors are rendered, all frequencies in one trace. From a render, they are
-    converted from its bins, which can hold less light. DIR gets an EXR file a frequency, with
-    layers I, Q, amplitude, phase [rad] and depth [m], and a panel.
+    From a scene, phasors are rendered, all frequencies in one trace, with the limits of the scene's
+    integrator. From a render, they are converted from its bins, which can hold less light. DIR gets
+    an EXR file a frequency, with layers I, Q, amplitude, phase [rad] and depth [m], and a panel.
     """
-    from tofrender.runtime import backend, checks
-
-    frequencies = [
-        checks.metres("--freq", number(text), positive=True, unit="hertz") for text in freq
-    ]
-    if not frequencies:
-        raise ValueError("--freq: must be given at least once, e.g. --freq 20e6")
-    given = settings_of(size=size, spp=spp)
-    seed_number = checks.integer("--seed", number(seed), 0, checks.MAX_SEED)
-    check_out(out)
+    opt.check_out(out)
     if Path(source).is_dir():
-        for option, text in (("--spp", spp), ("--size", size), ("--variant", variant)):
-            if text is not None:
-                raise ValueError(f"{option} = {text}: must be left out, {source} is rendered")
+        given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
+        for option, value in given.items():
+            if value is not None:
+                raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
 
-        parts = transient_to_phasor(load_render(Path(source), "RENDER_DIR"), frequencies)
+        parts = transient_to_phasor(opt.load_render(Path(source), "RENDER_DIR"), freq)
     else:
-        backend.activate(variant)
-        backend.require_vectorised()
+        loaded, sensor, samples, traits = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
+        from tofrender.scenes.loading import load_plugin
 
-        loaded, sensor, samples = _load(source, given)
-        parts = render_amcw_phasor(loaded, sensor, frequencies, samples, seed_number)
-    _write_phasors(out, frequencies, parts, source)
+        traits["type"] = "amcw_transient_path"
+        integrator = load_plugin("integrator", traits)
+        parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, integrator)
+    _write_phasors(out, freq, parts, source)
 
 
 def gate(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene as for `render`.")],
-    out: Out,
-    at: Annotated[str, typer.Option("--at", metavar="M", help="Path length of the gate, metres.")],
+    scene: opt.Scene,
+    out: opt.Out,
+    at: Annotated[float, opt.real(0, "Path length of the gate, metres.")],
     pulse_width: Annotated[
-        str, typer.Option("--pulse-width", metavar="M", help="Gaussian gate's deviation, metres.")
-    ] = "0.03",
-    spp: Spp = None,
-    size: Size = None,
-    seed: Seed = "0",
-    variant: Variant = None,
+        float, opt.positive("metres", "Gaussian gate's deviation, metres.")
+    ] = 0.03,
+    spp: opt.Spp = None,
+    size: opt.Pixels = None,
+    max_depth: opt.MaxDepth = None,
+    seed: opt.Seed = 0,
+    variant: opt.Variant = None,
 ) -> None:
     """Render SCENE at one instant, given as a path length.
 
-    DIR gets gate.exr, the radiance per metre of path at that instant, and picture.png.
+    Paths are those of the scene's integrator. DIR gets gate.exr, the radiance per metre of path at
+    that instant, and picture.png.
     """
-    from tofrender.runtime import backend, checks, plugins
-
-    target = checks.metres("--at", number(at))
-    if target < 0:
-        raise ValueError(f"--at = {at}: must be 0 m or more, light starts there")
-    width = checks.metres("--pulse-width", number(pulse_width), positive=True)
-    given = settings_of(size=size, spp=spp)
-    seed_number = checks.integer("--seed", number(seed), 0, checks.MAX_SEED)
-    check_out(out)
-    backend.activate(variant)
-    backend.require_vectorised()
-
-    import mitsuba as mi
+    opt.check_out(out)
+    loaded, sensor, samples, traits = _load(scene, spp, size, max_depth, variant)
     from PIL import Image
 
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
+    from tofrender.scenes.loading import load_plugin
 
-    plugin = {
-        "type": plugins.own_name("time_gated_transient_path"),
-        "pulse_width_opl": width,
-    }
-    loaded, sensor, samples = _load(scene, given)
-    image = render_at_time(loaded, mi.load_dict(plugin), sensor, target, samples, seed_number)
+    traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
+    integrator = load_plugin("integrator", traits)
+    image = render_at_time(loaded, integrator, sensor, at, samples, seed)
     if not image.any():
-        raise ValueError(f"--at = {at}: no light arrives then; `tofrender render` shows when")
-    attrs = {"opl": target, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
+        raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
+    attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
     with io.output_folder(out, overwrite=True) as folder:
         io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
         Image.fromarray(vis.tonemap(image)).save(folder / "picture.png")
     typer.echo(f"{out}: gate.exr, picture.png")
 
 
-def _load(source: str, given: dict[str, Any]) -> tuple[Any, Any, int]:
-    """A scene, its sensor and the number of samples per pixel."""
+def _load(
+    source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
+) -> tuple[Any, Any, int, dict[str, Any]]:
+    """A scene, its sensor, samples per pixel, and which paths the scene's integrator follows."""
+    from tofrender.runtime import backend
+
+    backend.activate(variant)
+    backend.require_vectorised()
+    from tofrender.integrators.base import TransientIntegrator
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
 
-    samples = given.pop("spp", None)
-    loaded = load_scene(find_scene(source), **given)
+    found = find_scene(source)
+    settings: dict[str, Any] = {"max_depth": max_depth}
+    if size is not None:
+        settings |= size._asdict()
+    loaded = load_scene(found, **settings)
     require_sensor(loaded)
     require_light(loaded)
-    sensor = loaded.sensors()[0]
-    return loaded, sensor, samples or sensor.sampler().sample_count()
+    if not isinstance(loaded.integrator(), TransientIntegrator):  # Mitsuba's do not tell
+        loaded = load_scene(found, integrator="transient_path", **settings)
+    sensor, integrator = loaded.sensors()[0], loaded.integrator()
+    traits = {name: getattr(integrator, name) for name in TRAITS}
+    return loaded, sensor, spp or sensor.sampler().sample_count(), traits
 
 
 def _write_phasors(

@@ -3,56 +3,57 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from .options import number
+from ..runtime import checks
+from .options import Seed, Variant, choice, integer, real
 
 SUFFIXES = (".png", ".pdf", ".svg")
 
-Text = str | None
-_option = typer.Option
+Warp = Literal[
+    "tent",
+    "uniform_disk",
+    "uniform_sphere",
+    "uniform_hemisphere",
+    "cosine_hemisphere",
+    "beckmann",
+    "hierarchical",
+]
+PointSet = Literal["independent", "grid", "stratified"]
 
 
 def warp(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="For example beckmann; a wrong one lists all.")
-    ],
-    out: Annotated[Path, _option("--out", metavar="FIG", help="Figure to write: png, pdf, svg.")],
-    alpha: Annotated[Text, _option("--alpha", metavar="A", help="Roughness of beckmann.")] = None,
+    name: Annotated[Warp, choice(Warp, "What to draw.", kind=typer.Argument)],
+    out: Annotated[Path, typer.Option(metavar="FIG", help="Figure to write: png, pdf, svg.")],
+    alpha: Annotated[float | None, real(0, "Roughness of beckmann.")] = None,
     image: Annotated[
-        Text, _option("--image", metavar="FILE", help="Image of hierarchical.")
+        str | None, typer.Option(metavar="FILE", help="Image of hierarchical.")
     ] = None,
-    points: Annotated[
-        str,
-        _option("--points", metavar="independent|grid|stratified", help="Point set to draw."),
-    ] = "independent",
-    count: Annotated[str, _option("--count", metavar="N", help="Points to draw.")] = "1024",
-    seed: Annotated[str, _option("--seed", metavar="N", help="Random seed.")] = "0",
-    variant: Annotated[Text, _option("--variant", metavar="NAME", help="Mitsuba variant.")] = None,
+    points: Annotated[PointSet, choice(PointSet, "Point set to draw.")] = "independent",
+    count: Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")] = 1024,
+    seed: Seed = 0,
+    variant: Variant = None,
 ) -> None:
     """Warp points of the unit square, draw them and their density, and test one against the other.
 
     The chi-square test takes a million independent points, whichever are drawn. If the warp fails
     it, the exit status is 1.
     """
-    from tofrender.runtime import backend, checks
+    from tofrender.runtime import backend
 
     check_figure(out)
-    seed_number = checks.integer("--seed", number(seed), 0, checks.MAX_SEED)
     backend.activate(variant)
     backend.require_vectorised()
 
     from tofrender.sampling.cases import warp_case
     from tofrender.sampling.domains import to_numpy
-    from tofrender.sampling.points import MAX_COUNT, POINT_SETS, point_set
+    from tofrender.sampling.points import point_set
     from tofrender.sampling.warps import WARPS
 
-    checks.one_of("--points", points, POINT_SETS)
-    total = checks.integer("--count", number(count), 1, MAX_COUNT)
-    wanted = WARPS[checks.one_of("NAME", name, WARPS)].parameter
-    given = {"alpha": None if alpha is None else number(alpha), "image": image}
+    wanted = WARPS[name].parameter
+    given = {"alpha": alpha, "image": image}
     for option, value in given.items():
         if option == wanted and value is None:
             raise ValueError(f"--{option}: must be given, {name} needs it")
@@ -63,9 +64,9 @@ def warp(
     from tofrender.io.atomic import replacing
     from tofrender.vis.warps import warp_figure
 
-    verdict = case.test(seed=seed_number)
-    drawn = to_numpy(case.sample(point_set(points, total, seed_number)), total)
-    figure = warp_figure(drawn, verdict, f"{total} {points} points")
+    verdict = case.test(seed=seed)
+    drawn = to_numpy(case.sample(point_set(points, count, seed)), count)
+    figure = warp_figure(drawn, verdict, f"{count} {points} points")
     with replacing(out) as temporary:
         figure.savefig(temporary)
     typer.echo(str(verdict))

@@ -23,7 +23,7 @@ from . import material
 from .assignments import PACKAGE, Assignment
 from .dependents import dependents
 
-EXTRAS = ("course", "nlos")
+EXTRAS = ("course",)
 LEAST_NODES = 25
 """Syntax nodes from which on a function's body is one that only its author would write."""
 

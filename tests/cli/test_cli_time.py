@@ -1,0 +1,82 @@
+"""`tofrender phasor` and `tofrender gate` follow the paths of the scene's own integrator."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import pytest
+from test_cli import run
+
+import tofrender
+
+XML = Path(__file__).parents[2] / "scenes" / "cornell_box.xml"
+OURS = {
+    "type": "transient_path",
+    "max_depth": 3,
+    "rr_depth": 1,
+    "hide_emitters": True,
+    "camera_unwarp": True,
+}
+MITSUBAS = {"type": "path", "max_depth": 3, "hide_emitters": True}
+PIXELS, SPP = (8, 6), 16
+SETTINGS = ["--size", "8x6", "--spp", SPP]
+
+
+def room(folder: Path, integrator: dict) -> Path:
+    """The Cornell box with another integrator."""
+    kinds = {bool: "boolean", int: "integer"}
+    properties = "".join(
+        f'<{kinds[type(value)]} name="{name}" value="{str(value).lower()}"/>'
+        for name, value in integrator.items()
+        if name != "type"
+    )
+    text = f'<integrator type="{integrator["type"]}">{properties}</integrator>'
+    path = folder / "room.xml"
+    path.write_text(
+        re.sub(r"<integrator .*?</integrator>", text, XML.read_text(encoding="utf-8"), flags=re.S),
+        encoding="utf-8",
+    )
+    return path
+
+
+def by_command(capsys, command: str, path: Path, *options: object) -> np.ndarray:
+    """The image that a command writes: I of its phasors, or the gate."""
+    out = path.parent / command
+    told = run(capsys, command, path, "--out", out, *SETTINGS, *options)
+    assert told[0] == 0, told[2]
+    file, channel = ("gate.exr", "RGB") if command == "gate" else ("phasor_20000000Hz.exr", "I")
+    return OpenEXR.File(str(out / file)).channels()[channel].pixels
+
+
+def by_call(command: str, path: Path, parameters: dict) -> np.ndarray:
+    """The same by the Python call, with these parameters of the integrator."""
+    scene = mi.load_file(str(path), width=str(PIXELS[0]), height=str(PIXELS[1]))
+    sensor = scene.sensors()[0]
+    if command == "gate":
+        integrator = mi.load_dict({**parameters, "type": "time_gated_transient_path"})
+        return tofrender.render_at_time(scene, integrator, sensor, 3.0, SPP)
+    integrator = mi.load_dict({**parameters, "type": "amcw_transient_path"})
+    return tofrender.render_amcw_phasor(scene, sensor, 20e6, SPP, integrator=integrator)[0]
+
+
+OPTIONS = {"gate": ["--at", 3, "--pulse-width", 2], "phasor": ["--freq", "20e6"]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "integrator"), [("phasor", OURS), ("gate", MITSUBAS)])
+def test_the_scenes_integrator_says_which_paths(capsys, tmp_path, command, integrator):
+    path = room(tmp_path, integrator)
+    pulse = {"pulse_width_opl": 2.0} if command == "gate" else {}
+    seen = by_command(capsys, command, path, *OPTIONS[command])
+    np.testing.assert_allclose(seen, by_call(command, path, integrator | pulse), rtol=1e-4)
+    for name in integrator.keys() - {"type", "rr_depth"}:
+        others = {k: v for k, v in integrator.items() if k != name}
+        assert not np.allclose(seen, by_call(command, path, others | pulse), rtol=1e-3), name
+    deeper = by_command(capsys, command, path, *OPTIONS[command], "--max-depth", 5)
+    wanted = by_call(command, path, integrator | pulse | {"max_depth": 5})
+    np.testing.assert_allclose(deeper, wanted, rtol=1e-4)
+    assert not np.allclose(seen, deeper, rtol=1e-3)

@@ -1,0 +1,157 @@
+"""The command `tofrender render`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from ..runtime import checks
+from . import options as opt
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Integrator = Literal[
+    "transient_path", "path_tracer_mats", "path_tracer_nee", "path_tracer_mis", "ao"
+]
+Sampler = Literal[
+    "padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler"
+]
+Window = Literal["auto"]
+Format = Literal["frames", "multipart", "npz"]
+Precision = Literal["half", "float"]
+
+
+def render(
+    scene: opt.Scene,
+    out: opt.Out,
+    spp: opt.Spp = None,
+    size: opt.Pixels = None,
+    bins: Annotated[int | None, opt.integer(1, checks.MAX_BINS, "Time bins.")] = None,
+    start_opl: Annotated[
+        float | None, opt.checked(checks.metres, "Where bins start, metres of path.")
+    ] = None,
+    bin_width: Annotated[
+        float | None, opt.positive("metres", "Width of a bin, metres of path.")
+    ] = None,
+    window: Annotated[
+        Window | None, opt.choice(Window, "Find the window that holds the light.")
+    ] = None,
+    pulse_width: Annotated[
+        float | None, opt.positive("metres", "Gaussian pulse's standard deviation, metres.")
+    ] = None,
+    max_depth: opt.MaxDepth = None,
+    integrator: Annotated[
+        Integrator | None, opt.choice(Integrator, "What follows the paths.")
+    ] = None,
+    sampler: Annotated[
+        Sampler | None, opt.choice(Sampler, "Mitsuba's sampler, or padded_sobol.")
+    ] = None,
+    variant: opt.Variant = None,
+    seed: opt.Seed = 0,
+    format: Annotated[Format, opt.choice(Format, "How to store the transient.")] = "frames",
+    precision: Annotated[Precision, opt.choice(Precision, "Numbers in the EXR files.")] = "float",
+    defines: Annotated[
+        list[Any] | None,
+        opt.checked(opt.definition, "XML parameter; repeatable.", "-D", metavar="NAME=VALUE"),
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what DIR holds, up to --spp.")
+    ] = False,
+) -> None:
+    """Render SCENE in time.
+
+    What is left out stays as the scene has it. DIR gets the transient image, its sum over time
+    (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
+    earlier run made is replaced. Ctrl-C saves the passes that are finished.
+    """
+    from tofrender.runtime import backend
+
+    # -------------------------------------------------------- check everything, start nothing
+    if window is not None:
+        for option, value in (("--start-opl", start_opl), ("--bin-width", bin_width)):
+            if value is not None:
+                raise ValueError(f"{option} = {value:g}: must be left out, --window auto finds it")
+        if bins is not None:  # lets a steady scene turn transient; the window found replaces it
+            start_opl, bin_width = 0.0, 1.0
+    if format == "npz" and precision != "float":
+        raise ValueError(f"--precision = {precision}: must be float with --format npz")
+    opt.check_out(out)
+    backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
+    backend.require_vectorised()
+
+    from tofrender.rendering.renderer import render as render_scene
+    from tofrender.runtime import memory
+    from tofrender.scenes.loading import find_scene, load_scene, require_sensor
+
+    found = find_scene(scene)
+    loaded = load_scene(
+        found,
+        parameters=dict(defines or ()),
+        width=size and size.width,
+        height=size and size.height,
+        temporal_bins=bins,
+        start_opl=start_opl,
+        bin_width_opl=bin_width,
+        max_depth=max_depth,
+        integrator=integrator,
+        pulse_width_opl=pulse_width,
+    )
+    require_sensor(loaded)
+    film = loaded.sensors()[0].film()
+    if hasattr(film, "shape"):
+        memory.require_film(*film.shape)
+    opt.check_out(out, film, "float" if format == "npz" else precision)
+
+    # ---------------------------------------------------------------------- render and write
+    earlier = opt.load_render(out, "--resume") if resume else None
+    dataset = render_scene(
+        loaded, spp=spp, sampler=sampler, seed=seed, window=window, resume=earlier
+    )
+    dataset.attrs["scene"] = str(found)
+    files = _write(dataset, out, format, precision, video)
+    _report(dataset, out, files)
+    if not dataset.attrs["complete"]:
+        typer.echo(f"error: interrupted after {dataset.attrs['spp']} samples a pixel", err=True)
+        raise typer.Exit(opt.INTERRUPTED)
+
+
+def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:
+    """Write all files into `out`, which appears whole; returns their names."""
+    from tofrender import io, vis
+
+    with io.output_folder(out, overwrite=True) as folder:
+        if format == "npz":
+            io.save_npz(dataset, folder / opt.FILES[format])
+        else:
+            io.save_exr_stack(
+                dataset,
+                folder / opt.FILES[format],
+                layout=format,
+                precision=precision,
+                overwrite=True,
+            )
+        if video:
+            io.save_video(dataset, folder / "video.mp4")
+        vis.summary_figure(dataset).savefig(folder / "summary.png")
+        return sorted(path.name for path in folder.iterdir())
+
+
+def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> None:
+    """Say what was written, how long it took, and what the window missed."""
+    frames = [name for name in files if name.startswith("frame_")]
+    names = [name for name in files if name not in frames]
+    if frames:
+        names.insert(0, f"{frames[0]} ... {frames[-1]}")
+    attrs = dataset.attrs
+    seconds = attrs["render_seconds"]
+    samples = dataset.sizes["y"] * dataset.sizes["x"] * attrs["spp"]
+    typer.echo(f"{out}: {', '.join(names)}")
+    typer.echo(
+        f"{seconds:.1f} s, {samples / seconds:,.0f} samples per second, "
+        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window"
+    )
