@@ -448,7 +448,9 @@ def test_depth_map():
     assert np.isnan(depth_map(volume_of(0 * values))).all()
     np.testing.assert_array_equal(max_projection(volume_of(values))[0], [3, 3, 4, 0.5])
     for threshold in (-0.1, 1.1, np.nan):
-        with pytest.raises(ValueError, match=r"threshold = .*: must be from 0 to 1"):
+        with pytest.raises(
+            ValueError, match=r"threshold = .*: must be a finite number from 0 to 1"
+        ):
             depth_map(volume_of(values), threshold)
 
 

@@ -221,7 +221,9 @@ def test_bad_width(kind, width):
     "make", [GaussianPulse, BoxPulse, lambda width_opl: SampledPulse([1], 0, width_opl)]
 )
 def test_widths_beyond_single_precision(make, width):
-    with pytest.raises(ValueError, match=r"width_opl = 1e.50: must be from 1e-12 to 1e\+12 metres"):
+    with pytest.raises(
+        ValueError, match=r"width_opl = 1e.50: must be .* metres from 1e-12 to 1e\+12"
+    ):
         make(width)
 
 

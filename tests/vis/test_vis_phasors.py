@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from made_dataset import START, WIDTH, make_dataset
 from matplotlib import pyplot as plt
-from test_io import START, WIDTH, make_dataset
 from test_vis import drawn
 
 import tofrender

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
-from ..signals.phasors import check_frequencies, phasor_parts, real_array
+from ..signals.phasors import check_frequencies, phasor_parts
 from ..signals.units import SPEED_OF_LIGHT
 
 MAX_WRAPS = 4096
@@ -92,7 +92,7 @@ def transient_to_phasor(
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
         quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
         values = transient_data
-    values = _check_shape(real_array("transient_data", values))
+    values = _check_shape(checks.real_array("transient_data", values))
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
         raise ValueError(
@@ -142,7 +142,7 @@ def sum_channels(
         >>> phase.shape, round(phase[0, 0, 0].item(), 4)
         ((2, 2, 1), 3.1083)
     """
-    parts = [real_array(name, values) for name, values in (("I", I), ("Q", Q))]
+    parts = [checks.real_array(name, values) for name, values in (("I", I), ("Q", Q))]
     if parts[0].ndim == 0:
         raise ValueError("I with shape (): must have channels in its last axis")
     I, Q = (values.sum(axis=-1, keepdims=True, dtype=np.float64) for values in parts)
@@ -211,14 +211,14 @@ def unwrap(
     frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
     if not many or len(frequencies) < 2:
         raise ValueError(f"frequencies_hz = {frequencies_hz!r}: must hold two or more frequencies")
-    phases = real_array("phases", phases).astype(np.float64)
+    phases = checks.real_array("phases", phases, np.float64)
     if phases.shape[:1] != (len(frequencies),):
         raise ValueError(
             f"phases with shape {phases.shape}: must have {len(frequencies)} frequencies first"
         )
     weights = np.ones(phases.shape)
     if amplitudes is not None:
-        weights = real_array("amplitudes", amplitudes).astype(np.float64)
+        weights = checks.real_array("amplitudes", amplitudes, np.float64)
         if weights.shape != phases.shape or (weights < 0).any():
             raise ValueError(
                 f"amplitudes with shape {weights.shape}: must be at least 0 and of shape "
@@ -288,7 +288,7 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
     for name in ("quantity", "bin_width_opl", "energy_outside_window"):
         if name not in dataset.attrs:
             raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
-    checks.metres("energy_outside_window", dataset.attrs["energy_outside_window"], unit="energy")
+    checks.number("energy_outside_window", dataset.attrs["energy_outside_window"])
     start, width = time_axis(dataset)
     quantity = checks.one_of("quantity", dataset.attrs["quantity"], QUANTITIES)
     for name, own in (("start_opl", start), ("bin_width_opl", width), ("quantity", quantity)):

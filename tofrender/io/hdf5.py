@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, luminance, make_capture
+from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..nlos.extras import optional
 from ..rendering.dataset import plain
+from ..signals.colour import luminance
 from .atomic import replacing
 from .output import check_file, check_writable
 
@@ -83,7 +84,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
 
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
     exhaustive = capture.attrs["mode"] == "exhaustive"
-    values = luminance(capture)
+    values = luminance(capture["transient"].values)
     order = (4, 1, 0, 3, 2) if exhaustive else (2, 1, 0)
     fields: dict[str, Any] = {
         "H": values.transpose(order).astype(np.float32, copy=False),

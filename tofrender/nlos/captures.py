@@ -27,7 +27,6 @@ ON_WALL = "on_wall"
 """The variable that says which pixels look at the wall, where some do not."""
 
 _PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)  # as mi.luminance has it
 
 
 def make_capture(
@@ -248,12 +247,6 @@ def _check_attributes(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
 
 
 DEVICES = ("laser", "sensor")
-
-
-def luminance(capture: xr.Dataset) -> np.ndarray:
-    """The transient without its channel axis: luminance of colours, as it is of a mono one."""
-    values = capture["transient"].values
-    return values[..., 0] if values.shape[-1] == 1 else values @ _LUMINANCE
 
 
 def first_and_last_legs(capture: xr.Dataset) -> np.ndarray:

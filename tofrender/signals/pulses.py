@@ -47,11 +47,7 @@ class Pulse(Protocol):
 
 def _width(name: str, value: Any) -> float:
     """Return `value` as a width that single precision can divide by."""
-    width = checks.metres(name, value, positive=True)
-    if not MIN_WIDTH <= width <= checks.MAX_OPL:
-        allowed = f"from {MIN_WIDTH:g} to {checks.MAX_OPL:g} metres"
-        raise ValueError(f"{name} = {value!r}: must be {allowed}")
-    return width
+    return checks.number(name, value, unit="metres", low=MIN_WIDTH, high=checks.MAX_OPL)
 
 
 def _like(given: Any, result: Any) -> Any:
@@ -228,7 +224,7 @@ class SampledPulse:
             SampledPulse(2 values, start_opl=0, bin_width_opl=0.5)
         """
         readers = {".npz": _read_npz, ".csv": _read_table, ".txt": _read_table}
-        path = Path(path)
+        path = checks.path("path", path)
         where = f"path = {str(path)!r}"
         if path.suffix.lower() not in readers:
             raise ValueError(f"{where}: must end in .npz, .csv or .txt")

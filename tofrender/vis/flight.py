@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .figures import new_figure, picture_aspect, pixel_axes
-from .tone import check_exposure, luminance, tonemap
+from .tone import tonemap
 from .transient import Transient
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def light_in_flight(
     if period_ns is not None:
         _check_period(period_ns, style, sequence)
     if exposure is not None:
-        check_exposure(exposure)
+        checks.number("exposure", exposure, positive=True)
     values = sequence.values
     steady = data["steady"].values if hasattr(data, "data_vars") else values.sum(axis=2)
     light = sequence.light()
@@ -96,7 +97,7 @@ def light_in_flight(
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
     if style != "rainbow":
         raise ValueError(f"period_ns = {period_ns!r}: must be None for style = {style!r}")
-    period = checks.metres("period_ns", period_ns, positive=True, unit="nanoseconds")
+    period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
     shortest = opl_to_ns(2 * sequence.bin_width_opl)
     if period < shortest * (1 - 1e-9):
         raise ValueError(f"period_ns = {period_ns!r}: must be at least two bins, {shortest:.6g} ns")

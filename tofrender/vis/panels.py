@@ -62,7 +62,7 @@ def phasor_panel(
         ['I', 'Q', 'amplitude', 'phase', 'depth']
     """
     frequencies = [
-        checks.metres("frequencies_hz", f, positive=True, unit="hertz")
+        checks.number("frequencies_hz", f, unit="hertz", positive=True)
         for f in np.atleast_1d(np.asarray(frequencies_hz, dtype=object)).flat
     ]
     if not frequencies:

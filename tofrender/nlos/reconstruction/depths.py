@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...runtime import checks
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -56,8 +58,7 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
     import xarray as xr
 
     values = check_volume(volume)
-    if not 0 <= threshold <= 1:
-        raise ValueError(f"threshold = {threshold!r}: must be from 0 to 1")
+    threshold = checks.number("threshold", threshold, low=0, high=1)
     z = volume["z"].values
     peak = values.argmax(axis=0)
     inner = np.clip(peak, 1, max(len(z) - 2, 1))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...rendering.dataset import time_axis
-from ..captures import first_and_last_legs, luminance
+from ...signals.colour import luminance
+from ..captures import first_and_last_legs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -112,7 +113,9 @@ class Measured:
         frame = WallFrame.of(points, normals)
         sensors, lasers = frame(points), frame(lit)
         rows, columns = points.shape[:2]
-        light = luminance(capture).reshape(-1, rows, columns, capture.sizes["opl"])
+        light = luminance(capture["transient"].values).reshape(
+            -1, rows, columns, capture.sizes["opl"]
+        )
         light = light.astype(np.float32, copy=False)
         finite = np.isfinite(light)
         if not finite.all():

@@ -12,7 +12,7 @@ from . import fk, light_cone, phasor_field
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fourier import Steps
 from .measured import Measured
-from .volume import VolumeGrid, default_volume, label, resample
+from .volume import VolumeGrid, default_volume, resample, volume_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -131,7 +131,7 @@ def reconstruct(
     attrs = {"method": method, "units": "arbitrary", **options}
     if "scene" in capture.attrs:
         attrs["scene"] = capture.attrs["scene"]
-    return label(values, grid, measured.frame, attrs)
+    return volume_dataset(values, grid, measured.frame, attrs)
 
 
 def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -148,9 +148,9 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
         checks.one_of("weighting", options["weighting"], WEIGHTINGS)
     if "surface" in options:
         checks.one_of("surface", options["surface"], light_cone.SURFACES)
-    for name, unit in (("snr", "1"), ("cycles", "wavelengths"), ("wavelength", "metres")):
+    for name, unit in (("snr", ""), ("cycles", ""), ("wavelength", "metres")):
         if name in options:
-            options[name] = checks.metres(name, options[name], positive=True, unit=unit)
+            options[name] = checks.number(name, options[name], unit=unit, positive=True)
     return options
 
 
