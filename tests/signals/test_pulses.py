@@ -208,6 +208,26 @@ def test_convolution_of_bins():
     assert called(made.cdf, t) == pytest.approx(ramp, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("narrow", "centre"),
+    [
+        (BoxPulse(1e-6), 0.0),
+        (GaussianPulse(1e-7), 0.0),
+        (SampledPulse([3.0, 1.0], 0.2, 2e-6), 0.2 + 1.5e-6),
+        (SampledPulse([1.0, 0.0, 0.0, 0.0, 9.0], -1e-4, 4e-5), -1e-4 + 4e-5 * 4.1),
+    ],
+)
+@pytest.mark.parametrize("order", [1, -1])
+def test_convolution_with_a_narrow_pulse_moves_nothing(narrow, centre, order):
+    """Means add, also where one pulse lies within a step of the other's samples."""
+    wide = SampledPulse([1.0, 2.0, 1.0], -0.5, 0.4)
+    made = convolve(*(wide, narrow)[::order])
+    step = made.bin_width_opl
+    centres = made.start_opl + (np.arange(made.density.size) + 0.5) * step
+    mean = (made.density * step * centres).sum()
+    assert mean == pytest.approx(0.1 + centre, abs=0.01 * step)
+
+
 @pytest.mark.parametrize("width", [0, -0.1, math.nan, math.inf, "0.1", None, True])
 @pytest.mark.parametrize("kind", [GaussianPulse, BoxPulse])
 def test_bad_width(kind, width):
