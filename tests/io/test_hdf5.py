@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -16,7 +17,6 @@ from tofrender.io import atomic
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
 
-h5py = pytest.importorskip("h5py")
 modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 ATTRS = {"scene": "bördér: [Z]", "spp": 64, "seed": 2**32 - 1, "fraction": 1e-5, "third": 1 / 3}
 

@@ -36,8 +36,6 @@ from tofrender.nlos.reconstruction.volume import resample
 from tofrender.runtime import memory
 from tofrender.vis.reconstructions import reconstruction_figure
 
-pytest.importorskip("scipy")
-
 TIME = {"width": 0.012, "bins": 125}
 ALLOWED = [("confocal", m) for m in METHODS]
 ALLOWED += [(mode, m) for mode in ("single", "exhaustive") for m in ("bp", "fbp", "phasor")]
@@ -110,6 +108,40 @@ def test_depth_of_scenes_at_full_size(scene, mode, method):
     volume = run(capture, method)
     error = depth_error(volume, true_depth(SCENES[scene](), volume))
     assert error.median < LIMITS.get((scene, method), 0.02)
+
+
+def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
+    """How much too deep the middle of a square plate that faces the wall is found [m]."""
+    plate = rectangle((-half, half), (-half, half), z, half / 10)
+    depth = depth_map(run(capture_of(plate, Wall(size), mode, start=0.0, **window), method))
+    middle = depth.sel(x=slice(-0.15, 0.15), y=slice(-0.15, 0.15))
+    return float(np.nanmedian(middle)) - z
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bins", [125, 500])
+@pytest.mark.parametrize("z", [0.25, 0.3, 0.5, 1.0])
+def test_light_cone_transform_errs_by_half_a_step(z, bins):
+    """As its docstring says: steps are even in the square of the depth."""
+    width = 0.02
+    half_a_step = (bins * width / 2) ** 2 / (4 * z * bins)
+    error = plate_error("lct", z, 0.2, width=width, bins=bins)
+    assert abs(error) < half_a_step + width / 4  # And half a voxel
+    if (z, bins) == (0.3, 500):
+        assert abs(error) > 0.025  # The figure in the docstring is no exaggeration
+    if bins == 125:
+        assert abs(error) < 0.005
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mode", "wavelength"), [("confocal", 0.5), ("single", 0.25)])
+@pytest.mark.parametrize("z", [0.5, 1.0])
+def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
+    """By about 0.2 λ² / z, as its docstring says, and never before they are there."""
+    size = round((8 if mode == "confocal" else 4) / wavelength)
+    window = {"width": 0.02, "bins": 180}
+    error = plate_error("phasor", z, 1.2, mode, size, **window)
+    assert 0.05 < error / (wavelength**2 / z) < 0.4
 
 
 @pytest.mark.slow

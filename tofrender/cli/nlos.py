@@ -56,10 +56,8 @@ def capture(
 
     from tofrender import io
     from tofrender.nlos import capture as render_capture
-    from tofrender.nlos.extras import optional
     from tofrender.scenes.loading import find_scene
 
-    optional("h5py")  # Before there is something to lose
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
     captured = render_capture(

@@ -12,10 +12,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
-from ..nlos.extras import optional
 from ..rendering.dataset import plain
 from ..signals.colour import luminance
 from .atomic import replacing
@@ -70,7 +70,6 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
         True
     """
-    h5py = optional("h5py")
     check_capture(capture)
     target = check_file(path, *_SUFFIXES, overwrite=overwrite)
     check_writable(path)
@@ -148,7 +147,6 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         ValueError: One line: not HDF5, cut short, a field that is missing or of a wrong shape, a
             format or mode that is unknown, a grid with NaN.
     """
-    h5py = optional("h5py")
     if not Path(path).is_file():
         what = "is a folder" if Path(path).is_dir() else "does not exist"
         raise FileNotFoundError(f"path = {path}: {what}; must be an HDF5 file")
@@ -158,7 +156,7 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: must be an HDF5 file")
     try:
         with h5py.File(path, "r") as file:
-            return _restore({name: _read(file[name], h5py) for name in file})
+            return _restore({name: _read(file[name]) for name in file})
     except OSError as error:
         reason = "is cut short" if "truncated" in str(error) else "cannot be read"
         raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
@@ -167,7 +165,7 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: {what}") from None
 
 
-def _read(item: Any, h5py: Any) -> Any:
+def _read(item: Any) -> Any:
     """Value of a dataset, None of an empty one."""
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         return None

@@ -52,7 +52,17 @@ def reconstruct(
     | `phasor` | all captures, even plane sensor grid | phasor field, Rayleigh-Sommerfeld |
 
     Path lengths start where `opl` says, and the first and last legs are taken off where the
-    capture counts them. Of colours, the luminance is used; bins that are not finite are dark.
+    capture counts them. Of colours, the luminance is used.
+
+    Two methods err in depth by more than half a bin, by their nature:
+
+    - `lct` works in even steps of z², so near the wall it is off by up to half of such a step,
+      (z_high² - z_low²) / (4 z bins): a plate at 0.3 m in a window of 500 bins that reaches 5 m
+      deep was found 39 mm too deep, in one that reaches 1.25 m (125 bins) 3 mm. End the window
+      where the scene does.
+    - `phasor` finds a plane that is parallel to the wall too deep, by about 0.2 λ² / z with the
+      wavelength λ and 5 cycles: 14 mm at 1 m and 27 mm at 0.5 m for λ = 0.25 m. Points are where
+      they are.
 
     Args:
         capture: What `capture`, `make_capture` or `load_capture` returns.
