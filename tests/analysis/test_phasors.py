@@ -181,12 +181,13 @@ def test_three_axes_are_one_channel():
     assert all((a == b).all() for a, b in zip(flat, full, strict=True))
 
 
-def test_unfinished_pixels_stay_unfinished():
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_light_that_is_not_finite_is_refused(bad):
     data = paths((5, 1.0))
-    data[0, 1] = np.nan
-    for part in transient_to_phasor(data, 20e6, START, WIDTH):
-        assert np.isnan(part[0, 1]).all()
-        assert np.isfinite(part[1]).all()
+    data[0, 1, 7:9] = bad
+    said = rf"transient_data: 2 of 1800 values .*, the first is {bad:g} at \[0, 1, 7, 0\]"
+    one_line(said, data, 20e6, START, WIDTH)
+    one_line(said, dataset(data), 20e6)
 
 
 def test_memory_stays_below_twice_the_input():

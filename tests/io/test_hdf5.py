@@ -47,12 +47,27 @@ def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
 def test_round_trip_is_exact(tmp_path, mode, legs):
     capture = example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7])
     values = capture["transient"].values
-    values[..., 1, 2, :, 0] = np.nan  # an unfinished pixel
-    values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.inf
+    values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.finfo(np.float32).max
     path = tmp_path / "capture.h5"
     assert save_capture(capture, path) == path
     assert_same(load_capture(path), capture)
     assert os.listdir(tmp_path) == ["capture.h5"]
+
+
+@modes
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_light_that_is_not_finite_is_not_read(tmp_path, mode, bad):
+    capture = example(mode)
+    values = capture["transient"].values
+    values[..., 1, 2, 3:5, 0] = bad
+    count = values.size - np.isfinite(values).sum()
+    path = tmp_path / "capture.h5"
+    said = rf"transient: {count} of {values.size} values are not finite, the first is {bad:g} at "
+    with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
+        save_capture(capture, path)
+    with pytest.raises(ValueError, match=f"^path = .*: {said}") as error:
+        load_capture(path)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("seed", range(4))

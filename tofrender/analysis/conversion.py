@@ -49,8 +49,7 @@ def transient_to_phasor(
 
     Args:
         transient_data: A Dataset of `render`, or an array of shape (height, width, bins, channels)
-            with 1 or 3 channels, or (height, width, bins) for one channel. NaN (unfinished
-            pixels) gives NaN.
+            with 1 or 3 channels, or (height, width, bins) for one channel.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
             sequence of them.
         start_opl: Where the first bin starts [m]; a Dataset knows it.
@@ -63,7 +62,8 @@ def transient_to_phasor(
         leading axis of frequencies if a sequence was given; see `phasor_parts`.
 
     Raises:
-        ValueError: A wrong shape, frequency or time axis, or a Dataset without its attributes.
+        ValueError: A wrong shape, frequency or time axis, a value that is not finite, or a Dataset
+            without its attributes.
 
     Warns:
         UserWarning: The Dataset's window lost more than 1 % of the energy.
@@ -88,6 +88,7 @@ def transient_to_phasor(
         quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
         values = transient_data
     values = _check_shape(checks.real_array("transient_data", values))
+    checks.finite("transient_data", values)
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
         raise ValueError(

@@ -17,8 +17,10 @@ import numpy as np
 
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.dataset import plain
+from ..runtime import checks
 from ..signals.colour import luminance
 from .atomic import replacing
+from .description import refuse_not_finite, warn_of_not_finite
 from .output import check_file, check_writable
 
 if TYPE_CHECKING:
@@ -49,10 +51,13 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         `path`.
 
     Raises:
-        ValueError: Not a capture, or another suffix.
+        ValueError: Not a capture, no path, or another suffix.
         FileExistsError: The file exists.
         PermissionError: The place is not writable.
         OSError: The disk is full; nothing half-written remains.
+
+    Warns:
+        UserWarning: A value is NaN or infinite, so that the file cannot be read again.
 
     Example:
         >>> import tempfile
@@ -73,6 +78,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     check_capture(capture)
     target = check_file(path, *_SUFFIXES, overwrite=overwrite)
     check_writable(path)
+    warn_of_not_finite(capture)
     fields = _fields(capture)
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     with replacing(path, needed_bytes=needed) as temporary, h5py.File(temporary, "w") as file:
@@ -145,10 +151,11 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
     Raises:
         FileNotFoundError: There is nothing at `path`.
         ValueError: One line: not HDF5, cut short, a field that is missing or of a wrong shape, a
-            format or mode that is unknown, a grid with NaN.
+            format or mode that is unknown, light or a grid that is not finite.
     """
-    if not Path(path).is_file():
-        what = "is a folder" if Path(path).is_dir() else "does not exist"
+    path = checks.path("path", path)
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
         raise FileNotFoundError(f"path = {path}: {what}; must be an HDF5 file")
     with open(path, "rb") as stream:
         is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
@@ -156,13 +163,15 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: must be an HDF5 file")
     try:
         with h5py.File(path, "r") as file:
-            return _restore({name: _read(file[name]) for name in file})
+            capture = _restore({name: _read(file[name]) for name in file})
     except OSError as error:
         reason = "is cut short" if "truncated" in str(error) else "cannot be read"
         raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
     except (ValueError, KeyError, TypeError, RuntimeError) as error:
         what = " ".join(str(error.args[0] if error.args else error).split())
         raise ValueError(f"path = {path}: {what}") from None
+    refuse_not_finite(path, capture)
+    return capture
 
 
 def _read(item: Any) -> Any:

@@ -87,6 +87,17 @@ def check_dataset(dataset: Any) -> None:
             raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
 
 
+def require_finite(dataset: xr.Dataset) -> None:
+    """Refuse a Dataset, of a render or a capture, with light that is NaN or infinite.
+
+    Raises:
+        ValueError: One line that says how many values there are of these, and where the first is.
+    """
+    for name in DIMS:
+        if name in dataset:
+            checks.finite(name, dataset[name].values)
+
+
 def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:
     """Column and row of the first pixel.
 

@@ -19,7 +19,7 @@ def check_volume(volume: Any) -> np.ndarray:
     """Intensities (z, y, x) of what `reconstruct` returns.
 
     Raises:
-        ValueError: It is something else.
+        ValueError: It is something else, or holds values that are not finite.
     """
     import xarray as xr
 
@@ -27,7 +27,7 @@ def check_volume(volume: Any) -> np.ndarray:
         raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
     if volume["intensity"].dims != _AXES:
         raise ValueError(f"volume with axes {volume['intensity'].dims}: must be {_AXES}")
-    return volume["intensity"].values
+    return checks.finite("volume: intensity", volume["intensity"].values)
 
 
 def max_projection(volume: xr.Dataset) -> xr.DataArray:

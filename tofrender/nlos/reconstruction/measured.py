@@ -82,7 +82,7 @@ class Measured:
     Attributes:
         mode: "single", "confocal" or "exhaustive".
         light: Luminance per bin, (lasers, rows, columns, bins) float32; one laser unless
-            exhaustive. What is not finite counts as no light.
+            exhaustive.
         start: Where the first bin starts [m].
         width: Width of a bin [m].
         legs: What path lengths count outside the hidden scene [m], (lasers, rows, columns).
@@ -117,9 +117,6 @@ class Measured:
             -1, rows, columns, capture.sizes["opl"]
         )
         light = light.astype(np.float32, copy=False)
-        finite = np.isfinite(light)
-        if not finite.all():
-            light = np.where(finite, light, np.float32(0))
         start, width = time_axis(capture)
         return cls(
             mode,

@@ -89,8 +89,8 @@ def reconstruct(
         `frame_origin`, `frame_axes`: world point = origin + x axes[0] + y axes[1] + z axes[2].
 
     Raises:
-        ValueError: Not a capture, a method that it does not allow (the line says which it does),
-            a volume or option that cannot be.
+        ValueError: Not a capture, light that is not finite, a method that it does not allow (the
+            line says which it does), a volume or option that cannot be.
         MemoryError: It would not fit.
 
     Example:
@@ -124,6 +124,7 @@ def reconstruct(
     options = _options(method, given)
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
+    checks.finite("capture: transient", capture["transient"].values)
     measured = Measured.of(capture)
     _check_method(method, measured)
     if method in ("lct", "fk"):
