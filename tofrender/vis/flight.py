@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.canvas import new_figure
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .figures import new_figure, picture_aspect, pixel_axes
+from .figures import picture_aspect, pixel_axes
 from .tone import tonemap
 from .transient import Transient
 

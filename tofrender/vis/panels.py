@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.canvas import new_figure
 from ..signals.units import SPEED_OF_LIGHT
-from .figures import map_axes, new_figure, picture_aspect
+from .figures import map_axes, picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
