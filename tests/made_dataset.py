@@ -46,3 +46,12 @@ def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs
         },
         attrs=standard | attrs,
     )
+
+
+def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
+    """Equal bit by bit, with equal types of everything."""
+    assert a.identical(b)
+    assert {k: type(v) for k, v in a.attrs.items()} == {k: type(v) for k, v in b.attrs.items()}
+    for name in a.variables:
+        assert a[name].dtype == b[name].dtype
+        assert a[name].values.tobytes() == b[name].values.tobytes()

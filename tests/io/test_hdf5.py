@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
+from made_dataset import assert_same
 
 from tofrender.io import atomic
 from tofrender.io.hdf5 import load_capture, save_capture
@@ -31,15 +32,6 @@ def example(mode="confocal", **kwargs) -> xr.Dataset:
         normals[..., 0] += 0.1 * np.sin(np.arange(normals[..., 0].size)).reshape(normals.shape[:2])
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return capture.assign_attrs(ATTRS)
-
-
-def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
-    """Equal bit by bit, with equal types of everything."""
-    assert a.identical(b)
-    assert {k: type(v) for k, v in a.attrs.items()} == {k: type(v) for k, v in b.attrs.items()}
-    for name in a.variables:
-        assert a[name].dtype == b[name].dtype
-        assert a[name].values.tobytes() == b[name].values.tobytes()
 
 
 @modes

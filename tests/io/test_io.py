@@ -18,23 +18,13 @@ import imageio_ffmpeg
 import numpy as np
 import OpenEXR
 import pytest
-import xarray as xr
 from hidden_scenes import Wall, capture_of, letter_z
-from made_dataset import START, WIDTH, make_dataset
+from made_dataset import START, WIDTH, assert_same, make_dataset
 from PIL import Image, ImageSequence
 
 from tofrender import io
 from tofrender.io import atomic, exr, pictures
 from tofrender.io.layers import save_exr_layers
-
-
-def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
-    """Equal bit by bit, with equal types of everything."""
-    assert a.identical(b)
-    assert {k: type(v) for k, v in a.attrs.items()} == {k: type(v) for k, v in b.attrs.items()}
-    for name in a.variables:
-        assert a[name].dtype == b[name].dtype
-        assert a[name].values.tobytes() == b[name].values.tobytes()
 
 
 def target(tmp_path: Path, layout: str) -> Path:

@@ -340,3 +340,9 @@ def test_missing_file(tmp_path):
     for path in (tmp_path / "none.csv", tmp_path / "none.npz"):
         with pytest.raises(FileNotFoundError, match=r"path = .*: must be a file that exists"):
             SampledPulse.from_file(path)
+
+
+@pytest.mark.parametrize("path", [3, None, b"a.npz", ""])
+def test_files_are_given_by_name(path):
+    with pytest.raises(ValueError, match=r"^path = .*: must be text or an os.PathLike"):
+        SampledPulse.from_file(path)

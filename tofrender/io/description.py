@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import DIMS, plain, require_finite
+from ..rendering.dataset import DIMS, plain_attributes, require_finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,11 +16,13 @@ if TYPE_CHECKING:
 
 def describe(dataset: xr.Dataset) -> dict[str, Any]:
     """Sizes, channels, and the attributes of the Dataset, its variables and coordinates."""
-    variables = {str(name): plain(variable.attrs) for name, variable in dataset.variables.items()}
+    variables = {
+        str(name): plain_attributes(variable) for name, variable in dataset.variables.items()
+    }
     return {
         "sizes": {str(axis): size for axis, size in dataset.sizes.items()},
         "channel": dataset["channel"].values.tolist(),
-        "attrs": plain(dataset.attrs),
+        "attrs": plain_attributes(dataset),
         "variables": variables,
     }
 

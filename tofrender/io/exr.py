@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import DIMS, check_dataset, plain
+from ..rendering.dataset import DIMS, check_dataset, plain_attributes
 from ..runtime import checks
 from .atomic import replacing
 from .description import describe, refuse_not_finite, restore, warn_of_not_finite
@@ -154,7 +154,7 @@ class _Stack:
         self.windows = _windows(dataset)
         self.attributes = {
             key: _native(value)
-            for key, value in plain(dataset.attrs).items()
+            for key, value in plain_attributes(dataset).items()
             if key not in _RESERVED
         }
 

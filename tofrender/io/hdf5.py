@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
-from ..rendering.dataset import plain
+from ..rendering.dataset import plain_attributes
 from ..runtime import checks
 from ..signals.colour import luminance
 from .atomic import replacing
@@ -114,7 +114,7 @@ def _fields(capture: xr.Dataset) -> dict[str, Any]:
 
 def _about(capture: xr.Dataset) -> dict[str, Any]:
     """What the layout has no field for."""
-    attrs = {k: v for k, v in plain(capture.attrs).items() if k not in _IN_FIELDS}
+    attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
     about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
     if ON_WALL in capture:  # As runs of pixels in reading order: off, on, off, ...
