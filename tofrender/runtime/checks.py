@@ -8,9 +8,10 @@ import os
 from collections.abc import Collection
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 MAX_SPP = 1 << 24
 MAX_SIZE = 1 << 16
@@ -169,6 +170,8 @@ def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
         Traceback (most recent call last):
         ValueError: I of type list: must hold real numbers
     """
+    import numpy as np  # Not for `tofrender --help`
+
     try:
         array = np.asarray(values)
     except (TypeError, ValueError):
@@ -193,11 +196,14 @@ def finite(name: str, values: np.ndarray) -> np.ndarray:
         ValueError: One line that says how many are not finite, and the first one's index.
 
     Example:
+        >>> import numpy as np
         >>> _ = finite("transient", np.ones((2, 3)))
         >>> finite("transient", np.array([[1, np.inf], [np.nan, 2]]))
         Traceback (most recent call last):
         ValueError: transient: 2 of 4 values are not finite, the first is inf at [0, 1]; must all be
     """
+    import numpy as np
+
     if values.dtype.kind != "f" or not values.size:
         return values
     with np.errstate(invalid="ignore"):
