@@ -71,7 +71,7 @@ def test_phase_needs_neither_offset_nor_contrast():
 
 @pytest.mark.parametrize("contrast", [0, -0.5, 1.01, np.nan, "half", None, True])
 def test_bad_contrast(contrast):
-    match = r"contrast = .*: must be above 0 and at most 1"
+    match = r"contrast = .*: must be a finite number above 0 and at most 1"
     one_line(match, four_bucket, 1.0, 0.0, offset=2.0, contrast=contrast)
     one_line(match, from_four_bucket, 1.0, 1.0, 1.0, 1.0, contrast=contrast)
 

@@ -7,16 +7,17 @@ import os
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 from hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
+from made_dataset import assert_same
 
 from tofrender.io import atomic
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
 
-h5py = pytest.importorskip("h5py")
 modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 ATTRS = {"scene": "bördér: [Z]", "spp": 64, "seed": 2**32 - 1, "fraction": 1e-5, "third": 1 / 3}
 
@@ -33,26 +34,32 @@ def example(mode="confocal", **kwargs) -> xr.Dataset:
     return capture.assign_attrs(ATTRS)
 
 
-def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:
-    """Equal bit by bit, with equal types of everything."""
-    assert a.identical(b)
-    assert {k: type(v) for k, v in a.attrs.items()} == {k: type(v) for k, v in b.attrs.items()}
-    for name in a.variables:
-        assert a[name].dtype == b[name].dtype
-        assert a[name].values.tobytes() == b[name].values.tobytes()
-
-
 @modes
 @pytest.mark.parametrize("legs", [False, True])
 def test_round_trip_is_exact(tmp_path, mode, legs):
     capture = example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7])
     values = capture["transient"].values
-    values[..., 1, 2, :, 0] = np.nan  # an unfinished pixel
-    values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.inf
+    values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.finfo(np.float32).max
     path = tmp_path / "capture.h5"
     assert save_capture(capture, path) == path
     assert_same(load_capture(path), capture)
     assert os.listdir(tmp_path) == ["capture.h5"]
+
+
+@modes
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_light_that_is_not_finite_is_not_read(tmp_path, mode, bad):
+    capture = example(mode)
+    values = capture["transient"].values
+    values[..., 1, 2, 3:5, 0] = bad
+    count = values.size - np.isfinite(values).sum()
+    path = tmp_path / "capture.h5"
+    said = rf"transient: {count} of {values.size} values are not finite, the first is {bad:g} at "
+    with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
+        save_capture(capture, path)
+    with pytest.raises(ValueError, match=f"^path = .*: {said}") as error:
+        load_capture(path)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("seed", range(4))

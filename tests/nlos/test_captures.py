@@ -8,7 +8,8 @@ import xarray as xr
 from hidden_scenes import Wall, capture_of, sphere, turned
 
 from tofrender.nlos import check_capture, make_capture, without_first_and_last_legs
-from tofrender.nlos.captures import first_and_last_legs, luminance
+from tofrender.nlos.captures import first_and_last_legs
+from tofrender.signals.colour import luminance
 
 WALL = Wall(4)
 GRID = WALL.grid()
@@ -106,8 +107,8 @@ def test_a_part_of_a_capture_is_one():
 def test_luminance():
     color = np.zeros((4, 4, 10, 3))
     color[..., 1] = 2
-    np.testing.assert_allclose(luminance(make(color)), 2 * 0.71516, rtol=1e-6)
-    assert luminance(make()).shape == (4, 4, 10)
+    np.testing.assert_allclose(luminance(make(color)["transient"].values), 2 * 0.71516, rtol=1e-6)
+    assert luminance(make()["transient"].values).shape == (4, 4, 10)
 
 
 # ------------------------------------------------------------------------ first and last legs

@@ -89,6 +89,18 @@ def test_another_crop_is_refused():
         render(cropped[1], spp=32, resume=earlier)
 
 
+@pytest.mark.parametrize("name", ["transient", "steady"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_refused(name, bad):
+    """One such value would be in the picture for good."""
+    earlier = render(box(), spp=16)
+    values = earlier[name].values
+    values[5, 6, ..., 1] = bad
+    count = values[5, 6, ..., 1].size
+    with pytest.raises(ValueError, match=rf"^resume: {name}: {count} of .* {bad:g} at \[5, 6, "):
+        render(box(), spp=32, resume=earlier)
+
+
 @pytest.mark.parametrize("resume", ["out", 3, {"spp": 4}])
 def test_what_is_no_dataset_is_refused(resume):
     with pytest.raises(ValueError, match=r"resume: dataset = \w+: must be an xarray.Dataset"):

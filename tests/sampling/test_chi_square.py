@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import drjit as dr
 import mitsuba as mi
@@ -473,3 +475,17 @@ def test_bad_options(options, message):
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.slow
+def test_a_verdict_is_drawn_without_the_rooms_above():
+    """`verdict.figure()` needs nothing of `tofrender.vis`, which imports this room."""
+    code = (
+        "import sys\n"
+        "from tofrender.sampling import warp_case\n"
+        "figure = warp_case('tent').test(samples=1000, resolution=11).figure()\n"
+        "assert figure.axes[0].get_title() == 'observed density'\n"
+        "print([name for name in sys.modules if name.startswith('tofrender.vis')])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -13,8 +13,9 @@ from support import ALPHA, COMPARISONS, agree, largest
 
 from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
 from tofrender.sampling.histograms import pearson
-from tofrender.sampling.images import MAX_SIDE, luminance, read_image, resized
+from tofrender.sampling.images import MAX_SIDE, read_image, resized
 from tofrender.sampling.statistics import smallest_allowed
+from tofrender.signals.colour import luminance
 
 BOUND = smallest_allowed(ALPHA, COMPARISONS)
 SIZE = {"samples": 100_000, "resolution": 32, "tests": COMPARISONS}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_dataset import make_dataset
 from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation
-from test_io import make_dataset
 
 from tofrender import vis
 
@@ -87,7 +87,9 @@ def test_bad_exposure(exposure):
 
 @pytest.mark.parametrize("percentile", [0, 101, np.nan])
 def test_bad_percentile(percentile):
-    with pytest.raises(ValueError, match=r"percentile = .*: must be above 0 and at most 100"):
+    with pytest.raises(
+        ValueError, match=r"percentile = .*: must be a finite number above 0 and at most 100"
+    ):
         vis.tonemap(np.ones((2, 2)), percentile=percentile)
 
 

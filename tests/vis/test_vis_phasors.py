@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from made_dataset import START, WIDTH, make_dataset
 from matplotlib import pyplot as plt
-from test_io import START, WIDTH, make_dataset
 from test_vis import drawn
 
 import tofrender
@@ -191,6 +191,35 @@ def test_rainbow_repeats_after_a_period_and_turns_grey_when_light_is_spread():
     assert hue(picture[1, 2]) == pytest.approx(expected, abs=0.005)
     assert np.ptp(spread.axes[0].images[0].get_array()[1, 0]) <= 2
     assert same.axes[1].get_ylabel() == "arrival time, modulo 0.6671 ns [ns]"
+
+
+def test_colour_bar_of_a_rainbow_says_when_light_arrived():
+    """Looked up in the bar, a pixel's colour gives its time, to the steps of a colour."""
+    bins, period = 120, opl_to_ns(120 * 0.02)
+    figure = vis.light_in_flight(
+        np.eye(bins)[None], 0.0, 0.02, style="rainbow", period_ns=period, exposure=1.0
+    )
+    picture = np.asarray(figure.axes[0].images[0].get_array())[0] / 255
+    times = np.linspace(0, period, 4001)
+    bar = figure.axes[1]._colorbar  # pyright: ignore
+    colours = bar.cmap(bar.norm(times))[:, :3]
+    found = times[((colours[None] - picture[:, None]) ** 2).sum(axis=2).argmin(axis=1)]
+    off = found - opl_to_ns((np.arange(bins) + 0.5) * 0.02)
+    assert np.abs(off).max() < 0.002 * period
+
+
+@pytest.mark.parametrize(
+    ("rare", "extend"), [([], "neither"), ([35], "max"), ([3], "min"), ([3, 35], "both")]
+)
+def test_colour_bar_of_arrivals_points_to_what_lies_beyond(rare, extend):
+    """A few pixels of 400 arrive before or after all others."""
+    data = np.zeros((20, 20, 40), np.float32)
+    data[:, :10, 10], data[:, 10:, 20] = 1, 1
+    for row, index in enumerate(rare):
+        data[row, 0, 10], data[row, 0, index] = 0, 1
+    for style in ("arrival", "peak"):
+        figure = vis.light_in_flight(data, 3.5, 0.02, style=style)
+        assert figure.axes[1]._colorbar.extend == extend  # pyright: ignore
 
 
 @pytest.mark.slow

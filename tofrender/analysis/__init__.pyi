@@ -4,12 +4,6 @@ from .conversion import (
 from .conversion import (
     transient_to_phasor as transient_to_phasor,
 )
-from .conversion import (
-    unambiguous_range as unambiguous_range,
-)
-from .conversion import (
-    unwrap as unwrap,
-)
 from .correlation import (
     MultipathError as MultipathError,
 )
@@ -24,4 +18,10 @@ from .correlation import (
 )
 from .correlation import (
     true_depth as true_depth,
+)
+from .unwrapping import (
+    unambiguous_range as unambiguous_range,
+)
+from .unwrapping import (
+    unwrap as unwrap,
 )

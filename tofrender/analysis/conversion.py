@@ -5,8 +5,7 @@ The phasor of a pixel at the modulation frequency f is
     P(f) = sum over k of L_k exp(+i 2 pi f opl_k / c),    I = Re P,    Q = Im P
 
 with the light L_k of bin k and the path length opl_k of its centre: light that arrives later has a
-larger phase. `transient_to_phasor` computes it, `unwrap` finds depth beyond the range of one
-frequency. NumPy arrays in and out.
+larger phase. NumPy arrays in and out.
 """
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
@@ -16,18 +15,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
-from ..signals.phasors import check_frequencies, phasor_parts, real_array
+from ..signals.phasors import check_frequencies, phasor_parts
 from ..signals.units import SPEED_OF_LIGHT
-
-MAX_WRAPS = 4096
-"""Wraps of the highest frequency that `unwrap` tries."""
 
 _CHUNK = 1 << 18  # values that are converted to double precision at a time
 
@@ -54,8 +49,7 @@ def transient_to_phasor(
 
     Args:
         transient_data: A Dataset of `render`, or an array of shape (height, width, bins, channels)
-            with 1 or 3 channels, or (height, width, bins) for one channel. NaN (unfinished
-            pixels) gives NaN.
+            with 1 or 3 channels, or (height, width, bins) for one channel.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
             sequence of them.
         start_opl: Where the first bin starts [m]; a Dataset knows it.
@@ -68,7 +62,8 @@ def transient_to_phasor(
         leading axis of frequencies if a sequence was given; see `phasor_parts`.
 
     Raises:
-        ValueError: A wrong shape, frequency or time axis, or a Dataset without its attributes.
+        ValueError: A wrong shape, frequency or time axis, a value that is not finite, or a Dataset
+            without its attributes.
 
     Warns:
         UserWarning: The Dataset's window lost more than 1 % of the energy.
@@ -92,7 +87,8 @@ def transient_to_phasor(
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
         quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
         values = transient_data
-    values = _check_shape(real_array("transient_data", values))
+    values = _check_shape(checks.real_array("transient_data", values))
+    checks.finite("transient_data", values)
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
         raise ValueError(
@@ -142,122 +138,11 @@ def sum_channels(
         >>> phase.shape, round(phase[0, 0, 0].item(), 4)
         ((2, 2, 1), 3.1083)
     """
-    parts = [real_array(name, values) for name, values in (("I", I), ("Q", Q))]
+    parts = [checks.real_array(name, values) for name, values in (("I", I), ("Q", Q))]
     if parts[0].ndim == 0:
         raise ValueError("I with shape (): must have channels in its last axis")
     I, Q = (values.sum(axis=-1, keepdims=True, dtype=np.float64) for values in parts)
     return I, Q, *phasor_parts(I, Q, frequency_hz)
-
-
-def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
-    """Depth [m] from which on phases repeat: c / 2f, or c / 2g with the common divisor g of many.
-
-    Args:
-        frequency_hz: Modulation frequency [Hz], above 0, or a sequence that is used together.
-            Their ratios count as fractions with denominators up to a million.
-
-    Raises:
-        ValueError: No frequency, or one that is not finite and above 0.
-
-    Example:
-        >>> round(unambiguous_range(50e6), 3), round(unambiguous_range([20e6, 50e6]), 3)
-        (2.998, 14.99)
-    """
-    frequencies, _ = check_frequencies(frequency_hz)
-    ratios = [Fraction(f / frequencies[0]).limit_denominator(10**6) for f in frequencies]
-    denominator = math.lcm(*(r.denominator for r in ratios))
-    divisor = math.gcd(*(int(r * denominator) for r in ratios))
-    return SPEED_OF_LIGHT / 2 / frequencies[0] * denominator / max(divisor, 1)
-
-
-def unwrap(
-    phases: Any,
-    frequencies_hz: Sequence[float],
-    max_depth: float | None = None,
-    *,
-    amplitudes: Any = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the depth that explains the phases at two or more frequencies best.
-
-    Phase j says depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) for an unknown whole number n_j.
-    All n of the highest frequency are tried, the others follow by rounding. The n are taken for
-    which the d_j disagree least, and depth is the mean of these d_j. Weights are (f_j A_j)^2, the
-    inverse variances if all I and Q have equal noise (amplitudes A_j, 1 if not given).
-
-    Args:
-        phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).
-        frequencies_hz: Two or more modulation frequencies [Hz].
-        max_depth: Largest depth that can occur [m], at most `unambiguous_range(frequencies_hz)`,
-            which is the default. The smaller it is, the more noise does no harm.
-        amplitudes: Amplitudes as weights, at least 0, of the same shape as the phases.
-
-    Returns:
-        (depth, residual), float64 of shape (...): depth in [0, max_depth] [m]; the weighted RMS
-        difference of the d_j from it [m]. Of depths that explain the phases equally the smallest
-        is taken. NaN where a phase is NaN, where fewer than two frequencies have an amplitude, or
-        where no depth up to `max_depth` fits the highest frequency.
-
-    Raises:
-        ValueError: Fewer than two frequencies, shapes that do not fit, a negative amplitude, or a
-            `max_depth` out of range.
-
-    Example:
-        >>> frequencies = (20e6, 50e6)  # ranges of 7.5 m and 3.0 m
-        >>> phases = [4 * np.pi * f / 299792458 * 11.0 for f in frequencies]
-        >>> depth, residual = unwrap(phases, frequencies)
-        >>> round(depth.item(), 6), round(residual.item(), 6)
-        (11.0, 0.0)
-    """
-    frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
-    if not many or len(frequencies) < 2:
-        raise ValueError(f"frequencies_hz = {frequencies_hz!r}: must hold two or more frequencies")
-    phases = real_array("phases", phases).astype(np.float64)
-    if phases.shape[:1] != (len(frequencies),):
-        raise ValueError(
-            f"phases with shape {phases.shape}: must have {len(frequencies)} frequencies first"
-        )
-    weights = np.ones(phases.shape)
-    if amplitudes is not None:
-        weights = real_array("amplitudes", amplitudes).astype(np.float64)
-        if weights.shape != phases.shape or (weights < 0).any():
-            raise ValueError(
-                f"amplitudes with shape {weights.shape}: must be at least 0 and of shape "
-                f"{phases.shape}, as the phases"
-            )
-    column = (-1, *[1] * (phases.ndim - 1))
-    ranges = (SPEED_OF_LIGHT / 2 / np.array(frequencies)).reshape(column)
-    reference = int(np.argmin(ranges))
-    finest = float(ranges.flat[reference])
-    longest = unambiguous_range(frequencies)
-    max_depth = longest if max_depth is None else max_depth
-    max_depth = checks.metres("max_depth", max_depth, positive=True)
-    limit = min(longest, MAX_WRAPS * finest)
-    if max_depth > limit * (1 + 1e-9):
-        raise ValueError(
-            f"max_depth = {max_depth:g}: must be at most {limit:g} m; phases repeat after "
-            f"{longest:g} m, and {MAX_WRAPS} ranges of the highest frequency are searched"
-        )
-
-    phases = np.where(np.isfinite(phases), phases, np.nan)
-    wrapped = np.mod(phases, 2 * math.pi) / (2 * math.pi) * ranges
-    light = (weights > 0).sum(axis=0) >= 2
-    weights = weights / np.where(light, weights.max(axis=0), 1) / ranges
-    weights = np.where(light, weights**2, 1 / len(frequencies))
-    weights /= weights.sum(axis=0)
-    depth = np.full(phases.shape[1:], np.nan)
-    least = np.full(phases.shape[1:], np.inf)
-    slack, margin = 1e-9 * finest, 1e-12 * finest**2  # For rounding at the ends and between equals
-    for n in range(-1, math.ceil(max_depth / finest) + 1):
-        guess = wrapped[reference] + n * finest
-        for _ in range(2):  # Again from the mean, should the highest frequency be the noisiest
-            each = wrapped + np.rint((guess - wrapped) / ranges) * ranges
-            guess = (weights * each).sum(axis=0)
-        cost = (weights * (each - guess) ** 2).sum(axis=0)
-        better = (guess >= -slack) & (guess <= max_depth + slack) & (cost < least - margin)
-        depth[better] = np.clip(guess, 0, max_depth)[better]
-        least[better] = cost[better]
-    found = light & np.isfinite(depth)
-    return np.where(found, depth, np.nan), np.where(found, np.sqrt(least), np.nan)
 
 
 # ------------------------------------------------------------------------------------ checks
@@ -288,7 +173,7 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
     for name in ("quantity", "bin_width_opl", "energy_outside_window"):
         if name not in dataset.attrs:
             raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
-    checks.metres("energy_outside_window", dataset.attrs["energy_outside_window"], unit="energy")
+    checks.number("energy_outside_window", dataset.attrs["energy_outside_window"])
     start, width = time_axis(dataset)
     quantity = checks.one_of("quantity", dataset.attrs["quantity"], QUANTITIES)
     for name, own in (("start_opl", start), ("bin_width_opl", width), ("quantity", quantity)):

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..runtime import checks
-from .conversion import real_array
 
 
 def four_bucket(
@@ -44,15 +43,18 @@ def four_bucket(
         >>> [float(b) for b in buckets]
         [1.5, 2.0, 1.5, 1.0]
     """
-    I, Q = real_array("I", I).astype(np.float64), real_array("Q", Q).astype(np.float64)
+    I, Q = (
+        checks.real_array("I", I, np.float64),
+        checks.real_array("Q", Q, np.float64),
+    )
     if I.shape != Q.shape:
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal")
-    base = real_array("offset", offset)
+    base = checks.real_array("offset", offset)
     try:
         base = np.broadcast_to(base, I.shape)
     except ValueError:
         raise ValueError(f"offset with shape {base.shape}: must fit I of {I.shape}") from None
-    contrast = _check_contrast(contrast)
+    contrast = checks.number("contrast", contrast, positive=True, high=1)
     if (base < 0).any():
         raise ValueError(f"offset = {np.nanmin(base):g}: must be at least 0")
     if (base < contrast * np.hypot(I, Q) * (1 - 1e-5)).any():
@@ -89,9 +91,9 @@ def from_four_bucket(
         >>> [float(v) for v in from_four_bucket(1.5, 2.0, 1.5, 1.0, contrast=0.5)]
         [0.0, 2.0, 3.0]
     """
-    contrast = _check_contrast(contrast)
+    contrast = checks.number("contrast", contrast, positive=True, high=1)
     named = {"B0": B0, "B90": B90, "B180": B180, "B270": B270}
-    buckets = [real_array(name, bucket).astype(np.float64) for name, bucket in named.items()]
+    buckets = [checks.real_array(name, bucket, np.float64) for name, bucket in named.items()]
     shapes = [bucket.shape for bucket in buckets]
     if len(set(shapes)) > 1:
         raise ValueError(f"B0, B90, B180, B270 with shapes {shapes}: must be equal")
@@ -134,7 +136,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
         (array([[-0.2,  0.1]]), -0.05)
     """
     depth, true_depth = (
-        real_array(name, values).astype(np.float64)
+        checks.real_array(name, values, np.float64)
         for name, values in (("depth", depth), ("true_depth", true_depth))
     )
     truth = true_depth[..., None] if depth.ndim == true_depth.ndim + 1 == 3 else true_depth
@@ -197,13 +199,3 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
     si = scene.ray_intersect(ray)
     distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
     return np.array(distance, dtype=np.float64).reshape(height, width)
-
-
-def _check_contrast(contrast: Any) -> float:
-    try:
-        value = checks.metres("contrast", contrast, positive=True)
-    except ValueError:
-        value = 2.0
-    if value > 1:
-        raise ValueError(f"contrast = {contrast!r}: must be above 0 and at most 1")
-    return value

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import DIMS, check_dataset, plain
+from ..rendering.dataset import DIMS, check_dataset, plain_attributes
 from ..runtime import checks
 from .atomic import replacing
-from .description import describe, restore
+from .description import describe, refuse_not_finite, restore, warn_of_not_finite
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
 from .parallel import for_each
@@ -54,10 +54,9 @@ def save_exr_stack(
         path: Folder for `frame_0000.exr`, ..., `steady.exr` (`"frames"`), or the name of
             one .exr file whose parts have these names, the steady image first (`"multipart"`).
         layout: `"frames"` or `"multipart"`.
-        precision: `"float"` keeps every bit, NaN of unfinished pixels included. `"half"` takes
-            about 40 % of the space, rounds to 11 bits (relative error up to 2^-11), and loses
-            what is below 6e-8; a bin of a few millimetres holds little light, so it is not the
-            default.
+        precision: `"float"` keeps every bit. `"half"` takes about 40 % of the space, rounds to 11
+            bits (relative error up to 2^-11), and loses what is below 6e-8; a bin of a few
+            millimetres holds little light, so it is not the default.
         overwrite: Replace an earlier output of this package. Other content never is.
         progress: Show a bar if it takes more than two seconds.
 
@@ -65,11 +64,14 @@ def save_exr_stack(
         `path`.
 
     Raises:
-        ValueError: Not such a Dataset, an unknown layout or precision, or a finite value above
-            65504 in half precision.
+        ValueError: Not such a Dataset, no path, an unknown layout or precision, or a finite value
+            above 65504 in half precision.
         FileExistsError: `path` holds something that may not be replaced.
         PermissionError: The place is not writable.
         OSError: The disk is full; nothing half-written remains.
+
+    Warns:
+        UserWarning: A value is NaN or infinite, so that the stack cannot be read again.
 
     Example:
         >>> import tempfile, tofrender
@@ -84,7 +86,8 @@ def save_exr_stack(
     checks.one_of("layout", layout, ("frames", "multipart"))
     checks.one_of("precision", precision, BYTES_PER_VALUE)
     stack = _Stack(dataset, precision)
-    check_output(path, layout=layout, overwrite=overwrite)
+    target = check_output(path, layout=layout, overwrite=overwrite)
+    warn_of_not_finite(dataset)
     needed = stack_bytes(dataset["transient"].shape, precision)
     if layout == "multipart":
         with replacing(path, needed_bytes=needed) as temporary:
@@ -92,7 +95,7 @@ def save_exr_stack(
     else:
         with output_folder(path, overwrite=overwrite, needed_bytes=needed) as temporary:
             stack.write_frames(temporary, progress)
-    return Path(path)
+    return target
 
 
 def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
@@ -107,7 +110,8 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a stack of this package, or frames are missing or unreadable.
+        ValueError: Not a stack of this package, frames are missing or unreadable, or they hold
+            values that are not finite.
 
     Example:
         >>> import tempfile, tofrender
@@ -118,7 +122,7 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         ...     load_exr_stack(stack).identical(dataset)
         True
     """
-    folder = Path(path)
+    folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a saved stack")
     if folder.is_dir():
@@ -150,7 +154,7 @@ class _Stack:
         self.windows = _windows(dataset)
         self.attributes = {
             key: _native(value)
-            for key, value in plain(dataset.attrs).items()
+            for key, value in plain_attributes(dataset).items()
             if key not in _RESERVED
         }
 
@@ -276,7 +280,9 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
         raise ValueError(f"path = {path}: two frames have the same bin_index")
     x, y = (int(first) for first in steady.header["dataWindow"][0])
     pixels = {"y": y + np.arange(image.shape[0]), "x": x + np.arange(image.shape[1])}
-    return restore(about, {"transient": transient, "steady": image, "opl": opl, **pixels})
+    dataset = restore(about, {"transient": transient, "steady": image, "opl": opl, **pixels})
+    refuse_not_finite(path, dataset)
+    return dataset
 
 
 def _pixels(part: Any) -> np.ndarray:

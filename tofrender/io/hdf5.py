@@ -12,12 +12,15 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 
-from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, luminance, make_capture
-from ..nlos.extras import optional
-from ..rendering.dataset import plain
+from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
+from ..rendering.dataset import plain_attributes
+from ..runtime import checks
+from ..signals.colour import luminance
 from .atomic import replacing
+from .description import refuse_not_finite, warn_of_not_finite
 from .output import check_file, check_writable
 
 if TYPE_CHECKING:
@@ -48,10 +51,13 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         `path`.
 
     Raises:
-        ValueError: Not a capture, or another suffix.
+        ValueError: Not a capture, no path, or another suffix.
         FileExistsError: The file exists.
         PermissionError: The place is not writable.
         OSError: The disk is full; nothing half-written remains.
+
+    Warns:
+        UserWarning: A value is NaN or infinite, so that the file cannot be read again.
 
     Example:
         >>> import tempfile
@@ -69,10 +75,10 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
         True
     """
-    h5py = optional("h5py")
     check_capture(capture)
     target = check_file(path, *_SUFFIXES, overwrite=overwrite)
     check_writable(path)
+    warn_of_not_finite(capture)
     fields = _fields(capture)
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     with replacing(path, needed_bytes=needed) as temporary, h5py.File(temporary, "w") as file:
@@ -83,7 +89,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
 
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
     exhaustive = capture.attrs["mode"] == "exhaustive"
-    values = luminance(capture)
+    values = luminance(capture["transient"].values)
     order = (4, 1, 0, 3, 2) if exhaustive else (2, 1, 0)
     fields: dict[str, Any] = {
         "H": values.transpose(order).astype(np.float32, copy=False),
@@ -108,7 +114,7 @@ def _fields(capture: xr.Dataset) -> dict[str, Any]:
 
 def _about(capture: xr.Dataset) -> dict[str, Any]:
     """What the layout has no field for."""
-    attrs = {k: v for k, v in plain(capture.attrs).items() if k not in _IN_FIELDS}
+    attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
     about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
     if ON_WALL in capture:  # As runs of pixels in reading order: off, on, off, ...
@@ -145,11 +151,11 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
     Raises:
         FileNotFoundError: There is nothing at `path`.
         ValueError: One line: not HDF5, cut short, a field that is missing or of a wrong shape, a
-            format or mode that is unknown, a grid with NaN.
+            format or mode that is unknown, light or a grid that is not finite.
     """
-    h5py = optional("h5py")
-    if not Path(path).is_file():
-        what = "is a folder" if Path(path).is_dir() else "does not exist"
+    path = checks.path("path", path)
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
         raise FileNotFoundError(f"path = {path}: {what}; must be an HDF5 file")
     with open(path, "rb") as stream:
         is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
@@ -157,16 +163,18 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: must be an HDF5 file")
     try:
         with h5py.File(path, "r") as file:
-            return _restore({name: _read(file[name], h5py) for name in file})
+            capture = _restore({name: _read(file[name]) for name in file})
     except OSError as error:
         reason = "is cut short" if "truncated" in str(error) else "cannot be read"
         raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
     except (ValueError, KeyError, TypeError, RuntimeError) as error:
         what = " ".join(str(error.args[0] if error.args else error).split())
         raise ValueError(f"path = {path}: {what}") from None
+    refuse_not_finite(path, capture)
+    return capture
 
 
-def _read(item: Any, h5py: Any) -> Any:
+def _read(item: Any) -> Any:
     """Value of a dataset, None of an empty one."""
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         return None

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..runtime import checks
 from .atomic import replacing
 
 
@@ -28,7 +29,7 @@ def save_exr_layers(
         `path`.
 
     Raises:
-        ValueError: There are no layers, or their sizes differ; one line.
+        ValueError: There are no layers, their sizes differ, or no path; one line.
 
     Example:
         >>> import tempfile
@@ -39,6 +40,7 @@ def save_exr_layers(
     """
     import OpenEXR
 
+    target = checks.path("path", path)
     sizes = {np.shape(values)[:2] for values in layers.values()}
     if len(sizes) != 1:
         raise ValueError(f"layers: have the sizes {sorted(sizes)}; must be one size")
@@ -54,6 +56,6 @@ def save_exr_layers(
         "format": "tofrender layers 1",
         **{name: str(value) for name, value in (attrs or {}).items()},
     }
-    with replacing(path) as temporary:
+    with replacing(target) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
-    return Path(path)
+    return target

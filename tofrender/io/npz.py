@@ -11,8 +11,9 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..rendering.dataset import check_dataset
+from ..runtime import checks
 from .atomic import replacing
-from .description import describe, restore
+from .description import describe, refuse_not_finite, restore, warn_of_not_finite
 from .output import check_output, stack_bytes
 
 if TYPE_CHECKING:
@@ -37,10 +38,13 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         `path`.
 
     Raises:
-        ValueError: Not such a Dataset, or another suffix.
+        ValueError: Not such a Dataset, no path, or another suffix.
         FileExistsError: The file exists.
         PermissionError: The place is not writable.
         OSError: The disk is full; nothing half-written remains.
+
+    Warns:
+        UserWarning: A value is NaN or infinite, so that the file cannot be read again.
 
     Example:
         >>> import tempfile, tofrender
@@ -51,13 +55,14 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         'box.npz'
     """
     check_dataset(dataset)
-    check_output(path, layout="npz", overwrite=overwrite)
+    target = check_output(path, layout="npz", overwrite=overwrite)
+    warn_of_not_finite(dataset)
     about = np.array(json.dumps(describe(dataset)))
     arrays: dict[str, Any] = {name: dataset[name].values for name in _ARRAYS}
     needed = stack_bytes(dataset["transient"].shape)
     with replacing(path, needed_bytes=needed) as temporary, open(temporary, "wb") as file:
         np.savez(file, tofrender=about, **arrays)
-    return Path(path)
+    return target
 
 
 def load_npz(path: str | os.PathLike) -> xr.Dataset:
@@ -65,7 +70,7 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a file of `save_npz`.
+        ValueError: Not a file of `save_npz`, or it holds values that are not finite.
 
     Example:
         >>> import tempfile, tofrender
@@ -75,9 +80,12 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         ...     load_npz(save_npz(dataset, folder + "/box.npz")).identical(dataset)
         True
     """
+    path = checks.path("path", path)
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             about = json.loads(str(archive["tofrender"]))
-            return restore(about, {name: archive[name] for name in _ARRAYS})
+            dataset = restore(about, {name: archive[name] for name in _ARRAYS})
     except (KeyError, TypeError, ValueError, EOFError, BadZipFile):
         raise ValueError(f"path = {path}: must be a file that save_npz wrote") from None
+    refuse_not_finite(path, dataset)
+    return dataset

@@ -47,7 +47,7 @@ def check_output(
         `path` as a `Path`.
 
     Raises:
-        ValueError: Unknown layout or precision, or a file name with another suffix.
+        ValueError: No path, unknown layout or precision, or a file name with another suffix.
         FileExistsError: `path` holds something that may not be replaced.
         PermissionError: The place is not writable.
         OSError: The disk has too little room.
@@ -56,6 +56,7 @@ def check_output(
         >>> check_output("new_folder", (64, 64, 300, 3)).name
         'new_folder'
     """
+    target = checks.path("path", path)
     checks.one_of("layout", layout, LAYOUTS)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
     if layout == "frames":
@@ -67,7 +68,7 @@ def check_output(
         needed = stack_bytes(shape, "float" if layout == "npz" else precision)
         if shutil.disk_usage(nearest_folder(path)).free < needed:
             raise disk_full(path, needed)
-    return Path(path)
+    return target
 
 
 def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
@@ -79,7 +80,7 @@ def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
 
 def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path:
     """Refuse a file name with another suffix, a folder, or a file that may not be replaced."""
-    target = Path(path)
+    target = checks.path("path", path)
     if target.suffix.lower() not in suffixes:
         raise ValueError(f"path = {path}: must be a file name that ends in {' or '.join(suffixes)}")
     if os.path.isdir(target):
@@ -123,6 +124,7 @@ def output_folder(
         PermissionError: The place is not writable.
         OSError: The disk is full.
     """
+    path = checks.path("path", path)
     _check_folder(path, overwrite)
     check_writable(path)
     with replacing(path, folder=True, needed_bytes=needed_bytes) as temporary:

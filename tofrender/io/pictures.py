@@ -14,7 +14,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.progress import progress_bar
-from ..vis import Transient, auto_exposure, check_exposure, tonemap
+from ..vis import Transient, auto_exposure, tonemap
 from .atomic import replacing
 from .output import check_file, check_writable, output_folder
 from .parallel import for_each
@@ -117,8 +117,7 @@ def save_video(
     target = check_file(path, ".mp4", ".gif", overwrite=True)
     kind = target.suffix.lower()
     fastest = 50 if kind == ".gif" else 120
-    if not (isinstance(fps, int | float) and 0 < fps <= fastest):
-        raise ValueError(f"fps = {fps!r}: must be a number above 0 and at most {fastest}")
+    fps = checks.number("fps", fps, positive=True, high=fastest)
     frames = _Frames(dataset, exposure, min_size)
     check_writable(path)
     with replacing(path) as temporary:
@@ -135,8 +134,9 @@ class _Frames:
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
         self.sequence = Transient.of(dataset)
         values = self.sequence.values
-        self.exposure = auto_exposure(values) if exposure is None else exposure
-        check_exposure(self.exposure)
+        self.exposure = auto_exposure(values)
+        if exposure is not None:
+            self.exposure = checks.number("exposure", exposure, positive=True)
         height, width, self.count = values.shape[:3]
         wanted = -(-min_size // min(height, width))
         self.scale = max(1, min(wanted, _LONGEST_SIDE // max(height, width)))

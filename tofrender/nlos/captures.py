@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import plain, time_axis
+from ..rendering.dataset import check_attributes, plain_attributes, time_axis
 from ..runtime import checks
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ ON_WALL = "on_wall"
 """The variable that says which pixels look at the wall, where some do not."""
 
 _PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)  # as mi.luminance has it
 
 
 def make_capture(
@@ -184,7 +183,7 @@ def check_capture(dataset: Any) -> None:
 
     if not isinstance(dataset, xr.Dataset):
         raise ValueError(f"capture = {type(dataset).__name__}: must be an xarray.Dataset")
-    attrs = plain(dataset.attrs)
+    attrs = plain_attributes(dataset)
     mode = checks.one_of("capture: attribute mode", attrs.get("mode"), MODES)
     expected = dimensions(mode)
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
@@ -207,7 +206,8 @@ def check_capture(dataset: Any) -> None:
     if mode == "single" and dataset["laser_grid"].shape != (1, 1, 3):
         raise ValueError("capture: laser_grid: a single capture must have one lit point")
     _check_geometry(dataset, mode)
-    _check_attributes(dataset, attrs)
+    check_attributes("capture", dataset)
+    _check_legs(dataset, attrs)
 
 
 def _check_geometry(capture: xr.Dataset, mode: str) -> None:
@@ -224,14 +224,7 @@ def _check_geometry(capture: xr.Dataset, mode: str) -> None:
                 raise ValueError(f"capture: laser_{what}: a confocal one must equal sensor_{what}")
 
 
-def _check_attributes(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
-    start, width = time_axis(capture)
-    stated = [attrs.get(name) for name in ("start_opl", "bin_width_opl")]
-    if not np.allclose(np.array(stated, dtype=float), (start, width), rtol=1e-6, atol=1e-3 * width):
-        raise ValueError(
-            f"capture: attributes start_opl, bin_width_opl = {stated}; must be [{start:g}, "
-            f"{width:g}], as the coordinate opl has it"
-        )
+def _check_legs(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
     counts = attrs.get("counts_first_and_last_legs")
     if counts not in (0, 1):
         raise ValueError(
@@ -242,18 +235,9 @@ def _check_attributes(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
             "capture: sensor_origin, laser_origin: must be known where path lengths count the "
             "legs to them (counts_first_and_last_legs = 1)"
         )
-    for name, value in attrs.items():
-        if not isinstance(value, str | int | float):
-            raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
 
 
 DEVICES = ("laser", "sensor")
-
-
-def luminance(capture: xr.Dataset) -> np.ndarray:
-    """The transient without its channel axis: luminance of colours, as it is of a mono one."""
-    values = capture["transient"].values
-    return values[..., 0] if values.shape[-1] == 1 else values @ _LUMINANCE
 
 
 def first_and_last_legs(capture: xr.Dataset) -> np.ndarray:

@@ -75,16 +75,40 @@ def check_dataset(dataset: Any) -> None:
     if set(dataset.coords) != set(DIMS["transient"]) or not all(dataset.sizes.values()):
         raise ValueError(f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes")
     first_pixel(dataset)
+    check_attributes("dataset", dataset)
+
+
+def check_attributes(what: str, dataset: xr.Dataset) -> None:
+    """Refuse attributes of a render or a capture that contradict its time axis, or are no numbers.
+
+    Args:
+        what: What the message calls it.
+        dataset: It has the coordinate `opl`.
+
+    Raises:
+        ValueError: One line that names the attribute.
+    """
     start, width = time_axis(dataset)
     stated = [dataset.attrs.get(name) for name in ("start_opl", "bin_width_opl")]
     if not np.allclose(np.array(stated, dtype=float), (start, width), rtol=1e-6, atol=1e-3 * width):
         raise ValueError(
-            f"dataset: attributes start_opl, bin_width_opl = {stated}; must be [{start:g}, "
+            f"{what}: attributes start_opl, bin_width_opl = {stated}; must be [{start:g}, "
             f"{width:g}], as the coordinate opl has it"
         )
-    for name, value in plain(dataset.attrs).items():
+    for name, value in plain_attributes(dataset).items():
         if not isinstance(value, str | int | float):
             raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
+
+
+def require_finite(dataset: xr.Dataset) -> None:
+    """Refuse a Dataset, of a render or a capture, with light that is NaN or infinite.
+
+    Raises:
+        ValueError: One line that says how many values there are of these, and where the first is.
+    """
+    for name in DIMS:
+        if name in dataset:
+            checks.finite(name, dataset[name].values)
 
 
 def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:
@@ -113,9 +137,9 @@ def time_axis(dataset: xr.Dataset) -> tuple[float, float]:
     return float(centres[0] - width / 2), width
 
 
-def plain(attrs: Any) -> dict[str, Any]:
-    """Attributes by name, NumPy's scalars as Python's."""
+def plain_attributes(labelled: Any) -> dict[str, Any]:
+    """Attributes of a Dataset or one of its variables by name, NumPy's scalars as Python's."""
     return {
         str(name): value.item() if isinstance(value, np.generic) else value
-        for name, value in attrs.items()
+        for name, value in labelled.attrs.items()
     }

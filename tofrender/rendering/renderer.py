@@ -26,7 +26,7 @@ from ..runtime.withheld import Withheld
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.settings import INTEGRATORS, SAMPLERS
 from .arrivals import PATHS, Arrivals, find_arrivals
-from .dataset import LOST_ENERGY, check_dataset, coordinates, label
+from .dataset import LOST_ENERGY, check_dataset, coordinates, label, require_finite
 from .fingerprint import fingerprint
 
 if TYPE_CHECKING:
@@ -314,6 +314,7 @@ def _samples_of(resume: Any) -> int:
     """Samples per pixel of a Dataset to go on from."""
     try:
         check_dataset(resume)
+        require_finite(resume)
         return checks.integer("spp", resume.attrs.get("spp"), 1, checks.MAX_SPP)
     except ValueError as error:
         raise ValueError(f"resume: {error}") from None

@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .images import LUMINANCE
+from ..signals.colour import LUMINANCE
 
 
 @dataclass

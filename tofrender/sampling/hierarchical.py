@@ -14,7 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .images import latitude_longitude_weights, luminance, power_of_two, read_image, resized
+from ..signals.colour import luminance
+from .images import latitude_longitude_weights, power_of_two, read_image, resized
 from .warps import unit_square
 
 

@@ -12,9 +12,6 @@ import numpy as np
 MAX_SIDE = 16384
 """Most pixels along a side: the pyramid of 2^14 x 2^14 texels takes 3 GB."""
 
-LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
-"""Weights of linear R, G and B (ITU-R BT.709)."""
-
 
 def read_image(image: Any) -> np.ndarray:
     """Return the linear values of an image, float64 of shape (H, W, 1) or (H, W, 3).
@@ -49,11 +46,6 @@ def read_image(image: Any) -> np.ndarray:
     if not values.any():
         raise ValueError(f"{where}: all pixels are 0; at least one must be above 0")
     return values
-
-
-def luminance(values: np.ndarray) -> np.ndarray:
-    """Luminance of an image, shape (H, W), from values of shape (H, W, 1) or (H, W, 3)."""
-    return values @ LUMINANCE if values.shape[-1] == 3 else values[..., 0]
 
 
 def power_of_two(size: int) -> int:

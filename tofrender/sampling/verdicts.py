@@ -87,6 +87,6 @@ class Verdict:
 
     def figure(self) -> Figure:
         """Observed and expected density and their difference, as a figure outside of pyplot."""
-        from ..vis.warps import verdict_figure
+        from .figures import verdict_figure
 
         return verdict_figure(self)

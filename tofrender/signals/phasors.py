@@ -43,7 +43,10 @@ def phasor_parts(
         True
     """
     frequencies, many = check_frequencies(frequency_hz)
-    I, Q = real_array("I", I).astype(np.float64), real_array("Q", Q).astype(np.float64)
+    I, Q = (
+        checks.real_array("I", I, np.float64),
+        checks.real_array("Q", Q, np.float64),
+    )
     if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):
         first = f", {len(frequencies)} frequencies first" if many else ""
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal{first}")
@@ -71,23 +74,8 @@ def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[floa
     except TypeError:
         values = None
     if values is None:
-        return [checks.metres(name, value, positive=True, unit="hertz")], False
+        return [checks.number(name, value, unit="hertz", positive=True)], False
     if not values:
         raise ValueError(f"{name} = {value!r}: must hold at least one frequency in hertz")
     named = [(f"{name}[{index}]", each) for index, each in enumerate(values)]
-    return [checks.metres(n, each, positive=True, unit="hertz") for n, each in named], True
-
-
-def real_array(name: str, values: Any) -> np.ndarray:
-    """Values as an array, which must hold real numbers.
-
-    Raises:
-        ValueError: One line with the name and what the array holds.
-    """
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError):
-        array = np.array(None)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} of type {type(values).__name__}: must hold real numbers")
-    return array
+    return [checks.number(n, each, unit="hertz", positive=True) for n, each in named], True

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..runtime.canvas import new_figure
 from ..signals.units import opl_to_ns
-from .figures import new_figure, picture_aspect, pixel_axes, time_axes
+from .figures import picture_aspect, pixel_axes, time_axes
 from .tone import auto_exposure, tonemap
 from .transient import Transient
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.canvas import new_figure
+from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .figures import new_figure, picture_aspect, pixel_axes
-from .tone import check_exposure, luminance, tonemap
+from .figures import picture_aspect, pixel_axes
+from .tone import tonemap
 from .transient import Transient
 
 if TYPE_CHECKING:
@@ -69,16 +71,17 @@ def light_in_flight(
     if period_ns is not None:
         _check_period(period_ns, style, sequence)
     if exposure is not None:
-        check_exposure(exposure)
+        checks.number("exposure", exposure, positive=True)
     values = sequence.values
     steady = data["steady"].values if hasattr(data, "data_vars") else values.sum(axis=2)
     light = sequence.light()
     unfinished = np.isnan(values).any(axis=(2, 3)) | np.isnan(steady).any(axis=2)
     if style == "rainbow":
         colour, scale, label = _rainbow(light, sequence, period_ns)
+        beyond = "neither"
     else:
         time_ns = sequence.peak_ns(light) if style == "peak" else _mean_ns(light, sequence)
-        colour, scale = _by_time(time_ns)
+        colour, scale, beyond = _by_time(time_ns)
         label = "time of the brightest bin [ns]" if style == "peak" else "mean arrival time [ns]"
 
     grey = tonemap(luminance(steady), exposure=exposure, percentile=98)
@@ -89,14 +92,14 @@ def light_in_flight(
     axes.imshow(picture.astype(np.uint8), extent=sequence.extent, interpolation="nearest")
     axes.set_title({"arrival": "arrival time", "peak": "peak time"}.get(style, "isochrones"))
     pixel_axes(axes)
-    figure.colorbar(scale, ax=axes, label=label)
+    figure.colorbar(scale, ax=axes, label=label, extend=beyond)
     return figure
 
 
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
     if style != "rainbow":
         raise ValueError(f"period_ns = {period_ns!r}: must be None for style = {style!r}")
-    period = checks.metres("period_ns", period_ns, positive=True, unit="nanoseconds")
+    period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
     shortest = opl_to_ns(2 * sequence.bin_width_opl)
     if period < shortest * (1 - 1e-9):
         raise ValueError(f"period_ns = {period_ns!r}: must be at least two bins, {shortest:.6g} ns")
@@ -108,10 +111,12 @@ def _mean_ns(light: np.ndarray, sequence: Transient) -> np.ndarray:
         return (light @ opl_to_ns(sequence.opl)) / light.sum(axis=2)
 
 
-def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any]:
+def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
     """Colours (height, width, 3) from blue (early) to red (late), and what a colour bar needs.
 
-    All colours are full ones, so that darkness means little light and nothing else.
+    All colours are full ones, so that darkness means little light and nothing else. They tell
+    times apart that lie between the first and the last hundredth of all pixels; the bar has an
+    arrow where there are times beyond.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize, hsv_to_rgb
@@ -123,7 +128,9 @@ def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any]:
     hue_map = LinearSegmentedColormap.from_list("early to late", colours.tolist())
     scale = ScalarMappable(Normalize(first, last, clip=True), hue_map)
     shown = np.isfinite(time_ns)[..., None]
-    return np.where(shown, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0), scale
+    colour = np.where(shown, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0)
+    early, late = bool((known < first).any()), bool((known > last).any())
+    return colour, scale, ("neither", "max", "min", "both")[2 * early + late]
 
 
 def _rainbow(
@@ -131,7 +138,7 @@ def _rainbow(
 ) -> tuple[np.ndarray, Any, str]:
     """Colours (height, width, 3), and what the colour bar and its label need."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize, hsv_to_rgb
+    from matplotlib.colors import LinearSegmentedColormap, Normalize, hsv_to_rgb
 
     period = _period_ns(light, sequence) if period_ns is None else float(period_ns)
     turns = opl_to_ns(sequence.opl) / period
@@ -142,7 +149,10 @@ def _rainbow(
     colour = hsv_to_rgb(
         np.stack([hue, np.sqrt(np.clip(saturation, 0, 1)), np.ones_like(hue)], axis=-1)
     )
-    scale = ScalarMappable(Normalize(0, period), "hsv")
+    # Not Matplotlib's "hsv", which ends before it is red again and so is up to 1.5 % off
+    hues = hsv_to_rgb([(sixth / 6, 1, 1) for sixth in range(7)])  # Straight in between
+    hue_map = LinearSegmentedColormap.from_list("hue", hues.tolist(), N=6 * 255)
+    scale = ScalarMappable(Normalize(0, period), hue_map)
     return colour, scale, f"arrival time, modulo {period:.4g} ns [ns]"
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.canvas import new_figure
 from ..signals.units import SPEED_OF_LIGHT
-from .figures import map_axes, new_figure, picture_aspect
+from .figures import map_axes, picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +63,7 @@ def phasor_panel(
         ['I', 'Q', 'amplitude', 'phase', 'depth']
     """
     frequencies = [
-        checks.metres("frequencies_hz", f, positive=True, unit="hertz")
+        checks.number("frequencies_hz", f, unit="hertz", positive=True)
         for f in np.atleast_1d(np.asarray(frequencies_hz, dtype=object)).flat
     ]
     if not frequencies:

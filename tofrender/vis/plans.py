@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from .figures import new_figure, picture_aspect
+from ..runtime.canvas import new_figure
+from .figures import picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

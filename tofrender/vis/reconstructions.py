@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..nlos.reconstruction.depths import check_volume, depth_map
-from .figures import map_axes, new_figure
+from ..runtime.canvas import new_figure
+from .figures import map_axes
 
 if TYPE_CHECKING:
     import xarray as xr

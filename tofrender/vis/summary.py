@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..runtime.canvas import new_figure
+from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .figures import map_axes, new_figure, picture_aspect, pixel_axes, time_axes
-from .tone import luminance, tonemap
+from .figures import map_axes, picture_aspect, pixel_axes, time_axes
+from .tone import tonemap
 from .transient import Transient
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Weights of linear R, G, B in luminance (ITU-R BT.709)."""
+from ..runtime import checks
 
 _SAMPLES = 1 << 21
 
@@ -33,8 +32,7 @@ def auto_exposure(values: Any, *, percentile: float = 99.5) -> float:
         >>> auto_exposure(np.full((2, 2, 3), 0.5))
         2.0
     """
-    if not 0 < percentile <= 100:
-        raise ValueError(f"percentile = {percentile!r}: must be above 0 and at most 100")
+    percentile = checks.number("percentile", percentile, positive=True, high=100)
     flat = np.asarray(values).reshape(-1)
     lit = flat[:0]
     if flat.size > _SAMPLES:
@@ -80,7 +78,7 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
         )
     if exposure is None:
         exposure = auto_exposure(linear, percentile=percentile)
-    check_exposure(exposure)
+    exposure = checks.number("exposure", exposure, positive=True)
     unfinished = np.isnan(linear).any(axis=2)
     with np.errstate(over="ignore"):
         shown = np.clip(np.nan_to_num(linear * np.float32(exposure), nan=0), 0, 1)
@@ -91,17 +89,3 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
         rows, columns = np.nonzero(unfinished)
         picture[rows, columns] = np.where((rows + columns) % 8 < 4, 38, 58)[:, None]
     return picture
-
-
-def check_exposure(exposure: Any) -> None:
-    """Refuse an exposure that is not a finite number above 0."""
-    if not (isinstance(exposure, int | float | np.number) and 0 < exposure < math.inf):
-        raise ValueError(f"exposure = {exposure!r}: must be a finite number above 0")
-
-
-def luminance(values: np.ndarray) -> np.ndarray:
-    """Luminance of values with 1 or 3 channels in the last axis."""
-    if values.shape[-1] == 1:
-        return values[..., 0]
-    red, green, blue = (values[..., c] * LUMINANCE[c] for c in range(3))
-    return red + green + blue  # A matrix product may warn of infinities

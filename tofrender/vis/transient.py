@@ -11,8 +11,8 @@ import numpy as np
 
 from ..rendering.dataset import QUANTITIES, first_pixel, time_axis
 from ..runtime import checks
+from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .tone import luminance
 
 
 @dataclass

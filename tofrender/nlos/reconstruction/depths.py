@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...runtime import checks
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -17,7 +19,7 @@ def check_volume(volume: Any) -> np.ndarray:
     """Intensities (z, y, x) of what `reconstruct` returns.
 
     Raises:
-        ValueError: It is something else.
+        ValueError: It is something else, or holds values that are not finite.
     """
     import xarray as xr
 
@@ -25,7 +27,7 @@ def check_volume(volume: Any) -> np.ndarray:
         raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
     if volume["intensity"].dims != _AXES:
         raise ValueError(f"volume with axes {volume['intensity'].dims}: must be {_AXES}")
-    return volume["intensity"].values
+    return checks.finite("volume: intensity", volume["intensity"].values)
 
 
 def max_projection(volume: xr.Dataset) -> xr.DataArray:
@@ -56,8 +58,7 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
     import xarray as xr
 
     values = check_volume(volume)
-    if not 0 <= threshold <= 1:
-        raise ValueError(f"threshold = {threshold!r}: must be from 0 to 1")
+    threshold = checks.number("threshold", threshold, low=0, high=1)
     z = volume["z"].values
     peak = values.argmax(axis=0)
     inner = np.clip(peak, 1, max(len(z) - 2, 1))

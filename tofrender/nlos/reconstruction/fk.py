@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy import fft
 
-from ..extras import optional
 from .fourier import Steps, forward, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, native_volume
@@ -33,7 +33,6 @@ def fk_migration(measured: Measured, surface: str, steps: Steps) -> tuple[np.nda
         surface: One of SURFACES.
         steps: Told of each step.
     """
-    fft = optional("scipy.fft")
     grid = native_volume(measured)
     lattice = measured.lattice
     assert lattice is not None
@@ -61,7 +60,6 @@ def _padded_bins(measured: Measured, grid: VolumeGrid) -> int:
 
     Long enough that what is migrated to before the first voxel does not come back at the end.
     """
-    fft = optional("scipy.fft")
     low, high, bins = grid.z
     points = measured.sensors.reshape(-1, 3)
     across = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))

@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import fft
 
 from ...runtime import memory
 from ...runtime.progress import progress_bar
-from ..extras import optional
 
 
 class Steps:
@@ -52,7 +52,6 @@ def forward(values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     Returns:
         complex64, (shape[0], shape[1], shape[2] // 2 + 1).
     """
-    fft = optional("scipy.fft")
     spectrum = fft.rfft(values, shape[2], axis=2, workers=-1)
     spectrum = fft.fft(spectrum, shape[1], axis=1, workers=-1, overwrite_x=True)
     return fft.fft(spectrum, shape[0], axis=0, workers=-1, overwrite_x=True)
@@ -60,7 +59,6 @@ def forward(values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
 
 def inverse(spectrum: np.ndarray, sides: tuple[int, int], lines: int) -> np.ndarray:
     """Real values (rows, columns, lines) of a half spectrum, of which `sides` are kept."""
-    fft = optional("scipy.fft")
     values = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[: sides[0]]
     values = fft.ifft(values, axis=1, workers=-1)[:, : sides[1]]
     return fft.irfft(values, lines, axis=2, workers=-1)

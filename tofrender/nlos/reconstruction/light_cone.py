@@ -4,7 +4,9 @@ With v = (opl / 2)² and u = z², light from a diffuse hidden scene of albedo ρ
 
     v^(3/2) H(x', y', 2 √v) = ∫∫∫ ρ(x, y, √u) / (2 √u) δ((x' - x)² + (y' - y)² + u - v) dx dy du,
 
-a convolution in (x, y, v); retroreflective surfaces have v^(1/2). A Wiener filter inverts it.
+a convolution in (x, y, v); retroreflective surfaces have v^(1/2). A Wiener filter inverts it. The
+grid is even in v and u, with as many bins as the capture, so that its steps of depth grow towards
+the wall as 1 / z: a surface is off by up to half of one, (z_high² - z_low²) / (4 z bins).
 M. O'Toole, D. Lindell and G. Wetzstein, Confocal non-line-of-sight imaging based on the light-cone
 transform, Nature 555 (2018).
 """
@@ -14,8 +16,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy import fft, sparse
 
-from ..extras import optional
 from .fourier import Steps, even_lags, forward, inverse, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
@@ -70,7 +72,6 @@ def _to_squared_depth(
     light: np.ndarray, grid: VolumeGrid, edges: np.ndarray, surface: str
 ) -> np.ndarray:
     """Mean over each bin of v of v^(p/2) H(2 √v), of light (rows, columns, bins)."""
-    sparse = optional("scipy.sparse")
     bins = light.shape[-1]
     depth = np.sqrt(np.maximum(edges, 0))
     at = (depth - grid.z[0]) / grid.step("z")  # in bins of the capture
@@ -90,7 +91,6 @@ def _to_squared_depth(
 
 def _kernel_spectrum(lattice: Lattice, rows: int, columns: int, bins: int, width: float) -> Any:
     """Spectrum of the cone: δ(x² + y² - v) on lags of the lattice, divided between two bins."""
-    fft = optional("scipy.fft")
     y, x = (lattice.dy * np.arange(rows + 1))[:, None], lattice.dx * np.arange(columns + 1)
     at = (x * x + y * y) / width
     below = np.floor(at)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...rendering.dataset import time_axis
-from ..captures import first_and_last_legs, luminance
+from ...signals.colour import luminance
+from ..captures import first_and_last_legs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,7 +82,7 @@ class Measured:
     Attributes:
         mode: "single", "confocal" or "exhaustive".
         light: Luminance per bin, (lasers, rows, columns, bins) float32; one laser unless
-            exhaustive. What is not finite counts as no light.
+            exhaustive.
         start: Where the first bin starts [m].
         width: Width of a bin [m].
         legs: What path lengths count outside the hidden scene [m], (lasers, rows, columns).
@@ -112,11 +113,10 @@ class Measured:
         frame = WallFrame.of(points, normals)
         sensors, lasers = frame(points), frame(lit)
         rows, columns = points.shape[:2]
-        light = luminance(capture).reshape(-1, rows, columns, capture.sizes["opl"])
+        light = luminance(capture["transient"].values).reshape(
+            -1, rows, columns, capture.sizes["opl"]
+        )
         light = light.astype(np.float32, copy=False)
-        finite = np.isfinite(light)
-        if not finite.all():
-            light = np.where(finite, light, np.float32(0))
         start, width = time_axis(capture)
         return cls(
             mode,

@@ -12,7 +12,7 @@ from . import fk, light_cone, phasor_field
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fourier import Steps
 from .measured import Measured
-from .volume import VolumeGrid, default_volume, label, resample
+from .volume import VolumeGrid, default_volume, resample, volume_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,7 +52,17 @@ def reconstruct(
     | `phasor` | all captures, even plane sensor grid | phasor field, Rayleigh-Sommerfeld |
 
     Path lengths start where `opl` says, and the first and last legs are taken off where the
-    capture counts them. Of colours, the luminance is used; bins that are not finite are dark.
+    capture counts them. Of colours, the luminance is used.
+
+    Two methods err in depth by more than half a bin, by their nature:
+
+    - `lct` works in even steps of z², so near the wall it is off by up to half of such a step,
+      (z_high² - z_low²) / (4 z bins): a plate at 0.3 m in a window of 500 bins that reaches 5 m
+      deep was found 39 mm too deep, in one that reaches 1.25 m (125 bins) 3 mm. End the window
+      where the scene does.
+    - `phasor` finds a plane that is parallel to the wall too deep, by about 0.2 λ² / z with the
+      wavelength λ and 5 cycles: 14 mm at 1 m and 27 mm at 0.5 m for λ = 0.25 m. Points are where
+      they are.
 
     Args:
         capture: What `capture`, `make_capture` or `load_capture` returns.
@@ -79,8 +89,8 @@ def reconstruct(
         `frame_origin`, `frame_axes`: world point = origin + x axes[0] + y axes[1] + z axes[2].
 
     Raises:
-        ValueError: Not a capture, a method that it does not allow (the line says which it does),
-            a volume or option that cannot be.
+        ValueError: Not a capture, light that is not finite, a method that it does not allow (the
+            line says which it does), a volume or option that cannot be.
         MemoryError: It would not fit.
 
     Example:
@@ -114,6 +124,7 @@ def reconstruct(
     options = _options(method, given)
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
+    checks.finite("capture: transient", capture["transient"].values)
     measured = Measured.of(capture)
     _check_method(method, measured)
     if method in ("lct", "fk"):
@@ -131,7 +142,7 @@ def reconstruct(
     attrs = {"method": method, "units": "arbitrary", **options}
     if "scene" in capture.attrs:
         attrs["scene"] = capture.attrs["scene"]
-    return label(values, grid, measured.frame, attrs)
+    return volume_dataset(values, grid, measured.frame, attrs)
 
 
 def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -148,9 +159,9 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
         checks.one_of("weighting", options["weighting"], WEIGHTINGS)
     if "surface" in options:
         checks.one_of("surface", options["surface"], light_cone.SURFACES)
-    for name, unit in (("snr", "1"), ("cycles", "wavelengths"), ("wavelength", "metres")):
+    for name, unit in (("snr", ""), ("cycles", ""), ("wavelength", "metres")):
         if name in options:
-            options[name] = checks.metres(name, options[name], positive=True, unit=unit)
+            options[name] = checks.number(name, options[name], unit=unit, positive=True)
     return options
 
 

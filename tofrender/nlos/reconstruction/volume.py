@@ -158,7 +158,7 @@ def _weights(given: VolumeGrid, wanted: VolumeGrid, axis: str) -> np.ndarray:
     return (np.maximum(overlap, 0) / new).astype(np.float32)
 
 
-def label(
+def volume_dataset(
     values: np.ndarray, grid: VolumeGrid, frame: WallFrame, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """The Dataset of intensities (z, y, x)."""

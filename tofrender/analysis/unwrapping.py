@@ -1,0 +1,145 @@
+"""Depth beyond the range of one modulation frequency, from the phases at several.
+
+NumPy arrays in and out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from ..runtime import checks
+from ..signals.phasors import check_frequencies
+from ..signals.units import SPEED_OF_LIGHT
+
+MAX_WRAPS = 4096
+"""Wraps of the highest frequency that `unwrap` tries."""
+
+
+def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
+    """Depth [m] from which on phases repeat: c / 2f, or c / 2g with the common divisor g of many.
+
+    Args:
+        frequency_hz: Modulation frequency [Hz], above 0, or a sequence that is used together.
+            Their ratios count as fractions with denominators up to a million.
+
+    Raises:
+        ValueError: No frequency, or one that is not finite and above 0.
+
+    Example:
+        >>> round(unambiguous_range(50e6), 3), round(unambiguous_range([20e6, 50e6]), 3)
+        (2.998, 14.99)
+    """
+    frequencies, _ = check_frequencies(frequency_hz)
+    ratios = [Fraction(f / frequencies[0]).limit_denominator(10**6) for f in frequencies]
+    denominator = math.lcm(*(r.denominator for r in ratios))
+    divisor = math.gcd(*(int(r * denominator) for r in ratios))
+    return SPEED_OF_LIGHT / 2 / frequencies[0] * denominator / max(divisor, 1)
+
+
+def unwrap(
+    phases: Any,
+    frequencies_hz: Sequence[float],
+    max_depth: float | None = None,
+    *,
+    amplitudes: Any = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the depth that explains the phases at two or more frequencies best.
+
+    Phase j says depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) for an unknown whole number n_j.
+    The n_j and the depth d in [0, max_depth], both ends included, are those that disagree least:
+
+        minimise over n and d:  sum of w_j (d_j - d)^2,    w_j = (f_j A_j)^2 / sum of (f_i A_i)^2
+
+    This is the likeliest depth in the range if all I and Q have equal normal noise: the variance of
+    d_j then goes with 1 / (f_j A_j)^2 (amplitudes A_j, 1 if not given). For given n the best d is
+    the mean of the d_j, or the end that the mean lies beyond: noise may move the phases of a wall
+    at depth 0 below 0, and that is depth 0, not the next depth of about the same phases. All n that
+    are nearest to some depth of the range are tried, so that none is missed.
+
+    Args:
+        phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).
+        frequencies_hz: Two or more modulation frequencies [Hz].
+        max_depth: Largest depth that can occur [m], at most `unambiguous_range(frequencies_hz)`,
+            which is the default. The smaller it is, the more noise does no harm. Up to the
+            default, its two ends have the same phases, and noise may turn one into the other.
+        amplitudes: Amplitudes as weights, at least 0, of the same shape as the phases.
+
+    Returns:
+        (depth, residual), float64 of shape (...): depth in [0, max_depth] [m]; the weighted RMS
+        difference of the d_j from it [m], which is large where nothing in the range fits. Of depths
+        that explain the phases equally the smallest is taken. NaN where a phase is NaN, or where
+        fewer than two frequencies have an amplitude.
+
+    Raises:
+        ValueError: Fewer than two frequencies, shapes that do not fit, a negative amplitude, or a
+            `max_depth` out of range.
+
+    Example:
+        >>> frequencies = (20e6, 50e6)  # ranges of 7.5 m and 3.0 m
+        >>> phases = [4 * np.pi * f / 299792458 * 11.0 for f in frequencies]
+        >>> depth, residual = unwrap(phases, frequencies)
+        >>> round(depth.item(), 6), round(residual.item(), 6)
+        (11.0, 0.0)
+    """
+    frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
+    if not many or len(frequencies) < 2:
+        raise ValueError(f"frequencies_hz = {frequencies_hz!r}: must hold two or more frequencies")
+    phases = checks.real_array("phases", phases, np.float64)
+    if phases.shape[:1] != (len(frequencies),):
+        raise ValueError(
+            f"phases with shape {phases.shape}: must have {len(frequencies)} frequencies first"
+        )
+    weights = np.ones(phases.shape)
+    if amplitudes is not None:
+        weights = checks.real_array("amplitudes", amplitudes, np.float64)
+        if weights.shape != phases.shape or (weights < 0).any():
+            raise ValueError(
+                f"amplitudes with shape {weights.shape}: must be at least 0 and of shape "
+                f"{phases.shape}, as the phases"
+            )
+    column = (-1, *[1] * (phases.ndim - 1))
+    ranges = (SPEED_OF_LIGHT / 2 / np.array(frequencies)).reshape(column)
+    finest = float(ranges.min())
+    longest = unambiguous_range(frequencies)
+    max_depth = longest if max_depth is None else max_depth
+    max_depth = checks.metres("max_depth", max_depth, positive=True)
+    limit = min(longest, MAX_WRAPS * finest)
+    if max_depth > limit * (1 + 1e-9):
+        raise ValueError(
+            f"max_depth = {max_depth:g}: must be at most {limit:g} m; phases repeat after "
+            f"{longest:g} m, and {MAX_WRAPS} ranges of the highest frequency are searched"
+        )
+
+    phases = np.where(np.isfinite(phases), phases, np.nan)
+    wrapped = np.mod(phases, 2 * math.pi) / (2 * math.pi) * ranges
+    light = (weights > 0).sum(axis=0) >= 2
+    weights = weights / np.where(light, weights.max(axis=0), 1) / ranges
+    weights = np.where(light, weights**2, 1 / len(frequencies))
+    weights /= weights.sum(axis=0)
+    depth = np.full(phases.shape[1:], np.nan)
+    least = np.full(phases.shape[1:], np.inf)
+    margin = 1e-12 * finest**2  # For rounding between equals
+    for start in _starts(wrapped, ranges, max_depth):
+        each = wrapped + np.rint((start - wrapped) / ranges) * ranges
+        guess = np.clip((weights * each).sum(axis=0), 0, max_depth)
+        cost = (weights * (each - guess) ** 2).sum(axis=0)
+        better = (cost < least - margin) | ((cost < least + margin) & (guess < depth))
+        depth[better], least[better] = guess[better], cost[better]
+    found = light & np.isfinite(depth)
+    return np.where(found, depth, np.nan), np.where(found, np.sqrt(least), np.nan)
+
+
+def _starts(wrapped: np.ndarray, ranges: np.ndarray, max_depth: float) -> Iterator[Any]:
+    """A depth in each stretch of [0, max_depth] in which all n_j stay the same [m].
+
+    The nearest d_j to a depth d changes half a range beyond a d_j.
+    """
+    yield 0.0
+    for one, reach in zip(wrapped, ranges.flat, strict=True):
+        for n in range(-1, math.ceil(max_depth / reach) + 1):
+            yield np.clip(one + (n + 0.5 + 1e-9) * reach, 0, max_depth)

@@ -1,0 +1,27 @@
+"""How bright colours are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+"""Weights of linear R, G and B (ITU-R BT.709), with the digits of `mi.luminance`."""
+
+
+def luminance(values: np.ndarray) -> np.ndarray:
+    """Luminance of colours, the value itself of what has one channel.
+
+    Args:
+        values: Linear values, (..., 1) or (..., 3).
+
+    Returns:
+        An array without the last axis, of the type of `values`.
+
+    Example:
+        >>> luminance(np.array([[2.0, 2.0, 2.0], [0.0, 1.0, 0.0]]))
+        array([2.     , 0.71516])
+    """
+    if values.shape[-1] == 1:
+        return values[..., 0]
+    red, green, blue = (values[..., c] * weight for c, weight in enumerate(LUMINANCE.tolist()))
+    return red + green + blue  # A matrix product may warn of infinities
