@@ -14,7 +14,6 @@ import peer_scenes
 import pytest
 from nlos_oracles import Nodes, Setup, total
 from support import agree, over_seeds
-from test_mitransient import give_names_back
 
 import tofrender
 from tofrender.nlos.device.laser import axis
@@ -112,7 +111,7 @@ def wall(name: str) -> str:
 PROGRAM = """
 import sys, warnings
 warnings.simplefilter("ignore")
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = [sys.argv[1], sys.argv[1] + "/.."]
 import mitsuba as mi, numpy as np
 import test_peer_scenes as test
 import mitransient
@@ -441,7 +440,7 @@ def test_cornell_box_of_phasors(tmp_path):
 
 def test_cornell_box_of_their_package():
     utils = pytest.importorskip("mitransient.utils")
-    give_names_back()
+    peer_scenes.give_names_back()
     theirs = tofrender.load_scene(utils.cornell_box(), width=8, height=8, spp=16)
     ours = tofrender.load_scene("cornell_box", width=8, height=8, spp=16, sampler="independent")
     for mine, other in zip(mi.render(ours), mi.render(theirs), strict=True):
