@@ -91,9 +91,11 @@ class _Nodes:
                 if "spp" in settings:
                     sampler.props["sample_count"] = settings["spp"]
         if turned_transient or settings.keys() & {*INTEGRATOR_SETTINGS}:
+            wanted = settings.get("integrator", "path")
             if "integrator" in settings:
                 self.drop_ready_made(0, mi.ObjectType.Integrator)
-            integrator = self.child(0, mi.ObjectType.Integrator, "path")
+            default = wanted if isinstance(wanted, str) else wanted["type"]
+            integrator = self.child(0, mi.ObjectType.Integrator, default)
             change_integrator(self.nodes, integrator, settings, turned_transient)
 
     def drop_ready_made(self, parent: int, kind: mi.ObjectType) -> None:
