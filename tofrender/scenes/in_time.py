@@ -84,7 +84,7 @@ def _count_depth(props: mi.Properties) -> None:
 
 def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Properties:
     """Properties of the integrator that is wanted; what it does not say of depth is as before."""
-    given = {"type": wanted} if isinstance(wanted, str) else dict(wanted)
+    given: dict[str, Any] = {"type": wanted} if isinstance(wanted, str) else dict(wanted)
     plugin = given.pop("type")
     new = mi.Properties(plugin)
     new.set_id(old.id())
