@@ -35,6 +35,7 @@ def scaled(x: float, y: float, z: float):
 # ------------------------------------------------------------------------------- all is well
 
 
+@pytest.mark.slow
 def test_built_in_scenes_are_sound():
     for name in BUILT_IN:
         check_scene(load_scene(name, optimize=False))

@@ -152,6 +152,7 @@ def in_a_file(integrator: str, folder) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 @QUIET
 @pytest.mark.parametrize("name", [*WRAPPERS, *OTHERS])
 def test_an_override_renders_any_file(name, tmp_path):

@@ -419,6 +419,7 @@ def gated(**integrator) -> dict:
     }
 
 
+@pytest.mark.slow
 def test_timegated_transient_path():
     """Its gates fill the bins: the histogram that our integrator puts there."""
     described = gated(type="timegated_transient_path", time_sampling="random")
