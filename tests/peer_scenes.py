@@ -10,6 +10,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+import tofrender
+from tofrender.nlos.light.confocal import maker
 from tofrender.scenes.meshes import letter_z
 
 # Corners of a rectangle of half-width 1 that faces +z
@@ -22,6 +24,15 @@ TURNED = """
 <rotate z="1" angle="180"/>
 <translate value="-2 0 2"/>
 """
+
+
+def give_names_back() -> None:
+    """Let plugins' names mean ours again, once mitransient is imported and has taken them."""
+    mi.register_integrator("transient_path", maker(tofrender.TransientPath))
+    mi.register_integrator("transient_nlos_path", tofrender.TransientNLOSPath)
+    mi.register_sensor("nlos_capture_meter", tofrender.NLOSCaptureMeter)
+    mi.register_film("transient_hdr_film", tofrender.TransientHDRFilm)
+    mi.register_film("phasor_hdr_film", tofrender.PhasorHDRFilm)
 
 
 def mesh(path: Path, vertices: np.ndarray, faces: np.ndarray = SQUARE_FACES) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from peer_scenes import give_names_back
 from support import largest, with_sampler
 
 import tofrender
-from tofrender.nlos.light.confocal import maker
 from tofrender.runtime import plugins
 from tofrender.scenes import cornell_box_glass
 
@@ -32,15 +32,6 @@ def theirs(monkeypatch):
     monkeypatch.setattr(TransientADIntegrator, "check_transient_", lambda *_: None)
     yield mitransient
     give_names_back()
-
-
-def give_names_back() -> None:
-    """Other tests load our plugins by name."""
-    mi.register_integrator("transient_path", maker(tofrender.TransientPath))
-    mi.register_integrator("transient_nlos_path", tofrender.TransientNLOSPath)
-    mi.register_sensor("nlos_capture_meter", tofrender.NLOSCaptureMeter)
-    mi.register_film("transient_hdr_film", tofrender.TransientHDRFilm)
-    mi.register_film("phasor_hdr_film", tofrender.PhasorHDRFilm)
 
 
 def properties(name: str, values: dict) -> mi.Properties:

@@ -475,7 +475,7 @@ def test_several_sensors():
 
 def test_integrator_by_name_dict_and_object():
     by_name = render(box(), integrator="transient_path")
-    assert by_name.attrs["max_depth"] == 6  # The plugin's default, not the scene's 8
+    assert by_name.attrs["max_depth"] == 8  # The scene's, not the plugin's default
     description = {"type": "transient_path", "max_depth": 3}
     by_dict = render(box(), integrator=description)
     by_object = render(box(), integrator=mi.load_dict(description))

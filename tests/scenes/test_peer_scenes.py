@@ -14,7 +14,6 @@ import peer_scenes
 import pytest
 from nlos_oracles import Nodes, Setup, total
 from support import agree, over_seeds
-from test_mitransient import give_names_back
 
 import tofrender
 from tofrender.nlos.device.laser import axis
@@ -112,7 +111,7 @@ def wall(name: str) -> str:
 PROGRAM = """
 import sys, warnings
 warnings.simplefilter("ignore")
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = [sys.argv[1], sys.argv[1] + "/.."]
 import mitsuba as mi, numpy as np
 import test_peer_scenes as test
 import mitransient
@@ -402,6 +401,63 @@ def test_a_laser_in_the_plane_of_the_wall(tmp_path):
     assert said.startswith("laser: is at [0.0, 0.0, 0.0], in the plane of what the sensor sees")
 
 
+# ------------------------------------------------------------------------ names of the fork
+
+
+def gated(**integrator) -> dict:
+    """A wall under a laser that follows the camera, as in the fork's scenes."""
+    projector = {"type": "confocal_projector", "grid_sigma": 0.2, "pulse_width_opl": 0.05}
+    time = {"temporal_bins": 8, "start_opl": 3.6, "bin_width_opl": 0.1}
+    film = {"type": "transient_hdr_film", "width": 2, "height": 2, **time}
+    facing = mi.ScalarTransform4f().translate([0, 0, 2]).rotate([0, 1, 0], 180)
+    wall = {"type": "rectangle", "to_world": facing}
+    return {
+        "type": "scene",
+        "integrator": {"confocal_projector": projector, **integrator},
+        "sensor": {"type": "perspective", "fov": 20.0, "film": film},
+        "wall": wall,
+    }
+
+
+@pytest.mark.slow
+def test_timegated_transient_path():
+    """Its gates fill the bins: the histogram that our integrator puts there."""
+    described = gated(type="timegated_transient_path", time_sampling="random")
+    with pytest.warns(UserWarning, match=r"\Atime_sampling = 'random': has no effect; every "):
+        theirs = tofrender.load_scene(described)
+    ours = tofrender.load_scene(gated(type="transient_path", max_depth=6))
+    assert str(theirs.integrator()) == str(ours.integrator())
+    assert bins(theirs, 64).sum() > 0
+    assert bins(theirs, 64) == pytest.approx(bins(ours, 64), rel=1e-5)
+    data = tofrender.render(gated(type="timegated_transient_path"), spp=4, progress=False)
+    assert data.attrs["max_depth"] == 6
+    said = refusal(tofrender.load_scene, gated(type="timegated_transient_path", time_sampling="no"))
+    assert said == "time_sampling = 'no': must be one of stratified, random"
+    bare = gated() | {"integrator": {"type": "timegated_transient_path"}}
+    said = refusal(tofrender.load_scene, bare)
+    assert said.startswith("integrator = 'timegated_transient_path': has no confocal_projector")
+
+
+@QUIET
+def test_nlos_confocal(tmp_path):
+    def with_option(value: str, more: str = "") -> mi.Scene:
+        line = f'<boolean name="nlos_confocal" value="{value}"/>'
+        return apart(peer_scenes.nlos_z(tmp_path, size=2, path_options=line + more))
+
+    with pytest.warns(UserWarning, match=r"\Anlos_confocal = True: is capture_type = 'confocal'"):
+        assert with_option("true").integrator().capture_type == "confocal"
+    assert with_option("false").integrator().capture_type == "single"
+    kind = '<integer name="capture_type" value="2"/>'
+    said = refusal(with_option, "true", kind)
+    assert said == "nlos_confocal = True: must be left out; capture_type is given"
+
+
+def test_angulararea():
+    lamp = {"type": "rectangle", "emitter": {"type": "angulararea", "cutoff_angle": 20.0}}
+    said = refusal(tofrender.load_scene, {"type": "scene", "lamp": lamp})
+    assert said.startswith("emitter = 'angulararea': is not known here; must be another emitter")
+
+
 # --------------------------------------------------------------------------- Cornell boxes
 
 
@@ -441,7 +497,7 @@ def test_cornell_box_of_phasors(tmp_path):
 
 def test_cornell_box_of_their_package():
     utils = pytest.importorskip("mitransient.utils")
-    give_names_back()
+    peer_scenes.give_names_back()
     theirs = tofrender.load_scene(utils.cornell_box(), width=8, height=8, spp=16)
     ours = tofrender.load_scene("cornell_box", width=8, height=8, spp=16, sampler="independent")
     for mine, other in zip(mi.render(ours), mi.render(theirs), strict=True):

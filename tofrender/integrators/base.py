@@ -17,6 +17,7 @@ from ..paths.records import Limits
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..runtime import checks
+from ..scenes.checking import check_scene
 from .own_sample import brings_sample, by_sample
 from .passes import expose, steps
 from .plan import Plan
@@ -132,6 +133,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             `(steady, transient)` as the film develops them, None if `develop` is false.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        check_scene(scene, sensor)
         film, sampler = sensor.film(), sensor.sampler().clone()
         if spp:
             sampler.set_sample_count(spp)

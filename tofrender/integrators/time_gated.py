@@ -16,6 +16,7 @@ from ..films.sums import Weighted
 from ..paths.endpoints import GatedLights
 from ..paths.surfaces import transmits
 from ..runtime import checks
+from ..scenes.checking import check_scene
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .own_sample import brings_sample, require_sample, take_by_sample
@@ -177,6 +178,7 @@ def render_at_time(
     target = checks.metres("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
+    check_scene(scene, sensor)
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, CALL)
@@ -235,6 +237,7 @@ def render_transient(
             f"integrator = {type(integrator).__name__}: has a sample of its own, which sees one "
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
         )
+    check_scene(scene, sensor)
     film = transient_film(sensor.film(), bins, start, width)
     record = recording(film, integrator.exposure())
     take(integrator.plan(scene, sensor), record, sensor, spp, seed)

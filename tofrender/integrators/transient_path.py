@@ -27,7 +27,8 @@ class TransientPath(TransientIntegrator):
     The light's `pulse` can be set to any of `tofrender.signals.pulses`. Its energy in each bin is
     exact and adds no noise.
 
-    Limitations: participating media are ignored, as in Mitsuba's `path`; no derivatives.
+    Limitations: participating media and polarised variants, which `tofrender.render` refuses; no
+    derivatives.
 
     Example:
         >>> import tofrender

@@ -16,6 +16,7 @@ from ..integrators.passes import take
 from ..rendering.renderer import carry_out
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
+from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
 from .captures import MODES, make_capture
 from .device.laser import axis, find_laser, follow_meters, forget_meters, kept_aim, place_of, turn
@@ -84,6 +85,7 @@ def capture(
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
+    check_scene(scene, camera)
     integrator = _integrator(scene)
     integrator.require_mode(mode)
     samples = camera.sampler().sample_count() if spp is None else spp

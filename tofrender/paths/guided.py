@@ -66,6 +66,12 @@ class Targets:
 
     def __init__(self, scene: mi.Scene, shapes: Sequence[mi.Shape]) -> None:
         self.shapes = list(shapes)
+        for shape in self.shapes:
+            if shape.class_name() == "Instance":
+                raise ValueError(
+                    f"hidden_shapes = {shape.id()!r}: is an instance, whose points cannot be "
+                    "chosen by area; must be a plain shape, or nlos_hidden_geometry_sampling false"
+                )
         areas = np.array([shape.surface_area()[0] for shape in self.shapes])
         cumulative = np.cumsum(areas) / areas.sum()
         everything = scene.shapes()

@@ -23,6 +23,7 @@ from ..integrators.plan import Plan
 from ..runtime import backend, checks, memory, plugins
 from ..runtime.progress import deferred_stop, progress_bar
 from ..runtime.withheld import Withheld
+from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.settings import INTEGRATORS, SAMPLERS
 from .arrivals import PATHS, Arrivals, find_arrivals
@@ -60,7 +61,9 @@ def render(
         spp: Samples per pixel, 1 to 2^24; by default the scene's. Powers of two suit the default
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
-        integrator: A plugin name, a dict or an integrator; by default the scene's.
+        integrator: A plugin name, a dict or an integrator; by default the scene's. By name or dict
+            it takes the place of the scene's while that is loaded, and what it does not say of
+            `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
         sensor: Number of the sensor.
         sampler: `padded_sobol` by default, whatever the scene says: its error is a fraction of that
             of Mitsuba's default. A name picks another; an object is cloned, and its own
@@ -97,11 +100,14 @@ def render(
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | PathLike) else "scene"
     if not isinstance(scene, mi.Scene):
-        scene = load_scene(scene, **_settings(window, temporal_bins))
+        scene = load_scene(scene, **_settings(integrator, window, temporal_bins))
+        if isinstance(integrator, str | Mapping):
+            integrator = None  # It is the scene's now
     require_sensor(scene)
     sensors = scene.sensors()
     sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
     camera = sensors[sensor]
+    check_scene(scene, camera)
     _film(camera.film(), window, temporal_bins)  # Refuses what is wrong with the window first
     tracer = _integrator(scene, integrator)
     if tracer.needs_lights:
@@ -301,13 +307,19 @@ def _window(window: Any, bins: int) -> tuple[float, float]:
     return start, (stop - start) / bins
 
 
-def _settings(window: Any, temporal_bins: int | None) -> Any:
-    """What makes a steady scene transient while it loads, where enough is given."""
+def _settings(integrator: Any, window: Any, temporal_bins: int | None) -> Any:
+    """What makes a steady scene transient while it loads, where enough is given.
+
+    An integrator takes the place of the scene's, which need not even load; for an object that is
+    at hand any other keeps the place.
+    """
+    by_name = integrator is None or isinstance(integrator, str | Mapping)
+    given = {"integrator": integrator if by_name else INTEGRATORS[0]}
     if window is None or temporal_bins is None:
-        return {}
+        return given
     bins = checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS)
     start, width = (0.0, 1.0) if _is_auto(window) else _window(window, bins)
-    return {"temporal_bins": bins, "start_opl": start, "bin_width_opl": width}
+    return given | {"temporal_bins": bins, "start_opl": start, "bin_width_opl": width}
 
 
 def _samples_of(resume: Any) -> int:

@@ -16,10 +16,11 @@ from typing import Any, Unpack
 
 import mitsuba as mi
 
-from ..nlos.device.laser import follow_meters
 from ..runtime import plugins
 from . import BUILT_IN
 from .editing import change, name_shapes, use_own_plugins
+from .files import require_indices, require_shallow_dict, require_shallow_xml
+from .peers import use_own_names
 from .settings import Settings, check_settings
 
 parser: Any = mi.parser
@@ -36,7 +37,8 @@ def load_scene(
 
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
-    the filter that it names (box if it names none), its integrator its depths.
+    the filter that it names (box if it names none), its integrator its depths, which for `path`
+    have no limit unless it names one. A `path` in `aov`, `moment` or `stokes` is taken out of it.
 
     A shape of an XML file that has a name and no id gets the name as its id.
 
@@ -47,8 +49,9 @@ def load_scene(
         optimize: Whether Mitsuba may merge shapes that share a material, which saves memory but
             makes them one shape. Scenes that tell shapes apart (NLOS) need False.
         **settings: Any of `width`, `height` [pixels], `temporal_bins`, `start_opl`,
-            `bin_width_opl` [m], `spp`, `sampler`, `max_depth`, `integrator`, `pulse_width_opl`
-            [m]. What is not given, or None, stays as the scene has it.
+            `bin_width_opl` [m], `spp`, `sampler`, `max_depth`, `integrator` (a name, or a dict as
+            for `mi.load_dict`), `pulse_width_opl` [m]. What is not given, or None, stays as the
+            scene has it; so do depths and `hide_emitters` when the integrator changes.
 
     Returns:
         The scene, under the active variant.
@@ -81,8 +84,10 @@ def load_scene(
             state = _parse(config, source, parameters or {})
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
+            use_own_names(state)
             change(state, given)
             use_own_plugins(state)
+            _require_meshes(state)
             name_shapes(state)
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
@@ -90,7 +95,6 @@ def load_scene(
         raise ValueError(_one_line(str(error))) from None
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"scene: its outermost part is a {type(scene).__name__}, must be a scene")
-    follow_meters(scene)
     return scene
 
 
@@ -183,6 +187,7 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
         )
     if source.get("type") != "scene":
         raise ValueError(f"scene: type = {source.get('type')!r}, must be 'scene'")
+    require_shallow_dict(source)
     return parser.parse_dict(config, dict(source))
 
 
@@ -207,6 +212,7 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
     if not os.access(path, os.R_OK):
         raise ValueError(f"scene = {str(path)!r}: cannot be read, its permissions forbid it")
     text = {name: str(value) for name, value in parameters.items()}
+    require_shallow_xml(path, text)
     try:
         return parser.parse_file(config, str(path), **text)
     except RuntimeError as error:
@@ -218,6 +224,14 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
             f"parameter {unused[1]} = {unused[2]!r}: {path.name} does not use it, "
             f"its parameters are: {allowed}"
         ) from None
+
+
+def _require_meshes(state: Any) -> None:
+    """Refuse PLY files that would end the process."""
+    for node in state.nodes:
+        props = node.props
+        if props.plugin_name() == "ply" and "filename" in props:
+            require_indices(str(props["filename"]))
 
 
 def _defaults(path: Path) -> list[str]:

@@ -42,8 +42,16 @@ class Settings(TypedDict, total=False):
     spp: int | None
     sampler: str | None
     max_depth: int | None
-    integrator: str | None
+    integrator: str | Mapping[str, Any] | None
     pulse_width_opl: float | None
+
+
+def _integrator(name: str, value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return checks.one_of(name, value, INTEGRATORS)
+    if not isinstance(value.get("type"), str):
+        raise ValueError(f"{name} = {dict(value)!r}: must have a plugin's name as its type")
+    return value
 
 
 CHECKS: dict[str, Callable[[str, Any], Any]] = {
@@ -55,7 +63,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "spp": lambda name, value: checks.integer(name, value, 1, checks.MAX_SPP),
     "sampler": lambda name, value: checks.one_of(name, value, SAMPLERS),
     "max_depth": checks.depth,
-    "integrator": lambda name, value: checks.one_of(name, value, INTEGRATORS),
+    "integrator": _integrator,
     "pulse_width_opl": lambda name, value: checks.metres(name, value, positive=True),
 }
 

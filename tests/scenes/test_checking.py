@@ -1,0 +1,254 @@
+"""What a loaded scene must not have: media, polarisation, numbers that are none."""
+
+from __future__ import annotations
+
+import time
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import area_light, diffuse, grey, load
+
+import tofrender
+from tofrender.scenes import BUILT_IN
+from tofrender.scenes.checking import check_scene
+from tofrender.scenes.loading import load_scene
+
+NAN, INF = float("nan"), float("inf")
+FOG = {"type": "homogeneous"}
+
+
+def refusal(scene: mi.Scene, sensor: mi.Sensor | None = None) -> str:
+    with pytest.raises(ValueError, match=r"\A.+\Z") as error:
+        check_scene(scene, sensor)
+    return str(error.value)
+
+
+def of(**parts) -> mi.Scene:
+    return load({"type": "scene", **parts})
+
+
+def scaled(x: float, y: float, z: float):
+    return mi.ScalarTransform4f().scale([x, y, z])
+
+
+# ------------------------------------------------------------------------------- all is well
+
+
+@pytest.mark.slow
+def test_built_in_scenes_are_sound():
+    for name in BUILT_IN:
+        check_scene(load_scene(name, optimize=False))
+
+
+def test_what_looks_odd_and_is_right():
+    """Mirrored transforms, black, an open shutter, spectra whose coefficients are negative."""
+    odd = {
+        "light": {"type": "point", "position": [-1, -1, -1], "intensity": grey(0.0)},
+        "ball": {"type": "sphere", "radius": 1e-4, "to_world": scaled(-1, 1, 1)},
+        "dust": {"type": "rectangle", "to_world": scaled(1e-6, 1e-6, 1), "bsdf": diffuse(0)},
+        "camera": {"type": "perspective", "shutter_open": 0.0, "shutter_close": 0.0},
+        "texture": {
+            "type": "rectangle",
+            "bsdf": {"type": "normalmap", "normalmap": bitmap(-0.5), "bsdf": diffuse(0.5)},
+        },
+    }
+    check_scene(of(**odd))
+    mi.set_variant("llvm_ad_spectral")
+    blue = {"type": "point", "intensity": {"type": "rgb", "value": [0.0, 0.0, 1.0]}}
+    check_scene(of(light=blue, black={"type": "sphere", "bsdf": diffuse(0)}))
+
+
+def bitmap(value: float) -> dict:
+    pixels = np.full((2, 2, 3), value, dtype=np.float32)
+    return {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(pixels)}
+
+
+@pytest.mark.slow
+def test_a_large_mesh_takes_milliseconds():
+    count = 1_000_000
+    mesh = mi.Mesh("large", count, 10)
+    parameters = mi.traverse(mesh)
+    positions = np.ones(3 * count, dtype=np.float32)
+    positions[:9] = np.arange(9)
+    parameters["vertex_positions"] = positions
+    parameters["faces"] = np.tile([0, 1, 2], 10).astype(np.uint32)
+    parameters.update()
+    scene = of(mesh=mesh)
+    start = time.perf_counter()
+    for _ in range(5):
+        check_scene(scene)
+    assert time.perf_counter() - start < 0.5
+    positions[-1] = NAN
+    parameters["vertex_positions"] = positions
+    parameters.update()
+    assert refusal(scene) == "mesh.vertex_positions[2999999] = nan: must be finite numbers"
+
+
+# ---------------------------------------------------------------- numbers that are none
+
+
+def emitters(value: float) -> list[tuple[str, dict]]:
+    odd = {"type": "rgb", "value": [value, 1.0, 1.0]}
+    sky = np.ones((4, 8, 3), dtype=np.float32)
+    dark = sky.copy()
+    dark[0, 0, 0] = value
+    return [
+        ("a.radiance.value", {"type": "constant", "radiance": odd}),
+        ("a.intensity.value", {"type": "point", "intensity": odd}),
+        ("a.intensity.value", {"type": "spot", "intensity": odd}),
+        ("a.irradiance.value", {"type": "directional", "irradiance": odd}),
+        ("a.irradiance.value", {"type": "projector", "irradiance": odd}),
+        ("a.irradiance.data", {"type": "projector", "irradiance": bitmap(value)}),
+        ("a.scale", {"type": "envmap", "bitmap": mi.Bitmap(sky), "scale": value}),
+        ("a.data[", {"type": "envmap", "bitmap": mi.Bitmap(dark)}),
+        ("radiance.value", {"type": "rectangle", "emitter": area_light(value)}),
+    ]
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -1.0])
+def test_light_must_be_finite_and_positive(value):
+    for name, emitter in emitters(value):
+        said = refusal(of(a=emitter))
+        assert said.startswith("a.")
+        assert name in said
+        assert f"{value:g}" in said
+        assert "must be 0 or more" in said if value == -1 else "must be finite numbers" in said
+
+
+PARAMETERS = [
+    ("a.x_fov = nan", {"type": "perspective", "fov": NAN}),
+    ("a.far_clip = inf", {"type": "perspective", "far_clip": INF}),
+    ("a.aperture_radius = nan", {"type": "thinlens", "aperture_radius": NAN}),
+    ("a.to_world = [1, 0, 0, nan,", {"type": "perspective", "to_world": ("translate", NAN)}),
+    ("a.to_world", {"type": "perspective", "to_world": "looks at itself"}),
+    ("a.to_world = [nan", {"type": "sphere", "radius": NAN}),
+    ("a.to_world = [inf", {"type": "sphere", "radius": INF}),
+    ("a.to_world = [nan", {"type": "cylinder", "radius": NAN}),
+    ("a.to_world", {"type": "rectangle", "to_world": ("translate", INF)}),
+    ("a.position = [nan, 0, 0]", {"type": "point", "position": [NAN, 0, 0]}),
+    ("a.bsdf.reflectance.value = [nan", {"type": "sphere", "bsdf": diffuse(NAN)}),
+    ("a.vertex_positions[0] = nan", {"type": "cube", "to_world": ("translate", NAN)}),
+]
+
+
+def with_transform(part: dict) -> dict:
+    kind = part.get("to_world")
+    none = mi.ScalarTransform4f()
+    if isinstance(kind, tuple):
+        return part | {"to_world": none.translate([kind[1], 0, 0])}
+    if kind is not None:
+        return part | {"to_world": none.look_at([0, 0, 1], [0, 0, 1], [0, 1, 0])}
+    return part
+
+
+@pytest.mark.parametrize(("said", "part"), PARAMETERS)
+def test_parameters_must_be_finite(said, part):
+    assert refusal(of(a=with_transform(part))).startswith(said)
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "disk", "sphere", "cylinder", "cube"])
+def test_a_scale_of_0(kind):
+    flat = of(a={"type": kind, "to_world": scaled(0, 0, 0)})
+    assert refusal(flat).startswith("a.")
+    if kind != "cube":
+        assert "must be a transform with an inverse" in refusal(flat)
+        line = of(a={"type": kind, "to_world": scaled(1, 1, 0)})
+        assert "must be a transform with an inverse" in refusal(line)
+
+
+def test_a_mesh_that_is_a_point():
+    mesh = mi.Mesh("speck", 3, 1)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = [2.0] * 9
+    parameters["faces"] = [0, 1, 2]
+    parameters.update()
+    assert refusal(of(mesh=mesh)).startswith("mesh.vertex_positions: are all in one point")
+
+
+def test_what_was_changed_after_the_load():
+    scene = of(lamp={"type": "point"})
+    parameters = mi.traverse(scene)
+    parameters["lamp.intensity.value"] = -3.0
+    parameters.update()
+    assert refusal(scene).startswith("lamp.intensity.value = ")
+    camera = mi.load_dict({"type": "perspective", "fov": NAN})
+    assert "x_fov = nan" in refusal(of(lamp={"type": "point"}), camera)
+
+
+def test_spectral_light_must_be_finite():
+    mi.set_variant("llvm_ad_spectral")
+    lamp = {"type": "point", "intensity": {"type": "rgb", "value": [INF] * 3}}
+    assert "lamp.intensity" in refusal(of(lamp=lamp))
+
+
+# ------------------------------------------------------------- what is not followed yet
+
+
+def test_media_are_refused():
+    ball = {"type": "sphere", "bsdf": {"type": "null"}}
+    end = " = HomogeneousMedium: must be left out; participating media are not followed"
+    assert refusal(of(ball=ball | {"interior": FOG})) == f"ball.interior_medium{end}"
+    assert refusal(of(ball=ball | {"exterior": FOG})) == f"ball.exterior_medium{end}"
+    lamp = {"type": "point", "medium": FOG}
+    assert refusal(of(lamp=lamp)) == f"lamp.medium{end}"
+    group = {"type": "shapegroup", "ball": ball | {"interior": FOG}}
+    instance = {"type": "instance", "group": {"type": "ref", "id": "group"}}
+    assert "interior_medium" in refusal(of(group=group, one=instance))
+
+
+def test_the_medium_of_the_sensor_that_looks():
+    cameras = {"wet": {"type": "perspective", "medium": FOG}, "dry": {"type": "perspective"}}
+    scene = of(**cameras)
+    wet, dry = sorted(scene.sensors(), key=lambda each: each.id(), reverse=True)
+    check_scene(scene, dry)
+    assert refusal(scene, wet).startswith("wet.medium = ")
+    assert refusal(scene).startswith("wet.medium = ")
+
+
+def test_a_medium_that_nothing_is_in_changes_nothing():
+    check_scene(of(fog=FOG, ball={"type": "sphere"}))
+
+
+def test_polarised_variants_are_refused():
+    mi.set_variant("llvm_ad_mono_polarized")
+    assert refusal(of(ball={"type": "sphere"})) == (
+        "variant = 'llvm_ad_mono_polarized': must be one without polarisation, which is not "
+        "followed, like llvm_ad_mono"
+    )
+
+
+def test_a_scene_of_another_variant():
+    scene = of(ball={"type": "sphere"})
+    mi.set_variant("llvm_ad_mono")
+    assert refusal(scene) == (
+        "scene: belongs to the variant llvm_ad_rgb; must be one of the active variant "
+        "llvm_ad_mono, load it again"
+    )
+
+
+# ------------------------------------------------------------------------------- render
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"fog": {"type": "sphere", "bsdf": {"type": "null"}, "interior": FOG}}, "fog.interior"),
+        ({"lamp": {"type": "point", "intensity": grey(-1.0)}}, "lamp.intensity.value = "),
+        ({"ball": {"type": "sphere", "radius": NAN}}, "ball.to_world = "),
+    ],
+)
+def test_render_refuses_before_work(changes, said, monkeypatch):
+    monkeypatch.setattr(tofrender.TransientPath, "steps", None)
+    monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", None)
+    described = tofrender.cornell_box(width=4, height=4, spp=1) | changes
+    for source in (described, load(described)):
+        with pytest.raises(ValueError, match=r"\A.+\Z") as error:
+            tofrender.render(source, progress=False)
+        assert str(error.value).startswith(said)
+
+
+def test_render_refuses_polarised_variants():
+    mi.set_variant("llvm_ad_mono_polarized")
+    with pytest.raises(ValueError, match=r"\Avariant = 'llvm_ad_mono_polarized': must be"):
+        tofrender.render("cornell_box", progress=False)

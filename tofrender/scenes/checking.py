@@ -1,0 +1,184 @@
+"""What a loaded scene must not have: light that nobody follows, and numbers that are none."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_scale|data)(\.\w+)?")
+"""Parameters of emitters that say how bright they are."""
+
+SINGULAR = 1e-12
+"""Volume of a unit cube after a transform, over that of its edges', where there is no inverse."""
+
+SHOWN = 16
+"""Longest parameter that a message shows whole."""
+
+
+def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
+    """Refuse a scene whose picture would be wrong or black without a word.
+
+    Args:
+        scene: A loaded scene, however it was loaded.
+        sensor: The sensor that looks at it; None stands for all of the scene's.
+
+    Raises:
+        ValueError: As `require_modelled` and `require_sound`; one line that names the object.
+
+    Example:
+        >>> lamp = {"type": "point", "intensity": {"type": "rgb", "value": [1, -2, 1]}}
+        >>> check_scene(mi.load_dict({"type": "scene", "lamp": lamp}))
+        Traceback (most recent call last):
+        ValueError: lamp.intensity.value = [1, -2, 1]: must be 0 or more, light cannot be negative
+    """
+    require_modelled(scene, sensor)
+    require_sound(scene, sensor)
+
+
+def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
+    """Refuse what changes the light and is not followed: media and polarisation.
+
+    Args:
+        scene: A loaded scene.
+        sensor: The sensor that looks at it; None stands for all of the scene's.
+
+    Raises:
+        ValueError: The scene is one of another variant, the variant is polarised, or a shape,
+            an emitter or the sensor is in a medium; one line.
+    """
+    active = mi.variant() or "none"
+    if scene.variant_name() != active:
+        raise ValueError(
+            f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "
+            f"variant {active}, load it again"
+        )
+    if mi.is_polarized:
+        raise ValueError(
+            f"variant = {active!r}: must be one without polarisation, which is not followed, "
+            f"like {active.replace('_polarized', '')}"
+        )
+    cameras = scene.sensors() if sensor is None else [sensor]
+    for node in mi.traverse(scene).hierarchy:
+        if isinstance(node, mi.Shape):
+            _refuse_medium(node, "interior_medium", node.interior_medium())
+            _refuse_medium(node, "exterior_medium", node.exterior_medium())
+    for endpoint in [*scene.emitters(), *cameras]:
+        _refuse_medium(endpoint, "medium", endpoint.get_medium())
+
+
+def _refuse_medium(owner: Any, what: str, medium: Any) -> None:
+    if medium is not None:
+        raise ValueError(
+            f"{owner.id() or owner.class_name()}.{what} = {medium.class_name()}: must be left out; "
+            "participating media are not followed"
+        )
+
+
+def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
+    """Refuse parameters that are not finite, negative light, and transforms without an inverse.
+
+    Looks at each number once: a millisecond or two, and as long again for a million vertices.
+
+    Args:
+        scene: A loaded scene.
+        sensor: A sensor that need not be the scene's.
+
+    Raises:
+        ValueError: One line with the object, its parameter and the value.
+    """
+    sources = [mi.traverse(scene)]
+    if sensor is not None and sensor not in sources[0].hierarchy:
+        sources.append(mi.traverse(sensor))
+    values = {name: source[name] for source in sources for name in source.keys()}  # noqa: SIM118
+    numbers = {name: list(_leaves(value)) for name, value in values.items()}
+    dr.eval(numbers)
+    for name, leaves in numbers.items():
+        arrays = [np.asarray(leaf) for leaf in leaves]
+        if not all(_finite(each) for each in arrays) and not _may_be_infinite(values[name], arrays):
+            raise ValueError(f"{_shown(name, arrays, np.isfinite)}: must be finite numbers")
+        if _is_transform(values[name]) and len(arrays) == 16:
+            _require_inverse(name, np.array([each.flat[0] for each in arrays]).reshape(4, 4))
+    for emitter in scene.emitters():
+        _require_positive(emitter)
+    for shape in scene.shapes():
+        _require_extent(shape)
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    """The arrays of floating-point numbers that a parameter consists of."""
+    if _is_transform(value):
+        value = value.matrix
+    if dr.is_tensor_v(value):
+        value = value.array
+    if dr.depth_v(value) > 1 or (dr.depth_v(value) == 1 and not dr.is_jit_v(value)):
+        for each in value:
+            yield from _leaves(each)
+    elif isinstance(value, float) or (dr.is_array_v(value) and dr.is_float_v(value)):
+        yield value
+
+
+def _is_transform(value: Any) -> bool:
+    return "Transform" in type(value).__name__
+
+
+def _finite(array: np.ndarray) -> bool:
+    """Whether all numbers are finite; smallest and largest tell, since NaN is passed on."""
+    return array.size == 0 or bool(np.isfinite(array.min()) and np.isfinite(array.max()))
+
+
+def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
+    """Whether these are coefficients of a colour's spectrum; those of black and white are."""
+    return mi.is_spectral and isinstance(value, mi.Color3f) and not np.isnan(arrays).any()
+
+
+def _require_inverse(name: str, matrix: np.ndarray) -> None:
+    edges = np.linalg.norm(matrix[:3, :3].astype(float), axis=0)
+    volume = abs(np.linalg.det(matrix[:3, :3].astype(float)))
+    if not volume > SINGULAR * math.prod(edges):
+        shown = np.round(matrix.astype(float), 6).tolist()
+        raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
+
+
+def _require_positive(emitter: mi.Emitter) -> None:
+    """Refuse an emitter that takes light away."""
+    shape = emitter.get_shape()
+    owner = (emitter if shape is None else shape).id() or emitter.class_name()
+    parameters = mi.traverse(emitter)
+    for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
+        value = parameters[name]
+        if not LIGHT.fullmatch(name) or _is_transform(value):
+            continue
+        if mi.is_spectral and isinstance(value, mi.Color3f):  # Coefficients, of either sign
+            continue
+        arrays = [np.asarray(leaf) for leaf in _leaves(value)]
+        if any(each.size and each.min() < 0 for each in arrays):
+            shown = _shown(f"{owner}.{name}", arrays, lambda x: x >= 0)
+            raise ValueError(f"{shown}: must be 0 or more, light cannot be negative")
+
+
+def _require_extent(shape: mi.Shape) -> None:
+    """Refuse a mesh that is a point, as one is after a scale of 0."""
+    if shape.is_mesh():
+        box = shape.bbox()
+        if np.all(np.ravel(box.max) == np.ravel(box.min)):
+            raise ValueError(
+                f"{shape.id() or shape.class_name()}.vertex_positions: are all in one point; "
+                "must span a surface"
+            )
+
+
+def _shown(name: str, arrays: list[np.ndarray], good: Any) -> str:
+    """A parameter and its value: whole if it is short, else the first number that is wrong."""
+    flat = np.concatenate([np.ravel(each) for each in arrays])
+    if flat.size == 1:
+        return f"{name} = {flat[0]:g}"
+    if flat.size <= SHOWN:
+        return f"{name} = [{', '.join(f'{x:g}' for x in flat)}]"
+    first = int(np.flatnonzero(~good(flat))[0])
+    return f"{name}[{first}] = {flat[first]:g}"

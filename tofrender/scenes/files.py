@@ -1,0 +1,177 @@
+"""Files that would end the process if Mitsuba read them: tags too deep, faces without vertices.
+
+Whatever else is wrong with a file, Mitsuba says itself; nothing here repeats its checks.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import mitsuba as mi
+import numpy as np
+
+MAX_NESTING = 200
+"""Tags or dicts within each other; Mitsuba's parser calls itself for each until the stack ends."""
+
+MAX_INCLUDES = 15
+"""Files within each other that Mitsuba reads before it gives up by itself."""
+
+_PLY_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+_HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
+
+
+def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
+    """Refuse an XML file, or one that it includes, whose tags are nested too deeply.
+
+    Args:
+        path: The file.
+        parameters: Values for its `<default>` names, which may name the files that it includes.
+        includes: How many files this one is within.
+
+    Raises:
+        ValueError: One line with the file and the line in it.
+    """
+    depth = 0
+    known = dict(parameters)
+    reader = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MAX_NESTING:
+            raise ValueError(
+                f"scene = {str(path)!r}: has more than {MAX_NESTING} tags within each other "
+                f"in line {reader.CurrentLineNumber}; must have fewer"
+            )
+        if tag == "default":
+            known.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+        if tag == "include" and includes < MAX_INCLUDES:
+            name = attributes.get("filename", "")
+            name = re.sub(r"\$(\w+)", lambda found: known.get(found[1], found[0]), name)
+            inner = _resolved(name)
+            if inner.is_file():
+                require_shallow_xml(inner, known, includes + 1)
+
+    def end(_tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    reader.StartElementHandler, reader.EndElementHandler = start, end
+    try:
+        with path.open("rb") as file:
+            reader.ParseFile(file)
+    except expat.ExpatError:
+        return  # Mitsuba says what is wrong, and where
+
+
+def require_shallow_dict(description: Mapping[str, Any]) -> None:
+    """Refuse a dict whose dicts are nested too deeply.
+
+    Raises:
+        ValueError: One line.
+    """
+    level: list[Any] = [description]
+    for _ in range(MAX_NESTING):
+        level = [v for each in level for v in each.values() if isinstance(v, Mapping)]
+        if not level:
+            return
+    raise ValueError(f"scene: has more than {MAX_NESTING} dicts within each other")
+
+
+def require_indices(filename: str) -> None:
+    """Refuse a PLY file whose faces have vertices that it does not have.
+
+    Args:
+        filename: As a scene gives it, to be found beside the scene's file.
+
+    Raises:
+        ValueError: One line with the file, the face and its vertex.
+    """
+    path = _resolved(filename)
+    if not path.is_file():
+        return
+    try:
+        vertices, faces = _vertices_and_faces(path)
+    except (KeyError, TypeError, ValueError):
+        return  # No mesh that Mitsuba reads: it says so
+    wrong = np.argwhere((faces < 0) | (faces >= vertices))
+    if len(wrong):
+        face, corner = wrong[0]
+        raise ValueError(
+            f"{filename}: its face {face} has the vertex {int(faces[face, corner])}; "
+            f"must be one of its vertices, 0 to {vertices - 1}"
+        )
+
+
+def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
+    """The number of vertices in a PLY file, and those of each of its triangles, shape (n, 3).
+
+    Raises:
+        ValueError, KeyError, TypeError: It is none, or has another form than Mitsuba reads:
+            elements of fixed size, and faces of three vertices.
+    """
+    with path.open("rb") as file:
+        head = _HEADER.match(file.read(1 << 16))
+    if head is None:
+        raise ValueError("no header")
+    counts: dict[str, int] = {}
+    fields: dict[str, list[tuple]] = {}
+    order, element = "", ""
+    for line in head[0].decode("latin-1").splitlines():
+        match line.split():
+            case ["format", given, _]:
+                order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(given, "")
+            case ["element", element, count]:
+                counts[element], fields[element] = int(count), []
+            case ["property", "list", count, index, _]:
+                fields[element] += [("count", order + _PLY_TYPES[count])]
+                fields[element] += [("corners", order + _PLY_TYPES[index], 3)]
+            case ["property", kind, name]:
+                fields[element] += [(f"{name} ", order + _PLY_TYPES[kind])]
+    faces = (_binary if order else _ascii)(path, head.end(), counts, fields)
+    if not np.all(faces["count"] == 3):
+        raise ValueError("other faces than triangles")
+    return counts["vertex"], faces["corners"]
+
+
+def _binary(
+    path: Path, start: int, counts: dict[str, int], fields: dict[str, list[tuple]]
+) -> np.ndarray:
+    """The faces of a binary file; nothing else of it is read."""
+    for element, count in counts.items():
+        kind = np.dtype(fields[element])
+        if element == "face":
+            return np.fromfile(path, kind, count, offset=start)
+        start += count * kind.itemsize
+    raise ValueError("no faces")
+
+
+def _ascii(
+    path: Path, start: int, counts: dict[str, int], fields: dict[str, list[tuple]]
+) -> np.ndarray:
+    """The faces of a text file."""
+    numbers = np.array(path.read_bytes()[start:].split(), dtype=np.float64)
+    for element, count in counts.items():
+        width = sum(field[-1] if len(field) == 3 else 1 for field in fields[element])
+        if element == "face":
+            table = numbers[: count * width].reshape(count, width)
+            at = [field[0] for field in fields[element]].index("count")
+            rows = np.zeros(count, [("count", "f8"), ("corners", "f8", 3)])
+            rows["count"], rows["corners"] = table[:, at], table[:, at + 1 : at + 4]
+            return rows
+        numbers = numbers[count * width :]
+    raise ValueError("no faces")
+
+
+def _resolved(name: str) -> Path:
+    """Where Mitsuba finds a file."""
+    untyped: Any = mi  # the stubs of this function are not callable
+    return Path(str(untyped.file_resolver().resolve(name)))

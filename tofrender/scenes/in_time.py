@@ -1,0 +1,104 @@
+"""The integrator of a scene that Mitsuba's parser has read becomes one that knows time."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import mitsuba as mi
+
+from ..runtime import checks, plugins
+from .nodes import children
+from .settings import IN_TIME, INTEGRATORS
+
+WRAPPERS = {"aov": "AOVs", "moment": "moments", "stokes": "Stokes vectors"}
+"""Integrators that add something to the picture of another one, which is nested in them."""
+
+KEPT = ("max_depth", "rr_depth", "hide_emitters")
+"""What an integrator hands on to the one that takes its place."""
+
+UNLIMITED = ("path", "volpath", "volpathmis", "ptracer")
+"""Integrators of Mitsuba whose paths have no limit where a scene gives none."""
+
+
+def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns: bool) -> None:
+    """Put settings into a scene's integrator, or another integrator in its place.
+
+    Args:
+        nodes: The nodes that the parser has made.
+        index: Which of them is the integrator.
+        settings: As `check_settings` returns them.
+        turns: Whether the film has turned from steady to transient.
+
+    Raises:
+        ValueError: The integrator cannot render in time; one line.
+
+    Warns:
+        UserWarning: The picture loses what a wrapper adds to it.
+    """
+    wrapper = nodes[index].props.plugin_name()
+    inner = _innermost(nodes, index)
+    name = nodes[inner].props.plugin_name()
+    _count_depth(nodes[inner].props)
+    wanted = settings.get("integrator")
+    if wanted is None and turns and name not in IN_TIME:
+        if name != "path":
+            raise ValueError(
+                f"integrator = {name!r}: a transient film needs another one; "
+                f"must be one of {', '.join(INTEGRATORS)}"
+            )
+        wanted = "transient_path"
+    if isinstance(wanted, Mapping) or (wanted is not None and wanted != name):
+        nodes[index].props = _replacement(wanted, nodes[inner].props)
+    elif (wanted is not None or turns) and inner != index:
+        nodes[index].props = mi.Properties(nodes[inner].props)
+    inner = _innermost(nodes, index)
+    for setting in ("max_depth", "pulse_width_opl"):
+        if setting in settings:
+            nodes[inner].props[setting] = settings[setting]
+    now = nodes[index].props.plugin_name()
+    if wrapper in WRAPPERS and now != wrapper:
+        warnings.warn(
+            f"integrator = {wrapper!r}: becomes {now!r}, its {WRAPPERS[wrapper]} are left out",
+            stacklevel=5,
+        )
+
+
+def _innermost(nodes: Any, index: int) -> int:
+    """The integrator that finds the light: the one nested in a wrapper, else itself."""
+    while nodes[index].props.plugin_name() in WRAPPERS:
+        nested = children(nodes, index, mi.ObjectType.Integrator)
+        if len(nested) != 1:
+            break
+        index = nested[0]
+    return index
+
+
+def _count_depth(props: mi.Properties) -> None:
+    """Depth instead of bounces: not every integrator counts these, all count depth."""
+    if "max_bounces" in props:
+        props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
+        del props["max_bounces"]
+
+
+def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Properties:
+    """Properties of the integrator that is wanted; what it does not say of depth is as before."""
+    given: dict[str, Any] = {"type": wanted} if isinstance(wanted, str) else dict(wanted)
+    plugin = given.pop("type")
+    new = mi.Properties(plugin)
+    new.set_id(old.id())
+    if plugin in IN_TIME:
+        before = {"max_depth": -1} if old.plugin_name() in UNLIMITED else {}
+        before |= {name: old[name] for name in KEPT if name in old}
+        given = before | given
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            value = mi.load_dict({**value, "type": plugins.own_name(value.get("type", ""))})
+        try:
+            new[name] = value.item() if hasattr(value, "item") else value
+        except TypeError:
+            raise ValueError(
+                f"integrator: {name} = {value!r}: is of no kind that a plugin takes"
+            ) from None
+    return new

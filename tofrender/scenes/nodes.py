@@ -1,0 +1,61 @@
+"""Nodes of a scene that Mitsuba's parser has read: what they are, and what they refer to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import mitsuba as mi
+
+from .settings import IN_TIME
+
+UNKNOWN = mi.ObjectType.Unknown
+
+# Python plugins in a dict have no type before they are built; their names end like this.
+ENDINGS = {
+    mi.ObjectType.Film: ("film",),
+    mi.ObjectType.Sampler: ("sampler", "sobol"),
+    mi.ObjectType.Integrator: (
+        *("path", "integrator", "prb", "prb_basic", "_projective", "_rf_basic"),
+        *IN_TIME,
+    ),
+    mi.ObjectType.Sensor: ("camera", "meter"),
+}
+
+
+def is_kind(node: Any, kind: mi.ObjectType) -> bool:
+    """Whether a node is of this kind; for a Python plugin in a dict only its name can tell."""
+    if node.type != UNKNOWN:
+        return node.type == kind
+    return node.props.plugin_name().endswith(ENDINGS.get(kind, ()))
+
+
+def is_of_no_known_kind(node: Any) -> bool:
+    """Whether neither a node's type nor its name says what it is."""
+    return not any(is_kind(node, each) for each in mi.ObjectType if each != UNKNOWN)
+
+
+def parts(props: mi.Properties) -> list[tuple[str, Any]]:
+    """References and ready-made objects; Mitsuba tells of other properties that nobody reads."""
+    kinds = (mi.Properties.Type.ResolvedReference, mi.Properties.Type.Object)
+    return [(name, props[name]) for name in props if props.type(name) in kinds]
+
+
+def children(nodes: Any, parent: int, kind: mi.ObjectType) -> list[int]:
+    """Where the nodes of a kind are that a node refers to."""
+    found = [
+        value.index()
+        for _, value in parts(nodes[parent].props)
+        if isinstance(value, mi.Properties.ResolvedReference)
+    ]
+    return [index for index in found if is_kind(nodes[index], kind)]
+
+
+def become(node: Any, plugin: str, kept: Iterable[str]) -> None:
+    """Make a node another plugin, which keeps its id, its children and the properties `kept`."""
+    old, new = node.props, mi.Properties(plugin)
+    new.set_id(old.id())
+    for name, value in old.items():
+        if name in kept or isinstance(value, mi.Properties.ResolvedReference):
+            new[name] = value
+    node.props = new

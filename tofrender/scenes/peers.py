@@ -1,0 +1,68 @@
+"""Names that scene files of mitransient and its course fork use for what has another name here."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from ..runtime import checks
+
+TIME_SAMPLINGS = ("stratified", "random")
+
+
+def use_own_names(state: Any) -> None:
+    """Put this package's names in the place of others', where they mean the same.
+
+    `timegated_transient_path`, whose gates fill the bins of a film, becomes the `transient_path`
+    around the same `confocal_projector`; `nlos_confocal` of a `transient_nlos_path` its
+    `capture_type`.
+
+    Args:
+        state: The `mi.parser.ParserState`, with its references resolved.
+
+    Raises:
+        ValueError: A name has no counterpart; one line that says what to use instead.
+    """
+    for node in state.nodes:
+        name = node.props.plugin_name()
+        if name == "timegated_transient_path":
+            _gate_all_bins(node.props)
+        elif name == "transient_nlos_path" and "nlos_confocal" in node.props:
+            _scan(node.props)
+        elif name == "angulararea":
+            raise ValueError(
+                "emitter = 'angulararea': is not known here; must be another emitter, e.g. area, "
+                "or spot, which has a cutoff_angle and a beam_width too"
+            )
+
+
+def _gate_all_bins(props: Any) -> None:
+    if "confocal_projector" not in props:
+        raise ValueError(
+            "integrator = 'timegated_transient_path': has no confocal_projector; must have one, or "
+            "be transient_path, or time_gated_transient_path for a single gate"
+        )
+    if "time_sampling" in props:
+        given = checks.one_of("time_sampling", props["time_sampling"], TIME_SAMPLINGS)
+        del props["time_sampling"]
+        _tell(f"time_sampling = {given!r}: has no effect; every path counts in all bins")
+    if "max_depth" not in props:
+        props["max_depth"] = 6
+    props.set_plugin_name("transient_path")
+
+
+def _scan(props: Any) -> None:
+    confocal = checks.boolean("nlos_confocal", props["nlos_confocal"])
+    del props["nlos_confocal"]
+    if "capture_type" in props:
+        raise ValueError(f"nlos_confocal = {confocal}: must be left out; capture_type is given")
+    props["capture_type"] = "confocal" if confocal else "single"
+    if confocal:
+        _tell(
+            "nlos_confocal = True: is capture_type = 'confocal'; the light is scaled by the "
+            "emitter's irradiance at each lit point (or laser_power), not by 1"
+        )
+
+
+def _tell(text: str) -> None:
+    warnings.warn(text, stacklevel=5)
