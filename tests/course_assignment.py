@@ -160,7 +160,7 @@ FILES = {
         import numpy as np
         import pytest
 
-        from tofrender.course import expect
+        from tofrender.course.judge import expect
 
         pytestmark = pytest.mark.a0_pulse
 
@@ -187,7 +187,7 @@ FILES = {
         import numpy as np
         import pytest
 
-        from tofrender.course import expect
+        from tofrender.course.judge import expect
 
         pytestmark = pytest.mark.a0_pulse
 
@@ -199,7 +199,7 @@ FILES = {
     "tests/test_range.py": """
         import pytest
 
-        from tofrender.course import expect
+        from tofrender.course.judge import expect
 
         pytestmark = pytest.mark.a0_range
 
@@ -217,7 +217,7 @@ FILES = {
         # # Tiny
 
         # %%
-        # %load_ext tofrender.course.notebooks
+        # %load_ext tofrender.course.student
         from pathlib import Path
 
         import numpy as np

@@ -57,7 +57,7 @@ def one(theirs, opl):
 TEST_PULSE = '''
 import numpy as np
 import pytest
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.t1_pulse
 
@@ -76,7 +76,7 @@ def test_draws(submission):
 
 TEST_SQUARE = """
 import pytest
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.t1_square
 

@@ -65,7 +65,7 @@ def mean(theirs, x):
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_add
 
@@ -83,7 +83,7 @@ def test_arrays(submission, count):
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_mean
 
@@ -98,7 +98,7 @@ def test_one(submission):
     "tests/test_file.py": """
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_file
 
@@ -132,7 +132,7 @@ TEST = """
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_p{0}
 

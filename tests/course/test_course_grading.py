@@ -19,10 +19,11 @@ from tiny_assignment import RIGHT
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
+from tofrender.course.results import Results, join, read_report
+
 from tofrender.cli import app as cli
 from tofrender.course import grading, processes, sandbox, unpacking
 from tofrender.course.assignments import PACKAGE, find
-from tofrender.course.results import Results, join, read_report
 
 SLEEP_S = 86_399.5  # what a process sleeps that should be ended
 TIME_LIMIT_S, MEMORY_GIB = 40.0, 0.5
@@ -149,7 +150,7 @@ for _ in range(25):
 PATCHES = """
 import json, numpy, pytest
 import tofrender.course.wire
-from tofrender.course import expect
+from tofrender.course.judge import expect
 true = lambda *_, **__: True
 numpy.allclose = numpy.all = numpy.array_equal = numpy.abs = true
 expect.close = expect.Failure = pytest.fail = json.dumps = true

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from judged_pulse import PULSE, RUBRIC, write_assignment, write_submission
+from tofrender.course.client import Limits, NoAnswer, Worker
 
 from tofrender.course import expect, judge, rubric, wire, worker
-from tofrender.course.client import Limits, NoAnswer, Worker
 
 
 @pytest.fixture

@@ -16,6 +16,8 @@ import course_assignment
 import mitsuba as mi
 import pytest
 import typer
+from tofrender.course.release import release
+from tofrender.course.start import start
 
 import tofrender
 from tofrender.cli import app as cli
@@ -34,8 +36,6 @@ from tofrender.course import (
     worker,
 )
 from tofrender.course.dependents import dependents
-from tofrender.course.release import release
-from tofrender.course.start import start
 
 
 @pytest.fixture
@@ -272,7 +272,7 @@ def test_students_folder(tiny, tmp_path, run):
     ]
     cells = json.loads((folder / "notebook.ipynb").read_text())["cells"]
     sources = ["".join(cell["source"]) for cell in cells]
-    assert sources[1].startswith("%load_ext tofrender.course.notebooks\n")
+    assert sources[1].startswith("%load_ext tofrender.course.student\n")
     stub = (tiny.starter / "pulse.py").read_text()
     assert sources[2] == f"%%solution pulse.py\n{stub.rstrip()}"
     status, _, said = run("start", tiny.folder, folder)

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from ..io.atomic import replacing
-from . import running
-from .assignments import Assignment
-from .start import NOTEBOOK, stubs
+from ...io.atomic import replacing
+from ..assignments import Assignment
+from ..judge import running
+from ..notebooks import NOTEBOOK
+from .start import stubs
 
 LONG_AGO = (1980, 1, 1, 0, 0, 0)
 """Time of every file in the archive, so that equal content gives equal archives."""

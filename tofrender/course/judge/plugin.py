@@ -9,6 +9,7 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 | `--seed N` | seed from which the tests derive theirs |
 | `--seeds N` | repeat every test under N seeds |
 | `--report FILE` | append a JSON line a test, as it ends |
+| `--collected FILE` | write which tests there are, with their markers |
 | `--edition DIR` | folder whose `tofrender` the submission sees |
 | `--memory-gib N`, `--confine` | limits of the submission's processes |
 """
@@ -23,7 +24,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from . import expect, rubric
+from .. import rubric
+from . import expect
 from .client import Limits, NoAnswer, Worker
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
@@ -116,6 +118,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--seed", type=int, default=0, metavar="N", help="seed of the tests")
     group.addoption("--seeds", type=int, default=1, metavar="N", help="repeat under N seeds")
     group.addoption("--report", metavar="FILE", help="append a JSON line for each test")
+    group.addoption("--collected", metavar="FILE", help="write the tests and their markers")
     group.addoption("--edition", metavar="DIR", help="package that the submission sees")
     group.addoption("--memory-gib", type=float, metavar="N", help="memory of the submission")
     group.addoption("--confine", action="store_true", help="let it write in its scratch only")
@@ -159,6 +162,18 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if seeds > 1 and "submission" in metafunc.fixturenames:
         ids = [f"seed{k}" for k in range(seeds)]
         metafunc.parametrize("submission", range(seeds), indirect=True, ids=ids)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Write what `--collected` asks for: a list of markers for each test's id."""
+    target = session.config.getoption("--collected")
+    if target:
+        tests: dict[str, set[str]] = {}
+        for item in session.items:
+            marks = {mark.name for mark in item.iter_markers()}
+            tests.setdefault(test_id(item.nodeid), set()).update(marks)
+        text = json.dumps({name: sorted(marks) for name, marks in tests.items()})
+        Path(target).write_text(text, encoding="utf-8")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
