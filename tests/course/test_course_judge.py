@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from judged_pulse import PULSE, RUBRIC, write_assignment, write_submission
-from tofrender.course.client import Limits, NoAnswer, Worker
 
-from tofrender.course import expect, judge, rubric, wire, worker
+from tofrender.course import rubric
+from tofrender.course.judge import expect, plugin, wire, worker
+from tofrender.course.judge.client import Limits, NoAnswer, Worker
 
 
 @pytest.fixture
@@ -276,4 +277,4 @@ def test_false_alarms_are_as_rare_as_stated():
 
 
 def test_ids_of_tests():
-    assert judge.test_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"
+    assert plugin.test_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"
