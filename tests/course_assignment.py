@@ -24,7 +24,7 @@ FILES = {
         id = "a0"
         title = "Tiny"
         comparisons = 10
-        also_withhold = ["tofrender.nlos.light.corner"]
+        also_withhold = ["tofrender.nlos.light.confocal"]
         submit = ["*.py", "notebook.ipynb", "deliverables/*"]
 
         [[problem]]

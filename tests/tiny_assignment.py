@@ -8,7 +8,7 @@ RUBRIC = """
 [assignment]
 id = "a0"
 title = "Arithmetic"
-also_withhold = ["tofrender.paths.targets"]
+also_withhold = ["tofrender.integrators"]
 submit = ["*.py", "deliverables/*"]
 
 [[problem]]
@@ -16,7 +16,7 @@ id = "a0.add"
 title = "Addition"
 file = "add.py"
 names = ["add"]
-withholds = ["tofrender.nlos.light.corner"]
+withholds = ["tofrender.nlos.light"]
 timeout_s = 4
 takes_s = 1
 tests = [
@@ -146,9 +146,7 @@ CALL = "def call(theirs, name, **arguments):\n    return getattr(theirs, name)(*
 
 def wide(titles: list[str]) -> dict[str, str]:
     """Files of an assignment with a problem for each title: add two numbers in p0.py, p1.py ..."""
-    head = (
-        '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.nlos.light.corner"]\n'
-    )
+    head = '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.nlos.light"]\n'
     files = {
         "rubric.toml": head + "".join(PROBLEM.format(*each) for each in enumerate(titles)),
         "pytest.ini": FILES["pytest.ini"],

@@ -222,9 +222,9 @@ HOSTILE = {
     "patches the judge's modules": (PATCHES, 0, ""),
     "junk for an answer": (JUNK, 0, ""),
     "withheld module": (
-        "from tofrender.nlos.light.corner import *\n" + ADD,
+        "from tofrender.nlos.light.confocal import *\n" + ADD,
         0,
-        "tofrender.nlos.light.corner is not part of the student edition",
+        "tofrender.nlos.light.confocal is not part of the student edition",
     ),
     "100 MB of output": (
         "import sys\ndef add(a, b):\n    sys.stdout.write('x' * 100_000_000)\n    return a + b\n",
@@ -247,7 +247,11 @@ HOSTILE = {
 }
 
 CONFINED = {
-    "reads the reference": ("open('@PACKAGE@/nlos/light/corner.py')\n" + ADD, 0, "PermissionError"),
+    "reads the reference": (
+        "open('@PACKAGE@/nlos/light/confocal.py')\n" + ADD,
+        0,
+        "PermissionError",
+    ),
     "reads a solution": ("open('@TOP@/staff/solutions/p0.py')\n" + ADD, 0, "PermissionError"),
     "writes and kills outside": (OUTSIDE + ADD, 0, "PermissionError: [Errno 1]"),
     "right after them": (ADD, 1, ""),

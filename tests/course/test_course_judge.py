@@ -277,4 +277,4 @@ def test_false_alarms_are_as_rare_as_stated():
 
 
 def test_ids_of_tests():
-    assert plugin.test_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"
+    assert plugin.rubric_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"

@@ -84,7 +84,7 @@ def test_released_folder(released):
         *("rubric.toml", "starter/pulse.py", "starter/wrapping.py"),
         *("tests/probes.py", "tests/test_pulse.py", "tests/test_range.py"),
     }
-    gone = ("signals/pulses", "nlos/light/corner", "analysis/conversion", "analysis/correlation")
+    gone = ("signals/pulses", "nlos/light/confocal", "analysis/conversion", "analysis/correlation")
     for name in gone:
         assert (assignments.PACKAGE / f"{name}.py").is_file()
         assert f"package/tofrender/{name}.py" not in files
@@ -111,7 +111,7 @@ def test_names_say_the_problem(released):
 import tofrender, tofrender.analysis
 for statement in (
     "from tofrender import GaussianPulse", "tofrender.GaussianPulse",
-    "from tofrender.signals.pulses import BoxPulse", "import tofrender.nlos.light.corner",
+    "from tofrender.signals.pulses import BoxPulse", "import tofrender.nlos.light.confocal",
     "from tofrender.analysis import unambiguous_range", "from tofrender import TransientPath",
     "tofrender.render('cornell_box', spp=1)",
 ):
@@ -126,7 +126,7 @@ print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.signals.pulses is {pulse}",
-        "tofrender.nlos.light.corner is not part of the student edition",
+        "tofrender.nlos.light.confocal is not part of the student edition",
         "tofrender.analysis.unambiguous_range is yours to write: problem a0.range",
         f"tofrender.TransientPath: {integrator} is not part of the student edition",
         f"integrator = 'transient_path': {integrator} is not part of the student edition",
@@ -146,14 +146,14 @@ def test_release_overwrites_nothing(tiny, tmp_path, run):
 
 @pytest.mark.slow
 def test_release_fails_closed(tiny, tmp_path, run):
-    source = (assignments.PACKAGE / "nlos/light/corner.py").read_text()
+    source = (assignments.PACKAGE / "nlos/light/confocal.py").read_text()
     probes = tiny.folder / "tests" / "probes.py"
     probes.write_text(probes.read_text() + "\n\n" + source.replace("# ", "# Changed: "))
     status, out, said = run("release", tiny.folder, "-o", tmp_path / "dist")
     assert (status, out) == (1, "")
     where = "tofrender/course/material/a0_tiny/tests/probes.py"
     assert said.startswith(f"error: {where}: ")
-    assert "of light/corner.py, which is withheld" in said
+    assert "of light/confocal.py, which is withheld" in said
     assert list((tmp_path / "dist").iterdir()) == []
 
 
@@ -175,11 +175,26 @@ def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
 
 def test_withheld_modules_must_exist(tiny, tmp_path):
     text = course_assignment.FILES["rubric.toml"].replace(
-        "tofrender.nlos.light.corner", "tofrender.conrer"
+        "tofrender.nlos.light.confocal", "tofrender.conrer"
     )
     course_assignment.put(tiny.folder, "rubric.toml", text)
     with pytest.raises(ValueError, match=r"module tofrender\.conrer: does not exist"):
         edition.copy(tiny, tmp_path / "edition")
+
+
+@pytest.mark.slow
+def test_a_package_is_withheld_but_for_what_is_kept(tiny):
+    def keeping(*keeps: str) -> rubric.Rubric:
+        return dataclasses.replace(
+            tiny.rubric, also_withhold=("tofrender.paths", "tofrender.integrators"), keeps=keeps
+        )
+
+    modules = set(edition.chosen(keeping("tofrender.paths.camera")))
+    assert {"tofrender.integrators", "tofrender.paths.walk"} <= modules
+    assert not {"tofrender.paths", "tofrender.paths.camera"} & modules
+    message = r"rubric\.toml: keeps tofrender\.integrators\.base, which needs tofrender\.paths"
+    with pytest.raises(ValueError, match=message):
+        edition.withheld(keeping("tofrender.integrators.base"))
 
 
 @pytest.mark.slow

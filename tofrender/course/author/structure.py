@@ -118,9 +118,9 @@ def _handout(assignment: Assignment) -> Iterator[str]:
             yield f"README.md: [[{problem}]]: the rubric has no such problem"
         elif blocks[problem] != 1:
             yield f"README.md: line [[{problem}]] is there {blocks[problem]} times, must be once"
-    places = ["README.md", "exercises.md", "notebook.py", *_names(assignment, "starter/*.py")]
-    for name in places:
-        path = assignment.folder / name
+    texts = [assignment.folder / name for name in ("README.md", "exercises.md", "notebook.py")]
+    for path in (*texts, *sorted(assignment.starter.glob("*.py"))):
+        name = path.relative_to(assignment.folder)
         for match in POINTS_IN_TEXT.finditer(_read(path) if path.is_file() else ""):
             yield f"{name}: states points ({match[0].strip()!r}); only rubric.toml may"
     for match in re.finditer(r"!\[[^\]]*\]\(([^)]+)\)", text):
@@ -190,11 +190,6 @@ def _mutants(assignment: Assignment) -> Iterator[str]:
             mutants.apply(assignment, mutant)
         except ValueError as error:
             yield str(error)
-
-
-def _names(assignment: Assignment, pattern: str) -> list[str]:
-    folder = assignment.folder
-    return [str(path.relative_to(folder)) for path in sorted(folder.glob(pattern))]
 
 
 def _imported(path: Path) -> set[str]:

@@ -18,8 +18,8 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from .. import edition
@@ -78,8 +78,8 @@ def verify(
     """
     assignment.require_staff("verify")
     chosen = _choose(assignment, only)
-    with _scratch() as folder:
-        work = _Work(assignment, folder, seeds, only, say)
+    with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
+        work = _Work(assignment, Path(folder), seeds, only, say)
         for name in CHECKS:
             if name in chosen:
                 say(name)
@@ -105,42 +105,31 @@ def _choose(assignment: Assignment, only: Collection[str]) -> set[str]:
     return chosen or set(CHECKS)
 
 
-@contextmanager
-def _scratch() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
-        yield Path(folder)
-
-
+@dataclass
 class _Work:
-    """The checks, and what they share: the edition and the right solutions' folder."""
+    """The checks, and what several of them need: the edition and the right solutions' folder."""
 
-    def __init__(self, assignment, folder, seeds, only, say) -> None:
-        self.assignment: Assignment = assignment
-        self.folder: Path = folder
-        self.seeds: int = seeds
-        self.only: Collection[str] = only
-        self.say: Callable[[str], None] = say
-        self._ready: dict[str, Path] = {}
+    assignment: Assignment
+    folder: Path
+    seeds: int
+    only: Collection[str]
+    say: Callable[[str], None]
 
-    # ------------------------------------------------------------------------------ shared
-
+    @cached_property
     def _edition(self) -> Path:
-        if "edition" not in self._ready:
-            edition.copy(self.assignment, self.folder / "edition")
-            self._ready["edition"] = self.folder / "edition"
-        return self._ready["edition"]
+        edition.copy(self.assignment, self.folder / "edition")
+        return self.folder / "edition"
 
+    @cached_property
     def _right(self) -> Path:
         """The independent solutions, with what their notebook has written."""
-        if "right" not in self._ready:
-            self.say("solutions: running the notebook")
-            target = self.folder / "right"
-            shutil.copytree(self.assignment.solutions, target)
-            for name in self.assignment.given:
-                shutil.copy(self.assignment.starter / name, target)
-            mutants.solve_notebook(self.assignment, target, self._edition())
-            self._ready["right"] = target
-        return self._ready["right"]
+        self.say("solutions: running the notebook")
+        target = self.folder / "right"
+        shutil.copytree(self.assignment.solutions, target)
+        for name in self.assignment.given:
+            shutil.copy(self.assignment.starter / name, target)
+        mutants.solve_notebook(self.assignment, target, self._edition)
+        return target
 
     @staticmethod
     def _not_passed(tests: Iterable[str], outcomes: dict[str, running.Outcome]) -> Iterator[str]:
@@ -169,7 +158,7 @@ class _Work:
 
     def edition(self, check: Check) -> None:
         """Nothing leaks, the rest works, and a student can start with it."""
-        folder = self._edition()
+        folder = self._edition
         check.reasons += leaks.leaks(self.assignment, folder)
         check.reasons += leaks.smoke_test(self.assignment, folder)
         check.detail = f"without {len(edition.withheld(self.assignment.rubric))} modules"
@@ -186,7 +175,7 @@ class _Work:
     def starter(self, check: Check) -> None:
         """No points, no crash."""
         outcomes = running.run(
-            self.assignment.folder, submission=self.assignment.starter, edition=self._edition()
+            self.assignment.folder, submission=self.assignment.starter, edition=self._edition
         )
         for name, problem in self.assignment.rubric.problem_of.items():
             outcome = outcomes.get(name)
@@ -221,8 +210,8 @@ class _Work:
 
     def solutions(self, check: Check) -> None:
         """All points for independent solutions, under every seed."""
-        right = self._right()
-        outcomes = running.run(self.assignment.folder, submission=right, edition=self._edition())
+        right = self._right
+        outcomes = running.run(self.assignment.folder, submission=right, edition=self._edition)
         check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
         check.reasons += self._uses(outcomes)
         check.reasons += self._is_slow(outcomes)
@@ -243,7 +232,7 @@ class _Work:
                 self.assignment.folder,
                 tests=part,
                 submission=right,
-                edition=self._edition(),
+                edition=self._edition,
                 seeds=self.seeds,
             )
 
@@ -274,7 +263,7 @@ class _Work:
         those = mutants.read(self.assignment)
         named = [mutant for mutant in those if mutant.id in self.only]
         those = named or those
-        right, package = self._right(), self._edition()
+        right, package = self._right, self._edition
         (self.folder / "mutants").mkdir()
 
         def judge(mutant: mutants.Mutant) -> list[str]:

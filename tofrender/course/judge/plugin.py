@@ -171,7 +171,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         tests: dict[str, set[str]] = {}
         for item in session.items:
             marks = {mark.name for mark in item.iter_markers()}
-            tests.setdefault(test_id(item.nodeid), set()).update(marks)
+            tests.setdefault(rubric_id(item.nodeid), set()).update(marks)
         text = json.dumps({name: sorted(marks) for name, marks in tests.items()})
         Path(target).write_text(text, encoding="utf-8")
 
@@ -216,7 +216,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
         skipped = any(r.skipped for r in _reports)
         asked = item.stash.get(ASKED, None)
         line = {
-            "id": test_id(item.nodeid),
+            "id": rubric_id(item.nodeid),
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
             "text": str(bad[0].longrepr) if bad else "",
@@ -229,18 +229,15 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
     return result
 
 
-def test_id(nodeid: str) -> str:
-    """The id of a test in the rubric: its file's name and its function's, without a case.
+def rubric_id(nodeid: str) -> str:
+    """A test's id in the rubric: its file's name and its function's, without a case.
 
     Example:
-        >>> test_id("tests/test_pulse.py::test_area[0.1-seed3]")
+        >>> rubric_id("tests/test_pulse.py::test_area[0.1-seed3]")
         'test_pulse.py::test_area'
     """
     path, _, function = nodeid.partition("::")
     return f"{Path(path).name}::{function.partition('[')[0]}"
-
-
-test_id.__test__ = False  # pytest: it is no test
 
 
 def _problem(item: Any) -> rubric.Problem | None:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
-import os
 import re
 import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from ...io.atomic import replacing
 
 RECORD = ".tofrender-cells.json"
 """File beside the notebook: what the cells last wrote, as a hash of each file."""
@@ -51,8 +52,7 @@ def save(path: Path, cell: str) -> str:
         What was done, for the student.
     """
     text = cell.rstrip() + "\n"
-    record = path.with_name(RECORD)
-    written = _read_record(record)
+    written = _read_record(path.parent)
     said = f"wrote {path.name}"
     if path.is_file():
         there = path.read_bytes()
@@ -70,16 +70,15 @@ def save(path: Path, cell: str) -> str:
                 f"wrote {path.name}. It had been changed outside of this cell: "
                 f"what it held is now in {backup.name}"
             )
-    _replace(path, text)
-    written[path.name] = _hash(text.encode())
-    _replace(record, json.dumps(written, indent=1, sort_keys=True) + "\n")
+    with replacing(path) as temporary:
+        temporary.write_bytes(text.encode())
+    _write_record(path.parent, written | {path.name: _hash(text.encode())})
     return said
 
 
 def remember(folder: Path, names: list[str]) -> None:
     """Take a folder's files for those that the cells last wrote."""
-    hashes = {name: _hash((folder / name).read_bytes()) for name in sorted(names)}
-    _replace(folder / RECORD, json.dumps(hashes, indent=1) + "\n")
+    _write_record(folder, {name: _hash((folder / name).read_bytes()) for name in names})
 
 
 def refresh(path: Path, namespace: dict[str, Any]) -> None:
@@ -98,7 +97,8 @@ def refresh(path: Path, namespace: dict[str, Any]) -> None:
     old = {
         name: module
         for name, module in sys.modules.items()
-        if _folder_of(module) == path.parent and name != "__main__"
+        if Path(getattr(module, "__file__", None) or "/").parent == path.parent
+        and name != "__main__"
     }
     came_from = {
         id(value): (name, attribute)
@@ -117,11 +117,6 @@ def refresh(path: Path, namespace: dict[str, Any]) -> None:
             namespace[variable] = new[value.__name__]
 
 
-def _folder_of(module: Any) -> Path | None:
-    file = getattr(module, "__file__", None)
-    return Path(file).parent if file else None
-
-
 def _backup_name(path: Path) -> Path:
     """The first free of pulse.py.1, pulse.py.2 ...; no pattern for Python files takes them."""
     number = 1
@@ -130,19 +125,18 @@ def _backup_name(path: Path) -> Path:
     return backup
 
 
-def _read_record(path: Path) -> dict[str, str]:
+def _read_record(folder: Path) -> dict[str, str]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
 
 
+def _write_record(folder: Path, hashes: dict[str, str]) -> None:
+    with replacing(folder / RECORD) as temporary:
+        temporary.write_text(json.dumps(hashes, indent=1, sort_keys=True) + "\n")
+
+
 def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(f"{path.name}.part")
-    temporary.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(temporary, path)
