@@ -248,7 +248,7 @@ HOSTILE = {
 
 CONFINED = {
     "reads the reference": (
-        "open('@PACKAGE@/nlos/light/confocal.py')\n" + ADD,
+        "open('@PACKAGE@/paths/walk.py')\n" + ADD,
         0,
         "PermissionError",
     ),

@@ -86,9 +86,8 @@ def execute(path: Path, *, timeout_s: float = 600.0, **environment: str) -> None
             notebook, timeout=timeout_s, resources={"metadata": {"path": str(path.parent)}}
         )
         try:
-            client.execute(
-                env=variables, stderr=subprocess.DEVNULL
-            )  # what the kernel says, not its cells
+            # the kernel's own words go nowhere, those of its cells into the notebook
+            client.execute(env=variables, stderr=subprocess.DEVNULL)
         except (CellExecutionError, TimeoutError, RuntimeError) as error:
             colour = re.compile(r"\x1b\[[\d;]*m")
             lines = [line for line in colour.sub("", str(error)).splitlines() if line.strip()]

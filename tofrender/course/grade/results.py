@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...io.atomic import replacing
+from ..material import points_text
 from ..rubric import GradedTest, Problem, Rubric
 
 KEPT_TEXT = 6000
@@ -153,9 +154,9 @@ def write_csv(path: Path, rubric: Rubric, rows: Mapping[str, Mapping[str, Any]])
         writer.writerow(["submission", "total", *problems, "reason"])
         for name, content in rows.items():
             extra = content["extra_data"]
-            points = [_number(extra["problems"][problem]) for problem in problems]
+            points = [points_text(extra["problems"][problem]) for problem in problems]
             reason = _cell(extra["summary"])
-            writer.writerow([_cell(name), _number(content["score"]), *points, reason])
+            writer.writerow([_cell(name), points_text(content["score"]), *points, reason])
 
 
 def grades_of(
@@ -197,13 +198,9 @@ def printable(text: str, length: int) -> str:
         >>> printable("a\x1b[31m\x00b", 100), printable("abcdefgh", 4)
         ('a[31mb', 'ab [...] gh')
     """
-    text = "".join(c for c in text if c in "\n\t" or (c.isprintable() and not _is_lone(c)))
+    text = "".join(c for c in text if c in "\n\t" or c.isprintable())
     half = length // 2
     return text if len(text) <= length else f"{text[:half]} [...] {text[-half:]}"
-
-
-def _is_lone(character: str) -> bool:
-    return 0xD800 <= ord(character) < 0xE000
 
 
 def _case(line: Mapping[str, Any]) -> str:
@@ -213,10 +210,6 @@ def _case(line: Mapping[str, Any]) -> str:
 
 def _first_lines(text: str) -> str:
     return " ".join(printable(text, 300).split())
-
-
-def _number(value: float) -> str:
-    return f"{value:.10g}"
 
 
 def _cell(text: str) -> str:

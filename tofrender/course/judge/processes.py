@@ -7,7 +7,6 @@ tree. Nothing that is not below it is ever ended.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -19,6 +18,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import psutil
+
+from . import sandbox
 
 KEPT_OUTPUT = 20_000
 MAX_PROCESSES = 200
@@ -49,8 +50,7 @@ class Supervised:
         stdin: int = subprocess.DEVNULL,
     ) -> None:
         if sys.platform.startswith("linux"):
-            word = ctypes.c_ulong
-            ctypes.CDLL(None).prctl(SET_CHILD_SUBREAPER, word(1), word(0), word(0), word(0))
+            sandbox.prctl(SET_CHILD_SUBREAPER, 1)
         self._others = {child.pid for child in psutil.Process().children()}
         self.process = subprocess.Popen(
             command,
