@@ -15,7 +15,7 @@ FILES = {
     "figures/one.png": "a picture",
     "pytest.ini": """
         [pytest]
-        addopts = -p tofrender.course.judge --strict-markers
+        addopts = -p tofrender.course.judge.plugin --strict-markers
         testpaths = tests
         pythonpath = tests
         """,

@@ -50,7 +50,7 @@ FILES = {
     "rubric.toml": RUBRIC,
     "pytest.ini": """
 [pytest]
-addopts = -p tofrender.course.judge --strict-markers
+addopts = -p tofrender.course.judge.plugin --strict-markers
 testpaths = tests
 pythonpath = tests
 """,

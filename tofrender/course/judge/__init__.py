@@ -1,4 +1,4 @@
-"""Judging what a submission answers: `pytest -p tofrender.course.judge` (options: see `plugin`).
+"""Judging what a submission answers: `pytest -p tofrender.course.judge.plugin`.
 
 A test never imports what it judges. It asks a worker, a process of its own, which loads the
 submission, runs a probe of the test's author on it, and answers with arrays.
@@ -11,5 +11,3 @@ submission, runs a probe of the test's author on it, and answers with arrays.
 | `sandbox`, `processes` | what a process may do, and the end of all that it has started |
 | `running` | an assignment's tests in a pytest of their own, and what its report says |
 """
-
-pytest_plugins = ("tofrender.course.judge.plugin",)

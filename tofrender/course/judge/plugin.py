@@ -1,4 +1,4 @@
-"""The pytest plugin of the assignments: `pytest -p tofrender.course.judge`.
+"""The pytest plugin of the assignments: `pytest -p tofrender.course.judge.plugin`.
 
 It reads `rubric.toml` beside the tests, makes a marker of each problem, and offers the fixture
 `submission`. Each failed test says in a few lines what was expected and what came.
