@@ -15,7 +15,7 @@ FILES = {
     "figures/one.png": "a picture",
     "pytest.ini": """
         [pytest]
-        addopts = -p tofrender.course.judge --strict-markers
+        addopts = -p tofrender.course.judge.plugin --strict-markers
         testpaths = tests
         pythonpath = tests
         """,
@@ -24,7 +24,7 @@ FILES = {
         id = "a0"
         title = "Tiny"
         comparisons = 10
-        also_withhold = ["tofrender.nlos.light.corner"]
+        also_withhold = ["tofrender.nlos.light.confocal"]
         submit = ["*.py", "notebook.ipynb", "deliverables/*"]
 
         [[problem]]
@@ -160,7 +160,7 @@ FILES = {
         import numpy as np
         import pytest
 
-        from tofrender.course import expect
+        from tofrender.course.judge import expect
 
         pytestmark = pytest.mark.a0_pulse
 
@@ -187,7 +187,7 @@ FILES = {
         import numpy as np
         import pytest
 
-        from tofrender.course import expect
+        from tofrender.course.judge import expect
 
         pytestmark = pytest.mark.a0_pulse
 
@@ -199,7 +199,7 @@ FILES = {
     "tests/test_range.py": """
         import pytest
 
-        from tofrender.course import expect
+        from tofrender.course.judge import expect
 
         pytestmark = pytest.mark.a0_range
 
@@ -217,7 +217,7 @@ FILES = {
         # # Tiny
 
         # %%
-        # %load_ext tofrender.course.notebooks
+        # %load_ext tofrender.course.student
         from pathlib import Path
 
         import numpy as np

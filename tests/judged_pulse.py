@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import tiny_assignment
+
 RUBRIC = """
 [assignment]
 id = "t1"
@@ -32,13 +34,6 @@ timeout_s = 3
 tests = [{ id = "test_square.py::test_one", points = 3 }]
 """
 
-PYTEST_INI = """
-[pytest]
-addopts = -p tofrender.course.judge --strict-markers
-testpaths = tests
-pythonpath = tests
-"""
-
 PROBES = """
 import mitsuba as mi
 import numpy as np
@@ -57,7 +52,7 @@ def one(theirs, opl):
 TEST_PULSE = '''
 import numpy as np
 import pytest
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.t1_pulse
 
@@ -76,7 +71,7 @@ def test_draws(submission):
 
 TEST_SQUARE = """
 import pytest
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.t1_square
 
@@ -113,22 +108,17 @@ class AMCWPulse:
 
 def write_assignment(folder: Path) -> Path:
     """The assignment in a new folder."""
-    (folder / "tests").mkdir(parents=True)
-    for name, text in {
+    files = {
         "rubric.toml": RUBRIC,
-        "pytest.ini": PYTEST_INI,
+        "pytest.ini": tiny_assignment.FILES["pytest.ini"],
         "tests/probes.py": PROBES,
         "tests/test_pulse.py": TEST_PULSE,
         "tests/test_square.py": TEST_SQUARE,
-    }.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return folder
+    }
+    return tiny_assignment.write(folder, files)
 
 
 def write_submission(folder: Path, pulse: str | None = PULSE, square: str | None = SQUARE) -> Path:
     """A submission in a new folder; a file whose text is None is missing."""
-    folder.mkdir(parents=True)
-    for name, text in (("pulse.py", pulse), ("square.py", square)):
-        if text is not None:
-            (folder / name).write_text(text, encoding="utf-8")
-    return folder
+    files = {"pulse.py": pulse, "square.py": square}
+    return tiny_assignment.write(folder, {n: text for n, text in files.items() if text is not None})

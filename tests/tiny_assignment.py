@@ -8,7 +8,7 @@ RUBRIC = """
 [assignment]
 id = "a0"
 title = "Arithmetic"
-also_withhold = ["tofrender.paths.targets"]
+also_withhold = ["tofrender.integrators"]
 submit = ["*.py", "deliverables/*"]
 
 [[problem]]
@@ -16,7 +16,7 @@ id = "a0.add"
 title = "Addition"
 file = "add.py"
 names = ["add"]
-withholds = ["tofrender.nlos.light.corner"]
+withholds = ["tofrender.nlos.light"]
 timeout_s = 4
 takes_s = 1
 tests = [
@@ -50,7 +50,7 @@ FILES = {
     "rubric.toml": RUBRIC,
     "pytest.ini": """
 [pytest]
-addopts = -p tofrender.course.judge --strict-markers
+addopts = -p tofrender.course.judge.plugin --strict-markers
 testpaths = tests
 pythonpath = tests
 """,
@@ -65,7 +65,7 @@ def mean(theirs, x):
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_add
 
@@ -83,7 +83,7 @@ def test_arrays(submission, count):
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_mean
 
@@ -98,7 +98,7 @@ def test_one(submission):
     "tests/test_file.py": """
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_file
 
@@ -132,7 +132,7 @@ TEST = """
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a0_p{0}
 
@@ -146,9 +146,7 @@ CALL = "def call(theirs, name, **arguments):\n    return getattr(theirs, name)(*
 
 def wide(titles: list[str]) -> dict[str, str]:
     """Files of an assignment with a problem for each title: add two numbers in p0.py, p1.py ..."""
-    head = (
-        '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.nlos.light.corner"]\n'
-    )
+    head = '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.nlos.light"]\n'
     files = {
         "rubric.toml": head + "".join(PROBLEM.format(*each) for each in enumerate(titles)),
         "pytest.ini": FILES["pytest.ini"],

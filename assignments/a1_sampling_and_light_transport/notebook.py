@@ -26,7 +26,7 @@
 # ## Set-up
 
 # %%
-# %load_ext tofrender.course.notebooks
+# %load_ext tofrender.course.student
 
 # %%
 import os

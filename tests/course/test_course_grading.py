@@ -20,9 +20,11 @@ from tiny_assignment import RIGHT
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
 from tofrender.cli import app as cli
-from tofrender.course import grading, processes, sandbox, unpacking
 from tofrender.course.assignments import PACKAGE, find
-from tofrender.course.results import Results, join, read_report
+from tofrender.course.grade import grading, unpacking
+from tofrender.course.grade.results import Results, grades_of
+from tofrender.course.judge import processes, sandbox
+from tofrender.course.judge.running import read_report
 
 SLEEP_S = 86_399.5  # what a process sleeps that should be ended
 TIME_LIMIT_S, MEMORY_GIB = 40.0, 0.5
@@ -148,12 +150,12 @@ for _ in range(25):
 
 PATCHES = """
 import json, numpy, pytest
-import tofrender.course.wire
-from tofrender.course import expect
+import tofrender.course.judge.wire
+from tofrender.course.judge import expect
 true = lambda *_, **__: True
 numpy.allclose = numpy.all = numpy.array_equal = numpy.abs = true
 expect.close = expect.Failure = pytest.fail = json.dumps = true
-tofrender.course.judge = None
+tofrender.course.judge.plugin = None
 def add(a, b):
     return 0
 """
@@ -220,9 +222,9 @@ HOSTILE = {
     "patches the judge's modules": (PATCHES, 0, ""),
     "junk for an answer": (JUNK, 0, ""),
     "withheld module": (
-        "from tofrender.nlos.light.corner import *\n" + ADD,
+        "from tofrender.nlos.light.confocal import *\n" + ADD,
         0,
-        "tofrender.nlos.light.corner is not part of the student edition",
+        "tofrender.nlos.light.confocal is not part of the student edition",
     ),
     "100 MB of output": (
         "import sys\ndef add(a, b):\n    sys.stdout.write('x' * 100_000_000)\n    return a + b\n",
@@ -245,7 +247,11 @@ HOSTILE = {
 }
 
 CONFINED = {
-    "reads the reference": ("open('@PACKAGE@/corner.py')\n" + ADD, 0, "PermissionError"),
+    "reads the reference": (
+        "open('@PACKAGE@/paths/walk.py')\n" + ADD,
+        0,
+        "PermissionError",
+    ),
     "reads a solution": ("open('@TOP@/staff/solutions/p0.py')\n" + ADD, 0, "PermissionError"),
     "writes and kills outside": (OUTSIDE + ADD, 0, "PermissionError: [Errno 1]"),
     "right after them": (ADD, 1, ""),
@@ -377,7 +383,7 @@ def test_bad_zip_gives_nothing_and_a_reason(tmp_path, name):
     entries, links, reason = BAD_ZIPS[name]
     path = make_zip(tmp_path / "x.zip", RIGHT | entries if not links else entries, links)
     with pytest.raises(unpacking.BadSubmission, match=reason.replace(".", "[.]")):
-        unpacking.take(path, ["*.py", "deliverables/*", "*/*/*"], tmp_path / "taken")
+        unpacking.extract(path, ["*.py", "deliverables/*", "*/*/*"], tmp_path / "taken")
     assert not (tmp_path / "taken").exists()
 
 
@@ -400,7 +406,7 @@ def test_expansion_is_counted_as_it_comes(tmp_path, monkeypatch):
         with pytest.raises(
             unpacking.BadSubmission, match=r"unpacks to more than 1 MiB|cannot be read"
         ):
-            unpacking.take(path, ["*.py"], tmp_path / f"taken{data is lying}")
+            unpacking.extract(path, ["*.py"], tmp_path / f"taken{data is lying}")
 
 
 @pytest.mark.slow
@@ -422,21 +428,21 @@ def test_zip_of_many_or_double_or_encrypted_files(tmp_path):
     huge = make_zip(tmp_path / "huge.zip", {f"{i}{'x' * 200}.py": "" for i in range(5000)})
     for path in (many, huge):
         with pytest.raises(unpacking.BadSubmission, match="more than 2000"):
-            unpacking.take(path, ["*.py"], tmp_path / "taken")
+            unpacking.extract(path, ["*.py"], tmp_path / "taken")
     double = tmp_path / "double.zip"
     with zipfile.ZipFile(double, "w") as archive:
         archive.writestr("add.py", "1")
         with pytest.warns(UserWarning, match="Duplicate name"):
             archive.writestr("add.py", "2")
     with pytest.raises(unpacking.BadSubmission, match="twice"):
-        unpacking.take(double, ["*.py"], tmp_path / "taken")
+        unpacking.extract(double, ["*.py"], tmp_path / "taken")
     locked = make_zip(tmp_path / "locked.zip", {"add.py": "1"})
     data = bytearray(locked.read_bytes())
     data[6] |= 1
     data[data.index(b"PK\x01\x02") + 8] |= 1
     locked.write_bytes(data)
     with pytest.raises(unpacking.BadSubmission, match="encrypted"):
-        unpacking.take(locked, ["*.py"], tmp_path / "taken")
+        unpacking.extract(locked, ["*.py"], tmp_path / "taken")
 
 
 def test_folder_with_links_and_pipes(tmp_path):
@@ -444,7 +450,7 @@ def test_folder_with_links_and_pipes(tmp_path):
     (folder / "link.py").symlink_to("/etc/passwd")
     (folder / "deliverables").symlink_to("/etc")
     os.mkfifo(folder / "pipe.py")
-    assert unpacking.take(folder, ["*.py", "deliverables/*"], tmp_path / "taken") == [
+    assert unpacking.extract(folder, ["*.py", "deliverables/*"], tmp_path / "taken") == [
         "add.py",
         "mean.py",
     ]
@@ -460,13 +466,13 @@ def test_report_that_was_cut_off(assignment, tmp_path):
     path = tmp_path / "lines.json"
     path.write_text("".join(json.dumps(each) + "\n" for each in lines) + '{"id": "test_a')
     assert read_report(path) == lines
-    whole = join(problem, lines, True, "")
-    assert [verdict.passed for verdict in whole.values()] == [True, True]
-    cut = join(problem, lines, False, "took too long")
-    assert [verdict.passed for verdict in cut.values()] == [True, False]
+    whole = grades_of(problem, lines, True, "")
+    assert [grade.passed for grade in whole.values()] == [True, True]
+    cut = grades_of(problem, lines, False, "took too long")
+    assert [grade.passed for grade in cut.values()] == [True, False]
     assert cut["test_add.py::test_arrays"].reason == "took too long"
-    skipped = join(problem, [lines[0] | {"outcome": "skipped"}], True, "")
-    assert [verdict.passed for verdict in skipped.values()] == [False, False]
+    skipped = grades_of(problem, [lines[0] | {"outcome": "skipped"}], True, "")
+    assert [grade.passed for grade in skipped.values()] == [False, False]
 
 
 def test_results_are_zero_at_first(assignment, tmp_path):

@@ -9,11 +9,13 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from judged_pulse import PULSE, RUBRIC, write_assignment, write_submission
 
-from tofrender.course import expect, judge, rubric, wire, worker
-from tofrender.course.client import Limits, NoAnswer, Worker
+from tofrender.course import rubric
+from tofrender.course.judge import expect, plugin, wire, worker
+from tofrender.course.judge.client import Limits, NoAnswer, Worker
 
 
 @pytest.fixture
@@ -133,6 +135,38 @@ def test_whatever_a_submission_does_the_next_answer_is_right(code, assignment, t
         assert limited.ask("one", {"opl": 0.0}, 5) == [1.0]
     finally:
         limited.close()
+
+
+HIDING = """
+import os
+if os.fork() == 0:
+    os.setsid()
+    if os.fork():
+        os._exit(0)
+    os.execvp("sleep", ["sleep", "86398.5"])
+"""
+
+
+@pytest.mark.slow
+def test_what_hides_from_the_worker_ends_with_it_and_nothing_else_does(assignment, tmp_path):
+    other = subprocess.Popen(["sleep", "86398.25"])
+    submission = write_submission(tmp_path / "hiding", HIDING + PULSE)
+    asked = Worker(assignment, submission)
+
+    def sleeping() -> list[str]:
+        lines = [process.info["cmdline"] for process in psutil.process_iter(["cmdline"])]
+        return sorted(line[1] for line in lines if line and line[0] == "sleep" and len(line) == 2)
+
+    try:
+        asked.ask("density", {"width": 0.1, "t": np.zeros(1)}, 10)
+        assert "86398.5" in sleeping()
+        asked.close()
+        assert "86398.5" not in sleeping()
+        assert other.poll() is None
+    finally:
+        asked.close()
+        other.kill()
+        other.wait()
 
 
 def test_missing_file_and_printed_output(assignment, tmp_path):
@@ -276,4 +310,4 @@ def test_false_alarms_are_as_rare_as_stated():
 
 
 def test_ids_of_tests():
-    assert judge.test_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"
+    assert plugin.rubric_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"

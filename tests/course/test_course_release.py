@@ -20,22 +20,13 @@ import typer
 import tofrender
 from tofrender.cli import app as cli
 from tofrender.cli import course as cli_course
-from tofrender.course import (
-    assignments,
-    edition,
-    material,
-    mutants,
-    notebooks,
-    rubric,
-    running,
-    structure,
-    submit,
-    verify,
-    worker,
-)
+from tofrender.course import assignments, edition, material, notebooks, rubric
+from tofrender.course.author import leaks, mutants, structure, verify
+from tofrender.course.author.release import release
 from tofrender.course.dependents import dependents
-from tofrender.course.release import release
-from tofrender.course.start import start
+from tofrender.course.judge import running, worker
+from tofrender.course.student import cells, submit
+from tofrender.course.student.start import start
 
 
 @pytest.fixture
@@ -93,8 +84,10 @@ def test_released_folder(released):
         *("rubric.toml", "starter/pulse.py", "starter/wrapping.py"),
         *("tests/probes.py", "tests/test_pulse.py", "tests/test_range.py"),
     }
-    for gone in ("pulses.py", "corner.py", "analysis/phasors.py", "analysis/correlation.py"):
-        assert f"package/tofrender/{gone}" not in files
+    gone = ("signals/pulses", "nlos/light/confocal", "analysis/conversion", "analysis/correlation")
+    for name in gone:
+        assert (assignments.PACKAGE / f"{name}.py").is_file()
+        assert f"package/tofrender/{name}.py" not in files
     assert "package/tofrender/py.typed" in files
     readme = (released / "README.md").read_text()
     assert "> **Problem a0.pulse: A pulse**" in readme
@@ -118,7 +111,7 @@ def test_names_say_the_problem(released):
 import tofrender, tofrender.analysis
 for statement in (
     "from tofrender import GaussianPulse", "tofrender.GaussianPulse",
-    "from tofrender.signals.pulses import BoxPulse", "import tofrender.nlos.light.corner",
+    "from tofrender.signals.pulses import BoxPulse", "import tofrender.nlos.light.confocal",
     "from tofrender.analysis import unambiguous_range", "from tofrender import TransientPath",
     "tofrender.render('cornell_box', spp=1)",
 ):
@@ -133,7 +126,7 @@ print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.signals.pulses is {pulse}",
-        "tofrender.nlos.light.corner is not part of the student edition",
+        "tofrender.nlos.light.confocal is not part of the student edition",
         "tofrender.analysis.unambiguous_range is yours to write: problem a0.range",
         f"tofrender.TransientPath: {integrator} is not part of the student edition",
         f"integrator = 'transient_path': {integrator} is not part of the student edition",
@@ -153,14 +146,14 @@ def test_release_overwrites_nothing(tiny, tmp_path, run):
 
 @pytest.mark.slow
 def test_release_fails_closed(tiny, tmp_path, run):
-    source = (assignments.PACKAGE / "corner.py").read_text()
+    source = (assignments.PACKAGE / "nlos/light/confocal.py").read_text()
     probes = tiny.folder / "tests" / "probes.py"
     probes.write_text(probes.read_text() + "\n\n" + source.replace("# ", "# Changed: "))
     status, out, said = run("release", tiny.folder, "-o", tmp_path / "dist")
     assert (status, out) == (1, "")
     where = "tofrender/course/material/a0_tiny/tests/probes.py"
     assert said.startswith(f"error: {where}: ")
-    assert "of tofrender/corner.py, which is withheld" in said
+    assert "of light/confocal.py, which is withheld" in said
     assert list((tmp_path / "dist").iterdir()) == []
 
 
@@ -168,25 +161,40 @@ def test_release_fails_closed(tiny, tmp_path, run):
 def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
     folder = tmp_path / "edition"
     edition.copy(tiny, folder)
-    (folder / "tofrender" / "withheld.json").write_text('{"modules": {}}')
-    (folder / "tofrender" / "pulses.py").write_text("class BoxPulse:\n    pass\n")
+    (folder / "tofrender" / "runtime" / "withheld.json").write_text('{"modules": {}}')
+    (folder / "tofrender" / "signals" / "pulses.py").write_text("class BoxPulse:\n    pass\n")
     (folder / "tofrender" / "course" / "test_a_staff.py").write_text("")
-    assert edition.leaks(tiny, folder) == [
-        "tofrender/pulses.py: tofrender.signals.pulses is withheld",
+    assert leaks.leaks(tiny, folder) == [
+        "tofrender/signals/pulses.py: tofrender.signals.pulses is withheld",
         "tofrender/course/test_a_staff.py: is the staff's",
     ]
-    assert edition.leaks(tiny, released) == []
-    (folder / "tofrender" / "pulses.py").unlink()
-    assert edition.look(tiny, folder)[0].startswith("the edition cannot be looked at: ")
+    assert leaks.leaks(tiny, released) == []
+    (folder / "tofrender" / "signals" / "pulses.py").unlink()
+    assert leaks.smoke_test(tiny, folder)[0].startswith("the edition cannot be tried: ")
 
 
 def test_withheld_modules_must_exist(tiny, tmp_path):
     text = course_assignment.FILES["rubric.toml"].replace(
-        "tofrender.nlos.light.corner", "tofrender.conrer"
+        "tofrender.nlos.light.confocal", "tofrender.conrer"
     )
     course_assignment.put(tiny.folder, "rubric.toml", text)
-    with pytest.raises(ValueError, match=r"withheld module tofrender\.conrer: does not exist"):
-        edition.build(tiny, tmp_path / "edition")
+    with pytest.raises(ValueError, match=r"module tofrender\.conrer: does not exist"):
+        edition.copy(tiny, tmp_path / "edition")
+
+
+@pytest.mark.slow
+def test_a_package_is_withheld_but_for_what_is_kept(tiny):
+    def keeping(*keeps: str) -> rubric.Rubric:
+        return dataclasses.replace(
+            tiny.rubric, also_withhold=("tofrender.paths", "tofrender.integrators"), keeps=keeps
+        )
+
+    modules = set(edition.chosen(keeping("tofrender.paths.camera")))
+    assert {"tofrender.integrators", "tofrender.paths.walk"} <= modules
+    assert not {"tofrender.paths", "tofrender.paths.camera"} & modules
+    message = r"rubric\.toml: keeps tofrender\.integrators\.base, which needs tofrender\.paths"
+    with pytest.raises(ValueError, match=message):
+        edition.withheld(keeping("tofrender.integrators.base"))
 
 
 @pytest.mark.slow
@@ -195,7 +203,7 @@ def test_dependents():
         "tofrender.nlos.capturing": "tofrender.rendering.renderer",
         "tofrender.rendering.renderer": "tofrender.rendering.arrivals",
     } | dependents(["tofrender.rendering.renderer"])
-    assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli"}
+    assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}
     with_pulses = dependents(["tofrender.signals.pulses"])
     assert "tofrender.integrators.path_tracer" in with_pulses
     assert not {"tofrender", "tofrender.films.transient", "tofrender.paths.endpoints"} & set(
@@ -272,7 +280,7 @@ def test_students_folder(tiny, tmp_path, run):
     ]
     cells = json.loads((folder / "notebook.ipynb").read_text())["cells"]
     sources = ["".join(cell["source"]) for cell in cells]
-    assert sources[1].startswith("%load_ext tofrender.course.notebooks\n")
+    assert sources[1].startswith("%load_ext tofrender.course.student\n")
     stub = (tiny.starter / "pulse.py").read_text()
     assert sources[2] == f"%%solution pulse.py\n{stub.rstrip()}"
     status, _, said = run("start", tiny.folder, folder)
@@ -359,25 +367,25 @@ def test_submit_shows_points(tiny, student, run):
 
 def test_cell_keeps_what_an_editor_wrote(tmp_path):
     path = tmp_path / "pulse.py"
-    assert notebooks.save(path, "a = 1\n") == "wrote pulse.py"
-    assert notebooks.save(path, "a = 2") == "wrote pulse.py"
-    assert notebooks.save(path, "a = 2\n\n") == "pulse.py is as this cell has it"
+    assert cells.save(path, "a = 1\n") == "wrote pulse.py"
+    assert cells.save(path, "a = 2") == "wrote pulse.py"
+    assert cells.save(path, "a = 2\n\n") == "pulse.py is as this cell has it"
     for number, text in enumerate(("a = 3\n", "a = 4\n"), 1):
         path.write_text(text)
-        said = notebooks.save(path, f"a = -{number}")
+        said = cells.save(path, f"a = -{number}")
         assert said.endswith(f"what it held is now in pulse.py.{number}")
         assert path.with_name(f"pulse.py.{number}").read_text() == text
         assert path.read_text() == f"a = -{number}\n"
     path.write_text("a = 5\n")
-    said = notebooks.save(path, "a = -2")
+    said = cells.save(path, "a = -2")
     assert said.startswith("pulse.py stays as it is: it was changed outside of this cell")
     assert path.read_text() == "a = 5\n"
     path.unlink()
-    assert notebooks.save(path, "a = -2") == "wrote pulse.py"
+    assert cells.save(path, "a = -2") == "wrote pulse.py"
 
 
 def test_stub_is_no_edit_of_the_students(tiny, student):
-    assert notebooks.save(student / "pulse.py", "x = 1") == "wrote pulse.py"
+    assert cells.save(student / "pulse.py", "x = 1") == "wrote pulse.py"
     assert not list(student.glob("*.py.*"))
 
 
@@ -391,8 +399,8 @@ def test_new_code_is_used_at_once(tmp_path, monkeypatch):
     names: dict = {}
     exec("import first_module, os\nfrom second_module import g\nfrom first_module import f", names)
     names["mine"] = 5
-    notebooks.save(tmp_path / "first_module.py", "def f():\n    return 10")
-    notebooks.refresh(tmp_path / "first_module.py", names)
+    cells.save(tmp_path / "first_module.py", "def f():\n    return 10")
+    cells.refresh(tmp_path / "first_module.py", names)
     assert (names["f"](), names["g"](), names["first_module"].f()) == (10, 11, 10)
     assert (names["mine"], names["os"]) == (5, os)
     for name in ("first_module", "second_module"):

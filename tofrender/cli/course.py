@@ -12,8 +12,8 @@ import typer
 from .options import integer
 
 if TYPE_CHECKING:
+    from ..course.judge.running import Outcome
     from ..course.rubric import Rubric
-    from ..course.running import Outcome
 
 MAX_SEEDS = 10_000
 
@@ -30,15 +30,15 @@ def release(
     any of them is still there, nothing is made.
     """
     from tofrender.course import assignments, edition
-    from tofrender.course.release import PACKAGE_FOLDER
-    from tofrender.course.release import release as make
+    from tofrender.course.author.release import PACKAGE_FOLDER
+    from tofrender.course.author.release import release as make
 
     found = assignments.find(assignment)
     made = make(found, out)
-    modules = edition.withheld(found)
-    alone = sorted(set(modules) - set(found.rubric.withheld))
+    chosen = edition.chosen(found.rubric)
+    alone = sorted(edition.withheld(found.rubric).keys() - chosen.keys())
     typer.echo(f"{made}: README.md, exercises.md, figures and {PACKAGE_FOLDER}/")
-    typer.echo(f"withheld: {', '.join(sorted(found.rubric.withheld))}")
+    typer.echo(f"withheld: {', '.join(sorted(chosen))}")
     if alone:
         typer.echo(f"left out, since they need one of these: {', '.join(alone)}")
     typer.echo(f'students run: pip install "./{PACKAGE_FOLDER}[course]"')
@@ -65,19 +65,19 @@ def verify(
     from rich.console import Console
 
     from tofrender.course import assignments
-    from tofrender.course.verify import verify as look
+    from tofrender.course.author.verify import verify as run_checks
 
     found = assignments.find(assignment)
     console = Console()
     failed = 0
     with console.status("") as status:
-        for verdict in look(found, seeds=seeds, only=tuple(only or ()), say=status.update):
-            mark = "ok    " if verdict.ok else "FAILED"
-            line = f"{mark}  {verdict.name:10} {verdict.seconds:6.1f} s  {verdict.detail}"
+        for check in run_checks(found, seeds=seeds, only=tuple(only or ()), say=status.update):
+            mark = "ok    " if check.ok else "FAILED"
+            line = f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)
-            for reason in verdict.reasons:
+            for reason in check.reasons:
                 console.print(f"        {reason}", markup=False, highlight=False, soft_wrap=True)
-            failed += not verdict.ok
+            failed += not check.ok
     if failed:
         raise typer.Exit(1)
 
@@ -88,8 +88,8 @@ def start(
 ) -> None:
     """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
     from tofrender.course import assignments
-    from tofrender.course.start import NOTEBOOK
-    from tofrender.course.start import start as make
+    from tofrender.course.notebooks import NOTEBOOK
+    from tofrender.course.student.start import start as make
 
     found = assignments.find(assignment)
     made = make(found, folder)
@@ -117,14 +117,14 @@ def submit(
     Failed tests do not keep you from handing in.
     """
     from tofrender.course import assignments
-    from tofrender.course import submit as submitting
+    from tofrender.course.student import submit as submitting
 
     found = assignments.find(assignment)
     submitting.check(found, folder)
     folder = folder.resolve()
     typer.echo("Running the public tests ...")
     try:
-        _table(found.rubric, submitting.test_results(found, folder))
+        _table(found.rubric, submitting.run_public_tests(found, folder))
     except RuntimeError as error:  # no reason not to hand in
         print(f"warning: {error}", file=sys.stderr)
     handed = submitting.pack(found, folder, folder.with_name(f"{folder.name}.zip"))
@@ -137,8 +137,8 @@ def submit(
 
 def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
     """The points of each problem, and the tests that failed."""
+    from tofrender.course.judge.running import points_of
     from tofrender.course.material import points_text
-    from tofrender.course.running import points_of
 
     came = points_of(rubric, outcomes)
     width = max(len(problem.title) for problem in rubric.problems)

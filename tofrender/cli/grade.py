@@ -47,8 +47,9 @@ def grade(
     elif everyone is not None:
         out, csv = _check_class(everyone, out, csv)
 
-    from ..course import grading, sandbox
     from ..course.assignments import find
+    from ..course.grade import grading
+    from ..course.judge import sandbox
 
     found = find(assignment)
     found.require_staff("grading")

@@ -1,12 +1,12 @@
 """The course: assignments that are released, started, judged and graded.
 
-| module | holds |
+| room | holds |
 |---|---|
-| `rubric` | what `rubric.toml` says: problems, points, time limits, what students do not get |
-| `judge` | the pytest plugin: the fixture `submission`, one marker a problem, a report |
-| `client`, `worker` | both ends of the wire between the tests and the code that they judge |
-| `expect` | comparisons that say what was expected, what came, and where to look |
+| `grade/` | points and reasons for what students hand in |
+| `author/` | what must hold of an assignment, its mutants, its release |
+| `student/` | a student's folder, its notebook's cells, handing in |
+| `judge/` | the pytest plugin and the processes that run submissions |
+| here | what all of them share: assignments, rubrics, what students get of them, notebooks |
 
-A test never imports what it judges. It asks a worker, a process of its own, which loads the
-submission, runs a probe of the test's author on it, and answers with arrays.
+Imports point downwards in this table; `grade` and `author` do not know each other.
 """

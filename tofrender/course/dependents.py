@@ -31,15 +31,16 @@ def dependents(withheld: Collection[str]) -> dict[str, str]:
         grew = False
         gone = {*withheld, *found}
         for module in needs.keys() - gone:
-            if _is_in(module, gone):
+            if is_in(module, gone):
                 continue
-            cause = next((need for need in sorted(needs[module]) if _is_in(need, gone)), None)
+            cause = next((need for need in sorted(needs[module]) if is_in(need, gone)), None)
             if cause is not None:
                 found[module], grew = cause, True
     return dict(sorted(found.items()))
 
 
-def _is_in(module: str, packages: Collection[str]) -> bool:
+def is_in(module: str, packages: Collection[str]) -> bool:
+    """Whether a module is one of these modules and packages, or inside of one."""
     return any(module == package or module.startswith(f"{package}.") for package in packages)
 
 

@@ -81,6 +81,7 @@ class Rubric:
         problems: All of them.
         comparisons: Statistical comparisons that the chance of a false alarm is split over.
         also_withhold: Modules and packages that students do not get and that solve no one problem.
+        keeps: Modules that students do get, though their package is withheld.
         submit: Patterns of the files that are handed in.
     """
 
@@ -89,6 +90,7 @@ class Rubric:
     problems: tuple[Problem, ...]
     comparisons: int = 100
     also_withhold: tuple[str, ...] = ()
+    keeps: tuple[str, ...] = ()
     submit: tuple[str, ...] = ("*.py",)
 
     @property

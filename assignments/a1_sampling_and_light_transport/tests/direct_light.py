@@ -6,7 +6,7 @@ import formulas
 import numpy as np
 import small_scenes as scenes
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 UP = np.array([0, 0, 1.0])
 ALBEDO = 0.8

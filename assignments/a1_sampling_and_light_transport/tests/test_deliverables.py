@@ -4,7 +4,7 @@ import formulas
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 1, 1], [0.5, 1, 2]])
 LIGHT = {"position": np.array([-0.9, 1.5, 1.3]), "energy": 110.0}  # of bust_simple

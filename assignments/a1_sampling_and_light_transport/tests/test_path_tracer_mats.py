@@ -4,7 +4,7 @@ import direct_light
 import pytest
 import small_scenes as scenes
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a1_path_tracer_mats
 NAME = "PathTracerMats"

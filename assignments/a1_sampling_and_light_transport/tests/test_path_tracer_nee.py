@@ -5,7 +5,7 @@ import formulas
 import pytest
 import small_scenes as scenes
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a1_path_tracer_nee
 NAME = "PathTracerNEE"

@@ -4,7 +4,7 @@ import formulas
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_confocal
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tofrender.course import expect
+from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_relay_wall
 

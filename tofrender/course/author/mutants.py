@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from . import notebooks, running
-from .assignments import Assignment
-from .rubric import Rubric
-from .start import NOTEBOOK
+from .. import notebooks
+from ..assignments import Assignment
+from ..judge import running
+from ..notebooks import NOTEBOOK
+from ..rubric import Rubric
 
 
 @dataclass(frozen=True)

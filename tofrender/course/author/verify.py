@@ -18,21 +18,23 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
-from . import edition, mutants, running, structure
-from .assignments import PACKAGE, Assignment
-from .material import points_text
-from .start import start
+from .. import edition
+from ..assignments import PACKAGE, Assignment
+from ..judge import running
+from ..material import points_text
+from ..student.start import start
+from . import leaks, mutants, structure
 
 CHECKS = ("structure", "edition", "starter", "reference", "solutions", "mutants")
 CRASHES = ("the process crashed", "ended itself", "no answer within", "used more than")
 
 
 @dataclass
-class Verdict:
+class Check:
     """What came of a check.
 
     Attributes:
@@ -59,7 +61,7 @@ def verify(
     seeds: int = 1,
     only: Collection[str] = (),
     say: Callable[[str], None] = lambda text: None,
-) -> Iterator[Verdict]:
+) -> Iterator[Check]:
     """Check an assignment; see the table above.
 
     Args:
@@ -69,25 +71,25 @@ def verify(
         say: Gets a line about what happens now.
 
     Yields:
-        The verdicts, as they come.
+        The checks, as they come.
 
     Raises:
         ValueError: There are no solutions, or `only` names what does not exist.
     """
     assignment.require_staff("verify")
     chosen = _choose(assignment, only)
-    with _scratch() as folder:
-        work = _Work(assignment, folder, seeds, only, say)
+    with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
+        work = _Work(assignment, Path(folder), seeds, only, say)
         for name in CHECKS:
             if name in chosen:
                 say(name)
-                verdict, begin = Verdict(name), time.monotonic()
+                check, begin = Check(name), time.monotonic()
                 try:
-                    getattr(work, name)(verdict)
+                    getattr(work, name)(check)
                 except (ValueError, RuntimeError, OSError) as error:
-                    verdict.reasons += str(error).splitlines()
-                verdict.seconds = time.monotonic() - begin
-                yield verdict
+                    check.reasons += str(error).splitlines()
+                check.seconds = time.monotonic() - begin
+                yield check
 
 
 def _choose(assignment: Assignment, only: Collection[str]) -> set[str]:
@@ -103,42 +105,31 @@ def _choose(assignment: Assignment, only: Collection[str]) -> set[str]:
     return chosen or set(CHECKS)
 
 
-@contextmanager
-def _scratch() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
-        yield Path(folder)
-
-
+@dataclass
 class _Work:
-    """The checks, and what they share: the edition and the right solutions' folder."""
+    """The checks, and what several of them need: the edition and the right solutions' folder."""
 
-    def __init__(self, assignment, folder, seeds, only, say) -> None:
-        self.assignment: Assignment = assignment
-        self.folder: Path = folder
-        self.seeds: int = seeds
-        self.only: Collection[str] = only
-        self.say: Callable[[str], None] = say
-        self._ready: dict[str, Path] = {}
+    assignment: Assignment
+    folder: Path
+    seeds: int
+    only: Collection[str]
+    say: Callable[[str], None]
 
-    # ------------------------------------------------------------------------------ shared
-
+    @cached_property
     def _edition(self) -> Path:
-        if "edition" not in self._ready:
-            edition.copy(self.assignment, self.folder / "edition")
-            self._ready["edition"] = self.folder / "edition"
-        return self._ready["edition"]
+        edition.copy(self.assignment, self.folder / "edition")
+        return self.folder / "edition"
 
+    @cached_property
     def _right(self) -> Path:
         """The independent solutions, with what their notebook has written."""
-        if "right" not in self._ready:
-            self.say("solutions: running the notebook")
-            target = self.folder / "right"
-            shutil.copytree(self.assignment.solutions, target)
-            for name in self.assignment.given:
-                shutil.copy(self.assignment.starter / name, target)
-            mutants.solve_notebook(self.assignment, target, self._edition())
-            self._ready["right"] = target
-        return self._ready["right"]
+        self.say("solutions: running the notebook")
+        target = self.folder / "right"
+        shutil.copytree(self.assignment.solutions, target)
+        for name in self.assignment.given:
+            shutil.copy(self.assignment.starter / name, target)
+        mutants.solve_notebook(self.assignment, target, self._edition)
+        return target
 
     @staticmethod
     def _not_passed(tests: Iterable[str], outcomes: dict[str, running.Outcome]) -> Iterator[str]:
@@ -154,51 +145,51 @@ class _Work:
 
     # ------------------------------------------------------------------------------ checks
 
-    def structure(self, verdict: Verdict) -> None:
+    def structure(self, check: Check) -> None:
         """Parts agree."""
-        verdict.reasons += structure.check(self.assignment)
+        check.reasons += structure.check(self.assignment)
         rubric = self.assignment.rubric
         count = sum(len(problem.tests) for problem in rubric.problems)
         bonus = sum(problem.points for problem in rubric.problems) - rubric.points
-        verdict.detail = (
+        check.detail = (
             f"{len(rubric.problems)} problems, {count} tests, {points_text(rubric.points)} points"
             + f" + {points_text(bonus)}" * (bonus > 0)
         )
 
-    def edition(self, verdict: Verdict) -> None:
+    def edition(self, check: Check) -> None:
         """Nothing leaks, the rest works, and a student can start with it."""
-        folder = self._edition()
-        verdict.reasons += edition.leaks(self.assignment, folder)
-        verdict.reasons += edition.look(self.assignment, folder)
-        verdict.detail = f"without {len(edition.withheld(self.assignment))} modules"
+        folder = self._edition
+        check.reasons += leaks.leaks(self.assignment, folder)
+        check.reasons += leaks.smoke_test(self.assignment, folder)
+        check.detail = f"without {len(edition.withheld(self.assignment.rubric))} modules"
         material = folder / "tofrender" / "course" / "material" / self.assignment.name
         student = start(Assignment(material), self.folder / "student")
         there = set(structure.collect(student, folder))
         rubric = self.assignment.rubric
         seen = {t.id for p in rubric.problems for t in p.tests if t.visibility == "visible"}
-        verdict.reasons += [
+        check.reasons += [
             f"{name}: students {'have it, must not' if name in there else 'do not have it'}"
             for name in sorted(there ^ seen)
         ]
 
-    def starter(self, verdict: Verdict) -> None:
+    def starter(self, check: Check) -> None:
         """No points, no crash."""
         outcomes = running.run(
-            self.assignment.folder, submission=self.assignment.starter, edition=self._edition()
+            self.assignment.folder, submission=self.assignment.starter, edition=self._edition
         )
         for name, problem in self.assignment.rubric.problem_of.items():
             outcome = outcomes.get(name)
             if outcome is None or outcome.outcome != "failed":
                 said = outcome.outcome if outcome else "did not run"
-                verdict.reasons.append(f"{name}: {said}, must fail ({problem.id})")
+                check.reasons.append(f"{name}: {said}, must fail ({problem.id})")
                 continue
             for text in outcome.texts:
                 crash = next((crash for crash in CRASHES if crash in text), None)
                 if crash or not ("not written yet" in text or "is missing" in text):
-                    verdict.reasons.append(f"{name}: {mutants.one_line(text)}")
-        verdict.detail = f"{len(outcomes)} tests fail"
+                    check.reasons.append(f"{name}: {mutants.one_line(text)}")
+        check.detail = f"{len(outcomes)} tests fail"
 
-    def reference(self, verdict: Verdict) -> None:
+    def reference(self, check: Check) -> None:
         """All points for the package, whose files are made by the solved notebook."""
         outcomes = running.run(self.assignment.folder)
         files = [name for name, outcome in outcomes.items() if outcome.outcome == "skipped"]
@@ -214,23 +205,23 @@ class _Work:
                         file.write(f"from {problem.reference} import {', '.join(problem.names)}\n")
             mutants.solve_notebook(self.assignment, folder, PACKAGE.parent)
             outcomes |= running.run(self.assignment.folder, tests=files, submission=folder)
-        verdict.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
-        verdict.detail = f"{len(outcomes)} tests, {len(files)} of them of the notebook's results"
+        check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
+        check.detail = f"{len(outcomes)} tests, {len(files)} of them of the notebook's results"
 
-    def solutions(self, verdict: Verdict) -> None:
+    def solutions(self, check: Check) -> None:
         """All points for independent solutions, under every seed."""
-        right = self._right()
-        outcomes = running.run(self.assignment.folder, submission=right, edition=self._edition())
-        verdict.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
-        verdict.reasons += self._uses(outcomes)
-        verdict.reasons += self._is_slow(outcomes)
-        verdict.detail = f"{len(outcomes)} tests"
+        right = self._right
+        outcomes = running.run(self.assignment.folder, submission=right, edition=self._edition)
+        check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
+        check.reasons += self._uses(outcomes)
+        check.reasons += self._is_slow(outcomes)
+        check.detail = f"{len(outcomes)} tests"
         noisy = sorted(name for name, outcome in outcomes.items() if outcome.seeded)
         if self.seeds > 1 and noisy:
             self.say(f"solutions: {len(noisy)} tests under {self.seeds} seeds")
             again = self._repeat(noisy, right)
-            verdict.reasons += self._not_passed(noisy, again)
-            verdict.detail += f", {len(noisy)} of them under {self.seeds} seeds"
+            check.reasons += self._not_passed(noisy, again)
+            check.detail += f", {len(noisy)} of them under {self.seeds} seeds"
 
     def _repeat(self, tests: list[str], right: Path) -> dict[str, running.Outcome]:
         """Tests under many seeds, in as many processes as there are cores."""
@@ -241,7 +232,7 @@ class _Work:
                 self.assignment.folder,
                 tests=part,
                 submission=right,
-                edition=self._edition(),
+                edition=self._edition,
                 seeds=self.seeds,
             )
 
@@ -267,12 +258,12 @@ class _Work:
             if seconds > 3 * problem.takes_s + 10:
                 yield f"{problem.id}: takes {seconds:.0f} s, takes_s says {problem.takes_s:g}"
 
-    def mutants(self, verdict: Verdict) -> None:
+    def mutants(self, check: Check) -> None:
         """Each wrong solution fails exactly its tests."""
         those = mutants.read(self.assignment)
         named = [mutant for mutant in those if mutant.id in self.only]
         those = named or those
-        right, package = self._right(), self._edition()
+        right, package = self._right, self._edition
         (self.folder / "mutants").mkdir()
 
         def judge(mutant: mutants.Mutant) -> list[str]:
@@ -282,10 +273,10 @@ class _Work:
         with ThreadPoolExecutor(_cores()) as pool:
             runs = [pool.submit(judge, mutant) for mutant in those]
             for done, run in enumerate(as_completed(runs), 1):
-                verdict.reasons += run.result()
+                check.reasons += run.result()
                 self.say(f"mutants: {done} of {len(those)}")
-        verdict.reasons.sort()
-        verdict.detail = f"{len(those)} wrong solutions"
+        check.reasons.sort()
+        check.detail = f"{len(those)} wrong solutions"
 
 
 def _cores() -> int:

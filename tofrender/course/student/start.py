@@ -6,11 +6,11 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from ..io.atomic import replacing
-from . import material, notebooks
-from .assignments import Assignment
-
-NOTEBOOK = "notebook.ipynb"
+from ...io.atomic import replacing
+from .. import material, notebooks
+from ..assignments import Assignment
+from ..notebooks import NOTEBOOK
+from . import cells
 
 
 def start(assignment: Assignment, folder: Path) -> Path:
@@ -34,8 +34,6 @@ def start(assignment: Assignment, folder: Path) -> Path:
     with replacing(folder, folder=True) as inside:
         material.write(assignment, inside)
         _flatten(inside)
-        if folder.is_dir() and any(folder.iterdir()):
-            raise FileExistsError(f"{folder}: something has appeared in it; must be empty")
     return folder
 
 
@@ -60,7 +58,7 @@ def _flatten(folder: Path) -> None:
     for file in sorted(starter.iterdir()):
         file.rename(folder / file.name)
     shutil.rmtree(starter)
-    notebooks.remember(folder, [file.name for file in folder.glob("*.py")])
+    cells.remember(folder, [file.name for file in folder.glob("*.py")])
     settings = folder / "pytest.ini"
     text = settings.read_text(encoding="utf-8").rstrip()
     settings.write_text(f"{text}\nsubmission = .\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The pytest plugin of the assignments: `pytest -p tofrender.course.judge`.
+"""The pytest plugin of the assignments: `pytest -p tofrender.course.judge.plugin`.
 
 It reads `rubric.toml` beside the tests, makes a marker of each problem, and offers the fixture
 `submission`. Each failed test says in a few lines what was expected and what came.
@@ -9,6 +9,7 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 | `--seed N` | seed from which the tests derive theirs |
 | `--seeds N` | repeat every test under N seeds |
 | `--report FILE` | append a JSON line a test, as it ends |
+| `--collected FILE` | write which tests there are, with their markers |
 | `--edition DIR` | folder whose `tofrender` the submission sees |
 | `--memory-gib N`, `--confine` | limits of the submission's processes |
 """
@@ -23,7 +24,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from . import expect, rubric
+from .. import rubric
+from . import expect
 from .client import Limits, NoAnswer, Worker
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
@@ -116,6 +118,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--seed", type=int, default=0, metavar="N", help="seed of the tests")
     group.addoption("--seeds", type=int, default=1, metavar="N", help="repeat under N seeds")
     group.addoption("--report", metavar="FILE", help="append a JSON line for each test")
+    group.addoption("--collected", metavar="FILE", help="write the tests and their markers")
     group.addoption("--edition", metavar="DIR", help="package that the submission sees")
     group.addoption("--memory-gib", type=float, metavar="N", help="memory of the submission")
     group.addoption("--confine", action="store_true", help="let it write in its scratch only")
@@ -161,6 +164,18 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("submission", range(seeds), indirect=True, ids=ids)
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Write what `--collected` asks for: a list of markers for each test's id."""
+    target = session.config.getoption("--collected")
+    if target:
+        tests: dict[str, set[str]] = {}
+        for item in session.items:
+            marks = {mark.name for mark in item.iter_markers()}
+            tests.setdefault(rubric_id(item.nodeid), set()).update(marks)
+        text = json.dumps({name: sorted(marks) for name, marks in tests.items()})
+        Path(target).write_text(text, encoding="utf-8")
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Name the pictures of a failure after the test."""
     expect.configure(test=item.name)
@@ -201,7 +216,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
         skipped = any(r.skipped for r in _reports)
         asked = item.stash.get(ASKED, None)
         line = {
-            "id": test_id(item.nodeid),
+            "id": rubric_id(item.nodeid),
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
             "text": str(bad[0].longrepr) if bad else "",
@@ -214,18 +229,15 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
     return result
 
 
-def test_id(nodeid: str) -> str:
-    """The id of a test in the rubric: its file's name and its function's, without a case.
+def rubric_id(nodeid: str) -> str:
+    """A test's id in the rubric: its file's name and its function's, without a case.
 
     Example:
-        >>> test_id("tests/test_pulse.py::test_area[0.1-seed3]")
+        >>> rubric_id("tests/test_pulse.py::test_area[0.1-seed3]")
         'test_pulse.py::test_area'
     """
     path, _, function = nodeid.partition("::")
     return f"{Path(path).name}::{function.partition('[')[0]}"
-
-
-test_id.__test__ = False  # pytest: it is no test
 
 
 def _problem(item: Any) -> rubric.Problem | None:

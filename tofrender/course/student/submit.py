@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
-from ..io.atomic import replacing
-from . import running
-from .assignments import Assignment
-from .start import NOTEBOOK, stubs
+from ...io.atomic import replacing
+from ..assignments import Assignment
+from ..judge import running
+from ..notebooks import NOTEBOOK
+from .start import stubs
 
 LONG_AGO = (1980, 1, 1, 0, 0, 0)
 """Time of every file in the archive, so that equal content gives equal archives."""
@@ -36,8 +35,8 @@ class Handed:
     unchanged: tuple[str, ...]
 
 
-def check(assignment: Assignment, folder: Path) -> tuple[list[Path], list[str]]:
-    """The files that `submit` asks for, and what of it is not there.
+def check(assignment: Assignment, folder: Path) -> tuple[dict[str, Path], list[str]]:
+    """The files that `submit` asks for by their names, and what of it is not there.
 
     Args:
         assignment: Says what is asked for.
@@ -53,33 +52,24 @@ def check(assignment: Assignment, folder: Path) -> tuple[list[Path], list[str]]:
     for pattern in assignment.rubric.submit:
         found = [path for path in sorted(folder.glob(pattern)) if not path.name.startswith(".")]
         for path in found:
-            _refuse_links(folder, path)
+            if path.resolve() != folder.resolve() / path.relative_to(folder):
+                raise ValueError(f"{path}: is a link; must be the file itself")
         files |= {path.relative_to(folder).as_posix(): path for path in found if path.is_file()}
         if not any(path.is_file() for path in found):
             missing.append(pattern)
-    wanted = [problem.file for problem in assignment.rubric.problems if problem.file]
-    missing += [name for name in dict.fromkeys(wanted) if name not in files]
+    wanted = list(dict.fromkeys(p.file for p in assignment.rubric.problems if p.file))
+    missing += [name for name in wanted if name not in files]
     total = sum(path.stat().st_size for path in files.values())
     if total > MAX_BYTES:
         raise ValueError(
             f"FOLDER = {folder}: {total >> 20} MiB to hand in, must be {MAX_BYTES >> 20} or less"
         )
     if not any(name in files for name in wanted):
-        names = ", ".join(dict.fromkeys(wanted))
         raise ValueError(
             f"FOLDER = {folder}: must be one that `tofrender start {assignment.rubric.id}` has "
-            f"made; has no {names}"
+            f"made; has no {', '.join(wanted)}"
         )
-    return [files[name] for name in sorted(files)], missing
-
-
-def _refuse_links(folder: Path, path: Path) -> None:
-    """Refuse a file that is somewhere else."""
-    for part in (path, *path.parents):
-        if part == folder:
-            return
-        if part.is_symlink():
-            raise ValueError(f"{path}: is a link; must be the file itself")
+    return dict(sorted(files.items())), missing
 
 
 def unchanged(assignment: Assignment, folder: Path) -> list[str]:
@@ -90,7 +80,7 @@ def unchanged(assignment: Assignment, folder: Path) -> list[str]:
     return [name for name in there if (folder / name).read_bytes() == came[name]]
 
 
-def test_results(assignment: Assignment, folder: Path) -> dict[str, running.Outcome]:
+def run_public_tests(assignment: Assignment, folder: Path) -> dict[str, running.Outcome]:
     """Run the public tests on a student's folder.
 
     The tests are the assignment's own, not what the student's folder has of them.
@@ -103,9 +93,6 @@ def test_results(assignment: Assignment, folder: Path) -> dict[str, running.Outc
         if test.visibility == "visible" and test.id.partition("::")[0] in names
     ]
     return running.run(assignment.folder, tests=tests, submission=folder)
-
-
-test_results.__test__ = False  # type: ignore[attr-defined]  # pytest: it is no test
 
 
 def pack(assignment: Assignment, folder: Path, archive: Path) -> Handed:
@@ -121,17 +108,9 @@ def pack(assignment: Assignment, folder: Path, archive: Path) -> Handed:
     """
     files, missing = check(assignment, folder)
     with replacing(archive) as temporary, zipfile.ZipFile(temporary, "x") as target:
-        for name, content in _contents(folder, files):
+        for name, path in files.items():
             information = zipfile.ZipInfo(name, LONG_AGO)
             information.compress_type = zipfile.ZIP_DEFLATED
             information.external_attr = 0o644 << 16
-            target.writestr(information, content)
-    names = tuple(path.relative_to(folder).as_posix() for path in files)
-    return Handed(archive, names, tuple(missing), tuple(unchanged(assignment, folder)))
-
-
-def _contents(folder: Path, files: list[Path]) -> Iterator[tuple[str, bytes]]:
-    for path in files:
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
-        with os.fdopen(descriptor, "rb") as file:
-            yield str(PurePosixPath(path.relative_to(folder))), file.read()
+            target.writestr(information, path.read_bytes())
+    return Handed(archive, tuple(files), tuple(missing), tuple(unchanged(assignment, folder)))

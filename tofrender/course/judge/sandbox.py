@@ -64,13 +64,13 @@ def confine(
     if not sys.platform.startswith("linux"):
         return
     parent = os.getppid()
-    _prctl(SET_PDEATHSIG, SIGKILL)
+    prctl(SET_PDEATHSIG, SIGKILL)
     if os.getppid() != parent:
         sys.exit("the process that started this one has ended")
     _limit(memory_bytes)
     for capability in range(64):
         if capability not in KEPT_CAPABILITIES:
-            _prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
+            prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
     if landlock_version():
         _restrict([*writable, os.devnull], hidden)
 
@@ -138,7 +138,7 @@ def _restrict(writable: Iterable[str], hidden: Iterable[str]) -> None:
         _allow(rules, path, (EXECUTE | READ_FILE) & handled)
     for path in writable:
         _allow(rules, path, handled & ~IOCTL_DEV)
-    _prctl(SET_NO_NEW_PRIVS, 1)
+    prctl(SET_NO_NEW_PRIVS, 1)
     _syscall(RESTRICT_SELF, rules, 0)
     os.close(rules)
 
@@ -195,7 +195,8 @@ def _syscall(number: int, *arguments) -> int:
     return result
 
 
-def _prctl(option: int, value: int) -> int:
+def prctl(option: int, value: int) -> int:
+    """Linux's system call of this name, with one argument."""
     word = ctypes.c_ulong
     return ctypes.CDLL(None).prctl(option, word(value), word(0), word(0), word(0))
 

@@ -9,19 +9,18 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
-import psutil
-
+from ..assignments import PACKAGE
 from . import wire
+from .processes import Supervised
 
+WORKER = "tofrender.course.judge.worker"
 START_S = 90.0
-KEPT_OUTPUT = 4000
 MAX_ANSWER = 1 << 30
 
 
@@ -63,9 +62,8 @@ class Worker:
         self._edition, self._limits = edition, limits or Limits()
         self._scratch = Path(tempfile.mkdtemp(prefix="tofrender-judge-"))
         self._place = self._scratch / "none yet"
-        self._process: subprocess.Popen | None = None
+        self._running: Supervised | None = None
         self._number = 0
-        self._output = bytearray()
         self.used: set[str] = set()
         """Names of the submission that the last question used, as it says itself."""
 
@@ -82,15 +80,15 @@ class Worker:
         Raises:
             NoAnswer: It failed, crashed, took too long or too much; says which.
         """
-        process = self._process
-        if process is None or process.poll() is not None:
-            process = self._start()
+        running = self._running
+        if running is None or running.process.poll() is not None:
+            running = self._start()
         self._number += 1
         question = self._place / "questions" / f"{self._number}.npz"
         wire.write(question, [probe, arguments])
         with suppress(OSError):  # if it has died, the wait says how
-            cast(IO[bytes], process.stdin).write(f"{self._number}\n".encode())
-        reply = self._wait(process, timeout_s)
+            cast(IO[bytes], running.process.stdin).write(f"{self._number}\n".encode())
+        reply = self._wait(running, timeout_s)
         self.used = set(map(str, reply.get("uses") or ()))
         if "error" in reply:
             raise NoAnswer(str(reply["error"]))
@@ -98,20 +96,19 @@ class Worker:
 
     def close(self) -> None:
         """End the processes and remove their scratch folder."""
-        self._kill()
+        self._end()
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     @property
     def output(self) -> str:
         """The last that the submission printed."""
-        return bytes(self._output[-KEPT_OUTPUT:]).decode(errors="replace")
+        return "" if self._running is None else self._running.output()
 
     # ------------------------------------------------------------------ processes
 
-    def _start(self) -> subprocess.Popen:
-        self._kill()
+    def _start(self) -> Supervised:
+        self._end()
         self._number = 0
-        self._output.clear()
         # Fresh folders each time: nothing that a worker has left meets the next one
         shutil.rmtree(self._place, ignore_errors=True)
         self._place = Path(tempfile.mkdtemp(dir=self._scratch))
@@ -135,50 +132,35 @@ class Worker:
         }
         configuration = self._place / "questions" / "configuration.json"
         configuration.write_text(json.dumps(settings), encoding="utf-8")
-        package = self._edition or Path(__file__).parents[2]
+        package = self._edition or PACKAGE.parent
         environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(self._place / "tmp")}
         if limits.confine:
             environment["HOME"] = str(self._place / "tmp")  # Dr.Jit keeps its kernels there
-        process = self._process = subprocess.Popen(
-            [sys.executable, "-P", "-u", "-m", "tofrender.course.worker", str(configuration)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            bufsize=0,
+        self._running = Supervised(
+            [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)],
             cwd=self._place / "work",
             env=environment,
-            start_new_session=True,
+            stdin=subprocess.PIPE,
         )
-        self._reader = threading.Thread(target=self._drain, args=(process,), daemon=True)
-        self._reader.start()
-        self._wait(process, START_S)
-        return process
+        self._wait(self._running, START_S)
+        return self._running
 
-    def _drain(self, process: subprocess.Popen) -> None:
-        """Read what the submission prints, and keep the end of it."""
-        with cast(IO[bytes], process.stdout) as printed:
-            while chunk := printed.read(1 << 16):
-                if process is self._process:
-                    self._output += chunk
-                    del self._output[:-KEPT_OUTPUT]
-
-    def _wait(self, process: subprocess.Popen, timeout_s: float) -> dict[str, Any]:
+    def _wait(self, running: Supervised, timeout_s: float) -> dict[str, Any]:
         """The answer, or the reason why there is none."""
         answer = self._place / "answers" / f"{self._number}.npz"
         begin, pause, looked = time.monotonic(), 0.001, 0.0
         while not os.path.lexists(answer):
-            if process.poll() is not None and not os.path.lexists(answer):
-                raise NoAnswer(self._death(process.returncode))
+            if running.process.poll() is not None and not os.path.lexists(answer):
+                raise NoAnswer(_death(running))
             now = time.monotonic()
             if now - begin > timeout_s:
-                self._kill()
+                self._end()
                 raise NoAnswer(f"no answer within {timeout_s:g} s; the process was ended")
-            if self._limits.memory_bytes is not None and now - looked > 0.1:
+            if now - looked > 0.1:
                 looked = now
-                if self._memory() > self._limits.memory_bytes:
-                    self._kill()
-                    gib = self._limits.memory_bytes / 2**30
-                    raise NoAnswer(f"used more than {gib:g} GiB of memory; the process was ended")
+                if excess := running.excess(self._limits.memory_bytes):
+                    self._end()
+                    raise NoAnswer(f"{excess}; the process was ended")
             time.sleep(pause)
             pause = min(1.5 * pause, 0.02)
         if answer.is_symlink():
@@ -192,48 +174,24 @@ class Worker:
         answer.unlink(missing_ok=True)
         return reply if isinstance(reply, dict) else {}
 
-    def _death(self, status: int) -> str:
-        """What the end of the process means."""
-        self._reader.join(1.0)  # for its last words
-        if status < 0:
-            name = signal.Signals(-status).name
-            what = f"the process crashed ({name})"
-            if name in ("SIGSEGV", "SIGBUS", "SIGABRT"):
-                what += ": a gather or scatter outside of its array, or too little memory?"
-        else:
-            what = f"the process ended itself with status {status} and gave no answer"
-        last = self.output.strip().splitlines()[-3:]
-        return "\n  ".join([what, *last])
-
-    def _memory(self) -> int:
-        """Memory of the worker and all that it has started [bytes]."""
-        total = 0
-        for process in self._tree():
-            with suppress(psutil.Error):
-                total += process.memory_info().rss
-        return total
-
-    def _tree(self) -> list[psutil.Process]:
-        if self._process is None:
-            return []
-        try:
-            root = psutil.Process(self._process.pid)
-            return [root, *root.children(recursive=True)]
-        except psutil.Error:
-            return []
-
-    def _kill(self) -> None:
+    def _end(self) -> None:
         """End the worker and everything that it has started."""
-        if self._process is None:
-            return
-        tree = self._tree()
-        with suppress(ProcessLookupError):  # the group first: it may still be forking
-            os.killpg(self._process.pid, signal.SIGKILL)
-        for process in tree:
-            with suppress(psutil.Error):
-                process.kill()
-        self._process.wait()
-        with suppress(OSError):
-            cast(IO[bytes], self._process.stdin).close()
-        self._reader.join(1.0)  # what has left our sight may still hold its end
-        self._process = None
+        if self._running is not None:
+            self._running.end()
+            with suppress(OSError):
+                cast(IO[bytes], self._running.process.stdin).close()
+            self._running = None
+
+
+def _death(running: Supervised) -> str:
+    """What the end of the process means."""
+    status = running.process.returncode
+    if status < 0:
+        name = signal.Signals(-status).name
+        what = f"the process crashed ({name})"
+        if name in ("SIGSEGV", "SIGBUS", "SIGABRT"):
+            what += ": a gather or scatter outside of its array, or too little memory?"
+    else:
+        what = f"the process ended itself with status {status} and gave no answer"
+    last_words = running.output(wait_s=1.0).strip().splitlines()[-3:]
+    return "\n  ".join([what, *last_words])

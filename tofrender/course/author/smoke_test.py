@@ -1,6 +1,6 @@
 """Run inside a student edition: what of it is there that should not be, and what does not work.
 
-    PYTHONPATH=EDITION python -P edition_check.py '{"modules": {...}, "names": [...], ...}'
+    PYTHONPATH=EDITION python -P smoke_test.py '{"modules": {...}, "names": [...], ...}'
 
 Prints a JSON line with the reasons against it. It is a script, so that nothing of the package from
 which it comes is imported.

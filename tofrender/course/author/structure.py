@@ -11,9 +11,11 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
-from . import material, mutants, notebooks, running
-from .assignments import STAFF_TEST, Assignment
-from .rubric import Rubric
+from .. import material, notebooks
+from ..assignments import STAFF_TEST, Assignment
+from ..judge import running
+from ..rubric import Rubric
+from . import mutants
 
 POINTS_IN_TEXT = re.compile(
     r"\(\s*[\d.]+\s*(?:bonus )?(?:points?|pts?\.?)\s*\)|\bworth [\d.]+ |\bfor [\d.]+ points"
@@ -60,8 +62,7 @@ def collect(folder: Path, package: Path | None = None) -> dict[str, list[str]]:
     """
     with tempfile.TemporaryDirectory() as scratch:
         target = Path(scratch) / "collected.json"
-        options = ["--collect-only", "-p", "tofrender.course.collecting", f"--collected={target}"]
-        result = running.pytest(folder, options, package)
+        result = running.pytest(folder, ["--collect-only", f"--collected={target}"], package)
         if result.returncode not in (running.OK, running.NONE_COLLECTED):
             raise RuntimeError(f"the tests cannot be collected: {running.last_lines(result)}")
         return json.loads(target.read_text(encoding="utf-8"))
@@ -91,13 +92,13 @@ def _files(assignment: Assignment) -> Iterator[str]:
             yield f"starter/{problem.file}: does not name its problem {problem.id}"
         if problem.other_points:
             yield f"rubric.toml: problem {problem.id}: other_points is for released rubrics"
-    owners = {Path(problem.file).stem: problem.id for problem in problems}
+    stems = {Path(problem.file).stem for problem in problems}
     for problem in problems:
         path = assignment.solutions / problem.file
         allowed = needed(rubric, problem.id)
-        for module in _imported(path) & owners.keys() if path.is_file() else ():
-            shared = {p.id for p in problems if Path(p.file).stem == module}
-            if not shared & allowed:
+        for module in _imported(path) & stems if path.is_file() else ():
+            owners = {p.id for p in problems if Path(p.file).stem == module}
+            if not owners & allowed:
                 yield f"solutions/{problem.file}: imports {module}, not in needs of {problem.id}"
     for name in ("exercises.md", "solutions/exercises.md", "README.md", "pytest.ini"):
         if not (assignment.folder / name).is_file():
@@ -117,9 +118,9 @@ def _handout(assignment: Assignment) -> Iterator[str]:
             yield f"README.md: [[{problem}]]: the rubric has no such problem"
         elif blocks[problem] != 1:
             yield f"README.md: line [[{problem}]] is there {blocks[problem]} times, must be once"
-    places = ["README.md", "exercises.md", "notebook.py", *_names(assignment, "starter/*.py")]
-    for name in places:
-        path = assignment.folder / name
+    texts = [assignment.folder / name for name in ("README.md", "exercises.md", "notebook.py")]
+    for path in (*texts, *sorted(assignment.starter.glob("*.py"))):
+        name = path.relative_to(assignment.folder)
         for match in POINTS_IN_TEXT.finditer(_read(path) if path.is_file() else ""):
             yield f"{name}: states points ({match[0].strip()!r}); only rubric.toml may"
     for match in re.finditer(r"!\[[^\]]*\]\(([^)]+)\)", text):
@@ -189,11 +190,6 @@ def _mutants(assignment: Assignment) -> Iterator[str]:
             mutants.apply(assignment, mutant)
         except ValueError as error:
             yield str(error)
-
-
-def _names(assignment: Assignment, pattern: str) -> list[str]:
-    folder = assignment.folder
-    return [str(path.relative_to(folder)) for path in sorted(folder.glob(pattern))]
 
 
 def _imported(path: Path) -> set[str]:

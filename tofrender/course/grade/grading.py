@@ -28,10 +28,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from . import edition, processes, sandbox, unpacking
-from .assignments import PACKAGE, Assignment
-from .results import Results, Verdict, finished, join, printable, read_report, write_csv
-from .rubric import Problem
+from .. import edition
+from ..assignments import PACKAGE, Assignment
+from ..judge import processes, running, sandbox
+from ..rubric import Problem
+from . import unpacking
+from .results import Grade, Results, finished, grades_of, printable, write_csv
 
 TIME_LIMIT_S = 540.0
 """Time for a submission [s], below the ten minutes that Gradescope gives."""
@@ -81,7 +83,7 @@ class Grader:
         results.remarks = []
         folder = Path(tempfile.mkdtemp(prefix="submission-", dir=self.scratch))
         try:
-            unpacking.take(submission, rubric.submit, folder / "submission")
+            unpacking.extract(submission, rubric.submit, folder / "submission")
         except unpacking.BadSubmission as error:
             results.remarks.append(f"the submission {error}")
         else:
@@ -116,7 +118,7 @@ class Grader:
             left = self.time_limit_s - (time.monotonic() - begin) - later
             whole = START_S + problem.timeout_s + 4 * problem.takes_s
             timeout_s = max(LEAST_S, min(whole, left))
-            results.verdicts |= self._judge(problem, folder, package, hidden, timeout_s)
+            results.grades |= self._judge(problem, folder, package, hidden, timeout_s)
 
     def _judge(
         self,
@@ -125,8 +127,8 @@ class Grader:
         package: Path,
         hidden: Sequence[Path],
         timeout_s: float,
-    ) -> dict[str, Verdict]:
-        """Judge one problem in a process of its own; verdicts by test id."""
+    ) -> dict[str, Grade]:
+        """Judge one problem in a process of its own; grades by test id."""
         place = folder / problem.marker
         for name in ("home", "tmp", "report"):
             (place / name).mkdir(parents=True)
@@ -157,13 +159,13 @@ class Grader:
             cwd=judging,
             env=_environment(place, package),
         )
-        lines = read_report(report)
+        lines = running.read_report(report)
         whole = not ended.reason and ended.status in (0, 1)  # 1: some failed
         reason = ended.reason and f"not judged: the problem {ended.reason}"
         if not whole and not reason:
             reason = f"not judged: the judge ended with status {ended.status}\n{ended.output}"
         remove(place)
-        return join(problem, lines, whole, reason)
+        return grades_of(problem, lines, whole, reason)
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """The process that runs a submission: it loads the student's files and answers questions.
 
-    python -m tofrender.course.worker CONFIGURATION.json
+    python -m tofrender.course.judge.worker CONFIGURATION.json
 
 A question is the name of a probe and its arguments; the probe is a function of the assignment's
 `tests/probes.py` that gets the student's objects and returns data. Questions come as numbers on
@@ -23,7 +23,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from . import rubric as rubrics
+from .. import rubric as rubrics
 from . import wire
 
 
@@ -104,7 +104,7 @@ def main(configuration: str) -> None:
 
         sandbox.confine(**settings["confine"])
 
-    from ..runtime import backend
+    from ...runtime import backend
 
     backend.activate("llvm_ad_rgb" if settings["variant"] is None else settings["variant"])
     rubric = rubrics.read(settings["rubric"])

@@ -8,13 +8,17 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from .assignments import PACKAGE
-from .rubric import Rubric
+from ..assignments import PACKAGE
+from ..rubric import Rubric
 
 OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
+REPORTED = {"id", "case", "outcome", "text", "seconds"}
+"""What every line of a report says."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +73,32 @@ def run(
         options += [] if submission is None else [f"--submission={submission.resolve()}"]
         options += [] if tests is None else [f"tests/{test}" for test in tests]
         result = pytest(folder, options, edition)
-        lines = report.read_text(encoding="utf-8").splitlines() if report.is_file() else []
+        lines = read_report(report)
     if result.returncode not in (OK, SOME_FAILED):
         raise RuntimeError(f"pytest failed in {folder.name}: {last_lines(result)}")
-    return join(json.loads(line) for line in lines)
+    return outcomes_of(lines)
 
 
-def join(lines: Iterable[dict]) -> dict[str, Outcome]:
+def read_report(path: Path) -> list[dict[str, Any]]:
+    """The whole lines of a judge's report, one a case of a test; none if there is no report."""
+    if not path.is_file():
+        return []
+    lines = []
+    for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        with suppress(ValueError):  # the last one, cut off when the judge was ended
+            lines.append(json.loads(text))
+    return [line for line in lines if isinstance(line, dict) and line.keys() >= REPORTED]
+
+
+def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, Outcome]:
     """The outcomes of tests from those of their cases: one that fails fails its test."""
     cases: dict[str, list[dict]] = {}
     for line in lines:
         cases.setdefault(line["id"], []).append(line)
-    return {name: _join(those) for name, those in cases.items()}
+    return {name: _outcome_of(those) for name, those in cases.items()}
 
 
-def _join(cases: list[dict]) -> Outcome:
+def _outcome_of(cases: list[dict]) -> Outcome:
     said = [case["outcome"] for case in cases]
     outcome = next((o for o in ("failed", "passed") if o in said), "skipped")
     texts = tuple(case["text"] for case in cases if case["outcome"] == "failed")

@@ -10,15 +10,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..io.atomic import replacing
-from .rubric import GradedTest, Problem, Rubric
+from ...io.atomic import replacing
+from ..material import points_text
+from ..rubric import GradedTest, Problem, Rubric
 
 KEPT_TEXT = 6000
 """Characters of a test's text that are kept."""
 
 
 @dataclass
-class Verdict:
+class Grade:
     """What one test of a submission gave.
 
     Attributes:
@@ -38,7 +39,7 @@ class Results:
 
     Attributes:
         rubric: The assignment's problems and points.
-        verdicts: By test id; a test without one gives nothing.
+        grades: By test id; a test without one gives nothing.
         remarks: What concerns the submission as a whole.
         seconds: How long grading took [s].
         fingerprint: Stands for the tests and the rubric that were used.
@@ -47,20 +48,20 @@ class Results:
     """
 
     rubric: Rubric
-    verdicts: dict[str, Verdict] = field(default_factory=dict)
+    grades: dict[str, Grade] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     seconds: float = 0.0
     fingerprint: str = ""
     complete: bool = False
     missing_protections: list[str] = field(default_factory=list)
 
-    def verdict(self, test: GradedTest) -> Verdict:
-        """The verdict on a test."""
-        return self.verdicts.get(test.id, Verdict())
+    def grade(self, test: GradedTest) -> Grade:
+        """The grade of a test."""
+        return self.grades.get(test.id, Grade())
 
     def points(self, test: GradedTest) -> float:
         """What a test gives: all its points or none."""
-        return test.points if self.verdict(test).passed else 0.0
+        return test.points if self.grade(test).passed else 0.0
 
     def problem_points(self, problem: Problem) -> float:
         """What all tests of a problem give."""
@@ -75,9 +76,9 @@ class Results:
         """The problems that lost points, with the reason of the first test that did."""
         reasons = list(self.remarks)
         for problem in self.rubric.problems:
-            lost = [test for test in problem.tests if not self.verdict(test).passed]
+            lost = [test for test in problem.tests if not self.grade(test).passed]
             if lost and not problem.bonus:
-                reasons.append(f"{problem.id}: {_first_lines(self.verdict(lost[0]).reason)}")
+                reasons.append(f"{problem.id}: {_first_lines(self.grade(lost[0]).reason)}")
         return "; ".join(dict.fromkeys(reasons))
 
     def gradescope(self) -> dict[str, Any]:
@@ -109,16 +110,16 @@ class Results:
         }
 
     def _entry(self, problem: Problem, test: GradedTest) -> dict[str, Any]:
-        verdict = self.verdict(test)
+        grade = self.grade(test)
         return {
             "name": f"{problem.id}: {test.id.partition('::')[2] or test.id}",
             "score": self.points(test),
             "max_score": 0.0 if problem.bonus else test.points,
-            "status": "passed" if verdict.passed else "failed",
-            "output": "" if verdict.passed else printable(verdict.reason, KEPT_TEXT),
+            "status": "passed" if grade.passed else "failed",
+            "output": "" if grade.passed else printable(grade.reason, KEPT_TEXT),
             "visibility": test.visibility,
             "tags": [problem.id] + ["bonus"] * problem.bonus,
-            "extra_data": {"test": test.id, "execution_time": round(verdict.seconds, 2)},
+            "extra_data": {"test": test.id, "execution_time": round(grade.seconds, 2)},
         }
 
     def write(self, path: Path) -> None:
@@ -153,15 +154,15 @@ def write_csv(path: Path, rubric: Rubric, rows: Mapping[str, Mapping[str, Any]])
         writer.writerow(["submission", "total", *problems, "reason"])
         for name, content in rows.items():
             extra = content["extra_data"]
-            points = [_number(extra["problems"][problem]) for problem in problems]
+            points = [points_text(extra["problems"][problem]) for problem in problems]
             reason = _cell(extra["summary"])
-            writer.writerow([_cell(name), _number(content["score"]), *points, reason])
+            writer.writerow([_cell(name), points_text(content["score"]), *points, reason])
 
 
-def join(
+def grades_of(
     problem: Problem, lines: Sequence[Mapping[str, Any]], ended: bool, reason: str
-) -> dict[str, Verdict]:
-    """Verdicts on a problem's tests from the judge's report.
+) -> dict[str, Grade]:
+    """The grades of a problem's tests, from the judge's report.
 
     Args:
         problem: The problem that was judged.
@@ -170,10 +171,10 @@ def join(
         reason: Why it did not, and so why a test has no line.
 
     Returns:
-        A `Verdict` for each test of the problem, by its id. Passed are tests all of whose cases
+        A `Grade` for each test of the problem, by its id. Passed are tests all of whose cases
         were judged and passed.
     """
-    verdicts = {}
+    grades = {}
     for test in problem.tests:
         cases = [line for line in lines if line["id"] == test.id]
         failed = [line for line in cases if line["outcome"] != "passed"]
@@ -181,30 +182,13 @@ def join(
         cut = not ended and bool(lines) and lines[-1]["id"] == test.id
         if failed:
             text = "\n\n".join(_case(line) for line in failed[:3])
-            verdicts[test.id] = Verdict(False, text, seconds)
+            grades[test.id] = Grade(False, text, seconds)
         elif not cases or cut:
-            verdicts[test.id] = Verdict(
-                False, reason or "not judged: the test did not run", seconds
-            )
+            why = reason or "not judged: the test did not run"
+            grades[test.id] = Grade(False, why, seconds)
         else:
-            verdicts[test.id] = Verdict(True, "", seconds)
-    return verdicts
-
-
-def read_report(path: Path) -> list[dict[str, Any]]:
-    """The whole lines of a judge's report; none if there is no report."""
-    try:
-        texts = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return []
-    lines = []
-    for text in texts:
-        try:
-            line = json.loads(text)
-            lines.append({key: line[key] for key in ("id", "case", "outcome", "text", "seconds")})
-        except (ValueError, KeyError, TypeError):
-            continue  # the last one, cut off when the judge was ended
-    return lines
+            grades[test.id] = Grade(True, "", seconds)
+    return grades
 
 
 def printable(text: str, length: int) -> str:
@@ -214,13 +198,9 @@ def printable(text: str, length: int) -> str:
         >>> printable("a\x1b[31m\x00b", 100), printable("abcdefgh", 4)
         ('a[31mb', 'ab [...] gh')
     """
-    text = "".join(c for c in text if c in "\n\t" or (c.isprintable() and not _is_lone(c)))
+    text = "".join(c for c in text if c in "\n\t" or c.isprintable())
     half = length // 2
     return text if len(text) <= length else f"{text[:half]} [...] {text[-half:]}"
-
-
-def _is_lone(character: str) -> bool:
-    return 0xD800 <= ord(character) < 0xE000
 
 
 def _case(line: Mapping[str, Any]) -> str:
@@ -230,10 +210,6 @@ def _case(line: Mapping[str, Any]) -> str:
 
 def _first_lines(text: str) -> str:
     return " ".join(printable(text, 300).split())
-
-
-def _number(value: float) -> str:
-    return f"{value:.10g}"
 
 
 def _cell(text: str) -> str:

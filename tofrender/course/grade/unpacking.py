@@ -1,4 +1,4 @@
-"""Take the files of a submission, a folder or a zip, that an assignment asks for; nothing else."""
+"""Extract what an assignment asks for from a submission, a folder or a zip; nothing else."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class BadSubmission(ValueError):
     """A submission cannot be taken; one line for the student."""
 
 
-def take(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
+def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
     """Copy what is asked for from a submission into a new folder.
 
     A single folder at the top is looked through, if nothing outside matches.
@@ -64,7 +64,7 @@ def take(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
         >>> import tempfile
         >>> top = Path(tempfile.mkdtemp())
         >>> _ = (top / "pulse.py").write_text("x = 1"), (top / "conftest.py").write_text("")
-        >>> take(top, ["*.py"], top / "taken")
+        >>> extract(top, ["*.py"], top / "taken")
         ['pulse.py']
     """
     with _opened(source, 1 + max(len(pattern.split("/")) for pattern in patterns)) as files:
@@ -97,7 +97,7 @@ def is_asked_for(name: str, patterns: Iterable[str]) -> bool:
 
     Args:
         name: Path inside the submission, with `/`.
-        patterns: As for `take`.
+        patterns: As for `extract`.
 
     Example:
         >>> is_asked_for("deliverables/a.png", ["deliverables/*"])

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..sampling.statistics import p_values, smallest_allowed
+from ...sampling.statistics import p_values, smallest_allowed
 
 ALPHA = 1e-3
 """Chance that a right submission fails anywhere in an assignment."""

@@ -1,0 +1,211 @@
+"""Run commands that may misbehave: with limited memory, for a limited time, leaving nothing.
+
+What a command starts is found even if it hides in a session of its own and outlives its parent:
+this process adopts orphans (`PR_SET_CHILD_SUBREAPER`, Linux), so that all stays below it in the
+tree. Nothing that is not below it is ever ended.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import psutil
+
+from . import sandbox
+
+KEPT_OUTPUT = 20_000
+MAX_PROCESSES = 200
+"""Most processes that a command may have at a time."""
+LOOK_EVERY_S = 0.2
+END_WITHIN_S = 20.0
+SET_CHILD_SUBREAPER = 36
+
+
+class Supervised:
+    """A command and all that it starts: what they print, what they use, and their end.
+
+    Only what is below this process now stays when it ends; so run one at a time.
+
+    Args:
+        command: Program and arguments.
+        cwd: Working folder.
+        env: Environment.
+        stdin: As for `subprocess.Popen`.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        *,
+        cwd: str | os.PathLike,
+        env: dict[str, str],
+        stdin: int = subprocess.DEVNULL,
+    ) -> None:
+        if sys.platform.startswith("linux"):
+            sandbox.prctl(SET_CHILD_SUBREAPER, 1)
+        self._others = {child.pid for child in psutil.Process().children()}
+        self.process = subprocess.Popen(
+            command,
+            cwd=cwd,
+            env=env,
+            stdin=stdin,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            bufsize=0,
+            start_new_session=True,
+        )
+        self._printed = b""
+        self._reader = threading.Thread(target=self._drain, daemon=True)
+        self._reader.start()
+
+    def _drain(self) -> None:
+        """Read what is printed until nobody can print any more, and keep the end of it."""
+        assert self.process.stdout is not None
+        with self.process.stdout as pipe:
+            while chunk := pipe.read(1 << 16):
+                self._printed = (self._printed + chunk)[-KEPT_OUTPUT:]
+
+    def output(self, wait_s: float = 0.0) -> str:
+        """The last that was printed.
+
+        Args:
+            wait_s: Longest time to wait for the end of it [s].
+        """
+        self._reader.join(wait_s)
+        return self._printed.decode(errors="replace")
+
+    def excess(self, memory_bytes: int | None) -> str:
+        """What is used too much of, "" if nothing.
+
+        Args:
+            memory_bytes: Most memory of all processes together [bytes]; None for any.
+        """
+        below = self._below()
+        if len(below) > MAX_PROCESSES:
+            return f"started more than {MAX_PROCESSES} processes"
+        if memory_bytes is None or _memory(below, "rss") <= memory_bytes:
+            return ""
+        # forked processes share most of what they seem to use
+        if len(below) > 3 and _memory(below, "pss") <= memory_bytes:
+            return ""
+        return f"used more than {memory_bytes / 2**30:g} GiB of memory"
+
+    def end(self) -> None:
+        """End all of it, what is started meanwhile too.
+
+        Raises:
+            RuntimeError: Some are still there after `END_WITHIN_S`.
+        """
+        deadline = time.monotonic() + END_WITHIN_S
+        if hasattr(os, "killpg") and self.process.poll() is None:
+            with suppress(ProcessLookupError, PermissionError):  # those that no tree shows, too
+                os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.kill()
+        self.process.wait()
+        while below := self._below():
+            for action in ("suspend", "kill"):  # first nobody forks any more
+                for process in below:
+                    with suppress(psutil.Error):
+                        getattr(process, action)()
+            for process in below:
+                with suppress(ChildProcessError):
+                    os.waitpid(process.pid, getattr(os, "WNOHANG", 0))
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"{len(below)} processes of a submission cannot be ended")
+            time.sleep(0.005)
+
+    def _below(self) -> list[psutil.Process]:
+        """All processes below this one, but for those that were there and what is below them."""
+        children = psutil.Process().children(recursive=True)
+        parents: dict[int | None, int] = {}
+        for child in children:
+            with suppress(psutil.Error):
+                parents[child.pid] = child.ppid()
+
+        def stays(pid: int | None) -> bool:
+            while pid is not None and pid not in self._others:
+                pid = parents.get(pid)
+            return pid is not None
+
+        return [child for child in children if not stays(child.pid)]
+
+
+def _memory(processes: list[psutil.Process], kind: str) -> int:
+    """Memory of processes together [bytes]; "rss" is quick, "pss" counts once what is shared."""
+    used = 0
+    for process in processes:
+        with suppress(psutil.Error):
+            read = process.memory_info if kind == "rss" else process.memory_full_info
+            used += getattr(read(), kind, 0)
+    return used
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended.
+
+    Attributes:
+        reason: Why it was ended, "" if it ended by itself.
+        status: Exit status, negative for a signal.
+        output: The last that it and its children printed.
+        seconds: How long it ran [s].
+    """
+
+    reason: str
+    status: int
+    output: str
+    seconds: float
+
+
+def run(
+    command: Sequence[str],
+    *,
+    timeout_s: float,
+    memory_bytes: int,
+    cwd: str | os.PathLike,
+    env: dict[str, str],
+) -> Ended:
+    """Run a command and end all that it has started, whatever happens.
+
+    Args:
+        command: Program and arguments.
+        timeout_s: Longest time [s].
+        memory_bytes: Most memory of everything that it starts together [bytes].
+        cwd: Working folder.
+        env: Environment.
+
+    Example:
+        >>> ended = run(
+        ...     ["sh", "-c", "sleep 9 & echo started"],
+        ...     timeout_s=5,
+        ...     memory_bytes=1 << 30,
+        ...     cwd=".",
+        ...     env=dict(os.environ),
+        ... )
+        >>> ended.status, ended.output.split(), ended.seconds < 5
+        (0, ['started'], True)
+    """
+    begin = time.monotonic()
+    started = Supervised(command, cwd=cwd, env=env)
+    reason = ""
+    try:
+        while not reason:
+            with suppress(subprocess.TimeoutExpired):
+                started.process.wait(LOOK_EVERY_S)
+                break
+            if time.monotonic() - begin > timeout_s:
+                reason = f"took more than {timeout_s:.0f} s"
+            else:
+                reason = started.excess(memory_bytes)
+    finally:
+        started.end()
+    seconds = time.monotonic() - begin
+    return Ended(reason, started.process.returncode, started.output(5.0), seconds)
