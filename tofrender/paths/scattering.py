@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
 from .records import Bounce, Connection, Path, Vertex
+from .refraction import RoughGlass
 from .space import leave
 from .surfaces import transmits
 
@@ -22,9 +22,9 @@ class Materials:
 
     def __init__(self, scene: mi.Scene, material: mi.BSDF | None = None) -> None:
         self.material = material
-        rough, clear = mi.BSDFFlags.GlossyTransmission, mi.BSDFFlags.DeltaTransmission
-        self.has_rough_glass = material is None and transmits(scene, rough)
-        self.refracts = material is None and transmits(scene, rough, clear)
+        self.glass = RoughGlass(scene) if material is None else None
+        clear = material is None and transmits(scene, mi.BSDFFlags.DeltaTransmission)
+        self.refracts = clear or (self.glass is not None and self.glass.exists)
 
     def bsdf(self, vertex: Vertex) -> Any:
         """The material at a vertex."""
@@ -61,24 +61,8 @@ class Materials:
         else:
             wo = si.to_local(link.direction)
             f, pdf_f, bs, weight = bsdf.eval_pdf_sample(ctx, si, wo, xi, u, active)
-            if self.has_rough_glass:
-                η_f = index_behind(bsdf, si, wo, link.active)
+            if self.glass is not None and self.glass.exists:
+                η_f = self.glass.index_behind(bsdf, si, wo, link.active)
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         ray = leave(si, si.to_world(bs.wo), specular)
         return Bounce(f, pdf_f, η_f, ray, weight, bs.pdf, bs.eta, specular)
-
-
-def index_behind(
-    bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-) -> mi.Float:
-    """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`.
-
-    Mitsuba tells it with a sample only. The one that is drawn here comes along the normal, where
-    nothing is totally reflected.
-    """
-    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(mi.BSDFFlags.GlossyTransmission))
-    through = mi.SurfaceInteraction3f(si)
-    through.wi = mi.Vector3f(0, 0, dr.sign(si.wi.z))
-    crossing = active & (si.wi.z * wo.z < 0)
-    sample, _ = bsdf.sample(ctx, through, 0.5, mi.Point2f(0.5), crossing)
-    return dr.select(crossing & (sample.eta > 0), sample.eta, 1)

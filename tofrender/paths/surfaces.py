@@ -26,7 +26,15 @@ def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
     return found & si.is_valid()
 
 
+def materials(scene: mi.Scene) -> list[mi.BSDF]:
+    """The materials of all shapes, and of those that instances repeat."""
+    shapes = scene.shapes()
+    if any(shape.class_name() == "Instance" for shape in shapes):
+        return [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.BSDF)]
+    return [shape.bsdf() for shape in shapes]
+
+
 def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
     """Whether a surface of the scene lets light through in one of the given ways."""
-    bsdfs = [shape.bsdf().flags() for shape in scene.shapes()]
-    return any(mi.has_flag(flags, way) for flags in bsdfs for way in ways)
+    flags = [bsdf.flags() for bsdf in materials(scene)]
+    return any(mi.has_flag(each, way) for each in flags for way in ways)
