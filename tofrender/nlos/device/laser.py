@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import drjit as dr
@@ -51,6 +53,16 @@ def turn(laser: Any, target: Any, origin: Any = None) -> None:
     along = dr.normalize(target - place)
     up = mi.Vector3f(0, 1, 0) if abs(along.y[0]) < 0.99 else mi.Vector3f(1, 0, 0)
     _place(laser, mi.Transform4f().look_at(place, target, up))
+
+
+@contextmanager
+def kept(laser: Any) -> Iterator[None]:
+    """Turn a laser back to where it looked before, whatever happens in between."""
+    before = mi.Transform4f(laser.world_transform())
+    try:
+        yield
+    finally:
+        _place(laser, before)
 
 
 def follow_meters(scene: mi.Scene) -> None:

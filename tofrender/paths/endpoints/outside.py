@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ...signals.colour import white
 from .scene_lights import Connection, Wavefronts
 
 
@@ -75,5 +76,5 @@ class OpenSky(_Outside):
         d = si.to_world(mi.Vector3f(local.x, local.y, dr.mulsign(local.z, si.wi.z)))
         seen = active & (pdf > 0)
         seen &= ~self.scene.ray_test(si.spawn_ray(d), seen)
-        weight = mi.UnpolarizedSpectrum(dr.select(seen, dr.rcp(pdf), 0))
+        weight = dr.select(seen, white(si.wavelengths) / pdf, 0)
         return Connection(d, weight, pdf, mi.Bool(True), self.sphere.length(si.p, d), seen)
