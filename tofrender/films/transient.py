@@ -234,8 +234,9 @@ class TransientHDRFilm(mi.Film):
 
         Args:
             tile: A film of the same `size`, bins and filter, whose crop window tells its place.
-                Every sample of its integrator must be the only ones in its pixels: tiles do not
-                overlap but by their filter's border.
+                Tiles must not overlap. With filters other than box, this film and its tiles
+                sample beyond their borders (`sample_border`), as far as the filter reaches:
+                without that, seams would lack what the filter takes from the next tile.
 
         Raises:
             ValueError: The tile differs or does not lie within this film's window.
@@ -244,7 +245,7 @@ class TransientHDRFilm(mi.Film):
             mine, its = getattr(self, name), getattr(tile, name)
             if mine != its:
                 raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
-        for name in ("size", "rfilter"):
+        for name in ("size", "rfilter", "sample_border"):
             mine, its = str(getattr(self, name)()), str(getattr(tile, name)())
             if mine != its:
                 raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
@@ -254,6 +255,12 @@ class TransientHDRFilm(mi.Film):
             raise ValueError(
                 f"tile.crop_offset = {tile.crop_offset()}, size {width} x {height}: "
                 f"must lie within the film's window of {self.shape[1]} x {self.shape[0]} pixels"
+            )
+        needs_border = tile.shape != self.shape and not self.rfilter().is_box_filter()
+        if needs_border and not tile.sample_border():
+            raise ValueError(
+                "tile.sample_border = False: must be True with another filter than box, here and "
+                "in the film, so that seams get the samples beyond them"
             )
         self.bins.merge(tile.bins, x, y)
         raw = tile.steady.develop(raw=True)

@@ -148,7 +148,7 @@ def focus_laser(
         scene: A scene with one emitter, a projector or spot.
         point: The point [m], or
         uv: its place in the uv square of the shape that the sensor is a child of, or
-        pixel: (x, y) of the sensor's film; its centre is meant.
+        pixel: (x, y) of the sensor's whole film, whatever its crop window; its centre is meant.
         sensor: Number of the sensor.
 
     Returns:
@@ -176,16 +176,20 @@ def focus_laser(
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
     if pixel is not None:
         _require_two("pixel", pixel, "its column and row")
-        size = camera.film().size()
-        place = [
-            (checks.integer(f"pixel {axis}", k, 0, n - 1) + 0.5) / n
+        film = camera.film()
+        size = film.size()
+        x, y = (
+            checks.integer(f"pixel {axis}", k, 0, n - 1) + 0.5
             for axis, k, n in zip("xy", pixel, size, strict=True)
-        ]
+        )
         if camera.get_shape() is None:
-            ray, _ = camera.sample_ray(0.0, 0.5, mi.Point2f(*place), mi.Point2f(0.5))
+            # A camera's rays are asked for by their place in the crop window
+            crop, offset = film.crop_size(), film.crop_offset()
+            place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
+            ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
             target = scene.ray_intersect(mi.Ray3f(ray)).p
         else:
-            target = _at_uv(camera, place)
+            target = _at_uv(camera, (x / size.x, y / size.y))
     elif uv is not None:
         _require_two("uv", uv, "two numbers from 0 to 1")
         u, v = (checks.metres("uv", x, unit="the side") for x in uv)

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...runtime import checks
+from ...signals.illuminants import Colours
 
 if TYPE_CHECKING:
     from ...signals.pulses import Pulse
@@ -83,13 +84,13 @@ class ConfocalProjector(mi.Emitter):
         self.count = len(sigmas)
         self.positions = mi.Point2f(positions.T.copy())
         self.sigmas = mi.Float(sigmas)
-        self.colours = mi.Color3f((powers / brightness[:, None]).T.copy())
+        self.colours = Colours(powers / brightness[:, None])
         self.cumulative = mi.Float(np.cumsum(brightness) / brightness.sum())
         self.shares = mi.Float(brightness / brightness.sum())
         self.total = float(brightness.sum())
         inside = np.prod([_between(positions[:, k], sigmas) for k in (0, 1)], axis=0)
         self.inside = mi.Float(inside)
-        dr.eval(self.positions, self.sigmas, self.colours, self.cumulative, self.inside)
+        dr.eval(self.positions, self.sigmas, self.cumulative, self.inside)
 
     @property
     def pulse(self) -> Pulse:
@@ -114,9 +115,15 @@ class ConfocalProjector(mi.Emitter):
         return mi.Transform4f(self.frame) @ mi.Point3f(0)
 
     def sample_beam(
-        self, axes: mi.Frame3f, sampler: mi.Sampler, active: mi.Bool
+        self, axes: mi.Frame3f, sampler: mi.Sampler, active: mi.Bool, wavelengths: Any = None
     ) -> tuple[mi.Vector3f, Any]:
         """Sample a direction in proportion to the pattern.
+
+        Args:
+            axes: The projector's frame.
+            sampler: Random numbers.
+            active: Lanes that sample.
+            wavelengths: Sampled wavelengths of the lanes [nm], for spectral variants.
 
         Returns:
             Unit vector, and the power that a sample stands for [W], 0 outside of the field of view.
@@ -141,24 +148,23 @@ class ConfocalProjector(mi.Emitter):
         found = 1 - dr.power(1 - inside, self.tries)
         weight = dr.select(dr.all(dr.abs(p) <= 1), self.total * inside / found, 0)
         d = axes.to_world(dr.normalize(mi.Vector3f(p.x * self.tan, p.y * self.tan, 1)))
-        colour = dr.gather(mi.Color3f, self.colours, index, active)
-        return d, _spectrum(colour) * weight
+        return d, self.colours.at(index, wavelengths, active) * weight
 
-    def intensity(self, axes: mi.Frame3f, direction: mi.Vector3f) -> Any:
-        """Radiant intensity [W/sr] in a direction."""
+    def intensity(self, axes: mi.Frame3f, direction: mi.Vector3f, wavelengths: Any = None) -> Any:
+        """Radiant intensity [W/sr] in a direction, at wavelengths as in `sample_beam`."""
         local = axes.to_local(direction)
         x, y = local.x / (local.z * self.tan), local.y / (local.z * self.tan)
-        total = mi.Color3f(0)
+        total = mi.UnpolarizedSpectrum(0)
         for k in range(self.count):
             centre = dr.gather(mi.Point2f, self.positions, k)
             sigma = dr.gather(mi.Float, self.sigmas, k)
             r2 = dr.square(x - centre.x) + dr.square(y - centre.y)
             share = dr.gather(mi.Float, self.shares, k) * self.total
             density = share * dr.exp(-r2 / (2 * sigma * sigma)) / (2 * dr.pi * sigma * sigma)
-            total += dr.gather(mi.Color3f, self.colours, k) * density
+            total += self.colours.at(mi.UInt32(k), wavelengths) * density
         seen = (local.z > 0) & (dr.abs(x) <= 1) & (dr.abs(y) <= 1)
         per_sr = 1 / (self.tan**2 * local.z**3)
-        return dr.select(seen, _spectrum(total) * per_sr, 0)
+        return dr.select(seen, total * per_sr, 0)
 
     # Mitsuba asks every emitter that exists, in whatever scene; this one is dark to all others.
 
@@ -217,15 +223,6 @@ def _pose(matrix: Any) -> np.ndarray:
         rows = pose[:3].tolist()
         raise ValueError(f"frame = {rows}: must be finite, with three axes that span space")
     return pose
-
-
-def _spectrum(colour: mi.Color3f) -> Any:
-    """A colour in what the variant calculates with."""
-    if mi.is_monochromatic:
-        return mi.UnpolarizedSpectrum(mi.luminance(colour))
-    if mi.is_spectral:
-        return mi.UnpolarizedSpectrum(dr.mean(colour))
-    return mi.UnpolarizedSpectrum(colour)
 
 
 def _between(x0: np.ndarray, sigma: np.ndarray) -> np.ndarray:

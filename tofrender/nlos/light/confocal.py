@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from ...films.contribution import Contribution
 from ...runtime import checks
+from ...signals.illuminants import white
 from .laser_spot import Spot
 from .relay_wall_path import RelayWallPath, Scan
 
@@ -75,17 +76,18 @@ class ConfocalTransientIntegrator(RelayWallPath):
         """The beam along a camera ray, or the projector's pattern around it."""
         scene, projector = scan.scene, self.projector
         if projector is None:
-            spot = self.spot(scene, ray, origin, mi.UnpolarizedSpectrum(self.power), active)
+            power = self.power * white(ray.wavelengths)
+            spot = self.spot(scene, ray, origin, power, active)
             return self.lit_point(scan, lambda sampler, active: spot), None
         axes, source = projector.axes(ray.d, mi.Vector3f(scan.up)), projector.origin(origin)
 
         def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
-            d, power = projector.sample_beam(axes, sampler, active)
+            d, power = projector.sample_beam(axes, sampler, active, ray.wavelengths)
             lit = active & dr.any(power > 0)
-            return self.spot(scene, mi.Ray3f(source, d), source, power, lit)
+            return self.spot(scene, mi.Ray3f(source, d, 0, ray.wavelengths), source, power, lit)
 
         def irradiance(d: mi.Vector3f, r: mi.Float) -> Any:
-            return projector.intensity(axes, d) / (r * r)
+            return projector.intensity(axes, d, ray.wavelengths) / (r * r)
 
         seen = self.from_laser(scene, ray, origin, source, irradiance, active)
         return self.lit_point(scan, beam), seen

@@ -14,6 +14,7 @@ from ...paths.endpoints import SceneLights
 from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import is_on
 from ...runtime import checks
+from ...signals.illuminants import white
 from ..device.laser import GRAZING, axis, find_laser, follow_meters, place_of, require_aim
 from ..device.relay_wall import is_on_relay_wall, look
 from .relay_wall_path import RelayWallPath, Scan, ScanPlan
@@ -194,7 +195,7 @@ class TransientNLOSPath(RelayWallPath):
 
         def irradiance(d: mi.Vector3f, r: mi.Float) -> Any:
             lit = dr.zeros(mi.SurfaceInteraction3f)
-            lit.p = source + r * d
+            lit.p, lit.wavelengths = source + r * d, ray.wavelengths
             return mi.unpolarized_spectrum(emitter.sample_direction(lit, mi.Point2f(0.5))[1])
 
         def in_focus(d: mi.Vector3f, r: mi.Float) -> Any:
@@ -202,10 +203,13 @@ class TransientNLOSPath(RelayWallPath):
 
         confocal = scan.follows_camera
         towards = dr.normalize(scene.ray_intersect(ray, active).p - source) if confocal else forward
-        carried = mi.UnpolarizedSpectrum(1)
-        spot = self.spot(scene, mi.Ray3f(source, towards), source, carried, active)
+        beam, carried = mi.Ray3f(source, towards, 0, ray.wavelengths), mi.UnpolarizedSpectrum(1)
+        spot = self.spot(scene, beam, source, carried, active)
         r = dr.norm(spot.si.p - source)
-        spot.power *= self.laser_power or in_focus(towards, r) * dr.abs(spot.si.wi.z) * AREA
+        if self.laser_power:
+            spot.power *= self.laser_power * white(ray.wavelengths)
+        else:
+            spot.power *= in_focus(towards, r) * dr.abs(spot.si.wi.z) * AREA
         seen = None
         if self.shows_spot and not self.laser_power:
             light = in_focus if confocal else irradiance

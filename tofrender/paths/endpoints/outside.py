@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ...signals.illuminants import white
 from ..records import Connection, Path, Vertex
 from .unseen import Unseen
 from .wavefronts import Wavefronts
@@ -73,7 +74,7 @@ class OpenSky(Unseen):
         return Connection(
             point=dr.fma(d, length + self.sphere.radius, si.p),  # Beyond all that could hide it
             direction=d,
-            weight=mi.UnpolarizedSpectrum(dr.select(pdf > 0, dr.rcp(pdf), 0)),
+            weight=dr.select(pdf > 0, white(si.wavelengths) / pdf, 0),
             pdf=pdf,
             delta=mi.Bool(True),
             length=length,
