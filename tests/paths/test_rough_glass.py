@@ -73,12 +73,9 @@ def instance(bsdf: dict) -> dict:
     }
 
 
-xfail = pytest.mark.xfail(strict=True, reason="the index behind nested rough glass is taken as 1")
-
-
 def wrong(name: str, make):
     """A case that fails without knowing what the nested glass is."""
-    return pytest.param(make, id=name, marks=xfail)
+    return pytest.param(make, id=name)
 
 
 CASES = [
@@ -162,7 +159,7 @@ def through(parts: dict, side: float = 1.0, **integrator) -> dict:
 
 @pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", [pytest.param(name, marks=xfail) for name in NESTED])
+@pytest.mark.parametrize("name", NESTED)
 def test_connected_or_hit_it_arrives_at_the_same_time(name):
     """Paths that run into the lamp count with the index of the direction that was sampled."""
     described = through(NESTED[name]())
@@ -181,7 +178,6 @@ def test_connected_or_hit_it_arrives_at_the_same_time(name):
 
 @pytest.mark.parametrize("wrap", [face, instance])
 @pytest.mark.parametrize("integrator", ["transient_path", "time_gated_transient_path"])
-@pytest.mark.xfail(strict=True, reason="two indices in one blend are taken for one")
 def test_two_indices_in_one_blend_are_refused(wrap, integrator):
     """A connection through both has no single length."""
     two = blend(glass(), glass(index=1.2), 0.5, id="two_glasses")
@@ -217,7 +213,6 @@ def gates(loaded: mi.Scene, times, spp: int, seed: int) -> np.ndarray:
     return np.array([image[0, 0, 1] for image in images], dtype=float)
 
 
-@pytest.mark.xfail(strict=True, reason="an instance's rough glass is not seen")
 def test_an_instance_is_its_shape_to_a_gate():
     """The same paths and weights, gate by gate."""
     times = (3.5, 3.7, 4.0)
@@ -230,7 +225,6 @@ def test_an_instance_is_its_shape_to_a_gate():
 
 @pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.xfail(strict=True, reason="an instance's rough glass is not seen")
 def test_gates_sum_to_the_steady_picture():
     """From within an instance of glass: no gate ends the paths that would reach it."""
     described = through(instance(glass()), side=-1.0)
@@ -242,7 +236,7 @@ def test_gates_sum_to_the_steady_picture():
     assert not agree(0.9 * samples, steady, rounding=5e-3)
 
 
-@pytest.mark.parametrize("wrap", [face, pytest.param(instance, marks=xfail)])
+@pytest.mark.parametrize("wrap", [face, instance])
 def test_a_gate_does_not_close_before_light_from_glass(wrap):
     """Seen from within glass, the way on to a lamp is optically shorter than it is long.
 
