@@ -23,10 +23,6 @@ DEVICE, LASER, LIT = (-0.6, 0.3, 1.2), (-0.3, -0.4, 1.0), (0.1, 0.2, 0.0)
 PATCH = Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.3, 0.3))
 SIZE = 64
 
-two_scales = pytest.mark.xfail(
-    strict=True, reason="single-bounce light has the beam's own power, the rest the spot's"
-)
-
 
 def spot(intensity: float, angle: float = 12.0) -> dict:
     to_world = mi.ScalarTransform4f().look_at(list(LASER), list(LIT), [0, 1, 0])
@@ -41,7 +37,6 @@ def bounces(data) -> tuple[np.ndarray, np.ndarray]:
     return values[..., early].sum(axis=-1), values[..., ~early].sum(axis=-1)
 
 
-@two_scales
 @pytest.mark.slow
 @pytest.mark.parametrize(("watts", "intensity"), [(None, 0.3), (None, 30.0), (2.5, 30.0)])
 def test_single_capture(watts, intensity):
@@ -71,7 +66,6 @@ def test_single_capture(watts, intensity):
     assert shown == pytest.approx(lighting, rel=0.03)
 
 
-@two_scales
 @pytest.mark.slow
 @pytest.mark.parametrize(("watts", "fov"), [(None, 0.2), (None, 3.0), (2.5, 0.2)])
 def test_confocal_capture(watts, fov):

@@ -10,6 +10,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+RAYS, CELLS = 32, 256
+"""Rays that say how wide a beam is, and cells of the rule that integrates it, on each side."""
+
+VISIBLE_NM = (460.0, 530.0, 590.0, 640.0)
+"""Wavelengths at which spectral variants compare a beam's brightness."""
+
 GRAZING = 1e-4
 """Cosine between a wall's normal and the laser below which the laser is in the wall's plane."""
 
@@ -32,6 +38,43 @@ def axis(laser: Any) -> tuple[mi.Point3f, mi.Vector3f]:
     """Where a laser is [m], and the unit vector along which it looks."""
     pose = laser.world_transform()
     return pose @ mi.Point3f(0), dr.normalize(pose @ mi.Vector3f(0, 0, 1))
+
+
+def solid_angle(laser: Any) -> float:
+    """Solid angle that a beam of its axis' intensity would need for the laser's power [sr].
+
+    The integral of I(w) / I(axis) dw over the directions in which the laser shines, by the midpoint
+    rule on a plane before it.
+
+    Raises:
+        ValueError: The laser is dark along its axis; one line.
+    """
+    sides = (np.arange(RAYS) + 0.5) / RAYS
+    u = mi.Point2f(*(mi.Float(each.ravel()) for each in np.meshgrid(sides, sides)))
+    rays, _ = laser.sample_ray(0.0, 0.5, u, u, True)
+    origin, forward = axis(laser)
+    frame = mi.Frame3f(forward)
+    local = frame.to_local(rays.d)
+    x, y = local.x / local.z, local.y / local.z
+    low, high = [dr.min(v) for v in (x, y)], [dr.max(v) for v in (x, y)]
+    margin = [0.05 * (h - a) for a, h in zip(low, high, strict=True)]
+    sides = (np.arange(CELLS) + 0.5) / CELLS
+    s, t = (mi.Float(each.ravel()) for each in np.meshgrid(sides, sides))
+    spans = [h - a + 2 * m for a, h, m in zip(low, high, margin, strict=True)]
+    x, y = (a - m + v * w for a, m, v, w in zip(low, margin, (s, t), spans, strict=True))
+
+    def intensity(d: mi.Vector3f) -> mi.Float:
+        at: Any = dr.zeros(mi.SurfaceInteraction3f)
+        at.p = origin + d
+        if mi.is_spectral:
+            at.wavelengths = type(at.wavelengths)(*VISIBLE_NM)
+        return dr.max(mi.unpolarized_spectrum(laser.sample_direction(at, mi.Point2f(0.5))[1]))
+
+    d = mi.Vector3f(x, y, 1)
+    cos = dr.rsqrt(dr.squared_norm(d))
+    cell = spans[0] * spans[1] / CELLS**2
+    total = dr.sum(intensity(frame.to_world(d * cos)) * cos**3) * cell
+    return float((total / intensity(forward))[0])
 
 
 def turn(laser: Any, target: Any, origin: Any = None) -> None:

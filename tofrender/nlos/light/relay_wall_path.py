@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,6 +42,7 @@ class Scan:
         guided: The scattering that sends paths to hidden geometry, None without.
         share: What walked paths leave to connections around the corner, None without those.
         follows_camera: Whether the laser is turned to where each camera ray meets the scene.
+        solid_angle: Solid angle of the laser's beam [sr], if its lit point counts.
     """
 
     scene: mi.Scene
@@ -49,6 +51,7 @@ class Scan:
     guided: Guided | None = None
     share: CornerShare | None = None
     follows_camera: bool = False
+    solid_angle: float = math.nan
 
 
 class ScanPlan(Plan):

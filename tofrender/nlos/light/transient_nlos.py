@@ -15,7 +15,15 @@ from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import is_on
 from ...runtime import checks
 from ...signals.illuminants import white
-from ..device.laser import GRAZING, axis, find_laser, follow_meters, place_of, require_aim
+from ..device.laser import (
+    GRAZING,
+    axis,
+    find_laser,
+    follow_meters,
+    place_of,
+    require_aim,
+    solid_angle,
+)
 from ..device.relay_wall import is_on_relay_wall, look
 from .relay_wall_path import RelayWallPath, Scan, ScanPlan
 
@@ -33,9 +41,13 @@ class TransientNLOSPath(RelayWallPath):
     The scene's one emitter, a projector or spot, is the laser; an `nlos_capture_meter` can say
     where it is. With `nlos_laser_sampling` it lights a single point: in a single capture the one
     that it looks at, in a confocal capture the one that the camera ray meets, as if the emitter
-    were turned there. The power that arrives is the irradiance at that point times one square
-    metre, which falls with the distance of the laser, or `laser_power`, as of a real one. Besides
-    those of `RelayWallPath`, with `account_first_and_last_bounces` false by default:
+    were turned there. A lit point stands for one square metre: the power that arrives is the
+    irradiance at that point times 1 m^2, which falls with the distance of the laser, or
+    `laser_power` [W], as of a real one. All bounces are of that power. Light of a single bounce is
+    that of a beam of that power, so that it is brighter than the emitter's own by 1 m^2 over the
+    beam's footprint: 10^4 times for 0.2 degrees at 2.8 m. Without `nlos_laser_sampling` all bounces
+    have the emitter's own power. Besides the parameters of `RelayWallPath`, with
+    `account_first_and_last_bounces` false by default:
 
     | parameter | default | meaning |
     |---|---|---|
@@ -51,7 +63,8 @@ class TransientNLOSPath(RelayWallPath):
     | `force_equal_illumination_scanning` | true | exhaustive captures light the sensor's points |
     | `illumination_scan_fov` | 20 | a warning: there are no others |
 
-    Unlike there, what something hides does not count, surfaces count from both sides, choosing
+    Unlike there, light of a single bounce is shown unless `discard_direct_paths` drops it, what
+    something hides does not count, surfaces count from both sides, choosing
     between two samplings keeps the energy, 3 bounces are three, and a wall that meets the hidden
     geometry is found by its material, too: sampling by area alone would miss its light.
 
@@ -135,6 +148,8 @@ class TransientNLOSPath(RelayWallPath):
         plan = super().plan(scene, sensor, weight, wall)
         if self.laser_sampling:
             self._check_aim(plan.scan, kind, sensor)
+            if self.shows_spot:
+                plan.scan.solid_angle = solid_angle(find_laser(scene))
         plan.scan.follows_camera = kind == "confocal"
         return plan
 
@@ -198,21 +213,25 @@ class TransientNLOSPath(RelayWallPath):
             lit.p, lit.wavelengths = source + r * d, ray.wavelengths
             return mi.unpolarized_spectrum(emitter.sample_direction(lit, mi.Point2f(0.5))[1])
 
-        def in_focus(d: mi.Vector3f, r: mi.Float) -> Any:
-            return irradiance(forward, r)
-
         confocal = scan.follows_camera
         towards = dr.normalize(scene.ray_intersect(ray, active).p - source) if confocal else forward
         beam, carried = mi.Ray3f(source, towards, 0, ray.wavelengths), mi.UnpolarizedSpectrum(1)
         spot = self.spot(scene, beam, source, carried, active)
-        r = dr.norm(spot.si.p - source)
+        facing = irradiance(forward, dr.norm(spot.si.p - source))  # What the beam's axis carries
         if self.laser_power:
             spot.power *= self.laser_power * white(ray.wavelengths)
         else:
-            spot.power *= in_focus(towards, r) * dr.abs(spot.si.wi.z) * AREA
+            spot.power *= facing * dr.abs(spot.si.wi.z) * AREA
+        power = spot.power
         seen = None
-        if self.shows_spot and not self.laser_power:
-            light = in_focus if confocal else irradiance
+        if self.shows_spot:
+
+            def light(d: mi.Vector3f, r: mi.Float) -> Any:
+                off_axis = mi.Float(1)
+                if not confocal:
+                    off_axis = dr.max(irradiance(d, r)) / dr.max(irradiance(forward, r))
+                return power * off_axis / (scan.solid_angle * r * r)
+
             seen = self.from_laser(scene, ray, origin, source, light, active)
         return self.lit_point(scan, lambda sampler, active: spot), seen
 
