@@ -43,10 +43,6 @@ def arrival(data) -> np.ndarray:
     return (values * data["opl"].values).sum(axis=-1) / values.sum(axis=-1)
 
 
-wrong_leg = pytest.mark.xfail(strict=True, reason="the leg to the camera is taken off twice")
-
-
-@wrong_leg
 @pytest.mark.parametrize("kind", KINDS)
 def test_legs_are_what_the_lengths_count(kind):
     """Without its legs, a confocal capture's light is 2 r from wall to patch."""
@@ -56,7 +52,6 @@ def test_legs_are_what_the_lengths_count(kind):
     assert arrival(bare) == pytest.approx(2 * r, abs=0.01)
 
 
-@wrong_leg
 @pytest.mark.parametrize("mode", ["single", "exhaustive"])
 def test_only_the_lasers_leg_counts(mode):
     """With the camera's leg left out, lengths hold laser to wall, wall to patch to wall."""
@@ -70,7 +65,6 @@ def test_only_the_lasers_leg_counts(mode):
     assert arrival(bare) == pytest.approx(expected, abs=0.01)
 
 
-@wrong_leg
 @pytest.mark.slow
 def test_reconstruction_of_an_unwarped_capture():
     """A plate at 1 m is found there, not at .57 m."""

@@ -231,7 +231,7 @@ def test_gates_sum_to_the_steady_picture():
     steady = np.array(path_image(described, spp=1 << 16)[0, 0, 1])
     times = np.arange(2.6, 3.5, SPACING)
     loaded = load(described)
-    samples = over_seeds(lambda seed: SPACING * gates(loaded, times, 512, seed).sum(), range(4))
+    samples = over_seeds(lambda seed: SPACING * gates(loaded, times, 256, seed).sum(), range(8))
     assert agree(samples, steady, rounding=5e-3)
     assert not agree(0.9 * samples, steady, rounding=5e-3)
 

@@ -9,7 +9,7 @@ Where some pixels do not look at the wall, `on_wall (y, x)` says which do; the o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -240,8 +240,14 @@ def _check_legs(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
 DEVICES = ("laser", "sensor")
 
 
-def first_and_last_legs(capture: xr.Dataset) -> np.ndarray:
+def first_and_last_legs(
+    capture: xr.Dataset, devices: Collection[str] = ("laser", "sensor")
+) -> np.ndarray:
     """Lengths laser origin -> wall -> ... -> wall -> sensor origin outside the hidden scene [m].
+
+    Args:
+        capture: A capture.
+        devices: Whose legs are meant.
 
     Returns:
         float64, (rows, columns), of an exhaustive capture (laser rows, laser columns, rows,
@@ -253,6 +259,7 @@ def first_and_last_legs(capture: xr.Dataset) -> np.ndarray:
             - capture[f"{device}_origin"].values.astype(np.float64),
             axis=-1,
         )
+        * (device in devices)
         for device in DEVICES
     )
     if capture.attrs["mode"] == "exhaustive":
@@ -299,7 +306,20 @@ def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
     check_capture(capture)
     if not capture.attrs["counts_first_and_last_legs"]:
         return capture
-    legs = first_and_last_legs(capture)
+    return _earlier(capture, first_and_last_legs(capture))
+
+
+def without_first_leg(capture: xr.Dataset) -> xr.Dataset:
+    """As `without_first_and_last_legs`, of light whose lengths lack the leg to the sensor already.
+
+    Args:
+        capture: A capture that says that it counts the legs, and counts the laser's.
+    """
+    return _earlier(capture, first_and_last_legs(capture, ["laser"]))
+
+
+def _earlier(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
+    """The capture with each pixel's bins moved by its `legs` [m], which it counts no more."""
     start, width = time_axis(capture)
     shift = (legs.max() - legs) / width  # to later bins, in bins
     extra = math.ceil(shift.max())

@@ -18,7 +18,7 @@ from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
-from .captures import MODES, make_capture
+from .captures import MODES, make_capture, without_first_leg
 from .device.laser import axis, find_laser, follow_meters, forget_meters, kept_aim, place_of, turn
 from .device.relay_wall import DEFAULT_ID as WALL
 from .device.relay_wall import find_shapes, ids, is_on_relay_wall, seen_shapes
@@ -46,6 +46,9 @@ def capture(
     something else, or at nothing, are dark, and the variable `on_wall` says which (a warning says
     how many). Their points continue the plane of the wall; on a wall that is not flat they are the
     nearest pixel's.
+
+    Where the integrator leaves out the way to the camera (`camera_unwarp`) and counts the legs
+    otherwise, the laser's is taken off as well: lengths are then from wall to wall.
 
     Args:
         scene: As for `render`. Its integrator must be a `transient_nlos_path` or, for confocal
@@ -122,7 +125,7 @@ def capture(
         attrs |= {k: dataset.attrs[k] for k in ("pulse", "energy_outside_window", "complete")}
         if mode == "single":
             geometry |= _laser_point(scene, wall)
-    return make_capture(
+    data = make_capture(
         np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
         start_opl=start,
@@ -132,6 +135,8 @@ def capture(
         attrs=attrs,
         **geometry,
     )
+    one_leg = integrator.counts_legs and integrator.camera_unwarp
+    return without_first_leg(data) if one_leg else data
 
 
 def focus_laser(
