@@ -81,13 +81,13 @@ class AMCWTransientPath(TransientPath):
             origin: Where lengths start, by default where the rays do.
 
         Returns:
-            Spectrum, lanes that met a surface, and no AOVs.
+            Spectrum, lanes that see a surface or an environment, and no AOVs.
         """
         weight = self._modulation()
         origin = ray.o if origin is None else origin
         plan, measure = self.plan(scene), Weighted.zero(weight)
         measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return mi.Spectrum(measured.total), path.covered, []
+        return mi.Spectrum(measured.total), self.sees(scene, path), []
 
     def exposure(self) -> Exposure:
         """The correlation on a picture; phasors of the light's pulse on a film that stores them."""
@@ -162,6 +162,7 @@ def render_amcw_phasor(
 
     Raises:
         ValueError: A frequency is not above 0, or the list is empty; one line.
+        TypeError: The integrator has a `sample` of its own; one line.
 
     Example:
         >>> import tofrender
@@ -183,6 +184,11 @@ def render_amcw_phasor(
     )
     plugin = {"type": plugins.own_name("amcw_transient_path")}
     tracer = mi.load_dict(plugin) if integrator is None else integrator
+    if brings_sample(tracer):
+        raise TypeError(
+            f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "
+            "modulation; must be an AMCWTransientPath without, or use render_single_amcw for each"
+        )
     take(tracer.plan(scene, sensor), tracer.recording(film), sensor, spp, seed)
     phasors = np.array(film.develop()[1])
     height, width = phasors.shape[:2]

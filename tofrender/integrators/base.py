@@ -13,7 +13,7 @@ from ..films.recording import Recording, recording
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.protocols import Endpoint, Scattering
-from ..paths.records import Limits
+from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..runtime import checks
@@ -110,11 +110,15 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.
 
         Returns:
-            Spectrum, lanes that met a surface, and no AOVs.
+            Spectrum, lanes that see a surface or an environment, and no AOVs.
         """
         plan = self.plan(scene)
         radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), active)
-        return mi.Spectrum(radiance.total), path.covered, []
+        return mi.Spectrum(radiance.total), self.sees(scene, path), []
+
+    def sees(self, scene: mi.Scene, path: Path) -> mi.Bool:
+        """Lanes that see something, as Mitsuba's `path` says: a surface or an environment."""
+        return path.covered | (scene.environment() is not None and not self.hide_emitters)
 
     # --------------------------------------------------------------------- rendering
 

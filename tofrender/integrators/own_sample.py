@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import isfunction
 from typing import Any
 
 import drjit as dr
@@ -30,16 +31,16 @@ def require_sample(integrator: Any, call: str) -> None:
     Raises:
         TypeError: It has no `sample` of its own; one line.
     """
-    if not callable(getattr(integrator, "sample", None)):
+    if not isfunction(getattr(type(integrator), "sample", None)):  # Mitsuba's own knows no time
         kind = type(integrator).__name__
-        raise TypeError(f"integrator = {kind}: has no sample; must have {call}")
+        raise TypeError(f"integrator = {kind}: has no sample of its own; must have {call}")
 
 
 def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -> Follow:
     """Follow camera rays by an integrator's `sample(scene, sampler, ray, *more)`.
 
     Rays start on the sensor instead of at its near plane, since a `sample` measures lengths from
-    where its ray starts.
+    where its ray starts. Lanes that it says are not valid are black.
 
     Raises:
         TypeError: The film needs the length of each path, which a `sample` does not tell; one line.
@@ -51,9 +52,9 @@ def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -
         ray.o = camera.origin
         spectrum, covered, *_aovs = integrator.sample(scene, sampler, ray, *more)
         total = mi.UnpolarizedSpectrum(mi.unpolarized_spectrum(spectrum))
-        finite = dr.all(dr.isfinite(total))
-        radiance = Radiance(dr.select(finite, total, 0))
-        return radiance, mi.Bool(covered), dr.select(finite, mi.UInt32(0), 1)
+        valid, finite = mi.Bool(covered), dr.all(dr.isfinite(total))
+        radiance = Radiance(dr.select(valid & finite, total, 0))
+        return radiance, valid, dr.select(valid & ~finite, mi.UInt32(1), 0)
 
     return follow
 

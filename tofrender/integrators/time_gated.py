@@ -40,6 +40,11 @@ class Gate:
     """
 
     def __init__(self, pulse: Any, target_time: Any) -> None:
+        if not hasattr(pulse, "eval"):
+            raise TypeError(
+                f"pulse = {type(pulse).__name__}: must have eval(t), a density like that of "
+                "GaussianPulse(0.03)"
+            )
         self.pulse, self.target_time = pulse, target_time
         support = getattr(pulse, "support", None)
         self.closes = None if support is None else target_time - support[0]
@@ -100,7 +105,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         origin = ray.o if origin is None else origin
         plan, measure = self.plan(scene, None, gate), Weighted.zero(gate)
         measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return mi.Spectrum(measured.total), path.covered, []
+        return mi.Spectrum(measured.total), self.sees(scene, path), []
 
     def gate(self, target_time: Any) -> Gate:
         """The gate at a path length [m].
@@ -110,7 +115,8 @@ class TimeGatedTransientPath(TransientIntegrator):
         """
         if target_time is None:
             raise ValueError(NO_TARGET)
-        return Gate(self.pulse, dr.opaque(mi.Float, target_time))
+        is_array = isinstance(target_time, mi.Float)
+        return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
 
     def exposure(self, target_time: Any = None) -> Exposure:
         """One gate on a picture, by default the stored one; a gate at the centre of every bin."""

@@ -10,12 +10,15 @@ import mitsuba as mi
 from .surfaces import materials
 
 ROUGH = mi.BSDFFlags.GlossyTransmission
-DRAWS = (0.5, 1e-3, 1 - 1e-3, *((k + 0.5) / 8 for k in range(8)))
-"""Numbers by which a mixture of materials chooses among its parts; plain glass needs the first."""
+DRAWS = 256
+"""Samples that look for the index of a material that transmits only part of its light."""
 
 
 class RoughGlass:
-    """The rough glass of a scene.
+    """The rough glass of a scene: a table of relative indices, one for each material.
+
+    Mitsuba tells an index with a sample only, and a mixture of materials may hide it from any one
+    sample. So the parts of each material are asked once, before the render.
 
     Args:
         scene: The scene.
@@ -29,57 +32,61 @@ class RoughGlass:
     """
 
     def __init__(self, scene: mi.Scene) -> None:
-        found = [bsdf for bsdf in materials(scene) if mi.has_flag(bsdf.flags(), ROUGH)]
+        found = {
+            int(_number(mi.BSDFPtr(bsdf))[0]): _index(bsdf)
+            for bsdf in materials(scene)
+            if mi.has_flag(bsdf.flags(), ROUGH)
+        }
         self.exists = bool(found)
-        for bsdf in found:
-            parts = _parts(bsdf)
-            indices = sorted({_index(part) for part in parts}) if len(parts) > 1 else []
-            if len(indices) > 1:
-                raise ValueError(
-                    f"bsdf {bsdf.id()!r}: mixes rough glasses of the relative indices {indices}; "
-                    "must have one, the light behind it would have no optical length"
-                )
-        plain = all(each.class_name() == "RoughDielectric" for each in found)
-        self.draws = DRAWS[:1] if plain else DRAWS
+        self.table = mi.Float([found.get(k, 1.0) for k in range(max(found, default=0) + 1)])
+        dr.eval(self.table)
 
     def index_behind(
         self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
-        """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`.
-
-        Mitsuba tells it with a sample only. Those that are drawn here come along the normal, where
-        nothing is totally reflected.
-        """
-        through = mi.SurfaceInteraction3f(si)
-        through.wi = mi.Vector3f(0, 0, dr.sign(si.wi.z))
-        crossing = active & (si.wi.z * wo.z < 0)
-        return _index_along_normal(bsdf, through, self.draws, crossing)
+        """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`."""
+        number = _number(bsdf)
+        crossing = active & (si.wi.z * wo.z < 0) & (number < dr.width(self.table))
+        η = dr.gather(mi.Float, self.table, number, crossing)
+        return dr.select(crossing, dr.select(si.wi.z > 0, η, dr.rcp(η)), 1)
 
 
-def _index_along_normal(
-    bsdf: Any, si: mi.SurfaceInteraction3f, draws: tuple[float, ...], active: mi.Bool
-) -> mi.Float:
-    """Relative index of rough glass for light along the normal, 1 where there is none."""
-    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(ROUGH) | int(mi.BSDFFlags.Null))
-    η = mi.Float(1)
-    for xi in draws:
-        sample, _ = bsdf.sample(ctx, si, xi, mi.Point2f(0.5), active)
-        through_glass = mi.has_flag(sample.sampled_type, ROUGH) & (sample.eta > 0)
-        η = dr.select(active & through_glass, sample.eta, η)
-    return η
-
-
-def _parts(bsdf: mi.BSDF) -> list[mi.BSDF]:
-    """The rough glasses that a material is made of, itself if it is one."""
-    nodes = [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
-    rough = [node for node in nodes if mi.has_flag(node.flags(), ROUGH)]
-    inner = {id(node): [n for n in rough if n in mi.traverse(node).hierarchy] for node in rough}
-    return [node for node in rough if len(inner[id(node)]) == 1]
+def _number(bsdf: Any) -> mi.UInt32:
+    """The number by which Dr.Jit knows a material."""
+    return dr.reinterpret_array(mi.UInt32, bsdf)
 
 
 def _index(bsdf: mi.BSDF) -> float:
-    """Index of a single rough glass, on the side away from its normal over that on the normal's."""
-    si: Any = dr.zeros(mi.SurfaceInteraction3f)
+    """Index behind a material for light that comes along its normal, over that before it."""
+    nodes = [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
+    rough = [node for node in nodes if mi.has_flag(node.flags(), ROUGH)]
+    parts = [node for node in rough if not _mixes(node)]
+    indices = sorted({round(_index_of_part(part), 5) for part in parts})
+    if len(indices) > 1:
+        listed = ", ".join(f"{index:g}" for index in indices)
+        raise ValueError(
+            f"bsdf {bsdf.id()!r}: mixes rough glass of the indices {listed}; must have one index, "
+            "light that passes it would have no optical length"
+        )
+    return indices[0]
+
+
+def _mixes(bsdf: mi.BSDF) -> bool:
+    """Whether a material is made of others."""
+    return sum(isinstance(node, mi.BSDF) for node in mi.traverse(bsdf).hierarchy) > 1
+
+
+def _index_of_part(bsdf: mi.BSDF) -> float:
+    """The relative index of a single material, by samples along its normal."""
+    si: Any = dr.zeros(mi.SurfaceInteraction3f, DRAWS)
     si.wi, si.n = mi.Vector3f(0, 0, 1), mi.Normal3f(0, 0, 1)
     si.sh_frame = mi.Frame3f(si.n)
-    return round(float(_index_along_normal(bsdf, si, DRAWS, mi.Bool(True))[0]), 5)
+    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(ROUGH))
+    xi = (dr.arange(mi.Float, DRAWS) + 0.5) / DRAWS
+    sample, _ = bsdf.sample(ctx, si, xi, mi.Point2f(0.5))
+    through = (sample.wo.z < 0) & (sample.pdf > 0)
+    found = dr.max(dr.select(through, sample.eta, 0))[0]
+    parameters = mi.traverse(bsdf)
+    if found == 0 and "eta" in parameters:  # A texture lets no light through there
+        found = parameters["eta"]
+    return float(found) or 1.0
