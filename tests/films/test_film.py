@@ -418,7 +418,9 @@ def test_unknown_parameter(kind):
 def test_wrong_film():
     described = lamp_at(3.0, {"type": "hdrfilm", "width": 2, "height": 2})
     loaded = load(described)
-    with pytest.raises(TypeError, match="film = HDRFilm: must be transient_hdr_film or phasor_hdr_film") as error:
+    with pytest.raises(
+        TypeError, match="film = HDRFilm: must be transient_hdr_film or phasor_hdr_film"
+    ) as error:
         loaded.integrator().render(loaded)
     assert "\n" not in str(error.value)
 

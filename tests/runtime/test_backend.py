@@ -15,7 +15,7 @@ from tofrender.runtime import backend, llvm, plugins
 from tofrender.runtime.backend import BackendError
 
 ROOT = Path(__file__).parents[2]
-LLVM_VARIANTS = [name for name in mi.variants() if name.startswith("llvm")]
+LLVM_VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
 
 
 def python(code: str, **environment: str) -> subprocess.CompletedProcess:
