@@ -5,6 +5,8 @@
 | `BinRecording` | `transient_hdr_film`, mitransient's as well | the energy of each time bin |
 | `PhasorRecording` | `phasor_hdr_film` | phasors |
 | `PictureRecording` | any other | one weighted sum |
+
+A film of your own says by a method `recording(exposure)` which is its.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ def recording(film: Any, exposure: Exposure) -> Recording:
         TypeError: The film is of a kind that the exposure makes no sense on; one line.
         ValueError: The exposure lacks something, or does not fit the film's filter; one line.
     """
+    if hasattr(film, "recording"):
+        return film.recording(exposure)
     if hasattr(film, "frequencies_hz"):
         found: type[Recording] = PhasorRecording
     else:
