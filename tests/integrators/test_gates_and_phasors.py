@@ -331,3 +331,20 @@ def test_correlations_need_an_ordinary_film():
         TypeError, match="film = TransientHDRFilm: must be hdrfilm or phasor_hdr_film"
     ):
         integrator.render(loaded, spp=1)
+
+
+@pytest.mark.parametrize("call", ["gate", "gates", "correlation", "phasors"])
+def test_a_scene_of_another_variant_is_refused_in_a_line(call):
+    loaded = box()
+    mi.set_variant("llvm_ad_mono")
+    sensor, one = loaded.sensors()[0], tofrender.AMCWTransientPath(mi.Properties())
+    one.set_modulation(tofrender.AMCWPulse(20e6))
+    gate = tofrender.TimeGatedTransientPath(mi.Properties())
+    calls = {
+        "gate": lambda: tofrender.render_at_time(loaded, gate, sensor, 5.0),
+        "gates": lambda: tofrender.render_transient(loaded, gate, sensor, GATES),
+        "correlation": lambda: tofrender.render_single_amcw(loaded, one, sensor, 4),
+        "phasors": lambda: tofrender.render_amcw_phasor(loaded, sensor, 20e6),
+    }
+    with pytest.raises(ValueError, match=r"scene: belongs to the variant llvm_ad_rgb; must be one"):
+        calls[call]()

@@ -93,8 +93,7 @@ def step(
     path.opl = dr.fma(path.η, length, path.opl)
     mis = mi.Float(0) if endpoint.finds_all else mis_weight(path.pdf, hit.pdf)
     mis = dr.select(path.specular, mi.Float(1), mis)
-    found = hit.active & dr.any(hit.radiance != 0)
-    deliver(measurement, path, path.β * mis * hit.radiance, path.opl, found)
+    deliver(measurement, path, path.β * mis * hit.radiance, path.opl, hit.active)
 
     # ------------------- Stop at the last surface vertex -------------------
 
@@ -113,12 +112,12 @@ def step(
         path.memory = endpoint.remember(path.memory, vertex, active)
         link = endpoint.connect(vertex, path, sampler, active & scattering.smooth(vertex))
         link.weight *= space.transmittance(vertex, link, sampler)
-        link.active &= dr.any(link.weight != 0)
+        link.active &= ~dr.all(link.weight == 0)
         bounce = scattering.scatter(vertex, link, sampler, active)
         mis = dr.select(link.delta, 1, mis_weight(link.pdf, bounce.pdf_f))
         Lr = extend(path.β * mis, bounce.f) * link.weight
         opl = dr.fma(path.η * bounce.η_f, link.length, path.opl)
-        deliver(measurement, path, Lr, opl, link.active & dr.any(Lr != 0))
+        deliver(measurement, path, Lr, opl, link.active)
     else:
         bounce = scattering.scatter(vertex, None, sampler, active)
 
@@ -143,8 +142,10 @@ def step(
     path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
     active &= ~roulette | (sampler.next_1d() < survival)
 
-    # Do not go on once the throughput is zero
-    path.active = active & dr.any(path.β != 0)
+    # Do not go on once the throughput is zero, or no number any more
+    finite = dr.all(dr.isfinite(path.β))
+    path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
+    path.active = active & finite & dr.any(path.β != 0)
     return path
 
 
@@ -152,9 +153,10 @@ def deliver(
     measurement: Measurement, path: Path, spectrum: Any, opl: mi.Float, active: mi.Bool
 ) -> None:
     """Hand a contribution to a measurement, or count it in the path if it is not finite."""
-    finite = dr.all(dr.isfinite(spectrum)) & dr.isfinite(opl)
+    dark = dr.all(spectrum == 0)
+    finite = dark | (dr.all(dr.isfinite(spectrum)) & dr.isfinite(opl))
     path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
-    measurement.add(Contribution(spectrum, opl, active & finite))
+    measurement.add(Contribution(spectrum, opl, active & finite & ~dark))
 
 
 def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:

@@ -130,7 +130,7 @@ class LaserSpot(Unseen):
             pdf=mi.Float(1),
             delta=mi.Bool(True),
             length=dr.sqrt(r2) + spot.distance,
-            active=active & dr.any(weight != 0),
+            active=active & ~dr.all(weight == 0),
             # A path that goes back to where it has come from has nothing in its way
             clear=dr.squared_norm(lit.p - path.prev.p) <= SAME * r2,
         )

@@ -1,0 +1,86 @@
+"""Contributions that are not finite are left out, counted and told of."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import camera, diffuse, film, load, plane, point_light, scene
+
+import tofrender
+
+
+class Broken(mi.BSDF):
+    """A diffuse material whose value is NaN to the right of x = 0."""
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.inner = mi.load_dict(diffuse(0.5))
+        self.m_components = [int(mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide)]
+        self.m_flags = self.m_components[0]
+
+    def sample(self, ctx, si, sample1, sample2, active):
+        return self.inner.sample(ctx, si, sample1, sample2, active)
+
+    def eval(self, ctx, si, wo, active):
+        return dr.select(si.p.x > 0, dr.nan, self.inner.eval(ctx, si, wo, active))
+
+    def pdf(self, ctx, si, wo, active):
+        return self.inner.pdf(ctx, si, wo, active)
+
+    def eval_pdf(self, ctx, si, wo, active):
+        return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+
+class BrokenSamples(Broken):
+    """Its samples are what is NaN; connections are not."""
+
+    def sample(self, ctx, si, sample1, sample2, active):
+        bs, weight = self.inner.sample(ctx, si, sample1, sample2, active)
+        return bs, dr.select(si.p.x > 0, dr.nan, weight)
+
+    def eval(self, ctx, si, wo, active):
+        return self.inner.eval(ctx, si, wo, active)
+
+
+@pytest.fixture
+def broken() -> mi.Scene:
+    """A floor that is seen from above, half of it broken, under a lamp."""
+    mi.register_bsdf("broken", Broken)
+    sensor = camera((0, 0, 3), (0, 0, 0), film(8, 4, bins=20, bin_width=0.5))
+    parts = {"floor": plane(bsdf={"type": "broken"}), "lamp": point_light((0.5, 0, 2), 3.0)}
+    return load(scene(parts, sensor, max_depth=2))
+
+
+def test_render_counts_and_tells(broken):
+    with pytest.warns(UserWarning, match="128 contributions of paths were not finite"):
+        dataset = tofrender.render(broken, spp=8, progress=False)
+    assert dataset.attrs["contributions_not_finite"] == 128  # 16 pixels of 8 samples
+    lit = dataset["steady"].values[..., 0] > 0
+    assert lit.sum() == 16
+    assert np.isfinite(dataset["transient"].values).all()
+    assert dataset["transient"].values.sum() == pytest.approx(dataset["steady"].values.sum())
+
+
+def test_mi_render_and_gates_tell(broken):
+    with pytest.warns(UserWarning, match="not finite"):
+        mi.render(broken, spp=4)
+    gate = mi.load_dict({"type": "time_gated_transient_path", "pulse_width_opl": 0.5})
+    with pytest.warns(UserWarning, match="not finite"):
+        image = tofrender.render_at_time(broken, gate, broken.sensors()[0], 5.0, spp=4)
+    assert np.isfinite(image).all()
+
+
+def test_paths_that_break_are_counted():
+    mi.register_bsdf("broken_samples", BrokenSamples)
+    sensor = camera((0, 0, 3), (0, 0, 0), film(8, 4, bins=20, bin_width=0.5))
+    parts = {"floor": plane(bsdf={"type": "broken_samples"}), "lamp": point_light((0.5, 0, 2), 3.0)}
+    with pytest.warns(UserWarning, match="128 contributions of paths were not finite"):
+        steady, _ = mi.render(load(scene(parts, sensor, max_depth=4)), spp=8)
+    assert (np.array(steady)[..., 0] > 0).all()
+
+
+def test_a_sound_scene_counts_none():
+    dataset = tofrender.render("cornell_box", spp=1, window=(3.5, 15.0), progress=False)
+    assert dataset.attrs["contributions_not_finite"] == 0
