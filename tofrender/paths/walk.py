@@ -130,6 +130,11 @@ def step(
     path.pdf, path.specular = bounce.pdf, bounce.specular
     path.depth += dr.select(vertex.valid, mi.UInt32(1), 0)
 
+    # A path whose throughput is no number has nothing more to bring
+    finite = dr.all(dr.isfinite(path.β))
+    path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
+    active &= finite
+
     # The last ray can only run into lights; a smooth surface's connections have found those
     if limits.bounded and endpoint.finds_all:
         active &= path.specular | (path.depth + 1 < limits.max_depth)
@@ -142,10 +147,8 @@ def step(
     path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
     active &= ~roulette | (sampler.next_1d() < survival)
 
-    # Do not go on once the throughput is zero, or no number any more
-    finite = dr.all(dr.isfinite(path.β))
-    path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
-    path.active = active & finite & dr.any(path.β != 0)
+    # Do not go on once the throughput is zero
+    path.active = active & dr.any(path.β != 0)
     return path
 
 
