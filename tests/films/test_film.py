@@ -473,6 +473,7 @@ def test_only_what_is_stored_can_be_asked_for(name, value):
     ("parameter", "text"),
     [
         ({"timeout": 1.0}, "timeout = 1.0: must be left out"),
+        ({"timeout": "long"}, "timeout = 'long': must be a finite number"),
         ({"camera_unwarp": "x"}, "camera_unwarp = 'x': must be True or False"),
         ({"gaussian_stddev": 0.0}, "gaussian_stddev = 0.0: must be a finite number of bins above"),
         ({"max_depth": 0}, "max_depth = 0: must be -1"),

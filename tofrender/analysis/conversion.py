@@ -176,6 +176,7 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
     checks.number("energy_outside_window", dataset.attrs["energy_outside_window"])
     start, width = time_axis(dataset)
     quantity = checks.one_of("quantity", dataset.attrs["quantity"], QUANTITIES)
+    own: Any
     for name, own in (("start_opl", start), ("bin_width_opl", width), ("quantity", quantity)):
         its = given[name]
         if its is None or its == own:

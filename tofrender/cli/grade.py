@@ -44,7 +44,8 @@ def grade(
         raise ValueError("--submission and --all: must be exactly one of them")
     if submission is not None:
         out = _check_one(submission, out, csv)
-    elif everyone is not None:
+    else:
+        assert everyone is not None
         out, csv = _check_class(everyone, out, csv)
 
     from ..course.assignments import find
@@ -59,6 +60,8 @@ def grade(
     try:
         with grading.opened(found, time_limit_s=time_limit, memory_gib=memory) as grader:
             if submission is None:
+                assert everyone is not None
+                assert csv is not None
                 grading.grade_all(grader, everyone, csv, out, typer.echo)
                 typer.echo(f"{csv}: written")
                 return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -73,7 +73,9 @@ def reconstruct(
     volume = nlos.reconstruct(captured, method)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
     with io.output_folder(out, overwrite=True) as folder:
-        arrays = {name: volume[name].values for name in (*volume.data_vars, *volume.coords)}
+        arrays: dict[str, Any] = {
+            str(name): volume[name].values for name in (*volume.data_vars, *volume.coords)
+        }
         np.savez_compressed(folder / "volume.npz", **arrays)
         attrs = {"method": method, "units": "m"}
         for name, image in (("brightness", brightness), ("depth", depth)):

@@ -1,3 +1,4 @@
+# pyright: reportOperatorIssue=false
 """The measurement that puts light into the time bins of a film."""
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class PhasorSum:
         """Nothing measured yet."""
         zeros = [[mi.UnpolarizedSpectrum(0) for _ in frequencies_hz] for _ in range(2)]
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
-        return cls(mi.UnpolarizedSpectrum(0), *zeros, turns)
+        return cls(mi.UnpolarizedSpectrum(0), *zeros, turns_per_metre=turns)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""

@@ -113,7 +113,7 @@ class Recording:
             covered: Lanes that met a surface.
         """
         colour = to_rgb(measured.total * camera.weight, camera.ray.wavelengths)
-        first = [colour.x, colour.y, colour.z]
+        first: list[Any] = [colour.x, colour.y, colour.z]
         if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):
             first.append(dr.select(covered, mi.Float(1), mi.Float(0)))
         return first, []
@@ -176,7 +176,7 @@ class BinRecording(Recording):
         """Refuse where bins and the tensor that `develop` returns do not fit together."""
         shape = getattr(self.film, "shape", None)  # mitransient's film has none
         if shape is not None:
-            memory.require_film(*shape, 1 + shape[3] / memory.stride(shape[3]))
+            memory.require_film(*shape, copies=1 + shape[3] / memory.stride(shape[3]))
 
     def measurement(self, camera: Any, spp: int) -> FilmDeposit:
         """Deposits in the bins."""

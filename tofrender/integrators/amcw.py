@@ -51,7 +51,8 @@ class AMCWTransientPath(TransientPath):
         if "max_depth" not in props:
             props["max_depth"] = 8
         super().__init__(props)
-        frequency, offset = props.get("frequency_hz", None), props.get("phase_offset", 0.0)
+        frequency: Any = props.get("frequency_hz", None)
+        offset: Any = props.get("phase_offset", 0.0)
         self.modulation: Any = None if frequency is None else AMCWPulse(frequency, offset)
 
     def set_modulation(self, modulation: Any) -> None:

@@ -46,7 +46,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         depth, roulette = props.get("max_depth", 6), props.get("rr_depth", 5)
         self.max_depth = checks.depth("max_depth", depth)
         self.rr_depth = checks.integer("rr_depth", roulette, 1, checks.MAX_DEPTH)
-        if props.get("timeout", -1.0) > 0:
+        if checks.number("timeout", props.get("timeout", -1.0)) > 0:
             raise ValueError(
                 f"timeout = {props['timeout']}: must be left out; Ctrl-C stops a render"
             )

@@ -163,7 +163,7 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: must be an HDF5 file")
     try:
         with h5py.File(path, "r") as file:
-            capture = _restore({name: _read(file[name]) for name in file})
+            capture = _restore({str(name): _read(file[name]) for name in file})
     except OSError as error:
         reason = "is cut short" if "truncated" in str(error) else "cannot be read"
         raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None

@@ -219,8 +219,8 @@ def _check_geometry(capture: xr.Dataset, mode: str) -> None:
             raise ValueError(f"capture: {name}: must hold vectors of length 1")
     if mode == "confocal":
         for what in ("grid", "normals"):
-            pair = (capture[f"{device}_{what}"].values for device in ("laser", "sensor"))
-            if not np.array_equal(*pair):
+            laser, sensor = (capture[f"{device}_{what}"].values for device in ("laser", "sensor"))
+            if not np.array_equal(laser, sensor):
                 raise ValueError(f"capture: laser_{what}: a confocal one must equal sensor_{what}")
 
 

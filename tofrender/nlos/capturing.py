@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import drjit as dr
 import mitsuba as mi
@@ -221,13 +221,13 @@ def _three(name: str, value: Any) -> list[float]:
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
-    shape = camera.get_shape()
+    shape: Any = camera.get_shape()
     if shape is None:
         raise ValueError("uv: the sensor is no child of a wall; must be a point or a pixel")
     return shape.sample_position(0.0, mi.Point2f(*uv), True).p
 
 
-def _size(grid: Any) -> dict[str, int]:
+def _size(grid: Any) -> dict[str, Any]:
     """Settings for a film of this size."""
     if grid is None:
         return {}
@@ -254,7 +254,7 @@ def _integrator(scene: mi.Scene) -> Any:
     return integrator
 
 
-def _no_bins(film: mi.Film) -> Any:
+def _no_bins(film: mi.Film) -> NoReturn:
     """Refuse a film without time bins."""
     raise ValueError(f"film = {film.class_name()}: has no time bins; must be transient_hdr_film")
 
@@ -325,7 +325,7 @@ def _exhaustive(
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
     """The point that the laser of a single capture lights, and the wall's normal there."""
     ray = mi.Ray3f(*axis(find_laser(scene)))
-    si = scene.ray_intersect(ray)
+    si: Any = scene.ray_intersect(ray)
     if not is_on_relay_wall(si, wall)[0]:
         raise ValueError("laser: does not light the relay wall; focus_laser turns it there")
     normal = si.n * dr.sign(-dr.dot(si.n, ray.d))

@@ -59,7 +59,8 @@ def hidden_depth(
     hidden = _hidden(scene, hidden_shapes)
     origin, d = (mi.Point3f(v.reshape(-1, 3).T.copy()) for v in (points, normals))
     depth = np.full(points.shape[:2], np.nan).ravel()
-    ray, left = mi.Ray3f(origin, mi.Vector3f(d)), mi.Bool(True)
+    ray = mi.Ray3f(origin, mi.Vector3f(d))
+    left: Any = mi.Bool(True)
     for _ in range(LAYERS):
         si = scene.ray_intersect(ray, left)
         found = is_on(si, hidden) & left

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false
 """Camera rays with the point that path lengths are measured from."""
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
     if not isinstance(sensor, mi.ProjectiveCamera):
         return mi.Point3f(ray.o)
     axis = sensor.world_transform() @ mi.Vector3f(0, 0, 1)  # As long as a unit of the near clip
-    near_clip = mi.traverse(sensor)["near_clip"]
+    near_clip: Any = mi.traverse(sensor)["near_clip"]
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 
 

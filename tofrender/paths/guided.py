@@ -1,3 +1,5 @@
+# pyright: reportArgumentType=false, reportCallIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false
 """Scattering that sends paths to surfaces on purpose: hidden geometry, which materials rarely find.
 
 At the vertices where it applies, a path takes its next direction from the material with the

@@ -84,14 +84,12 @@ class Endpoint(Protocol):
 
 
 class Scattering(Protocol):
-    """How a path goes on from a vertex.
+    """How a path goes on from a vertex."""
 
-    Attributes:
-        refracts: Whether the index of refraction may change, so that an optical length may be
-            shorter than the way is long.
-    """
-
-    refracts: bool
+    @property
+    def refracts(self) -> bool:
+        """Whether the index of refraction may change: a length may be shorter than the way is."""
+        ...
 
     def guide(self) -> Any:
         """The path's guide before the first vertex, None if there never is one."""

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportReturnType=false
 """The index of refraction behind rough glass, which connections pass."""
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def _index_of_part(bsdf: mi.BSDF) -> float:
     xi = (dr.arange(mi.Float, DRAWS) + 0.5) / DRAWS
     sample, _ = bsdf.sample(ctx, si, xi, mi.Point2f(0.5))
     through = (sample.wo.z < 0) & (sample.pdf > 0)
-    found = dr.max(dr.select(through, sample.eta, 0))[0]
+    found: Any = dr.max(dr.select(through, sample.eta, 0))[0]
     parameters = mi.traverse(bsdf)
     if found == 0 and "eta" in parameters:  # A texture lets no light through there
         found = parameters["eta"]

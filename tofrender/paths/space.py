@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false
 """Space: how a path finds its next vertex, and what is lost on the way."""
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ def cuda_works() -> bool:
     """Whether Dr.Jit can use a CUDA device on this machine."""
     import drjit as dr
 
-    return dr.has_backend(dr.JitBackend.CUDA)
+    return bool(dr.has_backend(dr.JitBackend.CUDA))
 
 
 def require_llvm() -> None:

@@ -117,12 +117,12 @@ class PaddedSobolSampler(mi.Sampler):
         """Leave out the next `count` points of each pixel."""
         self.index = self.index + dr.opaque(mi.UInt32, count)
 
-    def next_1d(self, active: mi.Bool = True) -> mi.Float:
+    def next_1d(self, active: mi.Bool | bool = True) -> mi.Float:
         """The next number in [0, 1)."""
         pair, point = self._next_pair()
         return unit_interval(point ^ mix(pair, mi.UInt32(1)))
 
-    def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
+    def next_2d(self, active: mi.Bool | bool = True) -> mi.Point2f:
         """The next point in [0, 1)^2."""
         pair, point = self._next_pair()
         return mi.Point2f(

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Records of light that arrives from a direction, and what all shapes that emit it share."""
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class EmitterRecord:
     d: mi.Vector3f
     distance: mi.Float
     pdf: mi.Float
-    radiance: mi.Spectrum
-    weight: mi.Spectrum
+    radiance: mi.UnpolarizedSpectrum
+    weight: mi.UnpolarizedSpectrum
     valid: mi.Bool
 
 
@@ -151,7 +152,7 @@ def emission_values(emission: Any) -> tuple[float, ...]:
     return tuple(numbers.tolist())
 
 
-def spectrum(emission: tuple[float, ...]) -> mi.Spectrum:
+def spectrum(emission: tuple[float, ...]) -> mi.UnpolarizedSpectrum:
     """The emission as the active variant's colour."""
     if mi.is_spectral:
         raise ValueError(f"variant = {mi.variant()!r}: must be an rgb or mono variant")

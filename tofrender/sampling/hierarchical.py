@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false
 """Sampling in proportion to an image: hierarchical warping, and environment light by it.
 
 Source: P. Clarberg, W. Jarosz, T. Akenine-Möller and H. W. Jensen, "Wavelet Importance Sampling",
@@ -207,7 +208,7 @@ class EnvironmentWarp:
         """Density of `sample` at a direction [1/sr]."""
         return self._pdf(self._uv(direction))
 
-    def eval(self, direction: mi.Vector3f) -> mi.Spectrum:
+    def eval(self, direction: mi.Vector3f) -> mi.UnpolarizedSpectrum:
         """Radiance from a direction, in the image's unit."""
         uv = self._uv(direction)
         x, y = uv.x * self._width - 0.5, dr.clip(uv.y, 0, 1) * (self._height - 1)
@@ -215,7 +216,7 @@ class EnvironmentWarp:
         top, bottom = (self._between(left, row + each, x - left) for each in (0, 1))
         return dr.lerp(top, bottom, y - row)
 
-    def _between(self, left: mi.Float, row: mi.Float, s: mi.Float) -> mi.Spectrum:
+    def _between(self, left: mi.Float, row: mi.Float, s: mi.Float) -> mi.UnpolarizedSpectrum:
         """Interpolation along a row, which wraps."""
         ends = []
         for each in (0, 1):

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false, reportReturnType=false
 """Flat lights: parallelograms and triangles."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """The area lights of a Mitsuba scene as shapes that can be sampled."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: reportOperatorIssue=false
 """Shapes that emit light, sampled by direction from a point `o`.
 
 Every shape offers

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false, reportReturnType=false
 """Sphere lights, sampled by the cone of directions that they fill."""
 
 from __future__ import annotations

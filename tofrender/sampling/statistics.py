@@ -15,6 +15,7 @@ Sum over pixels first: a pixel's bin is too noisy to find anything in.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def p_values(
 
 def _mean(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean over the seeds, its variance, and where all seeds are finite."""
-    finite = np.isfinite(samples).all(axis=0)
+    finite: Any = np.isfinite(samples).all(axis=0)
     samples = np.where(finite, samples, 0.0)
     return samples.mean(axis=0), samples.var(axis=0, ddof=1) / samples.shape[0], finite
 

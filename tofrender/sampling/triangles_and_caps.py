@@ -1,3 +1,4 @@
+# pyright: reportReturnType=false
 """Uniform points on triangles and directions in spherical caps: what lights are sampled with.
 
 As in `warps`, a `sample` is a point of [0, 1]^2, both ends included.

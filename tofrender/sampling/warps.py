@@ -1,3 +1,4 @@
+# pyright: reportReturnType=false
 """Warps: maps of the unit square that turn uniform points into points of another density.
 
 All are built by inversion. Split the density into one coordinate after the other, integrate each

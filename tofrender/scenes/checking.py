@@ -134,7 +134,8 @@ def _finite(array: np.ndarray) -> bool:
 
 def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
     """Whether these are coefficients of a colour's spectrum; those of black and white are."""
-    return mi.is_spectral and isinstance(value, mi.Color3f) and not np.isnan(arrays).any()
+    coefficients = mi.is_spectral and isinstance(value, mi.Color3f)
+    return bool(coefficients and not np.isnan(arrays).any())
 
 
 def _require_inverse(name: str, matrix: np.ndarray) -> None:
@@ -165,7 +166,7 @@ def _require_positive(emitter: mi.Emitter) -> None:
 def _require_extent(shape: mi.Shape) -> None:
     """Refuse a mesh that is a point, as one is after a scale of 0."""
     if shape.is_mesh():
-        box = shape.bbox()
+        box: Any = shape.bbox()
         if np.all(np.ravel(box.max) == np.ravel(box.min)):
             raise ValueError(
                 f"{shape.id() or shape.class_name()}.vertex_positions: are all in one point; "

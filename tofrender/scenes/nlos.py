@@ -115,7 +115,8 @@ def nlos_patch(
     if not corners[:, 2].min() > 0:
         raise ValueError(f"position = {position!r}: must leave all of the patch before the wall")
     patch = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
-    return _scene({"hidden_patch": patch}, corners, occluder, **{"bin_width_opl": 0.012} | options)
+    options = {"bin_width_opl": 0.012} | options
+    return _scene({"hidden_patch": patch}, corners, occluder, **options)
 
 
 def nlos_plane(

@@ -25,7 +25,8 @@ def white(wavelengths: Any) -> Any:
     """
     if not mi.is_spectral:
         return mi.UnpolarizedSpectrum(1)
-    return mi.UnpolarizedSpectrum(*(mi.cie_d65(mi.Float(each)) for each in wavelengths))
+    lanes: list[Any] = [mi.Float(each) for each in wavelengths]
+    return mi.UnpolarizedSpectrum(*map(mi.cie_d65, lanes))
 
 
 class Colours:
@@ -59,7 +60,7 @@ class Colours:
             self._values = mi.Color3f(rgb.T.copy())
         dr.eval(self._values)
 
-    def at(self, index: mi.UInt32, wavelengths: Any, active: mi.Bool = True) -> Any:
+    def at(self, index: mi.UInt32, wavelengths: Any, active: mi.Bool | bool = True) -> Any:
         """The colour with a number.
 
         Args:
@@ -73,6 +74,6 @@ class Colours:
         values = dr.gather(type(self._values), self._values, index, active)
         if not mi.is_spectral:
             return mi.UnpolarizedSpectrum(values)
-        scale = dr.gather(mi.Float, self._scale, index, active)
+        scale: Any = dr.gather(mi.Float, self._scale, index, active)
         shape = mi.srgb_model_eval(values, mi.UnpolarizedSpectrum(wavelengths))
         return scale * mi.UnpolarizedSpectrum(shape) * white(wavelengths)

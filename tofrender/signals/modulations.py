@@ -249,7 +249,7 @@ class HamiltonianCode(_Periodic):
         """Weight in [-1, 1] of light with the path length `opl` [m]."""
         x = self._turns(opl)
         slot = self.code.size * (x - dr.floor(x))
-        value = float(self.code[0])
+        value: Any = float(self.code[0])
         for j, step in enumerate(np.roll(self.code, -1) - self.code):
             if step:
                 value = value + float(step) * dr.clip(slot - j, 0.0, 1.0)

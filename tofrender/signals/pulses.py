@@ -139,7 +139,8 @@ class BoxPulse:
 
     def eval(self, t: mi.Float) -> mi.Float:
         """Density [1/m] at the offset `t` [m]; both ends belong to the box."""
-        return dr.select(dr.abs(t) <= 0.5 * self.width_opl, self.normalization, 0.0)
+        density: Any = self.normalization
+        return dr.select(dr.abs(t) <= 0.5 * self.width_opl, density, 0.0)
 
     def cdf(self, t: mi.Float) -> mi.Float:
         """Fraction of the energy up to the offset `t` [m]: t / w + 1/2, kept within [0, 1]."""

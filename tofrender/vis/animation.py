@@ -94,9 +94,8 @@ def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:
         def _player(self) -> str:
             with TemporaryDirectory() as folder, rc_context({"animation.frame_format": "jpeg"}):
                 path = Path(folder, "player.html")
-                writer = HTMLWriter(
-                    fps=1000 / _INTERVAL_MS / self.stride, embed_frames=True, default_mode="loop"
-                )
+                fps: Any = 1000 / _INTERVAL_MS / self.stride  # A fraction is as good
+                writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
                 self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
                 return path.read_text()
 

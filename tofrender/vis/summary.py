@@ -46,7 +46,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         pixels = _telling_pixels(light.sum(axis=2), peak_ns, sequence)
     responses = [luminance(sequence.pixel(x, y)) for x, y in pixels]
 
-    aspect = picture_aspect(*light.shape[:2], 0.4, 2.0)
+    aspect = picture_aspect(*light.shape[:2], low=0.4, high=2.0)
     figure = new_figure(10.0, 4.0 * aspect + 4.4)
     grid = figure.add_gridspec(2, 2, height_ratios=[4.0 * aspect + 0.6, 3.2])
     steady, peak, plot = (

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO
+from typing import IO
 
 MAX_BYTES = 512 << 20
 """Most bytes of all files together, as they really are."""
@@ -36,7 +36,7 @@ NEVER = (
 """Names of files that are the judge's business, in any folder."""
 
 BROKEN = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
-Opener = Callable[[], BinaryIO]
+Opener = Callable[[], IO[bytes]]
 
 
 class BadSubmission(ValueError):

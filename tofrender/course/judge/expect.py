@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -270,7 +270,7 @@ def _fail_at(index, came, wanted, what, hint, x, x_label) -> None:
     _fail(what + where, _number(expected), _number(seen) + ratio, hint, picture)
 
 
-def _fail(what: str, wanted: str, came: str, hint: str, picture: Path | None = None) -> Any:
+def _fail(what: str, wanted: str, came: str, hint: str, picture: Path | None = None) -> NoReturn:
     __tracebackhide__ = True
     lines = [what, f"  expected: {wanted}", f"  came:     {came}", *_hint(hint)]
     raise Failure("\n".join(lines + ([f"  picture:  {picture}"] if picture else [])))

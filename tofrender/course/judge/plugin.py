@@ -146,7 +146,7 @@ def pytest_configure(config: pytest.Config) -> None:
     pictures = folder / "failures" if config.getini("submission") and folder else None
     expect.configure(comparisons=assignment.comparisons, pictures=pictures)
     memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
-    limits = Limits(memory and int(memory * 2**30), config.getoption("--confine"))
+    limits = Limits(memory and int(memory * 2**30), bool(config.getoption("--confine")))
     config.stash[WORKER] = Worker(root, folder, edition and Path(edition).resolve(), limits)
 
 

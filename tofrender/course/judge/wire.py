@@ -24,7 +24,7 @@ def write(path: Path, value: Any) -> None:
     Raises:
         TypeError: It holds what is none of the above; one line with its type.
     """
-    arrays: dict[str, np.ndarray] = {}
+    arrays: dict[str, Any] = {}
     structure = json.dumps(_take_apart(value, arrays)).encode()
     temporary = path.with_name(f"{path.name}.part")
     with temporary.open("wb") as file:

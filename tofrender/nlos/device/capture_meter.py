@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Sensor plugin `nlos_capture_meter`: looks at a grid of points on a relay wall."""
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class NLOSCaptureMeter(mi.Sensor):
         """Moves the origin to the sensor; its axes are those of the world."""
         return mi.Transform4f().translate(mi.Point3f(*self.origin))
 
-    def targets(self, sample: mi.Point2f, active: mi.Bool = True) -> mi.Point3f:
+    def targets(self, sample: mi.Point2f, active: mi.Bool | bool = True) -> mi.Point3f:
         """Points of the wall that samples of the film's crop window, in [0, 1)^2, look at."""
         if self.laser_point is not None:
             return self.laser_point

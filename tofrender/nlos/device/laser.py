@@ -1,3 +1,4 @@
+# pyright: reportOperatorIssue=false, reportReturnType=false
 """The laser of a scene: where it is, what it looks at, and turning it."""
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ class ConfocalProjector(mi.Emitter):
         frame: Any = props.get("frame", None)
         if frame is None and not self.is_confocal:
             raise ValueError("frame: is missing; must be given if is_confocal is false")
-        self.frame = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
+        self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
         self._pulse_width_opl, self._histogram = _pulse(props)
         positions, sigmas, powers = _spots(props)
         self._use(positions, sigmas, powers)
@@ -150,7 +150,8 @@ class ConfocalProjector(mi.Emitter):
             retry = centre + sigma * mi.warp.square_to_std_normal(sampler.next_2d())
             p = dr.select(again, retry, p)
         # With k tries, a sample is inside with the probability 1 - (1 - inside)^k
-        found = 1 - dr.power(1 - inside, self.tries)
+        missed: Any = dr.power(1 - inside, self.tries)
+        found = 1 - missed
         weight = dr.select(dr.all(dr.abs(p) <= 1), self.total * inside / found, 0)
         d = axes.to_world(dr.normalize(mi.Vector3f(p.x * self.tan, p.y * self.tan, 1)))
         return d, self.colours.at(index, wavelengths, active) * weight
@@ -241,7 +242,8 @@ def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
     """Width of a Gaussian pulse [m], and the pulse of a histogram, which replaces it."""
     kind = checks.one_of("pulse_type", props.get("pulse_type", "gaussian"), PULSES)
     width = props.get("pulse_width_opl", 0.01)
-    start, bin_width = props.get("pulse_start_opl", 0.0), props.get("pulse_bin_width_opl", 0.001)
+    start: Any = props.get("pulse_start_opl", 0.0)
+    bin_width: Any = props.get("pulse_bin_width_opl", 0.001)
     values = props.get("pulse_values", None)
     if kind == "gaussian":
         return checks.metres("pulse_width_opl", width, positive=True), None

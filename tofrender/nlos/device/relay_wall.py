@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false
 """The relay wall of a scene: the surface that a device looks at to see around the corner."""
 
 from __future__ import annotations

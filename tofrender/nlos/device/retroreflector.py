@@ -1,3 +1,4 @@
+# pyright: reportOperatorIssue=false, reportReturnType=false
 """BSDF plugin `retroreflector`: a glossy lobe about the direction that light comes from."""
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class Retroreflector(mi.BSDF):
         si: mi.SurfaceInteraction3f,
         sample1: mi.Float,
         sample2: mi.Point2f,
-        active: mi.Bool = True,
+        active: mi.Bool | bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Sample the lobe; weight 0 if the direction ends below the horizon."""
         n = self.lobe_exponent
@@ -90,7 +91,7 @@ class Retroreflector(mi.BSDF):
         ctx: mi.BSDFContext,
         si: mi.SurfaceInteraction3f,
         wo: mi.Vector3f,
-        active: mi.Bool = True,
+        active: mi.Bool | bool = True,
     ) -> mi.Spectrum:
         """The BSDF times cos θo."""
         return self.eval_pdf(ctx, si, wo, active)[0]
@@ -100,7 +101,7 @@ class Retroreflector(mi.BSDF):
         ctx: mi.BSDFContext,
         si: mi.SurfaceInteraction3f,
         wo: mi.Vector3f,
-        active: mi.Bool = True,
+        active: mi.Bool | bool = True,
     ) -> mi.Float:
         """Density of `wo` per steradian."""
         above = (mi.Frame3f.cos_theta(si.wi) > 0) & (mi.Frame3f.cos_theta(wo) > 0)
@@ -118,7 +119,7 @@ class Retroreflector(mi.BSDF):
         ctx: mi.BSDFContext,
         si: mi.SurfaceInteraction3f,
         wo: mi.Vector3f,
-        active: mi.Bool = True,
+        active: mi.Bool | bool = True,
     ) -> tuple[mi.Spectrum, mi.Float]:
         """The BSDF times cos θo, and the density of `wo`."""
         density = self.pdf(ctx, si, wo, active)

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false
 """Points of a relay wall that a sensor's pixels look at."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """Integrator plugin `confocal_transient_path`: a scanned laser that lights what the camera sees."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """The light strategy of a scanned laser: the point of a wall that it lights."""
 
 from __future__ import annotations
@@ -33,7 +34,12 @@ class Spot:
 
     @classmethod
     def of_beam(
-        cls, scene: mi.Scene, ray: mi.Ray3f, power: Any, active: mi.Bool = True, origin: Any = None
+        cls,
+        scene: mi.Scene,
+        ray: mi.Ray3f,
+        power: Any,
+        active: mi.Bool | bool = True,
+        origin: Any = None,
     ) -> Spot:
         """Follow a beam to the first surface; the power is 0 where there is none.
 

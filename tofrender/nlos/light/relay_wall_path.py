@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false
 """What the integrators of non-line-of-sight scenes share: wall, hidden geometry, bounces, legs."""
 
 from __future__ import annotations
@@ -69,7 +70,8 @@ class ScanPlan(Plan):
         self, scan: Scan, light: Callable[..., Any], limits: Limits, counts_spot: bool
     ) -> None:
         scattering = scan.guided or Materials(scan.scene)
-        super().__init__(Vacuum(scan.scene), None, scattering, limits)
+        endpoint: Any = None  # There is one when there are rays
+        super().__init__(Vacuum(scan.scene), endpoint, scattering, limits)
         self.scan, self.light, self.counts_spot = scan, light, counts_spot
 
     def trace(self, sampler, ray, origin, measurement, active=True):
@@ -77,7 +79,7 @@ class ScanPlan(Plan):
         active = mi.Bool(active)
         laser, seen = self.light(self.scan, ray, origin, active)
         if self.scan.share is not None:
-            corner = CornerConnections(self.space, self.scan.share, laser)
+            corner = CornerConnections(Vacuum(self.scan.scene), self.scan.share, laser)
             start = None if self.limits.unwarp else origin
             measurement = corner.add(ray, start, sampler, measurement, active)
         if seen is not None and self.counts_spot:

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Integrator plugin `transient_nlos_path`: captures with a projector that is part of the scene."""
 
 from __future__ import annotations
@@ -243,7 +244,7 @@ class TransientNLOSPath(RelayWallPath):
 
 def _peers_parameters(props: mi.Properties) -> None:
     """Read mitransient's parameters that ours are not, or warn that they do nothing here."""
-    depth = props.get("filter_depth", -1)
+    depth: Any = props.get("filter_depth", -1)
     if depth != -1:
         checks.integer("filter_depth", depth, 2, checks.MAX_DEPTH)
         if props.get("filter_bounces", -1) != -1:

@@ -16,9 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import fft
 
-from .fourier import Steps, forward, require_memory
+from .fourier import Steps, fft, forward, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, native_volume
 

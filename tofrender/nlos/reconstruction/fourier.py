@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from scipy import fft
+import scipy.fft
 
 from ...runtime import memory
 from ...runtime.progress import progress_bar
+
+fft: Any = scipy.fft
+"""SciPy's transforms; what they return cannot be told from its code."""
 
 
 class Steps:
@@ -26,7 +30,7 @@ class Steps:
         self._bar.__enter__()
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *error: Any) -> None:
         self._bar.__exit__(*error)
 
 

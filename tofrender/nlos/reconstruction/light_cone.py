@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import fft, sparse
+from scipy import sparse
 
-from .fourier import Steps, even_lags, forward, inverse, require_memory
+from .fourier import Steps, even_lags, fft, forward, inverse, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
 

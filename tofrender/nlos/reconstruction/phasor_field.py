@@ -24,9 +24,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import fft
 
-from .fourier import Steps, require_memory
+from .fourier import Steps, fft, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, resample
 

@@ -100,7 +100,7 @@ def default_volume(measured: Measured) -> VolumeGrid:
     z_low = math.sqrt(max(0.0, max(0.0, shortest) ** 2 - _farthest_pair(measured) ** 2)) / 2
     step = max(measured.width / 2, measured.spacing / 2)
     count = max(1, min(round((z_high - z_low) / step), checks.MAX_SIZE))
-    return VolumeGrid(*_lateral(measured), (z_low, z_high, count))
+    return VolumeGrid(*_lateral(measured), z=(z_low, z_high, count))
 
 
 def native_volume(measured: Measured) -> VolumeGrid:
@@ -108,7 +108,7 @@ def native_volume(measured: Measured) -> VolumeGrid:
     shortest, _ = measured.path_range()
     bins = measured.light.shape[-1]
     low = max(0.0, shortest / 2)
-    return VolumeGrid(*_lateral(measured), (low, low + bins * measured.width / 2, bins))
+    return VolumeGrid(*_lateral(measured), z=(low, low + bins * measured.width / 2, bins))
 
 
 def _farthest_pair(measured: Measured) -> float:

@@ -57,7 +57,8 @@ class GatedLights(SceneLights):
         for k in range(CANDIDATES):
             u = shift + mi.Point2f(k / CANDIDATES, _radical_inverse(k))
             link = self.choose(vertex, u - dr.floor(u), active)
-            cos = dr.abs(dr.dot(link.direction, vertex.si.sh_frame.n))
+            n: Any = vertex.si.sh_frame.n
+            cos = dr.abs(dr.dot(link.direction, n))
             t = dr.max(link.weight) * cos * self.gate(dr.fma(path.η, link.length, path.opl))
             t = dr.select(link.active & dr.isfinite(t), t, 0)
 

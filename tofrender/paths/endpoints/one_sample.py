@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """Multiple importance sampling with one sample: of the lights, or of the material."""
 
 from __future__ import annotations

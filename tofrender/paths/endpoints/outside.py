@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """Lights that are not part of a scene: a point source, and a white sky."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """The emitters of a scene, by connections and by hits."""
 
 from __future__ import annotations
