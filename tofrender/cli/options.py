@@ -89,7 +89,7 @@ def real(low: float, help: str) -> Any:
 
 def positive(unit: str, help: str) -> Any:
     """An option that is a finite number of some unit above 0."""
-    check = partial(checks.metres, positive=True, unit=unit)
+    check = partial(checks.number, positive=True, unit=unit)
     return checked(check, help, metavar="<float above 0>")
 
 

@@ -44,7 +44,7 @@ class TransientPath(TransientIntegrator):
         super().__init__(props)
         name, bins = props.get("temporal_filter", ""), props.get("gaussian_stddev", 2.0)
         self.temporal_filter = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
-        self.gaussian_stddev = checks.metres("gaussian_stddev", bins, positive=True, unit="bins")
+        self.gaussian_stddev = checks.number("gaussian_stddev", bins, positive=True, unit="bins")
         width = props.get("pulse_width_opl", None)
         self._pulse: Pulse | None = None
         if width is not None:

@@ -197,7 +197,7 @@ def focus_laser(
             target = _at_uv(camera, (x / size.x, y / size.y))
     elif uv is not None:
         _require_two("uv", uv, "two numbers from 0 to 1")
-        u, v = (checks.metres("uv", x, unit="the side") for x in uv)
+        u, v = (checks.number("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
             raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))

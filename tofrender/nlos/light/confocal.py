@@ -58,8 +58,8 @@ class ConfocalTransientIntegrator(RelayWallPath):
                     raise ValueError(
                         f"{name} = {props[name]}: must be left out; confocal_projector has it"
                     )
-        self.power = checks.metres("power", props.get("power", 1.0), positive=True, unit="watts")
-        sigma = checks.metres("spot_sigma", props.get("spot_sigma", 0.0), unit="radians")
+        self.power = checks.number("power", props.get("power", 1.0), positive=True, unit="watts")
+        sigma = checks.number("spot_sigma", props.get("spot_sigma", 0.0), unit="radians")
         if not 0 <= sigma < MAX_SIGMA:
             raise ValueError(f"spot_sigma = {sigma:g}: must be from 0 to {MAX_SIGMA} radians")
         self.spot_sigma = sigma

@@ -100,7 +100,7 @@ class TransientNLOSPath(RelayWallPath):
             props[hidden] = False
         power = props.get("laser_power", None)
         if power is not None:
-            power = checks.metres("laser_power", power, positive=True, unit="watts")
+            power = checks.number("laser_power", power, positive=True, unit="watts")
             if not self.laser_sampling:
                 raise ValueError("laser_power: must be left out without nlos_laser_sampling")
         self.laser_power = power
@@ -258,7 +258,7 @@ def _peers_parameters(props: mi.Properties) -> None:
         _no_effect(limit, props[limit], "paths are sent from the relay wall only")
     if "illumination_scan_fov" in props:
         fov = props["illumination_scan_fov"]
-        checks.metres("illumination_scan_fov", fov, positive=True, unit="degrees")
+        checks.number("illumination_scan_fov", fov, positive=True, unit="degrees")
         _no_effect("illumination_scan_fov", fov, "the laser lights the sensor's points")
 
 
