@@ -93,7 +93,7 @@ def ids(scene: mi.Scene) -> str:
     return ", ".join(repr(shape.id()) for shape in scene.shapes()) or "none"
 
 
-def names_of(what: str, value: Any) -> list[str] | None:
+def parse_ids(what: str, value: Any) -> list[str] | None:
     """Ids of shapes, separated by commas, as a plugin's parameter gives them; None stays.
 
     Raises:

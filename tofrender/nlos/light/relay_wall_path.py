@@ -21,7 +21,7 @@ from ...paths.scattering import Materials
 from ...paths.space import Vacuum
 from ...runtime import checks
 from ..device.laser import place_of
-from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, names_of, seen_shapes
+from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import CornerConnections, CornerShare
 from .laser_spot import LaserSpot, Spot
 
@@ -114,7 +114,7 @@ class RelayWallPath(TransientPath):
 
     def __init__(self, props: mi.Properties) -> None:
         self.relay_wall, self.hidden_shapes = (
-            cast(Any, names_of(name, props.get(name, None)))
+            cast(Any, parse_ids(name, props.get(name, None)))
             for name in ("relay_wall", "hidden_shapes")
         )
         self._sampling_is_asked_for = props.get("nlos_hidden_geometry_sampling", None) is True
