@@ -106,7 +106,7 @@ def parse_ids(what: str, value: Any) -> list[str] | None:
     return [each.strip() for each in value.split(",")]
 
 
-def look(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
+def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
     """Rays through the centres of a sensor's pixels, row by row, and what they meet."""
     width, height = (int(n) for n in sensor.film().crop_size())
     x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
@@ -119,5 +119,5 @@ def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
     """The shapes that the centres of a sensor's pixels look at; none without a sensor."""
     if sensor is None:
         return []
-    _, si = look(scene, sensor)
+    _, si = first_hits(scene, sensor)
     return [s for s in scene.shapes() if dr.any(si.is_valid() & (si.shape == mi.ShapePtr(s)))]

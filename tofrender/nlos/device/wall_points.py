@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .relay_wall import is_on_relay_wall, look
+from .relay_wall import first_hits, is_on_relay_wall
 
 FLAT = 1e-4
 """Distance from a plane, over a wall's size, up to which the wall is flat."""
@@ -31,7 +31,7 @@ def wall_points(
         ValueError: No pixel looks at the wall; one line.
     """
     width, height = (int(n) for n in sensor.film().crop_size())
-    ray, si = look(scene, sensor)
+    ray, si = first_hits(scene, sensor)
     count = width * height
     on_wall = np.broadcast_to(np.array(is_on_relay_wall(si, wall)), count)
     if not on_wall.any():

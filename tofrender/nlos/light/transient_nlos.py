@@ -24,7 +24,7 @@ from ..device.laser import (
     require_aim,
     solid_angle,
 )
-from ..device.relay_wall import is_on_relay_wall, look
+from ..device.relay_wall import first_hits, is_on_relay_wall
 from .relay_wall_path import RelayWallPath, Scan, ScanPlan
 
 CAPTURE_TYPES = ("single", "confocal", "exhaustive")
@@ -187,7 +187,7 @@ class TransientNLOSPath(RelayWallPath):
                     "and tofrender.focus_laser turns it there"
                 )
         elif sensor is not None:
-            _, si = look(scan.scene, sensor)
+            _, si = first_hits(scan.scene, sensor)
             cos = dr.dot(si.n, dr.normalize(origin - si.p))
             if not dr.any(si.is_valid() & (dr.abs(cos) > GRAZING)):
                 raise ValueError(
