@@ -69,14 +69,14 @@ def cell_edges(domain: Domain, pilot: np.ndarray, resolution: int) -> tuple[np.n
     of shape (2, n): a cell has at most twice its even share of either.
     """
     counts = (max(2, round(resolution * domain.aspect)), resolution)
-    both = []
+    edges = []
     for low, high, points, count in zip(domain.low, domain.high, pilot, counts, strict=True):
         even = np.linspace(low, high, max(points.size, 2))
         mixture = np.concatenate([even, np.clip(points, low, high)])
-        both.append(np.unique(np.quantile(mixture, np.linspace(0, 1, count + 1))))
+        edges.append(np.unique(np.quantile(mixture, np.linspace(0, 1, count + 1))))
     for value in domain.jumps:
-        both[1][np.argmin(np.abs(both[1] - value))] = value
-    return both[0], both[1]
+        edges[1][np.argmin(np.abs(edges[1] - value))] = value
+    return edges[0], edges[1]
 
 
 def cell_of(edges: tuple[np.ndarray, np.ndarray], points: np.ndarray) -> np.ndarray:

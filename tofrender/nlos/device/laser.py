@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -104,17 +104,16 @@ def follow_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     Of a pixel that the film does not have, the meter keeps the word; `require_aim` tells it. A
     `sensor` that looks from where the laser is then learns where that is.
     """
-    for meter in scene.sensors():
-        words: Any = meter
-        if getattr(words, "laser_origin", None) is not None:
-            laser, origin = find_laser(scene), words.laser_origin
+    for meter in cast(Any, scene.sensors()):
+        if getattr(meter, "laser_origin", None) is not None:
+            laser, origin = find_laser(scene), meter.laser_origin
             matrix = np.array(laser.world_transform().matrix).reshape(4, 4)
             matrix[:3, 3] = origin
             _place(laser, mi.Transform4f(matrix))
-            words.laser_origin = None
-        if getattr(words, "laser_target", None) is not None and not words.misplaced_aim():
-            turn(find_laser(scene), words.aim())
-            words.laser_target = None
+            meter.laser_origin = None
+        if getattr(meter, "laser_target", None) is not None and not meter.misplaced_aim():
+            turn(find_laser(scene), meter.aim())
+            meter.laser_target = None
     follow: Any = getattr(sensor, "follow_laser", None)
     if follow is not None:
         follow(scene)
@@ -137,10 +136,9 @@ def place_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
 
 def forget_meters(scene: mi.Scene) -> None:
     """From now on the laser looks where it is turned, whatever a meter says."""
-    for meter in scene.sensors():
+    for meter in cast(Any, scene.sensors()):
         if hasattr(meter, "laser_target"):
-            words: Any = meter
-            words.laser_target = None
+            meter.laser_target = None
 
 
 def require_aim(scene: mi.Scene) -> None:
@@ -149,10 +147,9 @@ def require_aim(scene: mi.Scene) -> None:
     Raises:
         ValueError: One line with the pixel and those that there are.
     """
-    for meter in scene.sensors():
-        words: Any = meter
-        if getattr(words, "laser_target", None) is not None:
-            raise ValueError(words.misplaced_aim())
+    for meter in cast(Any, scene.sensors()):
+        if getattr(meter, "laser_target", None) is not None:
+            raise ValueError(meter.misplaced_aim())
 
 
 def _place(laser: Any, to_world: mi.Transform4f) -> None:

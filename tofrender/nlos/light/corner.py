@@ -47,8 +47,8 @@ class CornerShare:
     def __call__(self, vertex: Vertex, path: Path) -> mi.Float:
         """Weight of the connection of a walked path."""
         by_area = self.count * self.guided.targets.density(vertex.si, path.prev)
-        both = (path.depth == 1) & self.guided.competed(path)
-        return dr.select(both, path.pdf / (path.pdf + by_area), 1)
+        found_twice = (path.depth == 1) & self.guided.competed(path)
+        return dr.select(found_twice, path.pdf / (path.pdf + by_area), 1)
 
 
 class CornerConnections:

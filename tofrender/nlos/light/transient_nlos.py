@@ -87,7 +87,7 @@ class TransientNLOSPath(RelayWallPath):
             checks.one_of("capture_type", kind, CAPTURE_TYPES)
         _peers_parameters(props)
         hidden = "nlos_hidden_geometry_sampling"
-        self.laser_sampling, self.discard_direct_paths, self.both, self.wall_too = (
+        self.laser_sampling, self.discard_direct_paths, self.with_roulette, self.wall_too = (
             checks.boolean(name, props.get(name, False))
             for name in (
                 "nlos_laser_sampling",
@@ -108,7 +108,7 @@ class TransientNLOSPath(RelayWallPath):
 
     def aim_at(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> tuple[list[mi.Shape], float]:
         """As the parameters say."""
-        return hidden + wall * self.wall_too, 0.5 if self.both else MOST
+        return hidden + wall * self.wall_too, 0.5 if self.with_roulette else MOST
 
     @property
     def lights_a_point(self) -> bool:

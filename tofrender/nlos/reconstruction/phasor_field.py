@@ -107,8 +107,8 @@ def _fields_at_the_wall(
     turns = np.concatenate([turns.real, turns.imag], axis=1).astype(np.float32)
     spectra = np.empty((lasers, len(wavenumbers), *window.padded), np.complex64)
     for index in range(lasers):
-        both: Any = measured.light[index].reshape(-1, bins) @ turns
-        field = (both[:, : len(wavenumbers)] + 1j * both[:, len(wavenumbers) :]).T
+        parts: Any = measured.light[index].reshape(-1, bins) @ turns
+        field = (parts[:, : len(wavenumbers)] + 1j * parts[:, len(wavenumbers) :]).T
         field = field.reshape(-1, rows, columns)
         if measured.legs.any():
             field = field * np.exp(-1j * wavenumbers[:, None, None] * measured.legs[index])
