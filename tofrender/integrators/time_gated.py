@@ -20,7 +20,7 @@ from ..scenes.checking import check_scene
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .own_sample import brings_sample, require_sample, take_by_sample
-from .passes import take
+from .passes import run_plan
 from .plan import Plan
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
@@ -192,7 +192,7 @@ def render_at_time(
         take_by_sample(integrator, scene, record, sensor, spp, seed, dr.opaque(mi.Float, target))
     else:
         record = recording(film, integrator.exposure(target))
-        take(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
+        run_plan(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
     return np.array(film.develop())
 
 
@@ -246,5 +246,5 @@ def render_transient(
     check_scene(scene, sensor)
     film = transient_film(sensor.film(), bins, start, width)
     record = recording(film, integrator.exposure())
-    take(integrator.plan(scene, sensor), record, sensor, spp, seed)
+    run_plan(integrator.plan(scene, sensor), record, sensor, spp, seed)
     return film.take()[1]

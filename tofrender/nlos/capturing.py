@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins, transient_film
-from ..integrators.passes import take
+from ..integrators.passes import run_plan
 from ..rendering.renderer import carry_out
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
@@ -313,7 +313,7 @@ def _exhaustive(
                 film = transient_film(camera.film(), *window)
                 step = seed + row * columns + column
                 plan = integrator.capture_plan(scene, camera, wall, "exhaustive")
-                take(plan, integrator.recording(film), camera, spp, step % checks.MAX_SEED)
+                run_plan(plan, integrator.recording(film), camera, spp, step % checks.MAX_SEED)
                 part = film.take()[1]
                 if values is None:
                     values = np.zeros((rows, columns, *part.shape), np.float32)

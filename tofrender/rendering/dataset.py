@@ -36,7 +36,7 @@ def coordinates(film: Any) -> dict[str, np.ndarray]:
     }
 
 
-def label(
+def transient_dataset(
     steady: np.ndarray, transient: np.ndarray, film: Any, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """Make the Dataset of what a film has collected.

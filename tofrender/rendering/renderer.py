@@ -27,7 +27,7 @@ from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.settings import INTEGRATORS, SAMPLERS
 from .arrivals import PATHS, Arrivals, find_arrivals
-from .dataset import LOST_ENERGY, check_dataset, coordinates, label, require_finite
+from .dataset import LOST_ENERGY, check_dataset, coordinates, require_finite, transient_dataset
 from .fingerprint import fingerprint
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ def carry_out(
         "contributions_not_finite": record.not_finite,
         "render_seconds": seconds,
     }
-    return label(steady, transient, film, attrs)
+    return transient_dataset(steady, transient, film, attrs)
 
 
 # ------------------------------------------------------------------------ before rendering
