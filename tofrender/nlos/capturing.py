@@ -160,7 +160,7 @@ def focus_laser(
         The point [m], shape (3,).
 
     Raises:
-        ValueError: Not exactly one of the three is given, or it is out of range; one line.
+        ValueError: Not exactly one of the three is given, or it is out of range, or the pixel sees nothing; one line.
 
     Example:
         >>> from tofrender import load_scene
@@ -192,7 +192,10 @@ def focus_laser(
             crop, offset = film.crop_size(), film.crop_offset()
             place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
             ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
-            target = scene.ray_intersect(mi.Ray3f(ray)).p
+            si = scene.ray_intersect(mi.Ray3f(ray))
+            if not dr.all(si.is_valid()):
+                raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
+            target = si.p
         else:
             target = _at_uv(camera, (x / size.x, y / size.y))
     elif uv is not None:

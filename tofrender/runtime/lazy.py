@@ -20,6 +20,9 @@ from typing import Any
 
 from .withheld import Withheld, of_name
 
+INSTEAD = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
+"""Names of mitransient's that its users look for here, and what there is instead."""
+
 
 def public_names(package: str, file: str) -> dict[str, str | None]:
     """The names that a package's stub lists, with the module that has each, None if it is one.
@@ -54,7 +57,8 @@ def on_demand(
 
     def get(name: str) -> Any:
         if name not in homes:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            instead = f"; {INSTEAD[name]}" if name in INSTEAD else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{instead}")
         module = homes[name]
         if module is None:
             return importlib.import_module(f"{package}.{name}")
