@@ -160,7 +160,8 @@ def focus_laser(
         The point [m], shape (3,).
 
     Raises:
-        ValueError: Not exactly one of the three is given, or it is out of range, or the pixel sees nothing; one line.
+        ValueError: Not exactly one of the three is given, it is out of range, or the pixel sees
+            nothing; one line.
 
     Example:
         >>> from tofrender import load_scene
