@@ -30,8 +30,8 @@ class AMCWTransientPath(TransientPath):
     On an ordinary film, every contribution is weighted by the modulation m(opl) that
     `set_modulation` sets: the image is the correlation integral of L(opl) m(opl). On a
     `phasor_hdr_film`, phasors of all its frequencies are summed in the same trace. Parameters as of
-    `TransientIntegrator`, with a `max_depth` of 8 (segments; the loop of the assignment's text gives
-    9 for it), and:
+    `TransientIntegrator`, with a `max_depth` of 8 (segments; 9 in the loop of the assignment's
+    text), and:
 
     | parameter | default | meaning |
     |---|---|---|
