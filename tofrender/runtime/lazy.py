@@ -27,10 +27,6 @@ INSTEAD = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x
 def public_names(package: str, file: str) -> dict[str, str | None]:
     """The names that a package's stub lists, with the module that has each, None if it is one.
 
-    Args:
-        package: The package's `__name__`.
-        file: Its `__file__`.
-
     Example:
         >>> import tofrender
         >>> public_names("tofrender", tofrender.__file__)["GaussianPulse"]
@@ -47,12 +43,7 @@ def public_names(package: str, file: str) -> dict[str, str | None]:
 def on_demand(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """The `__getattr__`, `__dir__` and `__all__` of a package that imports its names on demand.
-
-    Args:
-        package: The package's `__name__`.
-        file: Its `__file__`.
-    """
+    """The `__getattr__`, `__dir__` and `__all__` of a package that imports its names on demand."""
     homes = public_names(package, file)
 
     def get(name: str) -> Any:

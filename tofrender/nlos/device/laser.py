@@ -78,12 +78,7 @@ def solid_angle(laser: Any) -> float:
 
 
 def turn(laser: Any, target: Any, origin: Any = None) -> None:
-    """Let a laser look at a point.
-
-    Args:
-        laser: A projector or spot.
-        target: The point [m].
-        origin: Where to put the laser [m]; by default it stays.
+    """Let a laser, a projector or spot, look at a point [m]; with an origin, from there.
 
     Raises:
         ValueError: The point is the laser's own; one line.

@@ -122,13 +122,9 @@ class ConfocalProjector(mi.Emitter):
     def sample_beam(
         self, axes: mi.Frame3f, sampler: mi.Sampler, active: mi.Bool, wavelengths: Any = None
     ) -> tuple[mi.Vector3f, Any]:
-        """Sample a direction in proportion to the pattern.
+        """Sample a direction in proportion to the pattern, around a frame that `axes` has returned.
 
-        Args:
-            axes: The projector's frame.
-            sampler: Random numbers.
-            active: Lanes that sample.
-            wavelengths: Sampled wavelengths of the lanes [nm], for spectral variants.
+        Wavelengths [nm] count in spectral variants.
 
         Returns:
             Unit vector, and the power that a sample stands for [W], 0 outside of the field of view.

@@ -57,12 +57,7 @@ def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
 
 
 def find_shapes(scene: mi.Scene, wanted: Any, what: str) -> list[mi.Shape]:
-    """Shapes of a scene by themselves, by their ids, or a list of either.
-
-    Args:
-        scene: The scene.
-        wanted: The shape, its id, or a list of either.
-        what: The parameter's name, for the message.
+    """Shapes of a scene by themselves, by their ids, or a list of either; `what` is for messages.
 
     Raises:
         ValueError: The scene has no such shape; one line with those that it has.

@@ -17,15 +17,11 @@ def wall_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of the wall that the centres of a sensor's pixels look at, and normals.
 
-    Args:
-        scene: The scene.
-        sensor: The sensor; its film's crop window counts.
-        wall: Shapes of the relay wall.
-
     Returns:
-        Points [m] and unit normals on the side that the sensor sees, both (height, width, 3), and
-        whether each pixel looks at the wall, (height, width). A pixel that does not gets the point
-        where it looks at the plane of a flat wall, else that of a pixel nearby.
+        Points [m] and unit normals on the side that the sensor sees, both (height, width, 3) of its
+        film's crop window, and whether each pixel looks at the wall, (height, width). A pixel that
+        does not gets the point where it looks at the plane of a flat wall, else that of a pixel
+        nearby.
 
     Raises:
         ValueError: No pixel looks at the wall; one line.

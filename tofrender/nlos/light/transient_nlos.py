@@ -125,12 +125,7 @@ class TransientNLOSPath(RelayWallPath):
     ) -> ScanPlan:
         """The scan, once it is known that there is one laser.
 
-        Args:
-            scene: The scene.
-            sensor: The sensor.
-            weight: As for every integrator.
-            wall: The relay wall; by default as the parameters say.
-            capture_type: "single" or "confocal"; by default as the parameters say.
+        The wall and the capture type, "single" or "confocal", are by default as the parameters say.
         """
         kind = self._kind(sensor) if capture_type is None else capture_type
         if kind == "exhaustive":

@@ -44,17 +44,11 @@ def default_wavelength(measured: Measured) -> float:
 def phasor_field(
     measured: Measured, grid: VolumeGrid, wavelength: float, cycles: float, progress: bool = True
 ) -> np.ndarray:
-    """Intensities (z, y, x).
+    """Intensities (z, y, x) of a capture on a lattice.
 
-    The field is computed at the depths of the voxels, on points of the wall's lattice that reach
-    as far as they do, and interpolated along x and y.
-
-    Args:
-        measured: A capture on a lattice.
-        grid: The voxels.
-        wavelength: Central wavelength of the virtual pulse [m].
-        cycles: Wavelengths in the pulse.
-        progress: Show a bar if it takes long.
+    The virtual pulse has `cycles` wavelengths [m]. The field is computed at the depths of the
+    voxels, on points of the wall's lattice that reach as far as they do, and interpolated along x
+    and y.
     """
     window = _Window.of(measured, grid)
     sigma = cycles * wavelength / 6  # of the pulse [m]
