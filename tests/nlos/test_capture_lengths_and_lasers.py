@@ -109,6 +109,28 @@ def test_focus_on_a_pixel_of_a_camera_with_a_crop(pixel):
     assert points[1] == pytest.approx(points[0], abs=1e-5)
 
 
+def test_focus_on_a_pixel_that_sees_nothing_is_refused():
+    setup = Setup(sensor=DEVICE, laser=LASER, legs=False)
+    described = single(setup, {"hidden": PATCH.shape()}, LIT, film())
+    described["relay_wall"].pop("sensor")
+    described["sensor"] = camera((0.2, 0.1, 1.5), (0.2, 0.1, 3), film(7, 5), fov=40)
+    loaded = load_nlos(described)
+    before = looks(loaded)
+    with pytest.raises(
+        ValueError, match=r"^pixel = \(3, 2\): sees nothing; must be one that"
+    ) as error:
+        tofrender.focus_laser(loaded, pixel=(3, 2))
+    assert "\n" not in str(error.value)
+    assert (looks(loaded) == before).all()
+
+
+@pytest.mark.parametrize("package", [tofrender, tofrender.nlos])
+def test_peers_way_to_turn_a_laser_is_refused_by_name(package):
+    with pytest.raises(AttributeError, match=r"use focus_laser\(scene, pixel=\(x, y\)\)$") as error:
+        _ = package.focus_emitter_at_relay_wall_pixel
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize("pixel", [(2, 1), (4, 2)])
 def test_focus_on_a_pixel_of_a_meter_with_a_crop(pixel):
     whole, part = (around(film(7, 5, **crop)) for crop in ({}, CROP))

@@ -89,7 +89,7 @@ def real(low: float, help: str) -> Any:
 
 def positive(unit: str, help: str) -> Any:
     """An option that is a finite number of some unit above 0."""
-    check = partial(checks.metres, positive=True, unit=unit)
+    check = partial(checks.number, positive=True, unit=unit)
     return checked(check, help, metavar="<float above 0>")
 
 
@@ -160,11 +160,12 @@ Variant = Annotated[
 # ------------------------------------------------------------------------------------- the folder
 
 
-def check_out(out: Path, film: Any = None, precision: str = "float") -> None:
-    """Refuse a folder that cannot be written, or a disk too small for what `film` collects."""
+def check_out(
+    out: Path, shape: tuple[int, int, int, int] | None = None, precision: str = "float"
+) -> None:
+    """Refuse a folder that cannot be written, or a disk too small for a transient of `shape`."""
     from tofrender.io import check_output
 
-    shape = getattr(film, "shape", None)
     try:
         check_output(out, shape, precision=precision, overwrite=True)
     except OSError as error:

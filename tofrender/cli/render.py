@@ -84,6 +84,7 @@ def render(
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
 
+    from tofrender.films.image import developed_shape
     from tofrender.rendering.renderer import render as render_scene
     from tofrender.runtime import memory
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
@@ -102,10 +103,10 @@ def render(
         pulse_width_opl=pulse_width,
     )
     require_sensor(loaded)
-    film = loaded.sensors()[0].film()
-    if hasattr(film, "shape"):
-        memory.require_film(*film.shape)
-    opt.check_out(out, film, "float" if format == "npz" else precision)
+    shape = developed_shape(loaded.sensors()[0].film())
+    if shape is not None:
+        memory.require_film(*shape)
+    opt.check_out(out, shape, "float" if format == "npz" else precision)
 
     # ---------------------------------------------------------------------- render and write
     earlier = opt.load_render(out, "--resume") if resume else None

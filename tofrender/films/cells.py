@@ -19,18 +19,10 @@ CHUNK = 1 << 16
 
 
 class Cells:
-    """A row of cells for every pixel, each with the channels of a picture.
+    """A row of `count` cells for every pixel, each with 1 or 3 channels.
 
-    RGB is padded to four floats, so that a cell can be added to as one packet.
-
-    Args:
-        height: Rows of pixels.
-        width: Columns of pixels.
-        count: Cells of a pixel.
-        channels: Channels of a cell, 1 or 3.
-
-    Attributes:
-        shape: (height, width, count, channels).
+    RGB is padded to four floats, so that a cell can be added to as one packet. `shape` is (height,
+    width, count, channels).
 
     Raises:
         MemoryError: The cells do not fit into memory; one line with their size and what fits.
@@ -53,17 +45,11 @@ class Cells:
         *,
         private: bool,
     ) -> None:
-        """Add to cell `k` of pixel (x, y); pixels outside are skipped.
+        """Add values, one a channel, to cell `k` of pixel (x, y); pixels outside are skipped.
 
-        Args:
-            values: One for each channel.
-            x: Column.
-            y: Row.
-            k: Cell, below `count`.
-            active: Lanes that add.
-            private: Whether one thread alone adds to each pixel, so that nothing has to be atomic.
-                A packet is then added lane by lane, and lanes of one vector may share a pixel; a
-                single channel is added by the whole vector at once, and they must not.
+        `private` says that one thread alone adds to each pixel, so that nothing has to be atomic. A
+        packet is then added lane by lane, and lanes of one vector may share a pixel; a single
+        channel is added by the whole vector at once, and they must not.
         """
         height, width, count, _ = self.shape
         active = active & (x >= 0) & (y >= 0) & (x < width) & (y < height)

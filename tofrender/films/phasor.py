@@ -121,12 +121,9 @@ class PhasorHDRFilm(mi.Film):
     # ----------------------------------------------------------------- for integrators
 
     def channels(self, measured: PhasorSum, to_colour: Any, pulse: Pulse | None) -> list[mi.Float]:
-        """The phasors of a path as channels of the image.
+        """The phasors that a path has summed as channels of the image, coloured by `to_colour`.
 
-        Args:
-            measured: What a path has summed.
-            to_colour: Turns a spectrum into a colour.
-            pulse: Temporal profile of the light: multiplies each phasor by its Fourier transform.
+        The light's pulse multiplies each phasor by its Fourier transform.
         """
         values = []
         for k, frequency in enumerate(self.frequencies_hz):

@@ -49,10 +49,6 @@ def recording(film: Any, exposure: Exposure) -> Recording:
 class Recording:
     """A film under exposure.
 
-    Args:
-        film: The film.
-        exposure: How light counts.
-
     Attributes:
         not_finite: Contributions that were left out because they were not finite.
     """
@@ -96,22 +92,11 @@ class Recording:
         )
 
     def measurement(self, camera: Any, spp: int) -> Any:
-        """What is done with the light of camera rays; its `total` is the picture's colour.
-
-        Args:
-            camera: The rays, a `CameraSample`.
-            spp: Samples per pixel.
-        """
+        """What is done with the light of camera rays; its `total` is the picture's colour."""
         raise NotImplementedError
 
     def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
-        """What samples put into the picture, before and behind their weight.
-
-        Args:
-            camera: The rays.
-            measured: What they measured.
-            covered: Lanes that met a surface.
-        """
+        """What samples put into the picture, before and behind their weight."""
         colour = to_rgb(measured.total * camera.weight, camera.ray.wavelengths)
         first: list[Any] = [colour.x, colour.y, colour.z]
         if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):

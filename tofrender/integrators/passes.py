@@ -212,7 +212,7 @@ def best_sampler(spp: Any) -> mi.Sampler:
     return mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
 
 
-def take(plan: Plan, record: Recording, sensor: mi.Sensor, spp: Any, seed: Any) -> None:
+def run_plan(plan: Plan, record: Recording, sensor: mi.Sensor, spp: Any, seed: Any) -> None:
     """Carry out a plan from start to end.
 
     Raises:

@@ -20,7 +20,7 @@ from ..scenes.checking import check_scene
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .own_sample import brings_sample, require_sample, take_by_sample
-from .passes import take
+from .passes import run_plan
 from .plan import Plan
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
@@ -66,6 +66,8 @@ class TimeGatedTransientPath(TransientIntegrator):
     | `max_depth` | 8 | longest path in segments, camera's included |
     | `pulse_width_opl` | 0.03 | standard deviation of the Gaussian pulse [m] |
     | `target_time` | none | path length of the gate [m], for `mi.render`; can be set later |
+
+    A `max_depth` of 8 gives paths of 9 segments in the loop of the assignment's text, here of 8.
 
     Example:
         >>> integrator = mi.load_dict(
@@ -192,7 +194,7 @@ def render_at_time(
         take_by_sample(integrator, scene, record, sensor, spp, seed, dr.opaque(mi.Float, target))
     else:
         record = recording(film, integrator.exposure(target))
-        take(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
+        run_plan(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
     return np.array(film.develop())
 
 
@@ -246,5 +248,5 @@ def render_transient(
     check_scene(scene, sensor)
     film = transient_film(sensor.film(), bins, start, width)
     record = recording(film, integrator.exposure())
-    take(integrator.plan(scene, sensor), record, sensor, spp, seed)
+    run_plan(integrator.plan(scene, sensor), record, sensor, spp, seed)
     return film.take()[1]

@@ -25,7 +25,8 @@ class TransientPath(TransientIntegrator):
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m] |
 
     The light's `pulse` can be set to any of `tofrender.signals.pulses`. Its energy in each bin is
-    exact and adds no noise.
+    exact and adds no noise. The assignment's text has a pulse of 0.03 m and a `max_depth` of 8 by
+    default, where these are none and 6.
 
     Limitations: participating media and polarised variants, which `tofrender.render` refuses; no
     derivatives.
@@ -44,7 +45,7 @@ class TransientPath(TransientIntegrator):
         super().__init__(props)
         name, bins = props.get("temporal_filter", ""), props.get("gaussian_stddev", 2.0)
         self.temporal_filter = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
-        self.gaussian_stddev = checks.metres("gaussian_stddev", bins, positive=True, unit="bins")
+        self.gaussian_stddev = checks.number("gaussian_stddev", bins, positive=True, unit="bins")
         width = props.get("pulse_width_opl", None)
         self._pulse: Pulse | None = None
         if width is not None:

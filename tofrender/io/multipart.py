@@ -16,13 +16,9 @@ _MULTIPART_FLAG = 0x1000
 
 
 class MultipartWriter:
-    """Writes parts that all have the same size and, apart from the first, headers of equal length.
+    """Writes parts of one size into an empty file; after the first, headers are of equal length.
 
-    Args:
-        file: Empty file, open for writing.
-        names: Name of every part; those after the first have the same length.
-        first: The first part as a single-part EXR file.
-        second: Any other part, likewise.
+    The first part and any other one are given as single-part EXR files, and the names of all parts.
     """
 
     def __init__(self, file: BinaryIO, names: Sequence[str], first: bytes, second: bytes):

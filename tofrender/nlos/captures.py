@@ -310,11 +310,7 @@ def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
 
 
 def without_first_leg(capture: xr.Dataset) -> xr.Dataset:
-    """As `without_first_and_last_legs`, of light whose lengths lack the leg to the sensor already.
-
-    Args:
-        capture: A capture that says that it counts the legs, and counts the laser's.
-    """
+    """As `without_first_and_last_legs`, of lengths that lack the leg to the sensor already."""
     return _earlier(capture, first_and_last_legs(capture, ["laser"]))
 
 

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins, transient_film
-from ..integrators.passes import take
+from ..integrators.passes import run_plan
 from ..rendering.renderer import carry_out
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
@@ -160,7 +160,8 @@ def focus_laser(
         The point [m], shape (3,).
 
     Raises:
-        ValueError: Not exactly one of the three is given, or it is out of range; one line.
+        ValueError: Not exactly one of the three is given, it is out of range, or the pixel sees
+            nothing; one line.
 
     Example:
         >>> from tofrender import load_scene
@@ -192,12 +193,15 @@ def focus_laser(
             crop, offset = film.crop_size(), film.crop_offset()
             place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
             ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
-            target = scene.ray_intersect(mi.Ray3f(ray)).p
+            si = scene.ray_intersect(mi.Ray3f(ray))
+            if not dr.all(si.is_valid()):
+                raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
+            target = si.p
         else:
             target = _at_uv(camera, (x / size.x, y / size.y))
     elif uv is not None:
         _require_two("uv", uv, "two numbers from 0 to 1")
-        u, v = (checks.metres("uv", x, unit="the side") for x in uv)
+        u, v = (checks.number("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
             raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
@@ -313,7 +317,7 @@ def _exhaustive(
                 film = transient_film(camera.film(), *window)
                 step = seed + row * columns + column
                 plan = integrator.capture_plan(scene, camera, wall, "exhaustive")
-                take(plan, integrator.recording(film), camera, spp, step % checks.MAX_SEED)
+                run_plan(plan, integrator.recording(film), camera, spp, step % checks.MAX_SEED)
                 part = film.take()[1]
                 if values is None:
                     values = np.zeros((rows, columns, *part.shape), np.float32)

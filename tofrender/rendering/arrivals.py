@@ -63,14 +63,10 @@ class Arrivals:
         return bool(self.energy.sum() > 0)
 
     def window(self, profile: Pulse | None = None, fraction: float = 0.999) -> tuple[float, float]:
-        """From the first arrival to where `fraction` of the energy has arrived [m].
+        """From the first arrival to where `fraction` of the energy, in (0, 1], has arrived [m].
 
-        Args:
-            profile: Temporal profile that arrivals are seen through; widens the window.
-            fraction: In (0, 1].
-
-        Returns:
-            Start and stop, rounded outwards to a thousandth of the window or so.
+        A profile that arrivals are seen through widens the window. Start and stop are rounded
+        outwards to a thousandth of the window or so.
         """
         low, high = (0.0, 0.0) if profile is None else profile.support
         cumulative = np.cumsum(self.energy)
@@ -90,14 +86,7 @@ class Arrivals:
 
 
 def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arrivals:
-    """Trace 16384 paths through random pixels and note when their light arrives.
-
-    Args:
-        plan: What is done with camera rays.
-        sensor: The camera.
-        film: Its size and crop say which pixels are sampled.
-        seed: Seed of the random numbers.
-    """
+    """Trace 16384 paths through random pixels of a film's crop and note when light arrives."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, PATHS)
     width, height = sampled_size(film)

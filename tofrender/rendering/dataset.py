@@ -36,16 +36,13 @@ def coordinates(film: Any) -> dict[str, np.ndarray]:
     }
 
 
-def label(
+def transient_dataset(
     steady: np.ndarray, transient: np.ndarray, film: Any, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
-    """Make the Dataset of what a film has collected.
+    """Make the Dataset of what a film has collected, with attributes that say how it was made.
 
-    Args:
-        steady: Shape (height, width, channels).
-        transient: Shape (height, width, temporal_bins, channels).
-        film: Where they come from; says the coordinates.
-        attrs: How they were made.
+    The film says the coordinates of steady (height, width, channels) and transient (height, width,
+    temporal_bins, channels).
     """
     import xarray as xr
 
@@ -81,12 +78,8 @@ def check_dataset(dataset: Any) -> None:
 def check_attributes(what: str, dataset: xr.Dataset) -> None:
     """Refuse attributes of a render or a capture that contradict its time axis, or are no numbers.
 
-    Args:
-        what: What the message calls it.
-        dataset: It has the coordinate `opl`.
-
     Raises:
-        ValueError: One line that names the attribute.
+        ValueError: One line that names the attribute, with `what` it is of.
     """
     start, width = time_axis(dataset)
     stated = [dataset.attrs.get(name) for name in ("start_opl", "bin_width_opl")]

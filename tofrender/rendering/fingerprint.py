@@ -14,10 +14,8 @@ import numpy as np
 def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
     """A short hash of all that a picture depends on, but for film, samples and seed.
 
-    Args:
-        scene: Its shapes, materials and lights count, with all their parameters.
-        sensor: Counts with its parameters.
-        integrator: Counts as it prints itself.
+    All parameters of shapes, materials, lights and the sensor count, and the integrator as it
+    prints itself.
 
     Returns:
         Twelve hexadecimal digits.

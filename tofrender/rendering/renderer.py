@@ -27,7 +27,7 @@ from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.settings import INTEGRATORS, SAMPLERS
 from .arrivals import PATHS, Arrivals, find_arrivals
-from .dataset import LOST_ENERGY, check_dataset, coordinates, label, require_finite
+from .dataset import LOST_ENERGY, check_dataset, coordinates, require_finite, transient_dataset
 from .fingerprint import fingerprint
 
 if TYPE_CHECKING:
@@ -143,22 +143,9 @@ def carry_out(
     resume: xr.Dataset | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
-    """Carry out a plan on a film with bins.
+    """Carry out the plan of an integrator, `tracer`, on a film with bins.
 
-    Args:
-        plan: What is done with camera rays.
-        tracer: The integrator that has made it; says how light counts on the film.
-        scene: The loaded scene.
-        name: What the Dataset calls it.
-        spp: Samples per pixel. This and what follows is as for `render`, whose result and errors
-            this has.
-        seed: Seed.
-        sensor: Number of the sensor.
-        sampler: Sampler.
-        window: Window of the time bins.
-        temporal_bins: Number of bins.
-        resume: What to go on from.
-        progress: Whether to show a bar.
+    The Dataset calls the scene `name`; all else, result and errors, is as for `render`.
     """
     camera, exposure = scene.sensors()[sensor], tracer.exposure()
     film = _film(camera.film(), window, temporal_bins)
@@ -222,7 +209,7 @@ def carry_out(
         "contributions_not_finite": record.not_finite,
         "render_seconds": seconds,
     }
-    return label(steady, transient, film, attrs)
+    return transient_dataset(steady, transient, film, attrs)
 
 
 # ------------------------------------------------------------------------ before rendering

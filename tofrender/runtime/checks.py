@@ -134,14 +134,13 @@ def number(
     return given
 
 
-def metres(name: str, value: Any, *, positive: bool = False, unit: str = "metres") -> float:
+def metres(name: str, value: Any, *, positive: bool = False) -> float:
     """Return `value`, a length in metres, as a finite float: `number` with its unit.
 
     Args:
         name: The parameter's name, for the message.
         value: A number; NaN, infinities, bools and text are refused.
         positive: Whether the length must be above 0 (a width) or may be any (a position).
-        unit: Of what is no length; new code says `number`.
 
     Raises:
         ValueError: One line with name, value and what is allowed.
@@ -151,7 +150,7 @@ def metres(name: str, value: Any, *, positive: bool = False, unit: str = "metres
         Traceback (most recent call last):
         ValueError: bin_width_opl = -0.02: must be a finite number of metres above 0
     """
-    return number(name, value, unit=unit, positive=positive)
+    return number(name, value, unit="metres", positive=positive)
 
 
 def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:

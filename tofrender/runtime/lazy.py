@@ -20,13 +20,12 @@ from typing import Any
 
 from .withheld import Withheld, of_name
 
+INSTEAD = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
+"""Names of mitransient's that its users look for here, and what there is instead."""
+
 
 def public_names(package: str, file: str) -> dict[str, str | None]:
     """The names that a package's stub lists, with the module that has each, None if it is one.
-
-    Args:
-        package: The package's `__name__`.
-        file: Its `__file__`.
 
     Example:
         >>> import tofrender
@@ -44,17 +43,13 @@ def public_names(package: str, file: str) -> dict[str, str | None]:
 def on_demand(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """The `__getattr__`, `__dir__` and `__all__` of a package that imports its names on demand.
-
-    Args:
-        package: The package's `__name__`.
-        file: Its `__file__`.
-    """
+    """The `__getattr__`, `__dir__` and `__all__` of a package that imports its names on demand."""
     homes = public_names(package, file)
 
     def get(name: str) -> Any:
         if name not in homes:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            instead = f"; {INSTEAD[name]}" if name in INSTEAD else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{instead}")
         module = homes[name]
         if module is None:
             return importlib.import_module(f"{package}.{name}")

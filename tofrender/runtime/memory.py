@@ -66,14 +66,7 @@ def address_space() -> tuple[int, int]:
 def require_film(
     height: int, width: int, temporal_bins: int, channels: int, copies: float = 1.0
 ) -> None:
-    """Refuse a film that does not fit.
-
-    Args:
-        height: Rows of pixels.
-        width: Columns of pixels.
-        temporal_bins: Bins of a pixel.
-        channels: Channels of a bin.
-        copies: How often its size is needed at the peak.
+    """Refuse a film that does not fit; its size is needed `copies` times at the peak.
 
     Raises:
         MemoryError: One line with the film's size and what would fit.

@@ -88,11 +88,7 @@ def of_name(package: str, name: str, reason: Withheld) -> Withheld:
 def stand_in(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
     """A plugin that does nothing, for scenes that ask for one that is withheld.
 
-    Args:
-        class_name: The plugin's class.
-        plugin_name: What scenes call it.
-        kind: "integrator" or "emitter"; None is returned for others.
-        home: The withheld module that has the plugin.
+    There is one for an "integrator" or an "emitter"; other kinds get None.
     """
     import mitsuba as mi
 

@@ -301,9 +301,9 @@ def _compare(
     variance = np.maximum(square - mean**2, 0) / count
     total = integrals.total if integrals.total > 0 else math.nan
     differences = integrals.moments / total
-    both = variance + integrals.moments_variance / total**2
+    variances = variance + integrals.moments_variance / total**2
     moments = [
-        _moment(name, mean[k], mean[k] + differences[k], both[k], square[k])
+        _moment(name, mean[k], mean[k] + differences[k], variances[k], square[k])
         for k, name in enumerate(names)
     ]
     for name, value in known.items():

@@ -50,11 +50,7 @@ class Shape(ABC):
 
     @abstractmethod
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A random direction towards the shape.
-
-        Args:
-            o: Points that are lit.
-            sample: Uniform points on the unit square.
+        """A random direction towards the shape, from points that are lit.
 
         Returns:
             The record, its density per solid angle.

@@ -79,13 +79,7 @@ class HierarchicalWarp:
         self._decisions = mi.Float(_decisions(weights))
 
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
-        """Warp points.
-
-        Args:
-            sample: Uniform points on the unit square.
-
-        Returns:
-            Points in [0, 1)^2 of the density `pdf`.
+        """Warp uniform points of the unit square to points in [0, 1)^2 of the density `pdf`.
 
         Raises:
             AssertionError: A point lies outside of the unit square; in debug mode only.
@@ -177,13 +171,10 @@ class EnvironmentWarp:
         self._values = mi.Float(values.ravel())
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-        """Directions of light.
+        """Directions of light, from uniform points of the unit square.
 
         With t = sin^2(theta / 2), the solid angle is 2 dt dphi, so t is drawn evenly between the
         edges of a row. The southern rows mirror the northern ones, where t is small and exact.
-
-        Args:
-            sample: Uniform points on the unit square.
 
         Returns:
             Unit vectors towards the light, and their density [1/sr].

@@ -69,22 +69,20 @@ def cell_edges(domain: Domain, pilot: np.ndarray, resolution: int) -> tuple[np.n
     of shape (2, n): a cell has at most twice its even share of either.
     """
     counts = (max(2, round(resolution * domain.aspect)), resolution)
-    both = []
+    edges = []
     for low, high, points, count in zip(domain.low, domain.high, pilot, counts, strict=True):
         even = np.linspace(low, high, max(points.size, 2))
         mixture = np.concatenate([even, np.clip(points, low, high)])
-        both.append(np.unique(np.quantile(mixture, np.linspace(0, 1, count + 1))))
+        edges.append(np.unique(np.quantile(mixture, np.linspace(0, 1, count + 1))))
     for value in domain.jumps:
-        both[1][np.argmin(np.abs(both[1] - value))] = value
-    return both[0], both[1]
+        edges[1][np.argmin(np.abs(edges[1] - value))] = value
+    return edges[0], edges[1]
 
 
 def cell_of(edges: tuple[np.ndarray, np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Number of the cell that holds each point, row by row; an upper edge belongs to its cell.
+    """Number of the cell that holds each of the points (2, n); an upper edge belongs to its cell.
 
-    Args:
-        edges: Edges of the columns and of the rows.
-        points: Points in the plane, shape (2, n).
+    Cells are numbered row by row.
 
     Example:
         >>> edges = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0])
@@ -199,12 +197,8 @@ def pearson(observed: np.ndarray, expected: np.ndarray, variance: np.ndarray) ->
     """Pearson's statistic, sum of (O - E)^2 / (E + variance of E), and its degrees of freedom.
 
     Cells that expect fewer than `FEWEST` are pooled: in order of what they expect, as many as
-    together expect it. The sum of all counts is fixed, which takes one degree of freedom.
-
-    Args:
-        observed: Counts, any shape.
-        expected: Expected counts.
-        variance: Variance of the expected counts, from their integration.
+    together expect it. The sum of all counts is fixed, which takes one degree of freedom. The
+    variance is that of the expected counts, from their integration.
 
     Example:
         >>> pearson(np.array([12, 8]), np.array([10.0, 10.0]), np.zeros(2))

@@ -98,9 +98,7 @@ def smallest_allowed(alpha: float, tests: int) -> float:
 def student_tail(t: np.ndarray | float, freedom: np.ndarray | float) -> np.ndarray:
     """Chance that |T| >= |t| for Student's distribution: I_x(ν/2, 1/2) with x = ν / (ν + t²).
 
-    Args:
-        t: Values, any shape.
-        freedom: Degrees of freedom ν, above 0, of a shape that broadcasts with `t`.
+    The degrees of freedom ν are above 0, of a shape that broadcasts with `t`.
 
     Example:
         >>> float(student_tail(12.7062, 1).round(4))

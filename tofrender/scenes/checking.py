@@ -24,9 +24,7 @@ SHOWN = 16
 def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Refuse a scene whose picture would be wrong or black without a word.
 
-    Args:
-        scene: A loaded scene, however it was loaded.
-        sensor: The sensor that looks at it; None stands for all of the scene's.
+    The sensor is the one that looks at it; None stands for all of the scene's.
 
     Raises:
         ValueError: As `require_modelled` and `require_sound`; one line that names the object.
@@ -43,10 +41,6 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
 
 def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Refuse what changes the light and is not followed: media and polarisation.
-
-    Args:
-        scene: A loaded scene.
-        sensor: The sensor that looks at it; None stands for all of the scene's.
 
     Raises:
         ValueError: The scene is one of another variant, the variant is polarised, or a shape,
@@ -83,11 +77,8 @@ def _refuse_medium(owner: Any, what: str, medium: Any) -> None:
 def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Refuse parameters that are not finite, negative light, and transforms without an inverse.
 
-    Looks at each number once: a millisecond or two, and as long again for a million vertices.
-
-    Args:
-        scene: A loaded scene.
-        sensor: A sensor that need not be the scene's.
+    Looks at each number once: a millisecond or two, and as long again for a million vertices. The
+    sensor need not be the scene's.
 
     Raises:
         ValueError: One line with the object, its parameter and the value.

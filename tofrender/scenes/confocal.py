@@ -210,11 +210,7 @@ def ourbox_confocal(**options: Any) -> Dict:
 
 
 def confocal_projector(fov: float) -> Dict:
-    """One spot of light per camera ray, where the ray meets the scene.
-
-    Args:
-        fov: Angle that the grid of spots spans [rad].
-    """
+    """One spot of light per camera ray, where it meets the scene; `fov` is the grid's [rad]."""
     return {
         "type": "confocal_projector",
         "grid_rows": 1,

@@ -31,10 +31,7 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
     """Refuse an XML file, or one that it includes, whose tags are nested too deeply.
 
-    Args:
-        path: The file.
-        parameters: Values for its `<default>` names, which may name the files that it includes.
-        includes: How many files this one is within.
+    The parameters are values for its `<default>` names, which may name the files that it includes.
 
     Raises:
         ValueError: One line with the file and the line in it.
@@ -87,10 +84,7 @@ def require_shallow_dict(description: Mapping[str, Any]) -> None:
 
 
 def require_indices(filename: str) -> None:
-    """Refuse a PLY file whose faces have vertices that it does not have.
-
-    Args:
-        filename: As a scene gives it, to be found beside the scene's file.
+    """Refuse a PLY file, beside the scene's, whose faces have vertices that it does not have.
 
     Raises:
         ValueError: One line with the file, the face and its vertex.

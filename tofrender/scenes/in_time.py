@@ -23,13 +23,9 @@ UNLIMITED = ("path", "volpath", "volpathmis", "ptracer")
 
 
 def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns: bool) -> None:
-    """Put settings into a scene's integrator, or another integrator in its place.
+    """Put settings into a scene's integrator, node `index`, or another integrator in its place.
 
-    Args:
-        nodes: The nodes that the parser has made.
-        index: Which of them is the integrator.
-        settings: As `check_settings` returns them.
-        turns: Whether the film has turned from steady to transient.
+    `turns` says that the film has turned from steady to transient.
 
     Raises:
         ValueError: The integrator cannot render in time; one line.

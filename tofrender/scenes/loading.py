@@ -101,12 +101,8 @@ def load_scene(
 def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
     """Make one object from a dict, ours where the plugin's name is one of ours.
 
-    Args:
-        what: What it is to be, for messages, e.g. "integrator".
-        description: As for `mi.load_dict`.
-
     Raises:
-        ValueError: The dict is wrong; one line.
+        ValueError: The dict is wrong; one line that calls the object `what`, e.g. "integrator".
     """
     name = description.get("type")
     if not isinstance(name, str):

@@ -26,21 +26,12 @@ HALVES = {
 
 
 def bust_mesh(**parts: Dict) -> Any:
-    """The bust as an `mi.Mesh`.
-
-    Args:
-        **parts: What belongs to the shape, e.g. `bsdf`, each a dict for `mi.load_dict`.
-    """
+    """The bust as an `mi.Mesh`; parts, e.g. a `bsdf`, are dicts for `mi.load_dict`."""
     return _mesh("bust", *bust(), **parts)
 
 
 def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
-    """The rabbit as an `mi.Mesh`.
-
-    Args:
-        to_world: Where it stands; a turn and a shift.
-        **parts: As for `bust_mesh`.
-    """
+    """The rabbit as an `mi.Mesh` with parts as in `bust_mesh`, after a turn and a shift."""
     vertices, faces, normals = bunny()
     turned = normals if to_world is None else normals @ np.array(to_world.matrix)[:3, :3].T
     return _mesh("bunny", placed(vertices, to_world), faces, turned, **parts)
@@ -75,24 +66,13 @@ def letter_z() -> tuple[np.ndarray, np.ndarray]:
 
 
 def letter_z_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
-    """The letter Z as an `mi.Mesh`.
-
-    Args:
-        to_world: Where it is.
-        **parts: As for `bust_mesh`.
-    """
+    """The letter Z as an `mi.Mesh` with parts as in `bust_mesh`."""
     vertices, faces = letter_z()
     return _mesh("letter_z", placed(vertices, to_world), faces, None, **parts)
 
 
 def half_rectangle(half: str, to_world: Any | None = None, **parts: Dict) -> Any:
-    """One of the two triangles that make up a `rectangle`.
-
-    Args:
-        half: "lower" or "upper".
-        to_world: The rectangle's transform.
-        **parts: As for `bust_mesh`.
-    """
+    """The "lower" or "upper" one of the two triangles of a `rectangle`; parts as in `bust_mesh`."""
     corners = placed(HALVES[half], to_world)
     return _mesh(f"{half}_triangle", corners, np.array([[0, 1, 2]]), None, **parts)
 

@@ -107,7 +107,7 @@ def nlos_patch(
     """
     half = checks.metres("side", side, positive=True) / 2
     where = _numbers("position", position, 3)
-    angle = checks.metres("tilt", tilt, unit="degrees")
+    angle = checks.number("tilt", tilt, unit="degrees")
     if not -90 < angle < 90:
         raise ValueError(f"tilt = {tilt!r}: must be between -90 and 90 degrees")
     to_world = place(where, Y, 180 + angle, [half, half, 1])

@@ -61,16 +61,7 @@ class Colours:
         dr.eval(self._values)
 
     def at(self, index: mi.UInt32, wavelengths: Any, active: mi.Bool | bool = True) -> Any:
-        """The colour with a number.
-
-        Args:
-            index: Number in the table, one for each lane.
-            wavelengths: As for `white`.
-            active: Lanes that ask; the others get nothing that means anything.
-
-        Returns:
-            An `mi.UnpolarizedSpectrum`.
-        """
+        """The colour with a number, an `mi.UnpolarizedSpectrum`; wavelengths are as for `white`."""
         values = dr.gather(type(self._values), self._values, index, active)
         if not mi.is_spectral:
             return mi.UnpolarizedSpectrum(values)

@@ -19,12 +19,7 @@ def pixel_axes(axes: Axes) -> None:
 
 
 def map_axes(axes: Axes, values: Any, **options: Any) -> Any:
-    """Draw one value per pixel; where it is NaN, a grey hatch shows through.
-
-    Args:
-        axes: Where.
-        values: (height, width).
-        **options: For `imshow`.
+    """Draw values (height, width), with options as for `imshow`; where they are NaN, a hatch shows.
 
     Returns:
         The image, for a colour bar.

@@ -105,7 +105,7 @@ def _film() -> None:
 def _dataset() -> Any:
     import numpy as np
 
-    from tofrender.rendering.dataset import label
+    from tofrender.rendering.dataset import transient_dataset
 
     point = SimpleNamespace(x=4, y=2)
     film = SimpleNamespace(shape=(2, 4, 3, 3), start_opl=0.0, bin_width_opl=0.1)
@@ -113,7 +113,7 @@ def _dataset() -> Any:
     transient = np.random.default_rng(0).random(film.shape, np.float32)
     attrs: dict = {"quantity": "radiance per bin", "start_opl": 0.0, "bin_width_opl": 0.1}
     attrs |= {"units": "W m^-2 sr^-1", "scene": "none", "energy_outside_window": 0.0, "spp": 1}
-    return label(transient.sum(2), transient, film, attrs | {"complete": 1})
+    return transient_dataset(transient.sum(2), transient, film, attrs | {"complete": 1})
 
 
 def _files() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -79,12 +79,7 @@ def solid_angle(laser: Any) -> float:
 
 
 def turn(laser: Any, target: Any, origin: Any = None) -> None:
-    """Let a laser look at a point.
-
-    Args:
-        laser: A projector or spot.
-        target: The point [m].
-        origin: Where to put the laser [m]; by default it stays.
+    """Let a laser, a projector or spot, look at a point [m]; with an origin, from there.
 
     Raises:
         ValueError: The point is the laser's own; one line.
@@ -105,17 +100,16 @@ def follow_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     Of a pixel that the film does not have, the meter keeps the word; `require_aim` tells it. A
     `sensor` that looks from where the laser is then learns where that is.
     """
-    for meter in scene.sensors():
-        words: Any = meter
-        if getattr(words, "laser_origin", None) is not None:
-            laser, origin = find_laser(scene), words.laser_origin
+    for meter in cast(Any, scene.sensors()):
+        if getattr(meter, "laser_origin", None) is not None:
+            laser, origin = find_laser(scene), meter.laser_origin
             matrix = np.array(laser.world_transform().matrix).reshape(4, 4)
             matrix[:3, 3] = origin
             _place(laser, mi.Transform4f(matrix))
-            words.laser_origin = None
-        if getattr(words, "laser_target", None) is not None and not words.misplaced_aim():
-            turn(find_laser(scene), words.aim())
-            words.laser_target = None
+            meter.laser_origin = None
+        if getattr(meter, "laser_target", None) is not None and not meter.misplaced_aim():
+            turn(find_laser(scene), meter.aim())
+            meter.laser_target = None
     follow: Any = getattr(sensor, "follow_laser", None)
     if follow is not None:
         follow(scene)
@@ -138,10 +132,9 @@ def place_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
 
 def forget_meters(scene: mi.Scene) -> None:
     """From now on the laser looks where it is turned, whatever a meter says."""
-    for meter in scene.sensors():
+    for meter in cast(Any, scene.sensors()):
         if hasattr(meter, "laser_target"):
-            words: Any = meter
-            words.laser_target = None
+            meter.laser_target = None
 
 
 def require_aim(scene: mi.Scene) -> None:
@@ -150,10 +143,9 @@ def require_aim(scene: mi.Scene) -> None:
     Raises:
         ValueError: One line with the pixel and those that there are.
     """
-    for meter in scene.sensors():
-        words: Any = meter
-        if getattr(words, "laser_target", None) is not None:
-            raise ValueError(words.misplaced_aim())
+    for meter in cast(Any, scene.sensors()):
+        if getattr(meter, "laser_target", None) is not None:
+            raise ValueError(meter.misplaced_aim())
 
 
 def _place(laser: Any, to_world: mi.Transform4f) -> None:

@@ -68,7 +68,7 @@ class ConfocalProjector(mi.Emitter):
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.is_confocal = checks.boolean("is_confocal", props.get("is_confocal", True))
-        fov = checks.metres("fov", props.get("fov", 0.2), positive=True, unit="radians")
+        fov = checks.number("fov", props.get("fov", 0.2), positive=True, unit="radians")
         if fov >= math.pi:
             raise ValueError(f"fov = {fov:g}: must be an angle above 0 and below pi, in radians")
         self.tan = math.tan(fov / 2)
@@ -122,13 +122,9 @@ class ConfocalProjector(mi.Emitter):
     def sample_beam(
         self, axes: mi.Frame3f, sampler: mi.Sampler, active: mi.Bool, wavelengths: Any = None
     ) -> tuple[mi.Vector3f, Any]:
-        """Sample a direction in proportion to the pattern.
+        """Sample a direction in proportion to the pattern, around a frame that `axes` has returned.
 
-        Args:
-            axes: The projector's frame.
-            sampler: Random numbers.
-            active: Lanes that sample.
-            wavelengths: Sampled wavelengths of the lanes [nm], for spectral variants.
+        Wavelengths [nm] count in spectral variants.
 
         Returns:
             Unit vector, and the power that a sample stands for [W], 0 outside of the field of view.
@@ -289,7 +285,7 @@ def _grid(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for name in ("grid_rows", "grid_cols")
     )
     sigma, power = (
-        checks.metres(name, props.get(name, default), positive=True, unit=unit)
+        checks.number(name, props.get(name, default), positive=True, unit=unit)
         for name, default, unit in (
             ("grid_sigma", 0.01, "half fields of view"),
             ("grid_intensity", 1.0, "watts"),

@@ -58,12 +58,7 @@ def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
 
 
 def find_shapes(scene: mi.Scene, wanted: Any, what: str) -> list[mi.Shape]:
-    """Shapes of a scene by themselves, by their ids, or a list of either.
-
-    Args:
-        scene: The scene.
-        wanted: The shape, its id, or a list of either.
-        what: The parameter's name, for the message.
+    """Shapes of a scene by themselves, by their ids, or a list of either; `what` is for messages.
 
     Raises:
         ValueError: The scene has no such shape; one line with those that it has.
@@ -94,7 +89,7 @@ def ids(scene: mi.Scene) -> str:
     return ", ".join(repr(shape.id()) for shape in scene.shapes()) or "none"
 
 
-def names_of(what: str, value: Any) -> list[str] | None:
+def parse_ids(what: str, value: Any) -> list[str] | None:
     """Ids of shapes, separated by commas, as a plugin's parameter gives them; None stays.
 
     Raises:
@@ -107,7 +102,7 @@ def names_of(what: str, value: Any) -> list[str] | None:
     return [each.strip() for each in value.split(",")]
 
 
-def look(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
+def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
     """Rays through the centres of a sensor's pixels, row by row, and what they meet."""
     width, height = (int(n) for n in sensor.film().crop_size())
     x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
@@ -120,5 +115,5 @@ def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
     """The shapes that the centres of a sensor's pixels look at; none without a sensor."""
     if sensor is None:
         return []
-    _, si = look(scene, sensor)
+    _, si = first_hits(scene, sensor)
     return [s for s in scene.shapes() if dr.any(si.is_valid() & (si.shape == mi.ShapePtr(s)))]

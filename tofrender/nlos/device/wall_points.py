@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .relay_wall import is_on_relay_wall, look
+from .relay_wall import first_hits, is_on_relay_wall
 
 FLAT = 1e-4
 """Distance from a plane, over a wall's size, up to which the wall is flat."""
@@ -18,21 +18,17 @@ def wall_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of the wall that the centres of a sensor's pixels look at, and normals.
 
-    Args:
-        scene: The scene.
-        sensor: The sensor; its film's crop window counts.
-        wall: Shapes of the relay wall.
-
     Returns:
-        Points [m] and unit normals on the side that the sensor sees, both (height, width, 3), and
-        whether each pixel looks at the wall, (height, width). A pixel that does not gets the point
-        where it looks at the plane of a flat wall, else that of a pixel nearby.
+        Points [m] and unit normals on the side that the sensor sees, both (height, width, 3) of its
+        film's crop window, and whether each pixel looks at the wall, (height, width). A pixel that
+        does not gets the point where it looks at the plane of a flat wall, else that of a pixel
+        nearby.
 
     Raises:
         ValueError: No pixel looks at the wall; one line.
     """
     width, height = (int(n) for n in sensor.film().crop_size())
-    ray, si = look(scene, sensor)
+    ray, si = first_hits(scene, sensor)
     count = width * height
     on_wall = np.broadcast_to(np.array(is_on_relay_wall(si, wall)), count)
     if not on_wall.any():

@@ -40,6 +40,9 @@ class ConfocalTransientIntegrator(RelayWallPath):
     | `spot_sigma` | 0.0 | standard deviation of the beam's direction [rad]; 0 is a point |
     | `confocal_projector` | none | a nested emitter of that kind, instead of the two above |
 
+    The assignment's text has a `max_depth` of 10 and a pulse of 0.03 m by default; here these are
+    8 segments to the lit point and no pulse.
+
     A point lit by a point has no finite radiance of its own: paths of a single bounce (laser, wall,
     camera) are there with a spot of some width only.
 
@@ -59,8 +62,8 @@ class ConfocalTransientIntegrator(RelayWallPath):
                     raise ValueError(
                         f"{name} = {props[name]}: must be left out; confocal_projector has it"
                     )
-        self.power = checks.metres("power", props.get("power", 1.0), positive=True, unit="watts")
-        sigma = checks.metres("spot_sigma", props.get("spot_sigma", 0.0), unit="radians")
+        self.power = checks.number("power", props.get("power", 1.0), positive=True, unit="watts")
+        sigma = checks.number("spot_sigma", props.get("spot_sigma", 0.0), unit="radians")
         if not 0 <= sigma < MAX_SIGMA:
             raise ValueError(f"spot_sigma = {sigma:g}: must be from 0 to {MAX_SIGMA} radians")
         self.spot_sigma = sigma

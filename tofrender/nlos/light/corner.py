@@ -35,12 +35,7 @@ GOLDEN = 0.6180339887498949
 
 
 class CornerShare:
-    """The share that connections leave to walked paths of three bounces.
-
-    Args:
-        guided: The scattering of the walked paths.
-        count: Number n of target points for each camera ray.
-    """
+    """The share that `count` connections for each camera ray leave to walked paths."""
 
     def __init__(self, guided: Guided, count: int = CONNECTIONS) -> None:
         self.guided, self.count = guided, count
@@ -48,18 +43,12 @@ class CornerShare:
     def __call__(self, vertex: Vertex, path: Path) -> mi.Float:
         """Weight of the connection of a walked path."""
         by_area = self.count * self.guided.targets.density(vertex.si, path.prev)
-        both = (path.depth == 1) & self.guided.competed(path)
-        return dr.select(both, path.pdf / (path.pdf + by_area), 1)
+        found_twice = (path.depth == 1) & self.guided.competed(path)
+        return dr.select(found_twice, path.pdf / (path.pdf + by_area), 1)
 
 
 class CornerConnections:
-    """Three-bounce light by connections, shared with the paths that are walked.
-
-    Args:
-        space: What lies between the points.
-        share: What they share with walked paths, and where the middle point is chosen.
-        laser: The lit point.
-    """
+    """Three-bounce light by connections, shared with the paths that are walked."""
 
     def __init__(self, space: Vacuum, share: CornerShare, laser: LaserSpot) -> None:
         self.space, self.scene, self.laser = space, space.scene, laser
@@ -68,17 +57,9 @@ class CornerConnections:
     def add(
         self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, measurement: Any, active: mi.Bool
     ) -> Any:
-        """Hand the light of camera rays to a measurement.
+        """Hand the light of camera rays to a measurement, which is returned.
 
-        Args:
-            ray: Camera rays.
-            origin: Where their lengths start; None to leave out the first segment.
-            sampler: Random numbers.
-            measurement: As for `walk`.
-            active: Lanes with a ray.
-
-        Returns:
-            The measurement.
+        Lengths start at `origin`; None leaves out the first segment.
         """
         si = self.scene.ray_intersect(ray, active)
         opl = mi.Float(0) if origin is None else dr.norm(si.p - origin)

@@ -41,14 +41,9 @@ class Spot:
         active: mi.Bool | bool = True,
         origin: Any = None,
     ) -> Spot:
-        """Follow a beam to the first surface; the power is 0 where there is none.
+        """Follow a beam of a power [W] to the first surface; the power is 0 where there is none.
 
-        Args:
-            scene: The scene.
-            ray: The beam.
-            power: What it carries [W].
-            active: Lanes in which there is a beam.
-            origin: Point from which the distance counts, by default where the ray starts.
+        The distance counts from `origin`, by default from where the ray starts.
         """
         si = scene.ray_intersect(ray, active)
         power = dr.select(si.is_valid(), power, 0)

@@ -22,7 +22,7 @@ from ...paths.scattering import Materials
 from ...paths.space import Vacuum
 from ...runtime import checks
 from ..device.laser import place_of
-from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, names_of, seen_shapes
+from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import CornerConnections, CornerShare
 from .laser_spot import LaserSpot, Spot
 
@@ -116,7 +116,7 @@ class RelayWallPath(TransientPath):
 
     def __init__(self, props: mi.Properties) -> None:
         self.relay_wall, self.hidden_shapes = (
-            cast(Any, names_of(name, props.get(name, None)))
+            cast(Any, parse_ids(name, props.get(name, None)))
             for name in ("relay_wall", "hidden_shapes")
         )
         self._sampling_is_asked_for = props.get("nlos_hidden_geometry_sampling", None) is True
@@ -149,13 +149,7 @@ class RelayWallPath(TransientPath):
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
     ) -> tuple[Any, Contribution | None]:
-        """What the paths of camera rays connect to.
-
-        Args:
-            scan: The scene and what is known of it.
-            ray: Camera rays.
-            origin: Where their lengths start.
-            active: Lanes with a ray.
+        """What the paths of camera rays connect to; their lengths start at `origin`.
 
         Returns:
             An endpoint, and what the camera sees of the lit point itself, if the endpoint does not
@@ -182,14 +176,7 @@ class RelayWallPath(TransientPath):
         weight: Any = None,
         wall: list[mi.Shape] | None = None,
     ) -> ScanPlan:
-        """The scan that the rays of this sensor belong to.
-
-        Args:
-            scene: The scene.
-            sensor: The sensor.
-            weight: As for every integrator.
-            wall: The relay wall; by default as the parameters say.
-        """
+        """The scan of a sensor's rays; the relay wall is by default as the parameters say."""
         scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
         return ScanPlan(scan, self.laser, self.limits(), self.counts_spot)
 
@@ -298,14 +285,8 @@ class RelayWallPath(TransientPath):
     ) -> Contribution:
         """Light that comes straight back from the surface that the camera sees.
 
-        Args:
-            scene: The scene.
-            ray: The camera ray.
-            origin: Where its length starts.
-            laser: Where the light comes from.
-            irradiance: Takes the direction from the laser and the distance, gives the irradiance
-                of a surface that faces the laser [W/m^2].
-            active: Lanes with a ray.
+        `irradiance` takes the direction from the laser's place and the distance, and gives the
+        irradiance of a surface that faces the laser [W/m^2].
         """
         si = scene.ray_intersect(ray, active)
         to_laser = laser - si.p

@@ -25,7 +25,7 @@ from ..device.laser import (
     require_aim,
     solid_angle,
 )
-from ..device.relay_wall import is_on_relay_wall, look
+from ..device.relay_wall import first_hits, is_on_relay_wall
 from .relay_wall_path import RelayWallPath, Scan, ScanPlan
 
 CAPTURE_TYPES = ("single", "confocal", "exhaustive")
@@ -88,7 +88,7 @@ class TransientNLOSPath(RelayWallPath):
             checks.one_of("capture_type", kind, CAPTURE_TYPES)
         _peers_parameters(props)
         hidden = "nlos_hidden_geometry_sampling"
-        self.laser_sampling, self.discard_direct_paths, self.both, self.wall_too = (
+        self.laser_sampling, self.discard_direct_paths, self.with_roulette, self.wall_too = (
             checks.boolean(name, props.get(name, False))
             for name in (
                 "nlos_laser_sampling",
@@ -101,7 +101,7 @@ class TransientNLOSPath(RelayWallPath):
             props[hidden] = False
         power = props.get("laser_power", None)
         if power is not None:
-            power = checks.metres("laser_power", power, positive=True, unit="watts")
+            power = checks.number("laser_power", power, positive=True, unit="watts")
             if not self.laser_sampling:
                 raise ValueError("laser_power: must be left out without nlos_laser_sampling")
         self.laser_power = power
@@ -109,7 +109,7 @@ class TransientNLOSPath(RelayWallPath):
 
     def aim_at(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> tuple[list[mi.Shape], float]:
         """As the parameters say."""
-        return hidden + wall * self.wall_too, 0.5 if self.both else MOST
+        return hidden + wall * self.wall_too, 0.5 if self.with_roulette else MOST
 
     @property
     def lights_a_point(self) -> bool:
@@ -126,12 +126,7 @@ class TransientNLOSPath(RelayWallPath):
     ) -> ScanPlan:
         """The scan, once it is known that there is one laser.
 
-        Args:
-            scene: The scene.
-            sensor: The sensor.
-            weight: As for every integrator.
-            wall: The relay wall; by default as the parameters say.
-            capture_type: "single" or "confocal"; by default as the parameters say.
+        The wall and the capture type, "single" or "confocal", are by default as the parameters say.
         """
         kind = self._kind(sensor) if capture_type is None else capture_type
         if kind == "exhaustive":
@@ -188,7 +183,7 @@ class TransientNLOSPath(RelayWallPath):
                     "and tofrender.focus_laser turns it there"
                 )
         elif sensor is not None:
-            _, si = look(scan.scene, sensor)
+            _, si = first_hits(scan.scene, sensor)
             cos = dr.dot(si.n, dr.normalize(origin - si.p))
             if not dr.any(si.is_valid() & (dr.abs(cos) > GRAZING)):
                 raise ValueError(
@@ -259,7 +254,7 @@ def _peers_parameters(props: mi.Properties) -> None:
         _no_effect(limit, props[limit], "paths are sent from the relay wall only")
     if "illumination_scan_fov" in props:
         fov = props["illumination_scan_fov"]
-        checks.metres("illumination_scan_fov", fov, positive=True, unit="degrees")
+        checks.number("illumination_scan_fov", fov, positive=True, unit="degrees")
         _no_effect("illumination_scan_fov", fov, "the laser lights the sensor's points")
 
 

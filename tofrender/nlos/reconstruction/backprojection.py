@@ -33,16 +33,10 @@ _PAIRS_A_STEP = 1 << 28
 def backproject(
     measured: Measured, grid: VolumeGrid, weighting: str = "uniform", progress: bool = True
 ) -> np.ndarray:
-    """Intensities (z, y, x) by backprojection.
+    """Intensities (z, y, x) by backprojection with one of WEIGHTINGS.
 
     The voxels are Dr.Jit's lanes, and a loop goes over the points that are looked at, so memory
     holds the capture, the volume and nothing of the size of their product.
-
-    Args:
-        measured: The capture.
-        grid: The voxels.
-        weighting: One of WEIGHTINGS.
-        progress: Show a bar if it takes long.
     """
     require_vectorised()
     checks.one_of("weighting", weighting, WEIGHTINGS)

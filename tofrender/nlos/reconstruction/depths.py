@@ -134,8 +134,8 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
     there, seen = np.isfinite(true), np.isfinite(depth)
     if not there.any():
         raise ValueError("truth: must have a depth in one pixel or more")
-    both = there & seen
-    off = (depth - true)[both]
+    compared = there & seen
+    off = (depth - true)[compared]
     if not off.size:
         off = np.array([np.nan])
     return DepthError(
@@ -143,7 +143,7 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
         mean=float(abs(off).mean()),
         rms=float(np.sqrt(np.square(off).mean())),
         bias=float(np.median(off)),
-        pixels=int(both.sum()),
-        found=float(both.sum() / there.sum()),
+        pixels=int(compared.sum()),
+        found=float(compared.sum() / there.sum()),
         extra=float((seen & ~there).sum() / max(seen.sum(), 1)),
     )

@@ -27,10 +27,7 @@ SURFACES = {"diffuse": 4, "retroreflective": 2}
 def fk_migration(measured: Measured, surface: str, steps: Steps) -> tuple[np.ndarray, VolumeGrid]:
     """Intensities (z, y, x) on the migration's own grid.
 
-    Args:
-        measured: A confocal capture on a lattice, without legs.
-        surface: One of SURFACES.
-        steps: Told of each step.
+    `measured` is a confocal capture on a lattice, without legs; `surface` one of SURFACES.
     """
     grid = native_volume(measured)
     lattice = measured.lattice

@@ -31,12 +31,9 @@ def light_cone_transform(
 ) -> tuple[np.ndarray, VolumeGrid]:
     """Intensities (z, y, x) on the transform's own grid.
 
-    Args:
-        measured: A confocal capture on a lattice, without legs.
-        surface: One of SURFACES.
-        snr: Signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency of
-            the transform over that of the noise. Less is smoother.
-        steps: Told of each step.
+    `measured` is a confocal capture on a lattice, without legs; `surface` one of SURFACES. `snr` is
+    the signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency of the
+    transform over that of the noise. Less is smoother.
 
     Returns:
         Albedo in arbitrary units, at least 0, and its voxels.

@@ -43,17 +43,11 @@ def default_wavelength(measured: Measured) -> float:
 def phasor_field(
     measured: Measured, grid: VolumeGrid, wavelength: float, cycles: float, progress: bool = True
 ) -> np.ndarray:
-    """Intensities (z, y, x).
+    """Intensities (z, y, x) of a capture on a lattice.
 
-    The field is computed at the depths of the voxels, on points of the wall's lattice that reach
-    as far as they do, and interpolated along x and y.
-
-    Args:
-        measured: A capture on a lattice.
-        grid: The voxels.
-        wavelength: Central wavelength of the virtual pulse [m].
-        cycles: Wavelengths in the pulse.
-        progress: Show a bar if it takes long.
+    The virtual pulse has `cycles` wavelengths [m]. The field is computed at the depths of the
+    voxels, on points of the wall's lattice that reach as far as they do, and interpolated along x
+    and y.
     """
     window = _Window.of(measured, grid)
     sigma = cycles * wavelength / 6  # of the pulse [m]
@@ -106,8 +100,8 @@ def _fields_at_the_wall(
     turns = np.concatenate([turns.real, turns.imag], axis=1).astype(np.float32)
     spectra = np.empty((lasers, len(wavenumbers), *window.padded), np.complex64)
     for index in range(lasers):
-        both: Any = measured.light[index].reshape(-1, bins) @ turns
-        field = (both[:, : len(wavenumbers)] + 1j * both[:, len(wavenumbers) :]).T
+        parts: Any = measured.light[index].reshape(-1, bins) @ turns
+        field = (parts[:, : len(wavenumbers)] + 1j * parts[:, len(wavenumbers) :]).T
         field = field.reshape(-1, rows, columns)
         if measured.legs.any():
             field = field * np.exp(-1j * wavenumbers[:, None, None] * measured.legs[index])
