@@ -57,7 +57,7 @@ def render_as_peer(mode: str, path: str) -> None:
 PROGRAM = """
 import sys, warnings
 warnings.simplefilter("ignore")
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = [sys.argv[1], sys.argv[1] + "/.."]
 import test_nlos_peer as test
 import mitransient
 test.render_as_peer(*sys.argv[2:])

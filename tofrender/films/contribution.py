@@ -16,11 +16,8 @@ class Contribution:
         spectrum: Radiance; the weight of the camera ray is not in it.
         opl: Optical path length from the emitter to the sensor [m].
         active: Lanes that have such a contribution.
-        position: Where it lands on the film [pixels], of paths that end on the lens; None if it
-            lands where its camera ray has started.
     """
 
     spectrum: Any
     opl: mi.Float
     active: mi.Bool
-    position: Any = None

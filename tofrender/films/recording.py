@@ -20,6 +20,7 @@ import numpy as np
 
 from ..runtime import memory
 from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
+from .cells import MAX_ADDED
 from .deposit import FilmDeposit, open_gates, spread
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight
 from .phasor_sum import PhasorSum
@@ -73,8 +74,11 @@ class Recording:
         """Empty the film."""
         self.film.prepare([])
 
-    def require_memory(self) -> None:
+    def require_memory(self, spp: int) -> None:
         """Refuse to develop what does not fit into memory.
+
+        Args:
+            spp: Samples per pixel.
 
         Raises:
             MemoryError: One line with what it takes and what there is.
@@ -113,12 +117,12 @@ class Recording:
         """Keep single precision from losing small addends, after many samples."""
 
     def report(self) -> None:
-        """Warn of contributions that were left out."""
+        """Warn of contributions that were left out, who called whatever has rendered."""
         if self.not_finite:
             warnings.warn(
                 f"{self.not_finite} contributions of paths were not finite and left out; a light, "
                 "a material or a texture of the scene is",
-                stacklevel=2,
+                stacklevel=4,
             )
 
 
@@ -150,6 +154,12 @@ class BinRecording(Recording):
 
     def __init__(self, film: Any, exposure: Exposure) -> None:
         super().__init__(film, exposure)
+        pulse = exposure.pulse
+        if pulse is not None and not (hasattr(pulse, "support") and hasattr(pulse, "eval")):
+            raise TypeError(
+                f"pulse = {type(pulse).__name__}: must have eval, cdf and support on a film with "
+                "time, like GaussianPulse(0.03)"
+            )
         self.profile = profile(film, exposure)
 
     @property
@@ -157,11 +167,12 @@ class BinRecording(Recording):
         """The film's steady image."""
         return self.film.steady
 
-    def require_memory(self) -> None:
-        """Refuse where bins and the tensor that `develop` returns do not fit together."""
+    def require_memory(self, spp: int) -> None:
+        """Refuse where bins, those put aside, and what `develop` returns do not fit together."""
         shape = getattr(self.film, "shape", None)  # mitransient's film has none
         if shape is not None:
-            memory.require_film(*shape, copies=1 + shape[3] / memory.stride(shape[3]))
+            copies = 2 if spp > MAX_ADDED else 1
+            memory.require_film(*shape, copies=copies + shape[3] / memory.stride(shape[3]))
 
     def measurement(self, camera: Any, spp: int) -> FilmDeposit:
         """Deposits in the bins."""

@@ -134,6 +134,11 @@ def render_single_amcw(
         record = recording(film, Exposure(onto=(PICTURE,)))
         take_by_sample(integrator, scene, record, sensor, spp, seed)
     else:
+        if not hasattr(integrator, "set_modulation"):
+            raise TypeError(
+                f"integrator = {type(integrator).__name__}: has no modulation; must be an "
+                "AMCWTransientPath, or have sample(scene, sampler, ray) of its own"
+            )
         record = integrator.recording(film)
         run_plan(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
     return np.array(film.develop())

@@ -143,10 +143,11 @@ class TransientIntegrator(mi.SamplingIntegrator):
             sampler.set_sample_count(spp)
         record = self.recording(film)
         if develop:
-            record.require_memory()
+            record.require_memory(sampler.sample_count())
         with dr.suspend_grad():
             for _ in self.steps(scene, sensor, record, sampler, seed):
                 pass
+            record.report()
             return film.develop() if develop else None
 
     def render_forward(self, *args, **kwargs):
@@ -164,6 +165,10 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """
         return recording(film, self.exposure())
 
+    def sample_arguments(self) -> tuple[Any, ...]:
+        """What a `sample` of a subclass takes besides scene, sampler and ray."""
+        return ()
+
     def steps(
         self,
         scene: mi.Scene,
@@ -175,7 +180,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
     ) -> Iterator[int]:
         """Render in steps of about a second, see `passes.steps`."""
         if brings_sample(self):
-            follow = by_sample(self, scene, record)
+            follow = by_sample(self, scene, record, *self.sample_arguments())
             return expose(follow, record, sensor, sampler, seed, first)
         plan = self.plan(scene, sensor, record.weight)
         return steps(plan, record, sensor, sampler, seed, first)

@@ -77,3 +77,4 @@ def take_by_sample(
     follow = by_sample(integrator, scene, record, *more)
     for _ in expose(follow, record, sensor, best_sampler(spp), seed):
         pass
+    record.report()

@@ -128,7 +128,6 @@ def expose(
             record.fold()
             folded = done
         yield done
-    record.report()
 
 
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
@@ -221,3 +220,4 @@ def run_plan(plan: Plan, record: Recording, sensor: mi.Sensor, spp: Any, seed: A
     sampler = best_sampler(spp)
     for _ in steps(plan, record, sensor, sampler, checks.integer("seed", seed, 0, checks.MAX_SEED)):
         pass
+    record.report()

@@ -14,6 +14,7 @@ from ..films.image import image_film, transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
 from ..paths.endpoints import GatedLights
+from ..paths.space import Vacuum
 from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..scenes.checking import check_scene
@@ -101,7 +102,7 @@ class TimeGatedTransientPath(TransientIntegrator):
                 perspective camera, by its near clip. `render_at_time` measures from the sensor.
 
         Returns:
-            Spectrum [1/m], lanes that met a surface, and no AOVs.
+            Spectrum [1/m], lanes that see a surface or an environment, and no AOVs.
         """
         gate = self.gate(self.target_time if target_time is None else target_time)
         origin = ray.o if origin is None else origin
@@ -135,13 +136,19 @@ class TimeGatedTransientPath(TransientIntegrator):
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
         """For a single gate, connections that look for light of its length, and an early end."""
-        plan = super().plan(scene, sensor)
         if weight is None:
-            return plan
-        plan.limits = self.limits(getattr(weight, "closes", None))
+            return super().plan(scene, sensor)
+        endpoint, limits = (
+            self.endpoint(scene, sensor),
+            self.limits(getattr(weight, "closes", None)),
+        )
         if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
-            plan.endpoint = self.emitters(GatedLights, scene, sensor, weight)
-        return plan
+            endpoint = self.emitters(GatedLights, scene, sensor, weight)
+        return Plan(Vacuum(scene), endpoint, self.scattering(scene), limits)
+
+    def sample_arguments(self) -> tuple[Any, ...]:
+        """A `sample` of a subclass takes the target time after the ray."""
+        return (self.target_time,)
 
     def to_string(self) -> str:
         """The integrator's parameters."""
@@ -193,6 +200,7 @@ def render_at_time(
         record = recording(film, Exposure(onto=(PICTURE,)))
         take_by_sample(integrator, scene, record, sensor, spp, seed, dr.opaque(mi.Float, target))
     else:
+        _require_gates(integrator)
         record = recording(film, integrator.exposure(target))
         run_plan(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
     return np.array(film.develop())
@@ -245,8 +253,18 @@ def render_transient(
             f"integrator = {type(integrator).__name__}: has a sample of its own, which sees one "
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
         )
+    _require_gates(integrator)
     check_scene(scene, sensor)
     film = transient_film(sensor.film(), bins, start, width)
     record = recording(film, integrator.exposure())
     run_plan(integrator.plan(scene, sensor), record, sensor, spp, seed)
     return film.take()[1]
+
+
+def _require_gates(integrator: Any) -> None:
+    """Refuse an integrator whose light is not seen through gates."""
+    if not hasattr(integrator, "gate"):
+        raise TypeError(
+            f"integrator = {type(integrator).__name__}: has no gates; must be a "
+            f"TimeGatedTransientPath, or have {CALL} of its own for single ones"
+        )

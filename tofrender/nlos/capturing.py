@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins, transient_film
+from ..integrators.own_sample import brings_sample
 from ..integrators.passes import run_plan
 from ..rendering.renderer import carry_out
 from ..runtime import backend, checks
@@ -91,6 +92,11 @@ def capture(
     check_scene(scene, camera)
     integrator = _integrator(scene)
     integrator.require_mode(mode)
+    if brings_sample(integrator):
+        raise TypeError(
+            f"integrator = {type(integrator).__name__}: has a sample of its own, which tells no "
+            "path lengths; must have none for a capture"
+        )
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
     follow_meters(scene, camera)

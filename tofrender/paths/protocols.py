@@ -36,11 +36,13 @@ from .records import Bounce, Connection, Hit, Path, Vertex
 class Space(Protocol):
     """How the next vertex is found, how long the way is, and what is lost on it."""
 
-    def next(self, path: Path, sampler: mi.Sampler) -> Vertex:
-        """Where the path's ray leads."""
+    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
+        """Where the path's ray leads, and the path with what was lost on the way."""
         ...
 
-    def transmittance(self, vertex: Vertex, connection: Connection, sampler: mi.Sampler) -> Any:
+    def transmittance(
+        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+    ) -> Any:
         """What of a connection's light arrives at the vertex: 0 where something is in the way."""
         ...
 
@@ -120,7 +122,8 @@ class Measurement(Protocol):
     """What becomes of light that arrives.
 
     One that accumulates in variables is a dataclass of Dr.Jit arrays, which the loop carries as its
-    state; one that scatters into a film hides the film in a function.
+    state; one that scatters into a film hides the film in a function. Films want its `total`, the
+    plain sum.
     """
 
     def add(self, contribution: Contribution) -> None:

@@ -1,3 +1,4 @@
+# pyright: reportOperatorIssue=false, reportAttributeAccessIssue=false
 """The records of the path loop: a path, a vertex, what leaves it, and how far paths go.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could
@@ -65,23 +66,27 @@ class Path:
             memory: As the endpoint's `memory()` gives it.
             guide: As the scattering's `guide()` gives it.
         """
+        lanes = dr.width(ray)
+        nothing = dr.zeros(mi.Float, lanes)
         ray = mi.Ray3f(ray)
-        prev: Any = dr.zeros(mi.Interaction3f)
-        prev.p = mi.Point3f(ray.o if origin is None else origin)
+        ray.o, ray.d = ray.o + nothing, ray.d + nothing
+        ray.time, ray.maxt = ray.time + nothing, ray.maxt + nothing
+        prev: Any = dr.zeros(mi.Interaction3f, lanes)
+        prev.p = mi.Point3f(ray.o if origin is None else origin) + nothing
         return cls(
             ray=ray,
-            depth=mi.UInt32(0),
-            β=mi.UnpolarizedSpectrum(1),
-            η=mi.Float(1),
-            opl=mi.Float(0),
+            depth=dr.zeros(mi.UInt32, lanes),
+            β=mi.UnpolarizedSpectrum(1) + nothing,
+            η=1 + nothing,
+            opl=mi.Float(nothing),
             prev=prev,
-            pdf=mi.Float(1),
+            pdf=1 + nothing,
             memory=memory,
             guide=guide,
-            not_finite=mi.UInt32(0),
-            alive=mi.UInt32(dr.select(mi.Bool(active), 1, 0)),
-            met=mi.UInt32(0),
-            mirrored=mi.UInt32(1),
+            not_finite=dr.zeros(mi.UInt32, lanes),
+            alive=dr.select(mi.Bool(active), mi.UInt32(1), dr.zeros(mi.UInt32, lanes)),
+            met=dr.zeros(mi.UInt32, lanes),
+            mirrored=1 + dr.zeros(mi.UInt32, lanes),
         )
 
     @property

@@ -35,7 +35,7 @@ class RoughGlass:
     def __init__(self, scene: mi.Scene) -> None:
         found = {
             int(_number(mi.BSDFPtr(bsdf))[0]): _index(bsdf)
-            for bsdf in materials(scene)
+            for bsdf in dict.fromkeys(materials(scene))
             if mi.has_flag(bsdf.flags(), ROUGH)
         }
         self.exists = bool(found)

@@ -19,7 +19,7 @@ class Vacuum:
     def __init__(self, scene: mi.Scene) -> None:
         self.scene = scene
 
-    def next(self, path: Path, sampler: mi.Sampler) -> Vertex:
+    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """The first surface along the ray.
 
         Its length is taken from point to point, since rays start a little off the surface, and
@@ -28,10 +28,10 @@ class Vacuum:
         si = self.scene.ray_intersect(
             path.ray, ray_flags=mi.RayFlags.All, coherent=(path.depth == 0), active=path.active
         )
-        return Vertex(si, dr.norm(si.p - path.prev.p), si.is_valid())
+        return path, Vertex(si, dr.norm(si.p - path.prev.p), si.is_valid())
 
     def transmittance(
-        self, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> mi.Float:
         """1 where a connection is free, 0 where a surface is in the way."""
         asked = connection.active & ~connection.clear

@@ -5,25 +5,28 @@ each path is, and nothing of pulses, films or frequencies: what varies are the f
 `protocols`. What may come enters through them, without a second loop:
 
 - **Paths that start at lights** start with an emitter's ray, weighted by their measurement. Their
-  endpoint is the camera: `connect` ends on the lens, and the contribution has a `position` on the
-  film. Importance is scattered in the other mode of `mi.BSDFContext` and not compressed at
-  refraction, so that roulette leaves η² out.
-- **Media** are a space: `next` returns a vertex without a surface, passes null collisions and
-  boundaries of equal index without moving `prev`, and `transmittance` is a spectrum. Phase
+  endpoint is the camera: `connect` ends on the lens, and connection and contribution get a field
+  for the position on the film, whose pixels then have many writers. Importance is scattered in the
+  other mode of `mi.BSDFContext` and not compressed at refraction, so that roulette leaves η² out:
+  an attribute of the endpoint says so.
+- **Media** are a space: `next` returns a vertex without a surface and a path with another
+  throughput, passes null collisions and boundaries of equal index without moving `prev`, and
+  `transmittance` is a spectrum; what it must know of the medium is a field of the path. Phase
   functions are a scattering that wraps another one.
-- **Polarised light** makes the throughput a Mueller matrix. `extend` is the only place that
-  multiplies; the factors then are `si.to_world_mueller` of the BSDF's.
+- **Polarised light** makes the throughput a Mueller matrix. `extend` multiplies factors of the
+  path; they then are `si.to_world_mueller` of the BSDF's, and roulette looks at the first entry.
 - **Gradients by replay** are a measurement that reads a film's gradient: it runs `step` once more
   with the same random numbers. All parts are therefore pure: `step` returns a new path, and nothing
   is remembered outside of it.
-- **A velocity** along the path is one more field of `Path` that `space.next` advances, and one
+- **A velocity** along the path is one more field of the path that `space.next` returns, and one
   more of `Contribution`.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -52,7 +55,7 @@ def walk(
     point to point. The index is relative to the medium that the paths start in.
 
     Args:
-        sampler: Random numbers; every vertex draws four, and what its connection draws.
+        sampler: Random numbers; every vertex draws four, and what its parts draw.
         path: Where paths start, see `Path.start`.
         space: How vertices are found.
         endpoint: What connections are made to.
@@ -83,7 +86,7 @@ def step(
     Arguments as for `walk`. Returns the paths with that vertex as their last one.
     """
     path = copy(path)
-    vertex = space.next(path, sampler)
+    path, vertex = space.next(path, sampler)
     path = scattering.arrive(path, vertex)
 
     # -------------------- Light that the ray runs into ---------------------
@@ -93,7 +96,8 @@ def step(
     path.opl = dr.fma(path.η, length, path.opl)
     mis = mi.Float(0) if endpoint.finds_all else mis_weight(path.pdf, hit.pdf)
     mis = dr.select(path.specular, mi.Float(1), mis)
-    deliver(measurement, path, path.β * mis * hit.radiance, path.opl, hit.active)
+    seen = Contribution(path.β * mis * hit.radiance, path.opl, hit.active)
+    path.not_finite += deliver(measurement, seen)
 
     # ------------------- Stop at the last surface vertex -------------------
 
@@ -111,13 +115,13 @@ def step(
     if endpoint.connects:
         path.memory = endpoint.remember(path.memory, vertex, active)
         link = endpoint.connect(vertex, path, sampler, active & scattering.smooth(vertex))
-        link.weight *= space.transmittance(vertex, link, sampler)
+        link.weight *= space.transmittance(path, vertex, link, sampler)
         link.active &= ~dr.all(link.weight == 0)
         bounce = scattering.scatter(vertex, link, sampler, active)
         mis = dr.select(link.delta, 1, mis_weight(link.pdf, bounce.pdf_f))
         Lr = extend(path.β * mis, bounce.f) * link.weight
         opl = dr.fma(path.η * bounce.η_f, link.length, path.opl)
-        deliver(measurement, path, Lr, opl, link.active)
+        path.not_finite += deliver(measurement, Contribution(Lr, opl, link.active))
     else:
         bounce = scattering.scatter(vertex, None, sampler, active)
 
@@ -152,14 +156,17 @@ def step(
     return path
 
 
-def deliver(
-    measurement: Measurement, path: Path, spectrum: Any, opl: mi.Float, active: mi.Bool
-) -> None:
-    """Hand a contribution to a measurement, or count it in the path if it is not finite."""
+def deliver(measurement: Measurement, contribution: Contribution) -> mi.UInt32:
+    """Hand a contribution to a measurement, unless it is dark or not finite.
+
+    Returns:
+        1 in lanes where it was not finite, else 0.
+    """
+    spectrum, active = contribution.spectrum, contribution.active
     dark = dr.all(spectrum == 0)
-    finite = dark | (dr.all(dr.isfinite(spectrum)) & dr.isfinite(opl))
-    path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
-    measurement.add(Contribution(spectrum, opl, active & finite & ~dark))
+    finite = dark | (dr.all(dr.isfinite(spectrum)) & dr.isfinite(contribution.opl))
+    measurement.add(replace(contribution, active=active & finite & ~dark))
+    return dr.select(active & ~finite, mi.UInt32(1), 0)
 
 
 def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:

@@ -189,6 +189,8 @@ def carry_out(
     done = _run(plan, record, camera, points, seed, first, progress)
     seconds = time.perf_counter() - start
 
+    record.report()
+    before = 0 if resume is None else int(resume.attrs.get("contributions_not_finite", 0))
     steady, transient = film.take()
     if resume is not None:
         part = first / (first + done)
@@ -206,7 +208,7 @@ def carry_out(
         "spp": first + done,
         "energy_outside_window": outside,
         "complete": int(complete),
-        "contributions_not_finite": record.not_finite,
+        "contributions_not_finite": record.not_finite + before,
         "render_seconds": seconds,
     }
     return transient_dataset(steady, transient, film, attrs)

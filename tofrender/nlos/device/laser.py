@@ -71,11 +71,14 @@ def solid_angle(laser: Any) -> float:
             at.wavelengths = type(at.wavelengths)(*VISIBLE_NM)
         return dr.max(mi.unpolarized_spectrum(laser.sample_direction(at, mi.Point2f(0.5))[1]))
 
+    on_axis = intensity(forward)
+    if not on_axis[0] > 0:
+        raise ValueError("laser: is dark along its axis; must shine where it looks")
     d = mi.Vector3f(x, y, 1)
     cos = dr.rsqrt(dr.squared_norm(d))
     cell = spans[0] * spans[1] / CELLS**2
     total = dr.sum(intensity(frame.to_world(d * cos)) * cos**3) * cell
-    return float((total / intensity(forward))[0])
+    return float((total / on_axis)[0])
 
 
 def turn(laser: Any, target: Any, origin: Any = None) -> None:

@@ -22,6 +22,7 @@ from ...films.contribution import Contribution
 from ...paths.guided import REACHED, Guided, ray_to
 from ...paths.records import Path, Vertex
 from ...paths.space import Vacuum
+from ...paths.walk import deliver
 from .laser_spot import LaserSpot
 
 CONNECTIONS = 16
@@ -56,7 +57,7 @@ class CornerConnections:
 
     def add(
         self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, measurement: Any, active: mi.Bool
-    ) -> Any:
+    ) -> tuple[Any, mi.UInt32]:
         """Hand the light of camera rays to a measurement, which is returned.
 
         Lengths start at `origin`; None leaves out the first segment.
@@ -93,10 +94,10 @@ class CornerConnections:
         middle = Vertex(y, r, active)
         path.memory = self.laser.remember(path.memory, middle, active)
         link = self.laser.lit(middle, path, sampler, active)
-        link.weight *= self.space.transmittance(middle, link, sampler)
+        link.weight *= self.space.transmittance(path, middle, link, sampler)
         f_y, _ = guided.inner.eval_pdf(middle, link.direction, link.active)
         spectrum = mi.unpolarized_spectrum(f) * mi.unpolarized_spectrum(f_y) * link.weight / density
-        found = link.active & (by_area > 0) & dr.any(spectrum != 0)
+        found = link.active & (by_area > 0)
         return Contribution(spectrum, path.opl + link.length, found)
 
 
@@ -119,9 +120,10 @@ def _at_point(
 @dr.syntax
 def _connect(corner, seen, opl, shift, sampler, measurement, active):
     """The loop over target points: a lattice of them, moved by one random number."""
-    k = mi.UInt32(0)
+    k, not_finite = mi.UInt32(0), mi.UInt32(0)
     while k < corner.count:
         u = shift + mi.Point2f(mi.Float(k) / corner.count, GOLDEN * mi.Float(k))
-        measurement.add(corner.at(seen, opl, u - dr.floor(u), sampler, active))
+        found = corner.at(seen, opl, u - dr.floor(u), sampler, active)
+        not_finite += deliver(measurement, found)
         k += 1
-    return measurement
+    return measurement, not_finite

@@ -16,10 +16,12 @@ import numpy as np
 from ...films.contribution import Contribution
 from ...integrators.plan import Plan
 from ...integrators.transient_path import TransientPath
+from ...paths.camera import behind_emitters
 from ...paths.guided import Guided, Targets
 from ...paths.records import Limits
 from ...paths.scattering import Materials
 from ...paths.space import Vacuum
+from ...paths.walk import deliver
 from ...runtime import checks
 from ..device.laser import place_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
@@ -44,6 +46,7 @@ class Scan:
         share: What walked paths leave to connections around the corner, None without those.
         follows_camera: Whether the laser is turned to where each camera ray meets the scene.
         solid_angle: Solid angle of the laser's beam [sr], if its lit point counts.
+        hide_emitters: Whether the sensor looks through the scene's area lights.
     """
 
     scene: mi.Scene
@@ -52,7 +55,8 @@ class Scan:
     guided: Guided | None = None
     share: CornerShare | None = None
     follows_camera: bool = False
-    solid_angle: float = math.nan
+    solid_angle: Any = math.nan
+    hide_emitters: bool = False
 
 
 class ScanPlan(Plan):
@@ -76,16 +80,20 @@ class ScanPlan(Plan):
 
     def trace(self, sampler, ray, origin, measurement, active=True):
         """Follow camera rays through a scene that a laser lights."""
-        active = mi.Bool(active)
+        active, not_finite = mi.Bool(active), mi.UInt32(0)
+        if self.scan.hide_emitters:
+            ray = behind_emitters(self.scan.scene, ray)
         laser, seen = self.light(self.scan, ray, origin, active)
         if self.scan.share is not None:
             corner = CornerConnections(Vacuum(self.scan.scene), self.scan.share, laser)
             start = None if self.limits.unwarp else origin
-            measurement = corner.add(ray, start, sampler, measurement, active)
+            measurement, not_finite = corner.add(ray, start, sampler, measurement, active)
         if seen is not None and self.counts_spot:
-            measurement.add(seen)
+            not_finite += deliver(measurement, seen)
         lit = Plan(self.space, laser, self.scattering, self.limits)
-        return lit.trace(sampler, ray, origin, measurement, active)
+        measurement, path = lit.trace(sampler, ray, origin, measurement, active)
+        path.not_finite += not_finite
+        return measurement, path
 
 
 class RelayWallPath(TransientPath):
@@ -206,6 +214,7 @@ class RelayWallPath(TransientPath):
         if sensor is not None:
             up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
         scan = Scan(scene, wall, up, self._guided(scene, sensor, surfaces, wall))
+        scan.hide_emitters = self.hide_emitters
         if scan.guided and self.lights_a_point and self._counts_three():
             scan.share = CornerShare(scan.guided)
         return scan

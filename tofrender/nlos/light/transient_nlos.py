@@ -145,7 +145,8 @@ class TransientNLOSPath(RelayWallPath):
         if self.laser_sampling:
             self._check_aim(plan.scan, kind, sensor)
             if self.shows_spot:
-                plan.scan.solid_angle = solid_angle(find_laser(scene))
+                beam = solid_angle(find_laser(scene))
+                plan.scan.solid_angle = dr.opaque(mi.Float, beam)  # One kernel for all lasers
         plan.scan.follows_camera = kind == "confocal"
         return plan
 
@@ -310,3 +311,7 @@ class LaserItself(SceneLights):
         link = super().connect(vertex, path, sampler, active)
         link.length = link.length if self.counts_legs else mi.Float(0)
         return link
+
+    def nearest(self, p: mi.Point3f) -> mi.Float:
+        """No bound: the leg from the laser may not count."""
+        return mi.Float(0)

@@ -45,7 +45,7 @@ class SceneLights(Unseen):
     def _boxes(self) -> list[tuple[mi.Point3f, mi.Point3f]]:
         """Corners of boxes that hold all emitters; one box around everything if there are many."""
         boxes = [mi.ScalarBoundingBox3f(e.bbox()) for e in self.scene.emitters()]
-        if self.has_distant:
+        if self.has_distant or not all(box.valid() for box in boxes):  # A projector has none
             return [(mi.Point3f(-dr.inf), mi.Point3f(dr.inf))]
         if len(boxes) > MANY_EMITTERS:
             whole = boxes[0]
