@@ -304,6 +304,7 @@ def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector
         ValueError: `alpha` is a number outside of that range.
 
     Example:
+        >>> import math
         >>> m = square_to_beckmann(mi.Point2f(1 - math.exp(-1), 0.0), 0.75)  # tan = alpha
         >>> round(m.x[0], 4), round(m.z[0], 4)
         (0.6, 0.8)

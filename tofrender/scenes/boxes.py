@@ -122,18 +122,10 @@ def cornell_box_steady_state(
 ) -> Dict:
     """The Cornell box for Mitsuba's own `path` integrator, without time.
 
-    Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        spp: Samples per pixel.
-        max_depth: Longest path, as in `cornell_box`.
-        light: "area" or "flash", as in `cornell_box`.
+    Args and errors are those of `cornell_box`.
 
     Returns:
         A dict for `mi.load_dict` with integrator `path` and film `hdrfilm`.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
 
     Example:
         >>> cornell_box_steady_state(spp=64)["integrator"]["type"]

@@ -104,7 +104,7 @@ def nlos_patch(
         'rectangle'
     """
     half = checks.metres("side", side, positive=True) / 2
-    where = _numbers("position", position, 3)
+    where = checks.place("position", position)
     angle = checks.number("tilt", tilt, unit="degrees")
     if not -90 < angle < 90:
         raise ValueError(f"tilt = {tilt!r}: must be between -90 and 90 degrees")
@@ -187,7 +187,7 @@ def _scene(
     wall_reflectance: float = 0.8,
 ) -> Dict:
     """Wall and device before the `hidden` shape, which has these `points` (n, 3) [m]."""
-    origin, spot = _numbers("device", device, 3), _numbers("target", target, 2)
+    origin, spot = checks.place("device", device), checks.place("target", target, 2)
     if not origin[2] > 0:
         raise ValueError(f"device = {device!r}: must be before the wall, z above 0")
     if max(map(abs, spot)) > 1:
@@ -264,13 +264,3 @@ def _corners(to_world: Any) -> np.ndarray:
 def _grey(name: str, value: Any, **limits: Any) -> Dict:
     """A diffuse material of this reflectance, at most 1."""
     return diffuse([checks.number(name, value, high=1, **limits)] * 3)
-
-
-def _numbers(name: str, value: Any, count: int) -> list[float]:
-    try:
-        numbers = [checks.metres(name, each) for each in value]
-    except (TypeError, ValueError):
-        numbers = []
-    if isinstance(value, str) or len(numbers) != count:
-        raise ValueError(f"{name} = {value!r}: must be {count} finite numbers of metres")
-    return numbers
