@@ -76,7 +76,7 @@ def test_broken_density_fails(run, tmp_path, monkeypatch):
     [
         (["bekmann"], "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),
         (["beckmann"], "--alpha: must be given, beckmann needs it"),
-        (["beckmann", "--alpha", "0"], "alpha = 0: must be a number above 0, from 1e-06 to 1e+06"),
+        (["beckmann", "--alpha", "0"], "alpha = 0: must be a finite number from 1e-06 to 1e+06"),
         (["beckmann", "--alpha", "x"], "--alpha = x: must be a number from 0"),
         (["tent", "--alpha", "1"], "--alpha = 1: must be left out, tent has none"),
         (["tent", "--image", "a.exr"], "--image = a.exr: must be left out, tent has none"),

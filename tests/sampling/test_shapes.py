@@ -851,7 +851,7 @@ BAD = {
     ),
     "cap of NaN": (
         lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), math.nan),
-        r"^cos_theta_max = nan: must be a number from -1 to 1$",
+        r"^cos_theta_max = nan: must be a finite number from -1 to 1$",
     ),
     "cap of text": (lambda: sample_sphere_cap(mi.Point2f(0.5), "wide"), r"^cos_theta_max = 'wide'"),
     "no radius": (

@@ -62,7 +62,7 @@ def test_bad_plans_are_one_line():
     scene = stands_alone(builder("wall_box_behind"))
     with pytest.raises(ValueError, match="view = 'top': must be one of above, side"):
         plan_figure(scene, view="top")
-    with pytest.raises(ValueError, match=r"laser = \[0, 1\]: must be three finite numbers"):
+    with pytest.raises(ValueError, match=r"laser = \[0, 1\]: must be 3 finite numbers"):
         plan_figure(scene, laser=[0, 1])
     with pytest.raises(ValueError, match="scene: has no shapes to draw"):
         plan_figure(mi.load_dict({"type": "scene"}))

@@ -212,7 +212,7 @@ def focus_laser(
             raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
-        target = mi.Point3f(*_three("point", point))
+        target = mi.Point3f(*checks.place("point", point))
     turn(laser, target)
     return np.array(target).ravel()
 
@@ -221,13 +221,6 @@ def _require_two(name: str, value: Any, what: str) -> None:
     """Refuse anything but two values."""
     if np.shape(value) != (2,):
         raise ValueError(f"{name} = {value!r}: must be {what}")
-
-
-def _three(name: str, value: Any) -> list[float]:
-    """Three lengths [m]."""
-    if np.shape(value) != (3,):
-        raise ValueError(f"{name} = {value!r}: must be three numbers, in metres")
-    return [checks.metres(name, float(x)) for x in value]
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:

@@ -14,7 +14,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.cells import MAX_ADDED
-from ..films.image import time_bins, transient_film
 from ..films.recording import profile as seen_pulse
 from ..films.recording import recording
 from ..integrators.own_sample import brings_sample
@@ -26,18 +25,16 @@ from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.settings import INTEGRATORS, SAMPLERS
-from .arrivals import PATHS, Arrivals, find_arrivals
-from .dataset import LOST_ENERGY, check_dataset, coordinates, require_finite, transient_dataset
+from .arrivals import find_arrivals
+from .dataset import check_dataset, coordinates, require_finite, transient_dataset
 from .fingerprint import fingerprint
+from .window import check_window, is_auto, start_and_width, warn_of_losses, windowed_film
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..signals.pulses import Pulse
 
 DEFAULT_SAMPLER = "padded_sobol"
-MANY_HITS = 250
-"""Contributions near an empty window from which on chance cannot explain that it is empty."""
 
 
 def render(
@@ -108,7 +105,7 @@ def render(
     sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
     camera = sensors[sensor]
     check_scene(scene, camera)
-    _film(camera.film(), window, temporal_bins)  # Refuses what is wrong with the window first
+    windowed_film(camera.film(), window, temporal_bins)  # Refuses a wrong window first
     tracer = _integrator(scene, integrator)
     if tracer.needs_lights:
         require_light(scene)
@@ -148,16 +145,16 @@ def carry_out(
     The Dataset calls the scene `name`; all else, result and errors, is as for `render`.
     """
     camera, exposure = scene.sensors()[sensor], tracer.exposure()
-    film = _film(camera.film(), window, temporal_bins)
+    film = windowed_film(camera.film(), window, temporal_bins)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
     arrivals = find_arrivals(plan, camera, film, seed)
-    if _is_auto(window):
+    if is_auto(window):
         if not arrivals.any:
             raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
-        film = _film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
+        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
         profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
-        film = _film(camera.film(), arrivals.window(profile), temporal_bins)
-    _check_window(film, arrivals, profile)
+        film = windowed_film(camera.film(), arrivals.window(profile), temporal_bins)
+    check_window(film, arrivals, profile)
     first = 0 if resume is None else _samples_of(resume)
     points = _sampler(camera, sampler, spp, first)
     folds = points.sample_count() > MAX_ADDED
@@ -202,7 +199,7 @@ def carry_out(
     outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
     outside = min(max(outside, 0.0), 1.0)
     if complete:
-        _warn_of_losses(film, arrivals, profile, outside)
+        warn_of_losses(film, arrivals, profile, outside)
     attrs = recipe | {
         "scene": name,
         "spp": first + done,
@@ -262,40 +259,6 @@ def _sampler_name(sampler: mi.Sampler) -> str:
     return sampler.class_name() if type(sampler) is mi.Sampler else type(sampler).__name__
 
 
-def _film(film: Any, window: Any, temporal_bins: int | None) -> Any:
-    """An empty film of the same pixels as `film`, with the window that is asked for."""
-    own = time_bins(film)
-    if own is None and (window is None or temporal_bins is None):
-        raise ValueError(
-            f"film = {film.class_name()}: has no time bins; must be transient_hdr_film, or give "
-            "both window and temporal_bins"
-        )
-    bins = own[0] if own and temporal_bins is None else temporal_bins
-    bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
-    if _is_auto(window):
-        start, width = 0.0, 1.0  # Until the light was looked at
-    elif window is not None:
-        start, width = _window(window, bins)
-    else:
-        assert own is not None
-        _, start, width = own
-    return transient_film(film, bins, start, width)
-
-
-def _window(window: Any, bins: int) -> tuple[float, float]:
-    """Start and bin width of a window given as (start, stop)."""
-    try:
-        start, stop = window
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"window = {window!r}: must be 'auto' or (start, stop) in metres"
-        ) from None
-    start, stop = checks.metres("window[0]", start), checks.metres("window[1]", stop)
-    if not start < stop < start + checks.MAX_OPL:
-        raise ValueError(f"window = {window!r}: must end after it starts, and not at infinity")
-    return start, (stop - start) / bins
-
-
 def _settings(integrator: Any, window: Any, temporal_bins: int | None) -> Any:
     """What makes a steady scene transient while it loads, where enough is given.
 
@@ -307,7 +270,7 @@ def _settings(integrator: Any, window: Any, temporal_bins: int | None) -> Any:
     if window is None or temporal_bins is None:
         return given
     bins = checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS)
-    start, width = (0.0, 1.0) if _is_auto(window) else _window(window, bins)
+    start, width = (0.0, 1.0) if is_auto(window) else start_and_width(window, bins)
     return given | {"temporal_bins": bins, "start_opl": start, "bin_width_opl": width}
 
 
@@ -332,37 +295,6 @@ def _check_resume(resume: xr.Dataset, recipe: Mapping[str, Any], film: Any) -> N
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
 
 
-def _is_auto(window: Any) -> bool:
-    return isinstance(window, str) and window == "auto"
-
-
-def _check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
-    """Refuse a window that no light reaches, and doubt one that none of the test paths reached.
-
-    No light reaches a window where none was found while much was nearby, within a quarter of the
-    path length, or where there was none nearby either. In between, light may be too rare.
-    """
-    start, stop = film.start_opl, film.end_opl()
-    if not arrivals.any:
-        warnings.warn(
-            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=4
-        )
-        return
-    if arrivals.between(start, stop, profile):
-        return
-    first, last = arrivals.window(profile, 1.0)
-    if not 0 < arrivals.between(start / 1.25, stop * 1.25, profile) < MANY_HITS:
-        raise ValueError(
-            f"start_opl, end = {start:g} m, {stop:g} m: no light arrives in this window; "
-            f"it must overlap {first:g} m to {last:g} m"
-        )
-    warnings.warn(
-        f"none of {PATHS} test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
-        f"empty; light was found from {first:g} m to {last:g} m",
-        stacklevel=4,
-    )
-
-
 # --------------------------------------------------------------------------- the render
 
 
@@ -381,17 +313,6 @@ def _run(plan, record, camera, points, seed, first, progress) -> int:
     if done < spp:
         warnings.warn(f"interrupted: returning {done} of {spp} samples per pixel", stacklevel=4)
     return done
-
-
-def _warn_of_losses(film: Any, arrivals: Arrivals, profile: Pulse | None, outside: float) -> None:
-    """Say when light is missing, and which window would hold it."""
-    if outside > LOST_ENERGY:
-        first, last = arrivals.window(profile)
-        warnings.warn(
-            f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
-            f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (window='auto')",
-            stacklevel=4,
-        )
 
 
 def _versions() -> str:

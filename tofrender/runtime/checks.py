@@ -153,6 +153,26 @@ def metres(name: str, value: Any, *, positive: bool = False) -> float:
     return number(name, value, unit="metres", positive=positive)
 
 
+def place(name: str, value: Any, count: int = 3) -> list[float]:
+    """Return the coordinates of a point, `count` finite numbers of metres.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> place("laser", (0, 1))
+        Traceback (most recent call last):
+        ValueError: laser = (0, 1): must be 3 finite numbers of metres
+    """
+    try:
+        numbers = [metres(name, each) for each in value]
+    except (TypeError, ValueError):
+        numbers = []
+    if isinstance(value, str) or len(numbers) != count:
+        raise ValueError(f"{name} = {value!r}: must be {count} finite numbers of metres")
+    return numbers
+
+
 def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
     """Return `values` as an array, which must hold real numbers; NaN and infinities may be there.
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ..runtime import checks
 from .chi_square import Verdict, chi_square_test
+from .triangles_and_caps import point
 from .warps import WARPS
 
 
@@ -141,21 +141,21 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         >>> light_case(ball, (0, 0, 2)).test(samples=20_000).passed
         True
     """
-    point = _numbers("o", o)
+    origin = tuple(point("o", o).tolist())
     if isinstance(light, dict):
-        return _mitsuba_light(light, point, name or str(light.get("type")))
+        return _mitsuba_light(light, origin, name or str(light.get("type")))
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
-        record = light.sample(mi.Point3f(*point), numbers)
+        record = light.sample(mi.Point3f(*origin), numbers)
         return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
 
     def pdf(v: mi.Vector3f) -> mi.Float:
-        return light.pdf(mi.Point3f(*point), v)
+        return light.pdf(mi.Point3f(*origin), v)
 
     return Case(sample, pdf, "sphere", name or type(light).__name__)
 
 
-def _mitsuba_light(light: dict, point: tuple[float, ...], name: str) -> Case:
+def _mitsuba_light(light: dict, origin: tuple[float, ...], name: str) -> Case:
     """A scene that holds this light alone, asked for directions."""
     scene: Any = mi.load_dict({"type": "scene", "light": light}, parallel=False)
     emitters = scene.emitters()
@@ -164,7 +164,7 @@ def _mitsuba_light(light: dict, point: tuple[float, ...], name: str) -> Case:
 
     def reference(lanes: int) -> mi.Interaction3f:
         it = dr.zeros(mi.Interaction3f, lanes)
-        it.p = mi.Point3f(*point)
+        it.p = mi.Point3f(*origin)
         return it
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
@@ -182,20 +182,9 @@ def _mitsuba_light(light: dict, point: tuple[float, ...], name: str) -> Case:
     return Case(sample, pdf, "sphere", name)
 
 
-def _numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Three finite numbers."""
-    try:
-        numbers = np.asarray(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
-    if numbers.size != 3 or not np.isfinite(numbers).all():
-        raise ValueError(f"{name} = {value!r}: must be three finite numbers")
-    return tuple(float(each) for each in numbers)
-
-
 def _direction(name: str, value: Any) -> tuple[float, ...]:
     """Three numbers, scaled to a unit vector."""
-    numbers = _numbers(name, value)
+    numbers = point(name, value).tolist()
     length = math.hypot(*numbers)
     if not length > 0:
         raise ValueError(f"{name} = {value!r}: must be a direction, not zero")

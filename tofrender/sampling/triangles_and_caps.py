@@ -6,14 +6,13 @@ As in `warps`, a `sample` is a point of [0, 1]^2, both ends included.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .warps import unit_square
+from .warps import in_range, unit_square
 
 
 def point(name: str, value: Any) -> np.ndarray:
@@ -235,20 +234,7 @@ def cap_pdf(height: mi.Float) -> mi.Float:
 
 def _cap_height(cos_theta_max: Any) -> mi.Float:
     """1 - cos_theta_max, after a look at it."""
-    allowed = "must be a number from -1 to 1"
-    if dr.is_array_v(cos_theta_max):
-        if dr.flag(dr.JitFlag.Debug):
-            inside = (cos_theta_max >= -1) & (cos_theta_max <= 1)
-            dr.assert_true(inside, f"cos_theta_max: {allowed}")
-        return mi.Float(1 - cos_theta_max)
-    try:
-        wrong = isinstance(cos_theta_max, bool | str | bytes)
-        number = math.nan if wrong else float(cos_theta_max)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not -1 <= number <= 1:
-        raise ValueError(f"cos_theta_max = {cos_theta_max!r}: {allowed}")
-    return mi.Float(1 - number)
+    return mi.Float(1 - in_range("cos_theta_max", cos_theta_max, -1, 1))
 
 
 def _edges(v0: Any, v1: Any, v2: Any) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f]:

@@ -20,13 +20,14 @@ Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th e
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+
+from ..runtime import checks
 
 MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6
 """Roughnesses for which single precision can hold every density."""
@@ -50,29 +51,32 @@ def unit_square(sample: mi.Point2f) -> mi.Point2f:
     return sample
 
 
+def in_range(name: str, value: Any, low: float, high: float) -> Any:
+    """Return a number of a range; Dr.Jit arrays are looked at in debug mode only.
+
+    Raises:
+        ValueError: `value` is a number outside of the range, or none.
+    """
+    if not dr.is_array_v(value):
+        return checks.number(name, value, low=low, high=high)
+    if dr.flag(dr.JitFlag.Debug):
+        allowed = f"{name}: must be a number from {low:g} to {high:g}"
+        dr.assert_true((value >= low) & (value <= high), allowed)
+    return value
+
+
 def roughness(alpha: Any) -> Any:
     """Return `alpha` if it can be a roughness; Dr.Jit arrays are looked at in debug mode only.
 
     Raises:
-        ValueError: `alpha` is a number, but not one above 0 that single precision can square.
+        ValueError: `alpha` is a number, but not one that single precision can square.
 
     Example:
         >>> roughness(0)
         Traceback (most recent call last):
-        ValueError: alpha = 0: must be a number above 0, from 1e-06 to 1e+06
+        ValueError: alpha = 0: must be a finite number from 1e-06 to 1e+06
     """
-    allowed = f"must be a number above 0, from {MIN_ALPHA:g} to {MAX_ALPHA:g}"
-    if dr.is_array_v(alpha):
-        if dr.flag(dr.JitFlag.Debug):
-            dr.assert_true((alpha >= MIN_ALPHA) & (alpha <= MAX_ALPHA), f"alpha: {allowed}")
-        return alpha
-    try:
-        number = math.nan if isinstance(alpha, bool | str | bytes) else float(alpha)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not MIN_ALPHA <= number <= MAX_ALPHA:
-        raise ValueError(f"alpha = {alpha!r}: {allowed}")
-    return number
+    return in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
 
 
 # ------------------------------------------------------------------------------------ tent
@@ -300,6 +304,7 @@ def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector
         ValueError: `alpha` is a number outside of that range.
 
     Example:
+        >>> import math
         >>> m = square_to_beckmann(mi.Point2f(1 - math.exp(-1), 0.0), 0.75)  # tan = alpha
         >>> round(m.x[0], 4), round(m.z[0], 4)
         (0.6, 0.8)

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..runtime import checks
 from .parts import (
+    CORNELL,
     Dict,
     area_light,
     camera,
@@ -22,62 +23,29 @@ from .parts import (
     shape,
     sphere,
     steady_film,
+    transient_film,
 )
 
 START_OPL = {"area": 3.5, "flash": 6.0}
 """Where the built-in window starts [m], by light; from each light, nothing arrives earlier."""
 
 CAMERA_Z = 3.9
-WHITE = [0.885809, 0.698859, 0.666422]
-GREEN = [0.105421, 0.37798, 0.076425]
-RED = [0.570068, 0.0430135, 0.0443706]
 LIGHT_RADIANCE = [18.387, 13.9873, 6.75357]
 FLASH_INTENSITY = [8.0, 8.0, 8.0]
 
+X, Y, UNIT = [1, 0, 0], [0, 1, 0], [1, 1, 1]
+LARGE_BOX = [0.3, 0.61, 0.3]
+
 
 # ---------------------------------------------------------------------- parts of Cornell box
-
-
-def _materials() -> Dict:
-    colours = {"white": WHITE, "green": GREEN, "red": RED}
-    return {name: diffuse(c) for name, c in colours.items()}
-
-
-def _walls() -> Dict:
-    x, y, unit = [1, 0, 0], [0, 1, 0], [1, 1, 1]
-    return {
-        "floor": shape("rectangle", place([0, -1, 0], x, -90, unit), "white"),
-        "ceiling": shape("rectangle", place([0, 1, 0], x, 90, unit), "white"),
-        "back": shape("rectangle", place([0, 0, -1], y, 0, unit), "white"),
-        "green-wall": shape("rectangle", place([1, 0, 0], y, -90, unit), "green"),
-        "red-wall": shape("rectangle", place([-1, 0, 0], y, 90, unit), "red"),
-    }
-
-
-def _boxes() -> Dict:
-    small = place([0.335, -0.7, 0.38], [0, 1, 0], -17, [0.3, 0.3, 0.3])
-    large = place([-0.33, -0.4, -0.28], [0, 1, 0], 18.25, [0.3, 0.61, 0.3])
-    return {
-        "small-box": shape("cube", small, "white"),
-        "large-box": shape("cube", large, "white"),
-    }
 
 
 def _light(kind: str) -> Dict:
     if kind == "flash":
         position = [0, 0, CAMERA_Z]
         return {"type": "point", "position": position, "intensity": rgb(FLASH_INTENSITY)}
-    panel = shape("rectangle", place([0, 0.99, 0.01], [1, 0, 0], 90, [0.23, 0.19, 0.19]), "white")
+    panel = shape("rectangle", place([0, 0.99, 0.01], X, 90, [0.23, 0.19, 0.19]), "white")
     return panel | {"emitter": area_light(LIGHT_RADIANCE)}
-
-
-def _transient(film: Dict, temporal_bins: int, start_opl: float, bin_width_opl: float) -> Dict:
-    return film | {
-        "type": "transient_hdr_film",
-        "temporal_bins": checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS),
-        "start_opl": checks.metres("start_opl", start_opl),
-        "bin_width_opl": checks.metres("bin_width_opl", bin_width_opl, positive=True),
-    }
 
 
 def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) -> Dict:
@@ -87,10 +55,15 @@ def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) 
         "type": "scene",
         "integrator": {"type": integrator, "max_depth": depth},
         "sensor": camera([0, 0, CAMERA_Z], [0, 0, 0], 39.3077, film, spp),
-        **_materials(),
+        **{name: diffuse(reflectance) for name, reflectance in CORNELL.items()},
         "light": _light(light),
-        **_walls(),
-        **_boxes(),
+        "floor": shape("rectangle", place([0, -1, 0], X, -90, UNIT), "white"),
+        "ceiling": shape("rectangle", place([0, 1, 0], X, 90, UNIT), "white"),
+        "back": shape("rectangle", place([0, 0, -1], Y, 0, UNIT), "white"),
+        "green-wall": shape("rectangle", place([1, 0, 0], Y, -90, UNIT), "green"),
+        "red-wall": shape("rectangle", place([-1, 0, 0], Y, 90, UNIT), "red"),
+        "small-box": shape("cube", place([0.335, -0.7, 0.38], Y, -17, [0.3, 0.3, 0.3]), "white"),
+        "large-box": shape("cube", place([-0.33, -0.4, -0.28], Y, 18.25, LARGE_BOX), "white"),
     }
 
 
@@ -135,7 +108,7 @@ def cornell_box(
     """
     checks.one_of("light", light, START_OPL)
     start = START_OPL[light] if start_opl is None else start_opl
-    window = _transient(steady_film(width, height), temporal_bins, start, bin_width_opl)
+    window = transient_film(width, height, temporal_bins, start, bin_width_opl)
     return _cornell("transient_path", window, spp, max_depth, light)
 
 
@@ -149,18 +122,10 @@ def cornell_box_steady_state(
 ) -> Dict:
     """The Cornell box for Mitsuba's own `path` integrator, without time.
 
-    Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        spp: Samples per pixel.
-        max_depth: Longest path, as in `cornell_box`.
-        light: "area" or "flash", as in `cornell_box`.
+    Args and errors are those of `cornell_box`.
 
     Returns:
         A dict for `mi.load_dict` with integrator `path` and film `hdrfilm`.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
 
     Example:
         >>> cornell_box_steady_state(spp=64)["integrator"]["type"]
@@ -222,8 +187,6 @@ def cornell_box_flash(**options: Any) -> Dict:
 
 
 # --------------------------------------------------------------------------------- small box
-
-X, Y = [1, 0, 0], [0, 1, 0]
 
 SPHERES = {
     "diffuse": (diffuse([0.7, 0.7, 0.7]), diffuse([0.7, 0.7, 0.7])),

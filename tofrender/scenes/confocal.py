@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..runtime import checks
-from .parts import Dict, camera, diffuse, place, rgb, shape, steady_film
+from .parts import CORNELL, Dict, camera, diffuse, place, rgb, shape, transient_film
 
 X, Y = [1, 0, 0], [0, 1, 0]
 
@@ -163,11 +163,6 @@ def retroreflector(reflectance: Sequence[float]) -> Dict:
 
 # ---------------------------------------------------------------------------- inside of a box
 
-BOX = {
-    "white": [0.885809, 0.698859, 0.666422],
-    "green": [0.105421, 0.37798, 0.076425],
-    "red": [0.570068, 0.0430135, 0.0443706],
-}
 EYE = [0.0, 0.45, 1.05]
 """Where the camera and the laser of `ourbox_confocal` are [m]; they look down -z."""
 
@@ -192,7 +187,7 @@ def ourbox_confocal(**options: Any) -> Dict:
     options = {"temporal_bins": 700, "spp": 4096} | options
     sensor = {"origin": EYE, "target": [0.0, 0.45, -1.0], "fov": 39.3077}
     scene = _scene(sensor, projector_fov=0.55, **options)
-    scene |= {name: {"type": "twosided", "side": diffuse(c)} for name, c in BOX.items()}
+    scene |= {name: {"type": "twosided", "side": diffuse(c)} for name, c in CORNELL.items()}
     side, end, floor = [0.8, 0.45, 1], [0.5, 0.45, 1], [0.5, 0.8, 1]
     return scene | {
         "floor": shape("rectangle", place([0, 0, 0.3], X, -90, floor), "white"),
@@ -252,16 +247,4 @@ def _scene(
             "confocal_projector": confocal_projector(projector_fov),
         },
         "sensor": eye,
-    }
-
-
-def transient_film(
-    width: int, height: int, temporal_bins: int, start_opl: float, bin_width_opl: float
-) -> Dict:
-    """A film with time bins, from `start_opl` [m] on, each `bin_width_opl` [m] wide."""
-    return steady_film(width, height) | {
-        "type": "transient_hdr_film",
-        "temporal_bins": checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS),
-        "start_opl": checks.metres("start_opl", start_opl),
-        "bin_width_opl": checks.metres("bin_width_opl", bin_width_opl, positive=True),
     }

@@ -58,17 +58,11 @@ def bust_simple(*, width: int = 192, height: int = 256, spp: int = 16) -> Dict:
 def bust_ao(*, width: int = 192, height: int = 256, spp: int = 64) -> Dict:
     """A bust on the ground under a sky of one brightness (ambient occlusion).
 
-    Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        spp: Samples per pixel.
+    Args and errors are those of `bust_simple`.
 
     Returns:
         A dict for `mi.load_dict` with integrator `ao`. The bust in it is a mesh of the active
         variant.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
 
     Example:
         >>> bust_ao()["integrator"]
@@ -262,15 +256,7 @@ def _ball_light(
 def rectangle_light_quad(**options: Any) -> Dict:
     """A dark monolith in a room, lit by a panel that is one rectangle.
 
-    Args:
-        **options: `width` and `height` [pixels] from 1 to 65536, `spp`, `integrator` and
-            `max_bounces` as for `veach`.
-
-    Returns:
-        A dict for `mi.load_dict` with film `hdrfilm`.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+    Args, errors and what is returned are those of `sphere_light_small`.
 
     Example:
         >>> rectangle_light_quad()["light"]["type"]
@@ -285,15 +271,10 @@ def rectangle_light_triangles(**options: Any) -> Dict:
     """A dark monolith in a room, lit by a panel that is two triangles.
 
     The two triangles are shapes of their own, two lights to choose from; the picture is the same.
-
-    Args:
-        **options: As for `rectangle_light_quad`.
+    Args and errors are those of `rectangle_light_quad`.
 
     Returns:
         A dict for `mi.load_dict`. The triangles in it are meshes of the active variant.
-
-    Raises:
-        ValueError: As `rectangle_light_quad`.
 
     Example:
         >>> len(rectangle_light_triangles()) - len(rectangle_light_quad())

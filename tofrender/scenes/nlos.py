@@ -12,8 +12,7 @@ ready-made meshes are never merged.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import mitsuba as mi
@@ -21,9 +20,8 @@ import numpy as np
 
 from ..runtime import checks
 from .bunny import bunny
-from .confocal import transient_film
 from .meshes import bunny_mesh, letter_z, letter_z_mesh, placed
-from .parts import SAMPLER, Dict, diffuse, place, rgb
+from .parts import SAMPLER, Dict, diffuse, place, rgb, transient_film
 
 Y = [0, 1, 0]
 
@@ -106,7 +104,7 @@ def nlos_patch(
         'rectangle'
     """
     half = checks.metres("side", side, positive=True) / 2
-    where = _numbers("position", position, 3)
+    where = checks.place("position", position)
     angle = checks.number("tilt", tilt, unit="degrees")
     if not -90 < angle < 90:
         raise ValueError(f"tilt = {tilt!r}: must be between -90 and 90 degrees")
@@ -173,36 +171,6 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
 # ------------------------------------------------------------------------- device and wall
 
 
-def _integrator() -> Dict:
-    return {
-        "type": "transient_nlos_path",
-        "capture_type": 1,  # one laser point; `tofrender.nlos.capture` changes it
-        "laser_power": 1.0,
-        "nlos_laser_sampling": True,
-        "nlos_hidden_geometry_sampling": True,
-        "account_first_and_last_bounces": False,
-    }
-
-
-def _sensor(device: list[float], film: Dict, spp: int) -> Dict:
-    count = checks.integer("spp", spp, 1, checks.MAX_SPP)
-    return {
-        "type": "nlos_capture_meter",
-        "sensor_origin": device,
-        "film": film,
-        "sampler": {"type": SAMPLER, "sample_count": count},
-    }
-
-
-def _laser(device: list[float], target: list[float]) -> Dict:
-    return {
-        "type": "projector",
-        "irradiance": rgb([100.0, 100.0, 100.0]),
-        "fov": 0.2,
-        "to_world": mi.ScalarTransform4f().look_at(device, [*target, 0], Y),
-    }
-
-
 def _scene(
     hidden: Dict,
     points: np.ndarray,
@@ -219,7 +187,7 @@ def _scene(
     wall_reflectance: float = 0.8,
 ) -> Dict:
     """Wall and device before the `hidden` shape, which has these `points` (n, 3) [m]."""
-    origin, spot = _numbers("device", device, 3), _numbers("target", target, 2)
+    origin, spot = checks.place("device", device), checks.place("target", target, 2)
     if not origin[2] > 0:
         raise ValueError(f"device = {device!r}: must be before the wall, z above 0")
     if max(map(abs, spot)) > 1:
@@ -227,10 +195,16 @@ def _scene(
     nearest = float(points[:, 2].min())
     start = round(max(0.0, 2 * nearest - LEAD), 2) if start_opl is None else start_opl
     film = transient_film(width, height, temporal_bins, start, bin_width_opl)
+    count = checks.integer("spp", spp, 1, checks.MAX_SPP)
     wall = {
         "type": "rectangle",
-        "bsdf": _grey("wall_reflectance", wall_reflectance, "from 0 to 1", lambda r: 0 <= r <= 1),
-        "sensor": _sensor(origin, film, spp),
+        "bsdf": _grey("wall_reflectance", wall_reflectance, low=0),
+        "sensor": {
+            "type": "nlos_capture_meter",
+            "sensor_origin": origin,
+            "film": film,
+            "sampler": {"type": SAMPLER, "sample_count": count},
+        },
     }
     plate = {}
     if checks.boolean("occluder", occluder):
@@ -242,9 +216,21 @@ def _scene(
         plate["occluder"] = _occluder(np.array(origin), points)
     return {
         "type": "scene",
-        "integrator": _integrator(),
+        "integrator": {
+            "type": "transient_nlos_path",
+            "capture_type": 1,  # one laser point; `tofrender.nlos.capture` changes it
+            "laser_power": 1.0,
+            "nlos_laser_sampling": True,
+            "nlos_hidden_geometry_sampling": True,
+            "account_first_and_last_bounces": False,
+        },
         "relay_wall": wall,
-        "laser": _laser(origin, spot),
+        "laser": {
+            "type": "projector",
+            "irradiance": rgb([100.0, 100.0, 100.0]),
+            "fov": 0.2,
+            "to_world": mi.ScalarTransform4f().look_at(origin, [*spot, 0], Y),
+        },
         **plate,
         **hidden,
     }
@@ -267,8 +253,7 @@ def _occluder(device: np.ndarray, points: np.ndarray) -> Dict:
 
 def _hidden_material(options: dict[str, Any]) -> Dict:
     """Take the hidden shape's material out of the options; it is never the occluder's black."""
-    reflectance = options.pop("hidden_reflectance", 0.7)
-    return _grey("hidden_reflectance", reflectance, "above 0, up to 1", lambda r: 0 < r <= 1)
+    return _grey("hidden_reflectance", options.pop("hidden_reflectance", 0.7), positive=True)
 
 
 def _corners(to_world: Any) -> np.ndarray:
@@ -276,22 +261,6 @@ def _corners(to_world: Any) -> np.ndarray:
     return placed(np.array([[x, y, 0] for x in (-1, 1) for y in (-1, 1)]), to_world)
 
 
-def _grey(name: str, value: Any, allowed: str, is_allowed: Callable[[float], bool]) -> Dict:
-    """A diffuse material of this reflectance."""
-    try:
-        reflectance = math.nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError):
-        reflectance = math.nan
-    if not is_allowed(reflectance):
-        raise ValueError(f"{name} = {value!r}: must be a number {allowed}")
-    return diffuse([reflectance] * 3)
-
-
-def _numbers(name: str, value: Any, count: int) -> list[float]:
-    try:
-        numbers = [checks.metres(name, each) for each in value]
-    except (TypeError, ValueError):
-        numbers = []
-    if isinstance(value, str) or len(numbers) != count:
-        raise ValueError(f"{name} = {value!r}: must be {count} finite numbers of metres")
-    return numbers
+def _grey(name: str, value: Any, **limits: Any) -> Dict:
+    """A diffuse material of this reflectance, at most 1."""
+    return diffuse([checks.number(name, value, high=1, **limits)] * 3)

@@ -17,6 +17,13 @@ PATH_TRACERS = ("path_tracer_mats", "path_tracer_nee", "path_tracer_mis")
 
 Dict = dict[str, Any]
 
+CORNELL = {
+    "white": [0.885809, 0.698859, 0.666422],
+    "green": [0.105421, 0.37798, 0.076425],
+    "red": [0.570068, 0.0430135, 0.0443706],
+}
+"""Reflectances of the Cornell box's walls."""
+
 
 def rgb(value: Sequence[float]) -> Dict:
     """A colour, linear RGB."""
@@ -79,6 +86,18 @@ def steady_film(width: int, height: int) -> Dict:
         "width": checks.integer("width", width, 1, checks.MAX_SIZE),
         "height": checks.integer("height", height, 1, checks.MAX_SIZE),
         "rfilter": {"type": "box"},
+    }
+
+
+def transient_film(
+    width: int, height: int, temporal_bins: int, start_opl: float, bin_width_opl: float
+) -> Dict:
+    """A film with time bins, from `start_opl` [m] on, each `bin_width_opl` [m] wide."""
+    return steady_film(width, height) | {
+        "type": "transient_hdr_film",
+        "temporal_bins": checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS),
+        "start_opl": checks.metres("start_opl", start_opl),
+        "bin_width_opl": checks.metres("bin_width_opl", bin_width_opl, positive=True),
     }
 
 

@@ -76,7 +76,7 @@ def plan_figure(
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
-    lamp = _integrators_laser(scene) if laser is None else _point("laser", laser)
+    lamp = _integrators_laser(scene) if laser is None else np.array(checks.place("laser", laser))
 
     figure = new_figure(6.4, 6.4)
     axes = figure.add_subplot()
@@ -233,13 +233,3 @@ def _reach(scene: Any, ray: Any) -> tuple[Array, Array]:
     far = dr.norm(mi.Point3f(scene.bbox().center()) - ray.o)
     ends = np.array(ray(dr.select(hit.is_valid(), hit.t, far)), dtype=np.float64).T
     return np.broadcast_to(np.array(ray.o, dtype=np.float64).T, ends.shape), ends
-
-
-def _point(name: str, value: Any) -> Array:
-    try:
-        numbers = [checks.metres(name, each) for each in value]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != 3:
-        raise ValueError(f"{name} = {value!r}: must be three finite numbers of metres")
-    return np.array(numbers)

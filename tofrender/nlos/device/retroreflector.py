@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from ...runtime import checks
 
 MAX_EXPONENT = 1e6
 """A lobe of 1.4 mrad; directions in single precision hold no narrower one well."""
@@ -152,15 +153,7 @@ def _foreshortening(wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Float:
 
 def _exponent(value: Any) -> float:
     """Return `value` as an exponent that single precision can hold."""
-    try:
-        number = math.nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not 0 < number <= MAX_EXPONENT:
-        raise ValueError(
-            f"lobe_exponent = {value!r}: must be a number above 0, up to {MAX_EXPONENT:g}"
-        )
-    return number
+    return checks.number("lobe_exponent", value, positive=True, high=MAX_EXPONENT)
 
 
 def _in_unit_interval(texture: Any) -> Any:
