@@ -224,7 +224,7 @@ HOSTILE = {
     "withheld module": (
         "from tofrender.nlos.light.confocal import *\n" + ADD,
         0,
-        "tofrender.nlos.light.confocal is not part of the student edition",
+        "tofrender.nlos.light is not part of the student edition",
     ),
     "100 MB of output": (
         "import sys\ndef add(a, b):\n    sys.stdout.write('x' * 100_000_000)\n    return a + b\n",

@@ -1,4 +1,7 @@
 from .conversion import (
+    phasor_parts as phasor_parts,
+)
+from .conversion import (
     sum_channels as sum_channels,
 )
 from .conversion import (
