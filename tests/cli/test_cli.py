@@ -17,9 +17,7 @@ import OpenEXR
 import pytest
 
 import tofrender
-from tofrender.cli import nlos as cli_nlos
-from tofrender.cli import render as cli_render
-from tofrender.cli import warp as cli_warp
+from tofrender.cli import nlos as cli_nlos, render as cli_render, warp as cli_warp
 from tofrender.cli.app import main
 from tofrender.cli.options import FILES
 from tofrender.sampling.points import POINT_SETS

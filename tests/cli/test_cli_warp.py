@@ -9,8 +9,7 @@ import pytest
 import typer
 from PIL import Image
 
-from tofrender.cli import app as cli
-from tofrender.cli import warp as cli_warp
+from tofrender.cli import app as cli, warp as cli_warp
 from tofrender.cli.warp import warp
 from tofrender.sampling.warps import WARPS
 

@@ -18,8 +18,7 @@ import pytest
 import typer
 
 import tofrender
-from tofrender.cli import app as cli
-from tofrender.cli import course as cli_course
+from tofrender.cli import app as cli, course as cli_course
 from tofrender.course import assignments, edition, material, notebooks, rubric
 from tofrender.course.author import leaks, mutants, structure, verify
 from tofrender.course.author.release import release

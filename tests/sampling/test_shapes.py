@@ -21,8 +21,7 @@ from tofrender.sampling import (
     sample_triangle,
     sample_triangle_pdf,
 )
-from tofrender.sampling.domains import Domain
-from tofrender.sampling.domains import sphere as all_directions
+from tofrender.sampling.domains import Domain, sphere as all_directions
 from tofrender.sampling.scene_emitters import emitters_of
 from tofrender.sampling.shapes import visible
 

@@ -30,8 +30,7 @@ def release(
     any of them is still there, nothing is made.
     """
     from tofrender.course import assignments, edition
-    from tofrender.course.author.release import PACKAGE_FOLDER
-    from tofrender.course.author.release import release as make
+    from tofrender.course.author.release import PACKAGE_FOLDER, release as make
 
     found = assignments.find(assignment)
     made = make(found, out)

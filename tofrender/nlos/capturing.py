@@ -21,8 +21,7 @@ from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
 from .captures import MODES, make_capture, without_first_leg
 from .device.laser import axis, find_laser, follow_meters, forget_meters, kept_aim, place_of, turn
-from .device.relay_wall import DEFAULT_ID as WALL
-from .device.relay_wall import find_shapes, ids, is_on_relay_wall, seen_shapes
+from .device.relay_wall import DEFAULT_ID as WALL, find_shapes, ids, is_on_relay_wall, seen_shapes
 from .device.wall_points import wall_points
 
 if TYPE_CHECKING:

@@ -135,7 +135,7 @@ def step(
     path.depth += dr.select(vertex.valid, mi.UInt32(1), 0)
 
     # A path whose throughput is no number has nothing more to bring
-    finite = dr.all(dr.isfinite(path.β))
+    finite = dr.isfinite(dr.sum(path.β))
     path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
     active &= finite
 
@@ -164,7 +164,7 @@ def deliver(measurement: Measurement, contribution: Contribution) -> mi.UInt32:
     """
     spectrum, active = contribution.spectrum, contribution.active
     dark = dr.all(spectrum == 0)
-    finite = dark | (dr.all(dr.isfinite(spectrum)) & dr.isfinite(contribution.opl))
+    finite = dark | dr.isfinite(dr.sum(spectrum) + contribution.opl)
     measurement.add(replace(contribution, active=active & finite & ~dark))
     return dr.select(active & ~finite, mi.UInt32(1), 0)
 

@@ -14,8 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.cells import MAX_ADDED
-from ..films.recording import profile as seen_pulse
-from ..films.recording import recording
+from ..films.recording import profile as seen_pulse, recording
 from ..integrators.own_sample import brings_sample
 from ..integrators.passes import steps
 from ..integrators.plan import Plan

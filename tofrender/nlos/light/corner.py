@@ -95,7 +95,7 @@ class CornerConnections:
         path.memory = self.laser.remember(path.memory, middle, active)
         link = self.laser.lit(middle, path, sampler, active)
         link.weight *= self.space.transmittance(path, middle, link, sampler)
-        f_y, _ = guided.inner.eval_pdf(middle, link.direction, link.active)
+        f_y = y.bsdf().eval(mi.BSDFContext(), y, y.to_local(link.direction), link.active)
         spectrum = mi.unpolarized_spectrum(f) * mi.unpolarized_spectrum(f_y) * link.weight / density
         found = link.active & (by_area > 0)
         return Contribution(spectrum, path.opl + link.length, found)
