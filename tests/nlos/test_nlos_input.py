@@ -458,3 +458,13 @@ def test_small_frames_are_frames():
     frame = mi.ScalarTransform4f(np.diag([1e-4, 1e-4, 1e-4, 1]))
     assert projector(is_confocal=False, frame=frame)["frame"] is frame
     mi.load_dict(projector(is_confocal=False, frame=frame))
+
+
+def test_a_hidden_instance_is_refused_in_a_line():
+    group = {"type": "shapegroup", "plate": {"type": "rectangle"}}
+    place = mi.ScalarTransform4f().translate([0, 0, 1]).rotate([0, 1, 0], 180).scale(0.2)
+    copy = {"type": "instance", "to_world": place, "group": {"type": "ref", "id": "group"}}
+    loaded = load_nlos(scan({"group": group, "copy": copy}))
+    with pytest.raises(ValueError, match="hidden_shapes = 'copy': is an instance") as error:
+        capture(loaded, spp=1, progress=False)
+    assert "\n" not in str(error.value)
