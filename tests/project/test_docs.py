@@ -32,7 +32,7 @@ def test_files_that_a_page_names_exist(page):
     named = set(re.findall(r"`([\w./]+/[\w.]*)`", page.read_text(encoding="utf-8")))
     assert named
     places = (ROOT, ROOT / "tofrender", ROOT / "tofrender/course", ROOT / "tofrender/nlos")
-    assignment = ROOT / "assignments/a1_sampling_and_light_transport"
+    assignment = ROOT / "assignments/a2_time_of_flight"
     missing = [
         name
         for name in sorted(named)

@@ -168,7 +168,7 @@ class Connection:
         weight: Radiance over density.
         pdf: Density of `direction` [1/sr].
         delta: Whether nothing else finds this light (point lights, lasers), so that it counts in
-            full.
+            full; with an endpoint that `finds_all`, every connection does.
         length: Geometric length of the connection, which may start beyond `point` [m].
         active: Lanes in which there is a connection.
         clear: Lanes in which nothing can be in the way.

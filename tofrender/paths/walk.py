@@ -119,6 +119,7 @@ def step(
         link.active &= ~dr.all(link.weight == 0)
         bounce = scattering.scatter(vertex, link, sampler, active)
         mis = dr.select(link.delta, 1, mis_weight(link.pdf, bounce.pdf_f))
+        mis = mi.Float(1) if endpoint.finds_all else mis
         Lr = extend(path.β * mis, bounce.f) * link.weight
         opl = dr.fma(path.η * bounce.η_f, link.length, path.opl)
         path.not_finite += deliver(measurement, Contribution(Lr, opl, link.active))

@@ -129,11 +129,3 @@ class ConnectionsOnly(SceneLights):
     """
 
     finds_all = True
-
-    def connect(
-        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
-    ) -> Connection:
-        """As in `SceneLights`; nothing competes with the connection."""
-        link = super().connect(vertex, path, sampler, active)
-        link.delta = mi.Bool(True)
-        return link
