@@ -201,6 +201,7 @@ def test_dependents():
     assert dependents(["tofrender.rendering.arrivals"]) == {
         "tofrender.nlos.capturing": "tofrender.rendering.renderer",
         "tofrender.rendering.renderer": "tofrender.rendering.arrivals",
+        "tofrender.rendering.window": "tofrender.rendering.arrivals",
     } | dependents(["tofrender.rendering.renderer"])
     assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}
     with_pulses = dependents(["tofrender.signals.pulses"])
