@@ -11,7 +11,7 @@ import pytest
 SLOW_S = 0.5
 """From here on a test needs the mark `slow`, all its cases together, on a quiet machine."""
 
-NOISE = 4.0
+NOISE = 12.0
 """What a busy machine and the kernels that a first test compiles may make of that."""
 
 LIMIT_S = SLOW_S * NOISE

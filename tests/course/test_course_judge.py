@@ -293,6 +293,7 @@ def test_comparisons_with_noise_find_errors_and_pass_right_ones():
             wrong()
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_false_alarms_are_as_rare_as_stated():
     """At a share of 1e-2 of 1000 comparisons of right samples about ten fail."""

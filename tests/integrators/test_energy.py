@@ -82,6 +82,7 @@ def test_depths(max_depth, rr_depth):
     assert largest(steady, path_image(described, spp=16, seed=2)) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("border", [False, True])
 @pytest.mark.parametrize("rfilter", FILTERS)
 def test_spatial_filters(rfilter, border):
@@ -249,6 +250,7 @@ def picture(described: dict, spp: int = 16):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["cornell", "glass", "many lights", "environment map"])
 def test_scene_in_expectation(name):

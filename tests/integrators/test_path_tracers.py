@@ -115,6 +115,7 @@ def test_the_techniques_differ():
 # ------------------------------------------------------------------------------- expectation
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_gallery_in_expectation(name):
@@ -137,6 +138,7 @@ def test_no_ray_runs_into_a_light_without_size(name):
     assert view(load(SCENES[name]()), TRACERS["mats"] | {"max_bounces": 5}, 1 << 12, 1).max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", COURSE)
 def test_course_in_expectation(name):
@@ -219,6 +221,7 @@ SMALL_LAMPS = {
 SKY = {"sky": {"type": "constant", "radiance": grey(0.2)}}
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("lamps", [{}, SKY, SKY | SMALL_LAMPS], ids=["area", "sky", "all"])
 def test_materials_in_expectation(lamps):

@@ -47,6 +47,7 @@ def test_furnace_in_time(tracer):
     assert not agree(np.roll(bins, 1, axis=1)[:, shown], expected[shown], rounding=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 @pytest.mark.parametrize("name", ["glass", "environment map"])
 def test_bins_hold_the_picture(tracer, name):
@@ -63,6 +64,7 @@ def test_bins_hold_the_picture(tracer, name):
     assert largest(sum(parts), whole) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_tracers_agree_in_time():
     """The small box bin by bin, in the sum over its pixels."""

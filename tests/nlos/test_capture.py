@@ -247,6 +247,7 @@ def test_single_capture_is_one_laser_point_of_the_exhaustive():
     assert found == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_both_integrators_make_the_same_confocal_capture():
     """Watts here, irradiance there: in each bin, legs included."""

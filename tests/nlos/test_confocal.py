@@ -66,6 +66,7 @@ def facing(patch: Rectangle) -> Rectangle:
     return patch if np.dot(patch.normal, patch.centre) < 0 else patch.flipped()
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", PATCHES)
 def test_confocal_patch(name):
@@ -74,6 +75,7 @@ def test_confocal_patch(name):
     assert agree(found(confocal(setup, {"hidden": patch.shape()}, small_film())), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", PATCHES)
 def test_single_patch(name):
@@ -93,6 +95,7 @@ def test_small_patch_is_f1():
     assert steady[0, 0, 0] == pytest.approx(f1, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("legs", [True, False])
 @pytest.mark.parametrize("mode", ["confocal", "single"])
@@ -168,6 +171,7 @@ def test_perspective_camera():
 # ------------------------------------------------------------------------- f2, spheres, grooves
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("half_width", [12, 200])
 def test_infinite_plane(half_width):
@@ -267,6 +271,7 @@ def test_what_something_hides_does_not_count(mode):
     assert agree(both, alone)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_two_sided_is_one_sided_turned(mode):

@@ -64,6 +64,7 @@ def test_panel_faces_the_scene():
     assert PANEL.normal == pytest.approx([-1, 0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", OPTIONS)
 def test_hidden_geometry_that_touches_the_wall(name):
@@ -143,6 +144,7 @@ def mesh(plate: Rectangle, normal) -> mi.Mesh:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("as_file", [False, True])
 def test_mesh_with_other_normals(as_file, tmp_path):
@@ -183,6 +185,7 @@ def limited(description: dict, depth: int, **options) -> dict:
     return description | {"integrator": integrator}
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_bounces_are_a_partition(mode):
@@ -200,6 +203,7 @@ def test_bounces_are_a_partition(mode):
     assert not agree(sum(each[:-1]), whole)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
@@ -220,6 +224,7 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
     assert agree(only + alone, every)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_bounces_without_hidden_surfaces(mode):
     """Alone, walls at right angles have paths of two bounces if the laser lights the other one."""
@@ -282,6 +287,7 @@ def by_mitsuba(depth: int, spp: int) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_emitter_itself(name):

@@ -361,6 +361,7 @@ def two_plates(**options) -> dict:
     return scan({name: plate.shape() for name, plate in PLATES.items()}, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("value", ["hidden", "other", "hidden, other"])
 def test_hidden_shapes_change_the_noise_alone(value):

@@ -45,6 +45,7 @@ def directions(ray) -> np.ndarray:
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 25.0], ids=["4m", "100m"])
 @pytest.mark.parametrize("near_clip", [0.001, 0.5])
 @pytest.mark.parametrize("kind", CAMERAS)

@@ -683,6 +683,7 @@ def interrupting(monkeypatch, times: int) -> None:
     monkeypatch.setattr(renderer, "steps", interrupted)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 def test_the_first_ctrl_c_ends_after_a_step(monkeypatch, rfilter):
     before = signal.getsignal(signal.SIGINT)

@@ -250,6 +250,7 @@ def test_other_variants(variant):
 # ----------------------------------------------------------------------------- the statistics
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", CASES)
 def test_chi_square_moments_and_integral(name):

@@ -68,6 +68,7 @@ def test_files_are_rendered_as_they_are(write, tmp_path):
     assert loaded.sensors()[0].sampler().sample_count() == 1
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("write", [peer_scenes.z_simple, peer_scenes.z_room])
 def test_hidden_geometry_sampling_of_what_the_camera_does_not_see(write, tmp_path):
@@ -82,6 +83,7 @@ def test_hidden_geometry_sampling_of_what_the_camera_does_not_see(write, tmp_pat
         assert sampled[:, 0].std() < 0.3 * plain[:, 0].std()
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_a_merged_file_is_right_and_says_so(tmp_path):
     """One shape that is wall and letter: the light is the same, and a line tells of the noise."""
@@ -218,6 +220,7 @@ def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
             assert lit == pytest.approx(expected, abs=1e-5)
 
 
+@pytest.mark.slow
 @QUIET
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", ["single", "confocal"])
@@ -461,6 +464,7 @@ def test_angulararea():
 # --------------------------------------------------------------------------- Cornell boxes
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("kind", ["diffuse", "mirror"])
 def test_cornell_boxes(kind, tmp_path):
