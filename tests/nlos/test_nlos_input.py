@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 
 import mitsuba as mi
@@ -469,3 +470,5 @@ def test_a_hidden_instance_is_refused_in_a_line():
     with pytest.raises(ValueError, match="hidden_shapes = 'copy': is an instance") as error:
         capture(loaded, spp=1, progress=False)
     assert "\n" not in str(error.value)
+    del loaded, error
+    gc.collect()  # Dr.Jit asks every shape that exists for points, whatever its scene

@@ -93,7 +93,9 @@ class Targets:
         low, high = dr.gather(mi.Float, self.lower, index), dr.gather(mi.Float, self.upper, index)
         inside = dr.clip((u.x - low) / (high - low), 0, dr.one_minus_epsilon(mi.Float))
         shape = dr.gather(mi.ShapePtr, self.pointers, index, active)
-        return shape.sample_position(0.0, mi.Point2f(inside, u.y), active), shape
+        # A call by pointer asks every shape there is, those of other scenes too
+        asked: Any = self.shapes[0] if len(self.shapes) == 1 else shape
+        return asked.sample_position(0.0, mi.Point2f(inside, u.y), active), shape
 
     def density(self, si: mi.SurfaceInteraction3f, previous: mi.Interaction3f) -> mi.Float:
         """Density r^2 / (A |cos|) of the direction from `previous` to a target point [1/sr]."""
