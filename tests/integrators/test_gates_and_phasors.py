@@ -9,7 +9,18 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import area_light, camera, diffuse, film, load, plane, point_light, scene, translate
+from support import (
+    area_light,
+    camera,
+    diffuse,
+    film,
+    grey,
+    load,
+    plane,
+    point_light,
+    scene,
+    translate,
+)
 
 import tofrender
 from tofrender.films.phasor import fourier_transform, parse_frequencies
@@ -348,3 +359,29 @@ def test_a_scene_of_another_variant_is_refused_in_a_line(call):
     }
     with pytest.raises(ValueError, match=r"scene: belongs to the variant llvm_ad_rgb; must be one"):
         calls[call]()
+
+
+@pytest.mark.parametrize("name", ["render_at_time", "render_transient", "render_single_amcw"])
+@pytest.mark.parametrize("plugin", ["transient_path", "path_tracer_mis"])
+def test_what_has_no_gates_or_modulation_is_refused_in_a_line(name, plugin):
+    """Its light would be taken for a gate's or a correlation's, in other units."""
+    loaded, integrator = box(), mi.load_dict({"type": plugin}, parallel=False)
+    more = {"render_at_time": [5.0], "render_transient": [GATES], "render_single_amcw": [4]}
+    with pytest.raises(TypeError, match=r"has no (gates|modulation); must be") as error:
+        getattr(tofrender, name)(loaded, integrator, loaded.sensors()[0], *more[name])
+    assert "\n" not in str(error.value)
+
+
+def test_a_single_gate_sees_a_projector():
+    """Its bounding box is none: as a bound of lengths it would end every path."""
+    look = mi.ScalarTransform4f().look_at([0.3, 0, 2], [0, 0, 0], [0, 1, 0])
+    lamp = {"type": "projector", "irradiance": grey(3.0), "fov": 40, "to_world": look}
+    sensor = camera((0, 0, 2), (0, 0, 0), film(4, 4), fov=20)
+    loaded = load(scene({"lamp": lamp, "floor": plane()}, sensor))
+    integrator = tofrender.TimeGatedTransientPath(mi.Properties())
+    integrator.pulse = tofrender.GaussianPulse(0.1)
+    gates = {"temporal_bins": 1, "start_opl": 3.9, "bin_width_opl": 0.2}
+    many = tofrender.render_transient(loaded, integrator, loaded.sensors()[0], gates, spp=64)
+    one = tofrender.render_at_time(loaded, integrator, loaded.sensors()[0], 4.0, spp=64)
+    assert many[:, :, 0].min() > 0
+    assert one == pytest.approx(many[:, :, 0], rel=0.02)

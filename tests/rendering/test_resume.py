@@ -119,3 +119,28 @@ def test_fingerprints_tell_scenes_apart_and_nothing_else():
     prints = [of(s) for s in (box(), box(light="flash"), moved, tinted, box(max_depth=3))]
     assert len(set(prints)) == len(prints)
     assert of(box()) == of(box(spp=7, temporal_bins=3, width=8, height=8)) == prints[0]
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name", "values"),
+    [
+        ("simple", "energy", (1.0, 5.0)),
+        ("transient_nlos_path", "laser_power", (1.0, 2.0)),
+        ("transient_nlos_path", "capture_type", ("single", "confocal")),
+        ("transient_nlos_path", "discard_direct_paths", (False, True)),
+        ("transient_path", "hide_emitters", (False, True)),
+        ("path_tracer_mis", "technique", ("reuse", "one_sample")),
+    ],
+)
+def test_every_parameter_of_an_integrator_counts(plugin, name, values):
+    """A render that goes on with another parameter would mix two pictures."""
+    loaded = tofrender.load_scene("cornell_box", width=4, height=4)
+    given = {"simple": {"position": [0, 0, 1], "energy": 1.0}}.get(plugin, {})
+    if plugin == "transient_nlos_path":
+        given = {"nlos_laser_sampling": True}
+    prints = {
+        fingerprint(loaded, loaded.sensors()[0], tracer)
+        for value in (*values, values[0])
+        for tracer in [mi.load_dict({"type": plugin} | given | {name: value}, parallel=False)]
+    }
+    assert len(prints) == 2

@@ -97,7 +97,7 @@ class Recording:
 
     def measurement(self, camera: Any, spp: int) -> Any:
         """What is done with the light of camera rays; its `total` is the picture's colour."""
-        raise NotImplementedError
+        return Radiance.zero()
 
     def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
         """What samples put into the picture, before and behind their weight."""
