@@ -84,3 +84,22 @@ def test_paths_that_break_are_counted():
 def test_a_sound_scene_counts_none():
     dataset = tofrender.render("cornell_box", spp=1, window=(3.5, 15.0), progress=False)
     assert dataset.attrs["contributions_not_finite"] == 0
+
+
+def test_a_capture_leaves_out_and_tells_too():
+    """Half of the wall's points are broken; the others show what is hidden."""
+    mi.register_bsdf("broken", Broken)
+    described = tofrender.nlos_patch(width=4, height=4, spp=8)
+    described["relay_wall"] = described["relay_wall"] | {"bsdf": {"type": "broken"}}
+    described["integrator"] = described["integrator"] | {
+        "capture_type": 2,
+        "discard_direct_paths": True,
+        "filter_bounces": 3,
+    }
+    loaded = load(described)
+    with pytest.warns(UserWarning, match="not finite"):
+        _, transient = mi.render(loaded, spp=8)
+    lit = np.array(transient).sum(axis=(2, 3)) > 0
+    assert lit.any(axis=1).all()
+    assert lit.sum() == 8  # Of the wall's points, half are broken
+    assert np.isfinite(np.array(transient)).all()
