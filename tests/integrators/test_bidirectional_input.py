@@ -1,0 +1,244 @@
+"""What paths from lights cannot do: refused before work starts, in one line."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
+from support import camera, film, load, scene, translate
+
+import tofrender
+from tofrender.rendering.fingerprint import fingerprint
+
+NAN = float("nan")
+
+
+def described(technique: str = LIGHT_TRACER, parts: dict | None = None, **sensor: Any) -> dict:
+    lit = floor() | lamp((0.3, 0, 2)) if parts is None else parts
+    kind = {"kind": "perspective"} | sensor
+    eye = camera((0, 0, 1.5), (0, 0, 0), film(4, 4, bins=50), **kind)
+    return scene(lit, eye) | {"integrator": by(technique)}
+
+
+def refusal(act) -> str:
+    with pytest.raises((ValueError, TypeError), match=r"\A.+\Z") as error:
+        act()
+    return str(error.value)
+
+
+def render(loaded: mi.Scene) -> Any:
+    """As `mi.render` does, which would hide what is raised in a longer message."""
+    return loaded.integrator().render(loaded, spp=1)
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Fail if a film is made ready."""
+
+    def never(*_):
+        raise AssertionError("work has started")
+
+    for kind in (tofrender.TransientHDRFilm, tofrender.PhasorHDRFilm):
+        monkeypatch.setattr(kind, "prepare", never)
+
+
+# ---------------------------------------------------------------------------------- parameters
+
+BOTH = [
+    *[("max_depth", value) for value in (1, 0, -2, 2.5, "deep")],
+    *[("rr_depth", value) for value in (0, -1, 1.5)],
+    *[(name, 1) for name in ("camera_unwarp", "discard_direct_light")],
+    ("temporal_filter", "tent"),
+    *[("gaussian_stddev", value) for value in (0.0, -1.0, NAN)],
+    *[("pulse_width_opl", value) for value in (0.0, -0.1, NAN)],
+]
+OWN = [
+    *[("max_depth", value) for value in (-1, 65, 1 << 20)],
+    ("camera_connections", "no"),
+    *[("mis", value) for value in ("none", "best", "", 2)],
+    *[("strategy", text) for text in ("0,1", "1,0", "0,0", "3,0", "-1,3", "2,-1")],
+    *[("strategy", text) for text in ("2", "2,", "a,b", "2,2,2", "2.0,1", "s,t")],
+    *[("strategy", text) for text in ("4,4", "0,8", "7,1")],  # 7 segments and more
+    ("strategy", 21),
+]
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name", "value"),
+    [*[(plugin, *each) for plugin in TRACERS for each in BOTH], *[(BDPT, *each) for each in OWN]],
+)
+def test_bad_parameter(plugin, name, value):
+    with_value = described() | {"integrator": {"type": plugin, name: value}}
+    text = refusal(lambda: tofrender.load_scene(with_value))
+    assert name in text
+    assert str(value) in text
+    assert "must" in text
+
+
+@pytest.mark.parametrize(("name", "value"), [("strategy", "1,2"), ("mis", "power"), ("no", 1)])
+def test_unknown_parameter(name, value):
+    """The light tracer has one strategy for each length, and no weights."""
+    with_value = described() | {"integrator": {"type": LIGHT_TRACER, name: value}}
+    assert name in refusal(lambda: tofrender.load_scene(with_value))
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        {"type": LIGHT_TRACER},
+        {"type": LIGHT_TRACER, "max_depth": -1},
+        {"type": LIGHT_TRACER, "max_depth": 1000, "rr_depth": 3, "hide_emitters": True},
+        {"type": BDPT},
+        {"type": BDPT, "max_depth": 2},
+        {"type": BDPT, "max_depth": 64, "mis": "balance", "camera_connections": False},
+        {"type": BDPT, "strategy": "", "mis": "power"},
+        {"type": BDPT, "strategy": "1,2"},
+        {"type": BDPT, "strategy": "0,2", "mis": "none"},
+        {"type": BDPT, "strategy": "6,1", "mis": "power"},
+        {"type": BDPT, "strategy": "0,7", "mis": "balance"},
+    ],
+)
+def test_what_is_allowed(integrator):
+    loaded = mi.load_dict(integrator, parallel=False)
+    assert loaded.max_depth == integrator.get("max_depth", 6)
+    assert loaded.rr_depth == integrator.get("rr_depth", 5)
+    for name in ("camera_unwarp", "discard_direct_light"):
+        assert getattr(loaded, name) is False
+    assert loaded.pulse is None
+
+
+@pytest.mark.parametrize("name", ["transient_bdtp", "transient_light_trace"])
+def test_a_name_that_is_nearly_right(name):
+    with pytest.raises(ValueError, match=rf"integrator = '{name}': did you mean") as error:
+        tofrender.render(described(), integrator=name, progress=False)
+    assert "\n" not in str(error.value)
+
+
+def test_a_scenes_unlimited_depth_is_not_taken_over():
+    """The scene's own integrator has no bound, and this one must have one."""
+    endless = described() | {"integrator": {"type": "transient_path", "max_depth": -1}}
+    text = refusal(lambda: tofrender.render(endless, integrator=BDPT, spp=1, progress=False))
+    assert "max_depth = -1" in text
+
+
+# -------------------------------------------------------------------------------------- scenes
+
+
+def meter(kind: str) -> dict:
+    """A sensor that nothing can be joined to."""
+    one = film(2 if kind == "batch" else 1, 1, bins=50)
+    if kind == "orthographic":
+        return camera((0, 0, 1.5), (0, 0, 0), one, kind=kind)
+    more = {
+        "radiancemeter": {"origin": [0, 0, 1.5], "direction": [0, 0, -1]},
+        "distant": {"direction": [0, 0, -1]},
+        "batch": {
+            "one": {"type": "perspective", "film": one},
+            "two": {"type": "perspective", "film": one},
+        },
+    }
+    return {"type": kind, "film": one, **more[kind]}
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT, "0,3"])
+@pytest.mark.parametrize("kind", ["orthographic", "radiancemeter", "distant", "batch"])
+def test_sensors_that_are_no_camera(kind, technique):
+    loaded = load(described(technique) | {"sensor": meter(kind)})
+    text = refusal(lambda: render(loaded))
+    assert "sensor" in text
+    assert "perspective" in text
+    assert "thinlens" in text or kind == "batch"
+    refusal(lambda: tofrender.render(loaded, spp=1, progress=False))
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("technique", TRACERS)
+def test_a_meter_on_a_wall(technique):
+    wall = floor()["floor"] | {"sensor": {"type": "irradiancemeter", "film": film(1, 1, bins=50)}}
+    parts = {"type": "scene", "floor": wall, **lamp((0.3, 0, 2)), "integrator": by(technique)}
+    loaded = load(parts)
+    assert "sensor" in refusal(lambda: render(loaded))
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT, "1,2"])
+def test_scenes_without_light(technique):
+    dark = load(described(technique, floor()))
+    for act in (
+        lambda: render(dark),
+        lambda: tofrender.render(dark, spp=1, progress=False),
+        lambda: tofrender.render_at_time(dark, gated(technique), dark.sensors()[0], 3.0, spp=1),
+    ):
+        assert re.search("light|emitter", refusal(act))
+
+
+def gated(technique: str) -> Any:
+    return mi.load_dict(by(technique, pulse_width_opl=0.1), parallel=False)
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("technique", TRACERS)
+def test_gates_need_a_pulse(technique):
+    loaded = load(described(technique))
+    bare = mi.load_dict(by(technique), parallel=False)
+    sensor = loaded.sensors()[0]
+    config = {"temporal_bins": 4, "start_opl": 3.0, "bin_width_opl": 0.5}
+    assert "pulse" in refusal(lambda: tofrender.render_at_time(loaded, bare, sensor, 3.5, spp=1))
+    assert "pulse" in refusal(
+        lambda: tofrender.render_transient(loaded, bare, sensor, config, spp=1)
+    )
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("technique", TRACERS)
+def test_what_is_not_followed(technique):
+    fog = {"type": "sphere", "bsdf": {"type": "null"}, "interior": {"type": "homogeneous"}}
+    foggy = load(described(technique) | {"fog": fog})
+    assert "medium" in refusal(lambda: render(foggy))
+    loaded = load(described(technique))
+    mi.set_variant("llvm_ad_mono")
+    tracer = mi.load_dict(by(technique), parallel=False)
+    text = refusal(lambda: tracer.render(loaded, spp=1))
+    assert "belongs to the variant llvm_ad_rgb" in text
+
+
+@pytest.mark.parametrize("technique", TRACERS)
+def test_there_are_no_derivatives(technique):
+    tracer = mi.load_dict(by(technique), parallel=False)
+    for name in ("render_forward", "render_backward"):
+        with pytest.raises(RuntimeError, match="no derivatives"):
+            getattr(tracer, name)(None, None)
+
+
+def test_every_parameter_counts_for_a_resumed_render():
+    """A render that goes on with another strategy would mix two pictures."""
+    loaded = load(described(BDPT))
+    changes = [
+        {},
+        {"strategy": "1,2"},
+        {"strategy": "2,1"},
+        {"strategy": "2,1", "mis": "power"},
+        {"mis": "balance"},
+        {"camera_connections": False},
+        {"camera_unwarp": True},
+    ]
+    prints = [
+        fingerprint(loaded, loaded.sensors()[0], mi.load_dict(by(BDPT, **each), parallel=False))
+        for each in (*changes, {})
+    ]
+    assert len(set(prints)) == len(changes)
+    assert prints[0] == prints[-1]
+
+
+@pytest.mark.parametrize("technique", TRACERS)
+def test_a_lamp_that_lights_nothing(technique):
+    """Light that meets nothing that the camera sees is no error: the picture is black."""
+    away = described(technique) | {"wall": floor(0.1)["floor"] | {"to_world": translate(9, 9, 9)}}
+    del away["floor"]
+    steady, transient = (np.array(each) for each in mi.render(load(away), spp=16))
+    assert steady.max() == transient.max() == 0

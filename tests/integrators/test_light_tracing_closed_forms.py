@@ -1,0 +1,727 @@
+"""Paths from lights against closed forms: how much arrives, and when, strategy by strategy.
+
+A strategy "s,t" joins s vertices from a light to t from the lens. Alone and without a weight, each
+that can find a path gives all of its light. The formulas are in `light_path_oracles` and `oracles`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import mitsuba as mi
+import numpy as np
+import oracles
+import pytest
+from light_path_oracles import (
+    Caustic,
+    Light,
+    View,
+    ball_in_a_lens,
+    out_of_glass,
+    reflectance,
+    through_a_ball,
+    through_a_slab,
+    under_a_ball,
+    under_a_disk,
+    under_a_point,
+    under_a_rectangle,
+    under_a_sky,
+    under_a_sun,
+    window_area,
+)
+from light_paths import (
+    ALBEDO,
+    BDPT,
+    GLASS,
+    LIGHT_TRACER,
+    TRACERS,
+    arrivals,
+    arrives,
+    ball,
+    by,
+    facing_down,
+    floor,
+    lamp,
+    looking_down,
+    spot,
+    through,
+)
+from support import (
+    agree,
+    area_light,
+    camera,
+    diffuse,
+    film,
+    grey,
+    load,
+    over_seeds,
+    plane,
+    point_light,
+    rendered,
+    rotate,
+    scene,
+    translate,
+    unit,
+    with_integrator,
+)
+
+import tofrender
+
+SEEDS = range(32)
+
+
+# ------------------------------------------------------------------- the formulas themselves
+
+
+def test_film_means_of_a_point_light():
+    exact = under_a_point(View(2.0), (0.5, 0, 3), 1.0, ALBEDO)
+    assert exact.total == pytest.approx(0.016115306, rel=1e-5)
+    assert exact.length == pytest.approx(5.1765880, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("shift", "total", "length"),
+    [
+        (0.0, 0.025099235, 5.6918977),
+        (0.1, 0.024953938, 5.7008302),
+        (0.3, 0.023830514, 5.7723459),
+    ],
+)
+def test_film_means_of_a_rectangle_light(shift, total, length):
+    exact = under_a_rectangle(View(2.5, shift=shift), (0.2, 0.2), 3.0, 10.0, ALBEDO)
+    assert exact.total == pytest.approx(total, rel=2e-5)
+    assert exact.length == pytest.approx(length, abs=2e-5)
+
+
+def test_film_means_are_the_formulas_of_a_point_below():
+    """Seen through a tiny window, the floor's mean is that of the point under the light."""
+    view = View(1.0, fov=1e-3)
+    edges = 1.0 + np.linspace(1, math.hypot(1, 1.5), 9)
+    disk = under_a_disk(view, 1.5, 1.0, 4.0, ALBEDO)
+    masses = ALBEDO / math.pi * oracles.disk_light_masses(edges - 1, 1.0, 1.5, 4.0)
+    assert disk.total == pytest.approx(masses.sum(), rel=1e-5)
+    assert disk.masses(edges) == pytest.approx(masses, rel=1e-3, abs=1e-6)
+    rectangle = under_a_rectangle(view, (0.6, 0.3), 1.0, 4.0, ALBEDO)
+    sides = (-0.6, 0.6), (-0.3, 0.3)
+    masses = oracles.rectangle_light_masses(edges - 1, 1.0, *sides, radiance=4.0)
+    masses *= ALBEDO / math.pi
+    assert rectangle.masses(edges) == pytest.approx(masses, rel=2e-3, abs=1e-4 * masses.max())
+    sphere = under_a_ball(view, 0.5, 1.6, 3.0, ALBEDO)
+    assert sphere.total == pytest.approx(ALBEDO * 3 * (0.5 / 1.6) ** 2)
+    assert sphere.opl.min() == pytest.approx(1 + 1.1, abs=2e-3)
+    assert sphere.opl.max() == pytest.approx(1 + math.sqrt(1.6**2 - 0.5**2), abs=0.02)
+
+
+def test_film_means_of_a_ball_in_a_lens():
+    """A small one is a point of intensity I: H = I ⟨d⟩ / (A z³), and Σ opl H = I ⟨d²⟩ / (A z³)."""
+    radius, y = 1e-3, (0.5, -0.3, 2.0)
+    exact = ball_in_a_lens(y, radius, 1 / (math.pi * radius**2), lens=0.2, fov=40)
+    assert exact.total == pytest.approx(0.49251831, rel=1e-5)
+    in_front = 2 / 3 * radius  # The ball's surface is that much nearer
+    assert exact.total * (exact.length + in_front) == pytest.approx(1.0285011, rel=1e-5)
+
+
+def test_caustics_of_glass():
+    slab = through_a_slab(1.5, 0.3, 1.5, math.radians(30))
+    assert slab.power.sum() == pytest.approx(0.77502364, rel=1e-6)
+    assert slab.power @ slab.opl / slab.power.sum() == pytest.approx(2.0739724, abs=1e-6)
+    assert slab.r[-1] == pytest.approx(0.97209142, abs=1e-4)
+    centre = slab.power[0] / (4 * math.pi * slab.r[0] ** 2)  # A ring's ray is in its middle
+    assert centre == pytest.approx(0.31889273, rel=1e-4)
+    glass_ball = through_a_ball(1.5, 0.5, 3.0, 1.5)
+    assert glass_ball.power.sum() == pytest.approx(0.0733892, rel=1e-5)
+    inside = [glass_ball.power[glass_ball.r < r].sum() for r in (0.1, 0.3, 1.0)]
+    assert inside == pytest.approx([0.0093166, 0.0341587, 0.0654661], rel=1e-4)
+    assert reflectance(1.0, 1.5) == pytest.approx(0.04)
+    cosine = np.sqrt((np.arange(100_000) + 0.5) / 100_000)
+    assert 1 - reflectance(cosine, 1.33).mean() == pytest.approx(0.93406915, abs=1e-6)
+
+
+def test_a_view_of_a_caustic_has_all_its_power():
+    """(π / ρ) A H² times the film's mean; the sum of pixels is the same."""
+    slab, view = through_a_slab(1.5, 0.3, 1.5, math.radians(30)), View(0.4, fov=136)
+    seen = slab.seen(view, ALBEDO)
+    power = math.pi / ALBEDO * window_area(136) * 0.4**2
+    assert power * seen.total == pytest.approx(0.77502364, rel=1e-6)
+    assert slab.pixels(view, ALBEDO, 16).mean() == pytest.approx(seen.total, rel=1e-6)
+    corner = View(0.4, fov=90)
+    assert slab.pixels(corner, ALBEDO, 8).mean() == pytest.approx(
+        slab.seen(corner, ALBEDO).total, rel=1e-3
+    )
+
+
+# -------------------------------------------------------------------------- lights over a floor
+
+
+class Case(NamedTuple):
+    """A floor under some light: the view, parts of the scene, and the exact film mean."""
+
+    view: View
+    parts: Callable[[], dict]
+    exact: Callable[[View], Light]
+
+
+TO_SUN = unit((0.3, -0.5, 0.8))
+SPHERE = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 2.5))
+"""Around a floor of 2 m x 2 m and a camera 2.5 m over it."""
+
+
+def sun() -> dict:
+    light = {"type": "directional", "direction": (-TO_SUN).tolist(), "irradiance": grey(2.0)}
+    return {"lamp": light} | floor(1.0)
+
+
+def sky() -> dict:
+    return {"lamp": {"type": "constant", "radiance": grey(2.0)}} | floor(1.0)
+
+
+def rectangle(shift: float) -> Case:
+    return Case(
+        View(2.5, shift=shift),
+        lambda: facing_down("rectangle", 3.0, 0.2, 10.0),
+        lambda view: under_a_rectangle(view, (0.2, 0.2), 3.0, 10.0, ALBEDO),
+    )
+
+
+CASES = {
+    "point": Case(
+        View(2.0),
+        lambda: lamp((0.5, 0, 3)),
+        lambda view: under_a_point(view, (0.5, 0, 3), 1.0, ALBEDO),
+    ),
+    "rectangle": rectangle(0.0),
+    "offset .1": rectangle(0.1),
+    "offset .3": rectangle(0.3),
+    "disk": Case(
+        View(0.9, fov=60),
+        lambda: facing_down("disk", 1.0, 1.5, 4.0),
+        lambda view: under_a_disk(view, 1.5, 1.0, 4.0, ALBEDO),
+    ),
+    "ball": Case(
+        View(1.0, fov=70),
+        lambda: {"lamp": ball((0, 0, 1.6), 0.5, emitter=area_light(3.0))},
+        lambda view: under_a_ball(view, 0.5, 1.6, 3.0, ALBEDO),
+    ),
+    "sky": Case(View(2.5), sky, lambda view: under_a_sky(view, 2.0, ALBEDO, *SPHERE)),
+    "sun": Case(View(2.5), sun, lambda view: under_a_sun(view, TO_SUN, 2.0, ALBEDO, *SPHERE)),
+}
+
+
+@functools.cache
+def exact(name: str) -> tuple[Light, np.ndarray]:
+    """The film's mean, and edges of 64 bins that hold it."""
+    light = CASES[name].exact(CASES[name].view)
+    low, high = light.opl.min(), light.opl.max()
+    margin = 0.01 * (high - low)
+    return light, np.linspace(low - margin, high + margin, 65)
+
+
+def described(name: str, technique: str, **more: Any) -> dict:
+    case = CASES[name]
+    return through(looking_down(case.view, case.parts(), exact(name)[1], **more), technique)
+
+
+@functools.cache
+def samples(name: str, technique: str, spp: int) -> np.ndarray:
+    return arrivals(described(name, technique), spp, SEEDS)
+
+
+ALONE = [
+    *[("point", how, spp) for how, spp in (("1,2", 16), ("2,1", 1024), (LIGHT_TRACER, 2048))],
+    *[("rectangle", how, spp) for how, spp in (("0,3", 2048), ("1,2", 16), ("2,1", 512))],
+    *[(f"offset {shift}", "2,1", 512) for shift in (".1", ".3")],
+    *[("disk", how, spp) for how, spp in (("0,3", 64), ("1,2", 64), ("2,1", 512))],
+    *[("ball", how, spp) for how, spp in (("0,3", 512), ("1,2", 16), (LIGHT_TRACER, 1024))],
+    *[("sky", how, spp) for how, spp in (("0,3", 64), ("1,2", 64), ("2,1", 512))],
+    *[("sun", how, spp) for how, spp in (("1,2", 16), (LIGHT_TRACER, 512))],
+]
+"""About 0.3 % of noise in the mean."""
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(("name", "technique", "spp"), ALONE)
+def test_each_strategy_alone_has_all_light(name, technique, spp):
+    light, edges = exact(name)
+    assert arrives(samples(name, technique, spp), light.masses(edges), edges)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", CASES)
+def test_all_strategies_together_have_all_light_once(name):
+    light, edges = exact(name)
+    assert arrives(samples(name, BDPT, 64), light.masses(edges), edges)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("name", "technique", "spp"), [("rectangle", "2,1", 512), ("disk", "0,3", 64)]
+)
+def test_a_wrong_factor_and_a_bin_are_found(name, technique, spp):
+    found = samples(name, technique, spp)
+    light, edges = exact(name)
+    masses = light.masses(edges)
+    assert not arrives(1.03 * found, masses, edges)
+    assert not arrives(found / 1.03, masses, edges)
+    assert not arrives(np.roll(found, 1, axis=1), masses, edges)
+    assert not arrives(found * np.nan, masses, edges)
+
+
+@pytest.mark.statistical
+def test_an_unshifted_window_is_found():
+    """What a window that ignores the principal point would show."""
+    light, edges = exact("offset .3")
+    other = CASES["rectangle"].exact(CASES["rectangle"].view)
+    noise = samples("offset .3", BDPT, 64)
+    noise = noise - noise.mean(axis=0)
+    masses = light.masses(edges)
+    assert arrives(masses + noise, masses, edges)
+    assert not arrives(other.masses(edges) + noise, masses, edges)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("mis", ["power", "balance"])
+def test_shares_add_up(mis):
+    """Each strategy's share of every path; a weight that is wrong anywhere loses or adds light."""
+    light, edges = exact("rectangle")
+    masses = light.masses(edges)
+    shares = [
+        arrivals(with_integrator(described("rectangle", how), mis=mis), 256, SEEDS)
+        for how in ("0,3", "1,2", "2,1")
+    ]
+    assert min(share.mean(axis=0).sum() for share in shares) > 1e-4 * light.total
+    assert arrives(sum(shares), masses, edges)
+    assert not arrives(sum(shares) + 0.03 * shares[1], masses, edges)
+
+
+# ----------------------------------------------------------- c: inside of a diffuse sphere
+
+
+BOUNCE = 0.8
+"""Albedo of the sphere of radius 1, with a lamp and a camera of 90 degrees at its centre."""
+
+
+def in_sphere(technique: str, max_depth: int, edges=None, size: int = 4, **more: Any) -> dict:
+    edges = np.linspace(0, 32, 33) if edges is None else edges
+    window = film(size, size, edges.size - 1, float(edges[0]), float(edges[1] - edges[0]))
+    shell = {"type": "sphere", "flip_normals": True, "bsdf": diffuse(BOUNCE)}
+    parts = {"shell": shell, "lamp": point_light((0, 0, 0), 1.0)}
+    view = camera((0, 0, 0), (0, 0, 1), window, fov=90, near_clip=0.01)
+    return scene(parts, view) | {"integrator": by(technique, max_depth, rr_depth=100, **more)}
+
+
+def bounce(n: int) -> float:
+    return oracles.sphere_bounce_total(n, 1.0, BOUNCE, 1.0)
+
+
+CONNECTED = [(s, n + 3 - s, n) for n in (0, 1, 2) for s in range(1, n + 2)]
+"""Strategies of the n-th bounce whose connection ends on a surface that the camera's path found."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("s", "t", "n"), CONNECTED)
+def test_connections_in_a_sphere_have_no_noise(s, t, n):
+    """The product of material and geometry is the same between any two points."""
+    steady, transient = rendered(load(in_sphere(f"{s},{t}", n + 2)), spp=64)
+    expected = np.full((4, 4, 3), bounce(n))
+    assert steady == pytest.approx(expected, rel=5e-4)
+    assert transient.sum(axis=2) == pytest.approx(expected, rel=5e-4)
+    if n == 0:
+        assert transient[:, :, 2].sum() + transient[:, :, 1].sum() == pytest.approx(
+            expected.sum(), rel=5e-4
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mis", ["power", "balance"])
+@pytest.mark.parametrize("max_depth", [2, 5])
+def test_weights_in_a_sphere_sum_to_one(mis, max_depth):
+    """Without connections to the lens there is no noise, so that the weights alone can be wrong."""
+    described = in_sphere(BDPT, max_depth, mis=mis, camera_connections=False)
+    steady, _ = rendered(load(described), spp=64)
+    expected = sum(bounce(n) for n in range(max_depth - 1))
+    assert steady == pytest.approx(np.full((4, 4, 3), expected), rel=5e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("technique", ["1,4", "2,3", "3,2"])
+def test_equal_strategies_have_equal_shares(technique):
+    """Every vertex is found with the density 1 / (4 π) per area, from either end."""
+    described = in_sphere(technique, 4, mis="power", camera_connections=False)
+    steady, _ = rendered(load(described), spp=64)
+    assert steady == pytest.approx(np.full((4, 4, 3), bounce(2) / 3), rel=1e-3)
+
+
+def share(n: int, to_lens: bool, power: int) -> float:
+    """Mean over the film of a strategy's weight, with one light path for each camera path.
+
+    With p_w = 1 / (A cos³), what the camera finds first has the density p_w, and all else, like
+    what the light finds first, 1 / (4 π): n + 1 strategies have p_w, the one to the lens 1 / (4 π)
+    in its place.
+    """
+    ticks = 2 * (np.arange(400) + 0.5) / 400 - 1
+    u, v = np.meshgrid(ticks, ticks)
+    window = (1 + u**2 + v**2) ** 1.5 / window_area(90)
+    mine, lens = window**power, (1 / (4 * math.pi)) ** power
+    return float(np.mean((lens if to_lens else mine) / ((n + 1) * mine + lens)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mis", "power"), [("power", 2), ("balance", 1)])
+@pytest.mark.parametrize(("technique", "n"), [("1,2", 0), ("2,2", 1)])
+def test_shares_against_connections_to_the_lens(technique, n, mis, power):
+    steady, _ = rendered(load(in_sphere(technique, n + 2, size=8, mis=mis)), spp=256)
+    expected = bounce(n) * share(n, False, power)
+    assert steady.mean() == pytest.approx(expected, rel=2e-3)
+    assert abs(share(n, False, 3 - power) / share(n, False, power) - 1) > 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(("technique", "n"), [("2,1", 0), ("3,1", 1)])
+def test_shares_of_connections_to_the_lens(technique, n):
+    loaded = load(in_sphere(technique, n + 2, size=8, mis="power"))
+    found = over_seeds(lambda seed: rendered(loaded, 256, seed)[0][..., 0].mean(), SEEDS)[:, None]
+    expected = np.array([bounce(n) * share(n, True, 2)])
+    assert agree(found, expected)
+    assert not agree(1.03 * found, expected)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("technique", "bounces", "spp"),
+    [
+        ("2,2", [1], 64),
+        ("2,3", [2], 64),
+        ("3,1", [1], 512),
+        ("4,1", [2], 512),
+        (LIGHT_TRACER, range(4), 256),
+        (BDPT, range(4), 32),
+    ],
+)
+def test_arrival_times_in_a_sphere(technique, bounces, spp):
+    """Bounce n after 2 R and n chords; on average, after 2 + 4 n / 3."""
+    depth = max(bounces) + 2
+    edges = np.linspace(1.95, 2.05 + 2 * max(bounces), 49)
+    masses = sum(bounce(n) * oracles.sphere_bounce_masses(n, edges, 1.0) for n in bounces)
+    assert masses.sum() == pytest.approx(sum(bounce(n) for n in bounces), rel=1e-5)
+    if len(bounces) == 1:
+        mean = masses @ (0.5 * (edges[1:] + edges[:-1])) / masses.sum()
+        assert mean == pytest.approx(2 + 4 / 3 * bounces[0], abs=0.01)
+    found = arrivals(in_sphere(technique, depth, edges), spp, SEEDS)
+    assert arrives(found, masses, edges)
+    assert not arrives(np.roll(found, 1, axis=1), masses, edges)
+
+
+GLOW = 2.0
+
+
+def furnace(technique: str, edges: np.ndarray, **more: Any) -> dict:
+    """The sphere glows, too: bounce n carries Le ρ^n, after R and n chords."""
+    described = in_sphere(technique, 4, edges, **more)
+    described["shell"] = described["shell"] | {"emitter": area_light(GLOW)}
+    del described["lamp"]
+    return described
+
+
+def test_a_furnace_has_little_noise():
+    """By connections of surfaces, from emitters that paths run into as well."""
+    steady, _ = rendered(load(furnace(BDPT, np.arange(9.0), camera_connections=False)), spp=64)
+    expected = GLOW * sum(BOUNCE**n for n in range(4))
+    # Mitsuba takes some of a sphere's own points to be outside of it, with a wrong density there
+    assert steady.mean() == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(("technique", "spp"), [(LIGHT_TRACER, 256), (BDPT, 32)])
+def test_a_furnace_in_time(technique, spp):
+    edges = np.linspace(0.95, 7.05, 62)
+    masses = sum(
+        GLOW * BOUNCE**n * oracles.sphere_bounce_masses(n, edges + 1, 1.0) for n in range(4)
+    )
+    found = arrivals(furnace(technique, edges), spp, SEEDS)
+    assert arrives(found, masses, edges, rounding=5e-3)
+    assert not arrives(np.roll(found, 1, axis=1), masses, edges, rounding=5e-3)
+    assert not arrives(1.03 * found, masses, edges, rounding=5e-3)
+
+
+# ---------------------------------------------------------------------------- the thin lens
+
+
+GLOBE = {"y": (0.5, -0.3, 2.0), "radius": 0.1, "radiance": 3.0, "lens": 0.2, "fov": 40.0}
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("technique", "spp"), [("1,1", 64), ("0,2", 2048), (LIGHT_TRACER, 64), (BDPT, 64)]
+)
+def test_a_ball_out_of_focus(technique, spp):
+    light = ball_in_a_lens(**GLOBE)
+    edges = np.linspace(light.opl.min() - 0.01, light.opl.max() + 0.01, 33)
+    window = film(8, 8, 32, float(edges[0]), float(edges[1] - edges[0]))
+    x, y, z = GLOBE["y"]
+    globe = ball((x, y, -z), GLOBE["radius"], emitter=area_light(GLOBE["radiance"]))
+    lens = {"aperture_radius": GLOBE["lens"], "focus_distance": 3.0, "fov": GLOBE["fov"]}
+    view = camera((0, 0, 0), (0, 0, -1), window, kind="thinlens", **lens)
+    found = arrivals(through(scene({"globe": globe}, view, max_depth=2), technique), spp, SEEDS)
+    assert arrives(found, light.masses(edges), edges)
+    assert not arrives(1.05 * found, light.masses(edges), edges)
+    assert not arrives(np.roll(found, 1, axis=1), light.masses(edges), edges)
+
+
+# ------------------------------------------------------------------------------------ caustics
+
+
+class Glass(NamedTuple):
+    """A spot over glass over the floor: view, parts, the caustic, and the longest path."""
+
+    view: View
+    parts: Callable[[], dict]
+    caustic: Caustic
+    max_depth: int
+    edges: np.ndarray
+
+
+def pane(height: float, thickness: float) -> dict:
+    size = mi.ScalarTransform4f().scale([5, 5, 0.5 * thickness])
+    where = translate(0, 0, height + 0.5 * thickness)
+    return {"type": "cube", "to_world": where @ size, "bsdf": GLASS}
+
+
+def facing_glass(height: float) -> dict:
+    """All space over this height is glass."""
+    return plane(translate(0, 0, height) @ rotate((1, 0, 0), 180), bsdf=GLASS)
+
+
+CAUSTICS = {
+    "slab": Glass(
+        View(0.4, fov=136),
+        lambda: {"pane": pane(0.5, 0.3), "lamp": spot((0, 0, 1.8), (0, 0, 0), 30, 30.01)},
+        through_a_slab(1.5, 0.3, 1.5, math.radians(30)),
+        4,
+        np.linspace(1.95, 2.25, 61),
+    ),
+    "ball": Glass(
+        View(0.9, fov=96),
+        lambda: {
+            "ball": ball((0, 0, 1.5), 0.5, bsdf=GLASS),
+            "lamp": spot((0, 0, 4.5), (0, 0, 0), 11, 12),
+        },
+        through_a_ball(1.5, 0.5, 3.0, 1.5),
+        4,
+        np.linspace(5.0, 7.0, 81),
+    ),
+    "lamp in glass": Glass(
+        View(0.5, fov=122),
+        lambda: {"face": facing_glass(0.6), "lamp": spot((0, 0, 1.4), (0, 0, 0), 25, 25.01)},
+        out_of_glass(1.5, 0.8, 0.6, math.radians(25)),
+        3,
+        np.linspace(1.78, 2.15, 75),
+    ),
+}
+"""Through a slab and a ball, radiance and importance scale alike; out of glass, they do not."""
+
+
+def octant(pixels: np.ndarray) -> np.ndarray:
+    """Means over the eight symmetries of a square: (..., 8, 8) to (..., 10)."""
+    both = pixels + np.swapaxes(pixels, -1, -2)
+    both = both + both[..., ::-1, :]
+    quarter = (both + both[..., ::-1])[..., :4, :4] / 8
+    return quarter[..., *np.triu_indices(4)]
+
+
+@functools.cache
+def caustic(name: str, technique: str, spp: int = 512) -> tuple[np.ndarray, np.ndarray]:
+    """Bins of the film's mean (seeds, bins) and pixels (seeds, 10), first orders alone."""
+    it = CAUSTICS[name]
+    looked = looking_down(it.view, it.parts(), it.edges, max_depth=it.max_depth)
+    loaded = load(through(looked, technique, camera_unwarp=True))
+    cubes = over_seeds(lambda seed: rendered(loaded, spp, seed)[1][..., 0], SEEDS)
+    return cubes.mean(axis=(1, 2)), octant(cubes.sum(axis=3))
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("technique", TRACERS)
+@pytest.mark.parametrize("name", CAUSTICS)
+def test_caustic(name, technique):
+    """Where light meets the floor, and when."""
+    it = CAUSTICS[name]
+    bins, pixels = caustic(name, technique)
+    masses = it.caustic.seen(it.view, ALBEDO).masses(it.edges)
+    where = octant(it.caustic.pixels(it.view, ALBEDO, 8))
+    assert arrives(bins, masses, it.edges)
+    assert agree(pixels, where, rounding=3e-3)
+    assert not arrives(1.03 * bins, masses, it.edges)
+    assert not arrives(np.roll(bins, 1, axis=1), masses, it.edges)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_a_lamp_in_glass_is_as_far_as_its_index_says():
+    """With the camera's segment: n d in the glass, whose index the light's path does not know."""
+    it = CAUSTICS["lamp in glass"]
+    light = it.caustic.seen(it.view, ALBEDO, unwarp=False)
+    edges = np.linspace(light.opl.min() - 0.02, light.opl.max() + 0.02, 65)
+    looked = looking_down(it.view, it.parts(), edges, max_depth=it.max_depth)
+    found = arrivals(through(looked, LIGHT_TRACER), 256, SEEDS)
+    assert arrives(found, light.masses(edges), edges)
+
+
+@pytest.mark.parametrize("name", CAUSTICS)
+def test_nothing_but_the_lens_sees_a_caustic_of_a_spot(name):
+    it = CAUSTICS[name]
+    looked = looking_down(it.view, it.parts(), it.edges, size=2, max_depth=it.max_depth)
+    looked = through(looked, BDPT, camera_connections=False, camera_unwarp=True)
+    steady, transient = rendered(looked, spp=64)
+    assert transient.max() == 0
+    if name != "ball":  # Beside the ball, the spot lights the floor
+        assert steady.max() == 0
+
+
+# ------------------------------------------------------------------- films and ways to render
+
+
+TECHNIQUES = pytest.mark.parametrize(("technique", "spp"), [(LIGHT_TRACER, 256), (BDPT, 32)])
+WIDTH_OPL = 0.06
+
+
+def pulse_masses(light: Light, edges: np.ndarray, width: float) -> np.ndarray:
+    """Bins of a Gaussian pulse, by lengths that are rounded to a thousandth of all."""
+    fine = np.linspace(light.opl.min(), light.opl.max() + 1e-6, 1001)
+    centres = 0.5 * (fine[1:] + fine[:-1])
+    passed = oracles.gaussian_cdf(edges[:, None] - centres, width)
+    return np.diff(passed, axis=0) @ light.masses(fine)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@TECHNIQUES
+@pytest.mark.parametrize(
+    "options",
+    [{"pulse_width_opl": WIDTH_OPL}, {"temporal_filter": "gaussian", "gaussian_stddev": 3.0}],
+)
+def test_a_pulse(technique, spp, options):
+    light, _ = exact("disk")
+    edges = np.linspace(1.5, 3.5, 101)
+    width = options.get("pulse_width_opl", 3.0 * 0.02)
+    case = CASES["disk"]
+    looked = through(looking_down(case.view, case.parts(), edges), technique, **options)
+    masses = pulse_masses(light, edges, width)
+    found = arrivals(looked, spp, SEEDS)
+    assert arrives(found, masses, edges)
+    assert not arrives(found, pulse_masses(light, edges, 1.5 * width), edges)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@TECHNIQUES
+def test_phasors(technique, spp):
+    """P = Σ L exp(+i k opl), by the same paths as the picture."""
+    light, _ = exact("disk")
+    frequencies = (30e6, 150e6)
+    phasor_film = {
+        "type": "phasor_hdr_film",
+        "width": 4,
+        "height": 4,
+        "frequencies_hz": ", ".join(map(str, frequencies)),
+    }
+    looked = described("disk", technique)
+    looked["sensor"] = looked["sensor"] | {"film": phasor_film}
+    loaded = load(looked)
+
+    def estimate(seed):
+        steady, phasors = (np.array(each, float) for each in mi.render(loaded, spp=spp, seed=seed))
+        return np.append(phasors[..., 0].mean(axis=(0, 1)).ravel(), steady[..., 0].mean())
+
+    expected = [light.phasor(f) for f in frequencies]
+    expected = np.array([part for z in expected for part in (z.real, z.imag)] + [light.total])
+    found = over_seeds(estimate, SEEDS)
+    assert agree(found, expected, rounding=1e-3)
+    assert not agree(1.03 * found, expected, rounding=1e-3)
+    assert not agree(found * [1, -1, 1, -1, 1], expected, rounding=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@TECHNIQUES
+def test_steady_pictures(technique, spp):
+    looked = described("disk", technique)
+    picture = {"width": 8, "height": 8, "rfilter": {"type": "box"}, "component_format": "float32"}
+    looked["sensor"] = looked["sensor"] | {"film": {"type": "hdrfilm", **picture}}
+    loaded = load(looked)
+
+    def estimate(seed):
+        image = np.array(mi.render(loaded, spp=spp, seed=seed), float)
+        assert image.shape == (8, 8, 3)
+        return image.mean(axis=(0, 1))
+
+    found, expected = over_seeds(estimate, SEEDS), np.full(3, exact("disk")[0].total)
+    assert agree(found, expected)
+    assert not agree(1.03 * found, expected)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@TECHNIQUES
+def test_gates(technique, spp):
+    """One gate, and all of them: L p(t - opl), a radiance per metre."""
+    light, _ = exact("disk")
+    loaded = load(described("disk", technique, size=4))
+    sensor = loaded.sensors()[0]
+    options = by(technique, pulse_width_opl=WIDTH_OPL)
+    tracer = mi.load_dict(options, parallel=False)
+    config = {"temporal_bins": 12, "start_opl": 1.7, "bin_width_opl": 0.1}
+    targets = 1.75 + 0.1 * np.arange(12)
+
+    def estimate(seed):
+        cube = tofrender.render_transient(loaded, tracer, sensor, config, spp=spp, seed=seed)
+        one = tofrender.render_at_time(loaded, tracer, sensor, 2.25, spp=spp, seed=seed)
+        assert one.shape == (4, 4, 3)
+        return np.append(cube[..., 0].mean(axis=(0, 1), dtype=float), one[..., 0].mean())
+
+    expected = np.array([light.gate(t, WIDTH_OPL) for t in (*targets, 2.25)])
+    found = over_seeds(estimate, range(16))
+    assert agree(found, expected, rounding=1e-3)
+    assert not agree(np.roll(found, 1, axis=1), expected, rounding=1e-3)
+    assert not agree(found * 0.1, expected, rounding=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("tracer", [LIGHT_TRACER, {"type": BDPT, "max_depth": 2}])
+def test_render_takes_a_name_or_a_dict(tracer):
+    light, edges = exact("disk")
+    looked = looking_down(CASES["disk"].view, CASES["disk"].parts(), edges)
+
+    def estimate(seed):
+        dataset = tofrender.render(looked, integrator=tracer, spp=256, seed=seed, progress=False)
+        assert dataset.transient.shape == (8, 8, 64, 3)
+        assert dataset.attrs["max_depth"] == 2
+        return dataset.transient.values[..., 0].mean(axis=(0, 1), dtype=float)
+
+    found = over_seeds(estimate, range(16))
+    assert arrives(found, light.masses(edges), edges)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_a_window_of_its_own(tracer):
+    """The window is found by paths of the same kind: no other path sees a caustic."""
+    it = CAUSTICS["slab"]
+    looked = looking_down(it.view, it.parts(), it.edges, max_depth=it.max_depth)
+    looked = through(looked, tracer, camera_unwarp=True)
+    dataset = tofrender.render(looked, spp=256, window="auto", temporal_bins=50, progress=False)
+    assert dataset.attrs["start_opl"] == pytest.approx(1.95, abs=0.02)
+    assert dataset.attrs["energy_outside_window"] < 0.002
+    stop = dataset.attrs["start_opl"] + 50 * dataset.attrs["bin_width_opl"]
+    assert stop == pytest.approx(it.caustic.opl.max(), abs=0.03)

@@ -1,0 +1,271 @@
+"""Splats: light that lands on any pixel, from any thread, and is no sample of that pixel.
+
+Under a spot whose whole light meets the floor within the picture, each of n paths from it adds the
+same to the film's mean, ρ Φ / (π A H² n), whatever the place (`light_path_oracles.Caustic`). The
+mean then has almost no noise, and no splat can be lost or counted twice unseen.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from light_path_oracles import View, window_area
+from light_paths import ALBEDO, LIGHT_TRACER, SEEDS, by, looking_down, spot
+from support import agree, load, over_seeds, rendered, with_film, with_sampler
+
+import tofrender
+from tofrender.integrators import passes
+from tofrender.scenes.settings import SAMPLERS
+
+CUTOFF = 20.0
+VIEW = View(1.0, fov=100)
+EDGES = np.linspace(2.5, 4.1, 9)
+PATHS = 1 << 16
+NOISE = 6e-4
+"""Of the mean of 2^16 paths: what rounding may add, and the rim, where one of a thousand goes."""
+
+ALONE = [LIGHT_TRACER, "2,1"]
+
+
+def mean(aspect: float = 1.0) -> float:
+    """The film's, whose other side is shorter by the aspect; the rim has half of its light."""
+    power = 2 * math.pi * (1 - math.cos(math.radians(CUTOFF - 0.005)))
+    return ALBEDO / math.pi * power / (window_area(VIEW.fov) / aspect * VIEW.height**2)
+
+
+def under_the_spot(technique: str = LIGHT_TRACER, width: int = 8, height: int = 0, **more) -> dict:
+    lit = {"lamp": spot((0, 0, 2), (0, 0, 0), CUTOFF - 0.01, CUTOFF)}
+    described = looking_down(VIEW, lit, EDGES, fov_axis="larger")
+    size = {"width": width, "height": height or width}
+    return with_film(described, **size | more) | {"integrator": by(technique)}
+
+
+def has_all(*pictures, expected: float | None = None, tolerance: float = NOISE) -> bool:
+    """Whether each picture's mean is what it must be; bins are added up."""
+    expected = mean() if expected is None else expected
+    found = [np.sum(each, axis=2) if np.ndim(each) == 4 else each for each in pictures]
+    return all(abs(np.mean(each, dtype=float) / expected - 1) < tolerance for each in found)
+
+
+# ----------------------------------------------------------------------------- nothing is lost
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("technique", ALONE)
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
+@pytest.mark.parametrize("size", [1, 8, 64])
+def test_no_splat_is_lost(size, variant, technique):
+    """In one pixel and one bin all threads meet; runs differ in how they do."""
+    mi.set_variant(variant)
+    loaded = load(under_the_spot(technique, size, temporal_bins=1, bin_width_opl=8.0))
+    for seed in range(6):
+        steady, transient = rendered(loaded, PATHS // size**2, seed)
+        assert has_all(steady, transient)
+        assert transient.sum(axis=2) == pytest.approx(steady, rel=1e-4, abs=1e-4 * steady.max())
+    assert not has_all(0.999 * steady)
+
+
+@pytest.mark.parametrize("technique", ALONE)
+@pytest.mark.parametrize("bins", [1, 8])
+def test_bins_hold_the_picture(technique, bins):
+    """Pixel by pixel: a splat is in both, or in none."""
+    described = under_the_spot(technique, 16, temporal_bins=bins, bin_width_opl=1.6 / bins)
+    steady, transient = rendered(described, spp=64)
+    assert steady.max() > 1.5 * mean()
+    assert transient.sum(axis=2) == pytest.approx(steady, rel=1e-4, abs=1e-5 * steady.max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(10, 10), (31, 31), (26, 18), (18, 26)])
+@pytest.mark.parametrize("spp", [1, 7, 24])
+def test_odd_sizes_and_counts(size, spp):
+    steady, transient = rendered(under_the_spot(LIGHT_TRACER, *size), spp=spp)
+    rim = 0.1 / math.sqrt(spp * size[0] * size[1])
+    expected = mean(max(size) / min(size))
+    assert has_all(steady, transient, expected=expected, tolerance=NOISE + rim)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_every_sampler(sampler):
+    loaded = load(with_sampler(under_the_spot(), sampler))
+    assert has_all(*rendered(loaded, spp=1024))
+    assert has_all(*rendered(loaded, spp=900))
+
+
+def test_a_million_paths_in_one_pixel_are_not_low():
+    """Added to one number in single precision, they lose 0.4 %."""
+    assert has_all(*rendered(under_the_spot(width=1), spp=1 << 20))
+
+
+def test_many_steps(monkeypatch):
+    """Each adds its splats; so does what is put aside after many samples."""
+    monkeypatch.setattr(passes, "STEP_SAMPLES", 64 * 100)
+    monkeypatch.setattr(passes, "MAX_ADDED", 256)
+    assert has_all(*rendered(under_the_spot(), spp=1000))
+
+
+def test_renders_start_from_an_empty_film():
+    loaded = load(under_the_spot())
+    first, second, third = (rendered(loaded, 1024, seed) for seed in (0, 1, 0))
+    assert has_all(*first, *second, *third)
+    assert not np.allclose(first[0], second[0], rtol=1e-3)
+    assert third[0] == pytest.approx(first[0], rel=1e-4, abs=1e-6)
+
+
+# ------------------------------------------------------------------------------ films and files
+
+
+@pytest.mark.parametrize("technique", ALONE)
+@pytest.mark.parametrize("kind", ["hdrfilm", "phasor_hdr_film"])
+def test_every_film(technique, kind):
+    """A steady picture, and phasors at a frequency that is nearly 0."""
+    described = under_the_spot(technique)
+    size = {"width": 8, "height": 8, "rfilter": {"type": "box"}}
+    more = {"hdrfilm": {"component_format": "float32"}, "phasor_hdr_film": {"frequencies_hz": "1"}}
+    eye = described["sensor"] | {"film": {"type": kind, **size, **more[kind]}}
+    loaded = load(described | {"sensor": eye})
+    result = mi.render(loaded, spp=1024)
+    again = loaded.sensors()[0].film().develop()
+    if kind == "hdrfilm":
+        result, again = (result,), (again,)
+    else:
+        assert has_all(np.array(result[1])[:, :, 0, 0])
+    assert has_all(np.array(result[0]))
+    for one, other in zip(result, again, strict=True):
+        assert np.array(one) == pytest.approx(np.array(other), rel=1e-5, abs=1e-6)
+
+
+def test_operations_of_the_film():
+    loaded = load(under_the_spot())
+    steady, transient = rendered(loaded, spp=1024)
+    the_film = loaded.sensors()[0].film()
+    for k in (0, 3):
+        assert np.array(the_film.time_slice(k)) == pytest.approx(transient[:, :, k], rel=1e-5)
+    the_film.scale(3.0)
+    scaled = [np.array(each, float) for each in the_film.develop()]
+    assert has_all(*scaled, expected=3 * mean())
+    assert scaled[0] == pytest.approx(3 * steady, rel=1e-5)
+    taken = the_film.take()
+    assert taken[0] == pytest.approx(scaled[0], rel=1e-6)
+    assert taken[1] == pytest.approx(scaled[1], rel=1e-6)
+    rendered(loaded, spp=16)
+    the_film.clear()
+    assert max(np.array(each).max() for each in the_film.develop()) == 0
+
+
+# ------------------------------------------------------------------------------ crops and tiles
+
+WIDTH, HEIGHT = 8, 6
+TILES = [(0, 0, 5, 4), (5, 0, 3, 6), (0, 4, 5, 2)]
+
+
+def tile(x: int, y: int, width: int, height: int) -> dict:
+    window = {"crop_offset_x": x, "crop_offset_y": y, "crop_width": width, "crop_height": height}
+    return under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT, **window)
+
+
+def developed(film) -> list[np.ndarray]:
+    return [np.array(tensor, float) for tensor in film.develop()]
+
+
+def merged(parts: list, order) -> list[np.ndarray]:
+    whole = load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT)).sensors()[0].film()
+    whole.prepare([])
+    for k in order:
+        whole.merge_tile(parts[k])
+    return developed(whole)
+
+
+def rendered_tiles(spp: int, seed: int) -> list:
+    scenes = [load(tile(*place)) for place in TILES]
+    for scene in scenes:
+        mi.render(scene, spp=spp, seed=seed)
+    return [scene.sensors()[0].film() for scene in scenes]
+
+
+@pytest.mark.slow
+def test_tiles_merge_in_any_order():
+    parts = rendered_tiles(64, 0)
+    first, second = (merged(parts, order) for order in ((0, 1, 2), (2, 0, 1)))
+    for one, other in zip(first, second, strict=True):
+        assert one == pytest.approx(other, rel=1e-6)
+    for part, (x, y, width, height) in zip(parts, TILES, strict=True):
+        for whole, own in zip(first, developed(part), strict=True):
+            assert own.max() > 0
+            assert whole[y : y + height, x : x + width] == pytest.approx(own, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_tiles_are_the_whole():
+    """A tile's splats count by its own number of paths."""
+    whole = load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT))
+    scenes = [load(tile(*place)) for place in TILES]
+    target = load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT)).sensors()[0].film()
+
+    def of_tiles(seed):
+        target.prepare([])
+        for part in scenes:
+            mi.render(part, spp=64, seed=seed)
+            target.merge_tile(part.sensors()[0].film())
+        return developed(target)[0][..., 0]
+
+    found = over_seeds(of_tiles, SEEDS)
+    expected = over_seeds(lambda seed: rendered(whole, 256, seed)[0][..., 0], range(100, 116))
+    assert agree(found, expected)
+    assert not agree(1.1 * found, expected)
+    assert not agree(found[:, :, ::-1] * np.linspace(0.8, 1.2, WIDTH), expected)
+
+
+# --------------------------------------------------------- renders that stop, and that go on
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("technique", ALONE)
+@pytest.mark.parametrize("first", [256, 1000])
+def test_resumed_renders_contain_splats(technique, first):
+    described = under_the_spot(technique)
+    start = tofrender.render(described, spp=first, progress=False)
+    whole = tofrender.render(described, spp=2048, resume=start, progress=False)
+    for dataset in (start, whole):
+        assert has_all(dataset.steady.values, dataset.transient.values, tolerance=2 * NOISE)
+        assert dataset.attrs["energy_outside_window"] == pytest.approx(0, abs=1e-5)
+    assert whole.attrs["spp"] == 2048
+    assert not np.allclose(whole.steady, start.steady, rtol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("technique", ALONE)
+@pytest.mark.parametrize("size", [1, 8])
+def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypatch):
+    """Ctrl-C when the film is prepared: the first step is finished, the others are not begun."""
+    prepare = tofrender.TransientHDRFilm.prepare
+
+    def interrupted(self, aovs):
+        channels = prepare(self, aovs)
+        signal.raise_signal(signal.SIGINT)
+        return channels
+
+    described = under_the_spot(technique, size)
+    monkeypatch.setattr(passes, "STEP_SAMPLES", PATHS)
+    monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", interrupted)
+    with pytest.warns(UserWarning, match="interrupted: returning"):
+        part = tofrender.render(described, spp=(1 << 20) // size**2, progress=False)
+    assert part.attrs["complete"] == 0
+    assert part.attrs["spp"] * size**2 < 1 << 19
+    assert has_all(part.steady.values, part.transient.values, tolerance=2 * NOISE)
+
+
+@pytest.mark.slow
+def test_a_seed_repeats():
+    described = under_the_spot(width=16)
+    one, again, other = (
+        tofrender.render(described, spp=64, seed=seed, progress=False) for seed in (3, 3, 4)
+    )
+    np.testing.assert_allclose(one.transient, again.transient, rtol=1e-4, atol=1e-6)
+    assert not np.allclose(one.steady, other.steady, rtol=0.01)

@@ -1,0 +1,126 @@
+"""Scenes for paths that start at lights, estimates of them, and comparisons with what is exact."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from light_path_oracles import View
+from support import (
+    agree,
+    area_light,
+    camera,
+    diffuse,
+    film,
+    grey,
+    load,
+    over_seeds,
+    plane,
+    point_light,
+    rendered,
+    rotate,
+    scene,
+    translate,
+)
+
+SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
+ALBEDO = 0.5
+LIGHT_TRACER, BDPT = "transient_light_tracer", "transient_bdpt"
+TRACERS = (LIGHT_TRACER, BDPT)
+GLASS = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+MIRROR = {"type": "conductor", "material": "none"}
+
+
+def by(technique: str, max_depth: int = 2, **more: Any) -> dict:
+    """An integrator: a plugin's name, or the "s,t" of one strategy alone."""
+    if technique[0].isdigit():
+        more = {"strategy": technique} | more
+    kind = BDPT if technique[0].isdigit() else technique
+    return {"type": kind, "max_depth": max_depth, **more}
+
+
+def through(described: dict, technique: str, **more: Any) -> dict:
+    """The scene with another integrator; depths stay."""
+    own = {k: v for k, v in described["integrator"].items() if k != "type"}
+    return described | {"integrator": by(technique, **own | more)}
+
+
+# --------------------------------------------------------------------------------- scene parts
+
+
+def floor(size: float = 10.0, albedo: float = ALBEDO) -> dict:
+    return {"floor": plane(size=size, bsdf=diffuse(albedo))}
+
+
+def looking_down(
+    view: View, parts: dict, edges: np.ndarray, size: int = 8, max_depth: int = 2, **more: Any
+) -> dict:
+    """A floor under a camera; `edges` of the film's bins are at equal steps."""
+    bins = {"bins": edges.size - 1, "start": float(edges[0])}
+    window = film(size, size, bin_width=float(edges[1] - edges[0]), **bins)
+    lens = {"fov": view.fov, "principal_point_offset_x": view.shift}
+    eye = camera((0, 0, view.height), (0, 0, 0), window, **lens | more)
+    return scene(floor() | parts, eye, max_depth=max_depth)
+
+
+def facing_down(kind: str, height: float, half: float, radiance: float) -> dict:
+    """A rectangle or disk over the origin that shines on the floor."""
+    to_world = translate(0, 0, height) @ rotate((1, 0, 0), 180) @ mi.ScalarTransform4f().scale(half)
+    return {"lamp": {"type": kind, "to_world": to_world, "emitter": area_light(radiance)}}
+
+
+def ball(centre, radius: float, **more: Any) -> dict:
+    return {"type": "sphere", "center": list(centre), "radius": radius, **more}
+
+
+def spot(origin, target, beam: float, cutoff: float, intensity: float = 1.0) -> dict:
+    """Constant up to the angle `beam` from its axis, dark beyond `cutoff` [degrees]."""
+    up = [0, 1, 0] if origin[0] == target[0] else [0, 0, 1]
+    return {
+        "type": "spot",
+        "intensity": grey(intensity),
+        "beam_width": beam,
+        "cutoff_angle": cutoff,
+        "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), up),
+    }
+
+
+def lamp(position, intensity: float = 1.0) -> dict:
+    return {"lamp": point_light(position, intensity)}
+
+
+# ----------------------------------------------------------------------------------- estimates
+
+
+def arrivals(described: dict | mi.Scene, spp: int, seeds=SEEDS) -> np.ndarray:
+    """Bins of the film's mean, first channel, shape (seeds, bins)."""
+    loaded = load(described) if isinstance(described, dict) else described
+    return over_seeds(lambda seed: rendered(loaded, spp, seed)[1][..., 0].mean((0, 1)), seeds)
+
+
+def blocks(image: np.ndarray, n: int) -> np.ndarray:
+    """Means of n x n blocks of a picture (height, width, ...)."""
+    height, width = (length // n for length in image.shape[:2])
+    cut = image[: height * n, : width * n]
+    return cut.reshape(n, height, n, width, *image.shape[2:]).mean(axis=(1, 3))
+
+
+def summary(exact: np.ndarray, edges: np.ndarray, parts: int = 8) -> np.ndarray:
+    """What to compare of bins, as a matrix (bins, 2 + parts) for those that hold `exact`.
+
+    Total, first moment about the exact mean length, and groups of neighbouring bins that each have
+    about the same part of the light.
+    """
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    before = np.cumsum(exact) - 0.5 * exact
+    group = np.minimum(parts * before / exact.sum(), parts - 1).astype(int)
+    rows = [np.ones(exact.size), centres - exact @ centres / exact.sum()]
+    rows += [(group == k) * 1.0 for k in np.unique(group)]
+    return np.stack(rows, axis=-1)
+
+
+def arrives(samples: np.ndarray, exact: np.ndarray, edges: np.ndarray, *, rounding=1e-3) -> bool:
+    """Whether bins (seeds, bins) agree with exact ones: energy, mean length, and shape."""
+    shown = summary(exact, edges)
+    return agree(samples @ shown, exact @ shown, rounding=rounding)
