@@ -233,8 +233,8 @@ ALONE = [
     *[("point", how, spp) for how, spp in (("1,2", 16), ("2,1", 1024), (LIGHT_TRACER, 2048))],
     *[("rectangle", how, spp) for how, spp in (("0,3", 2048), ("1,2", 16), ("2,1", 512))],
     *[(f"offset {shift}", "2,1", 512) for shift in (".1", ".3")],
-    *[("disk", how, spp) for how, spp in (("0,3", 64), ("1,2", 64), ("2,1", 512))],
-    *[("ball", how, spp) for how, spp in (("0,3", 512), ("1,2", 16), (LIGHT_TRACER, 1024))],
+    *[("disk", how, spp) for how, spp in (("0,3", 64), ("2,1", 512))],
+    *[("ball", how, spp) for how, spp in (("0,3", 512), (LIGHT_TRACER, 1024))],
     *[("sky", how, spp) for how, spp in (("0,3", 64), ("1,2", 64), ("2,1", 512))],
     *[("sun", how, spp) for how, spp in (("1,2", 16), (LIGHT_TRACER, 512))],
 ]

@@ -97,6 +97,7 @@ def test_every_sampler(sampler):
     assert has_all(*rendered(loaded, spp=900))
 
 
+@pytest.mark.slow
 def test_a_million_paths_in_one_pixel_are_not_low():
     """Added to one number in single precision, they lose 0.4 %."""
     assert has_all(*rendered(under_the_spot(width=1), spp=1 << 20))
@@ -255,9 +256,9 @@ def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypat
     monkeypatch.setattr(passes, "STEP_SAMPLES", PATHS)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", interrupted)
     with pytest.warns(UserWarning, match="interrupted: returning"):
-        part = tofrender.render(described, spp=(1 << 20) // size**2, progress=False)
+        part = tofrender.render(described, spp=(1 << 24) // size**2, progress=False)
     assert part.attrs["complete"] == 0
-    assert part.attrs["spp"] * size**2 < 1 << 19
+    assert part.attrs["spp"] * size**2 < 1 << 23
     assert has_all(part.steady.values, part.transient.values, tolerance=2 * NOISE)
 
 
