@@ -30,6 +30,8 @@ from .integrators.amcw import (
     render_single_amcw as render_single_amcw,
 )
 from .integrators.ao import AmbientOcclusion as AmbientOcclusion
+from .integrators.bdpt import TransientBDPT as TransientBDPT
+from .integrators.light_tracer import TransientLightTracer as TransientLightTracer
 from .integrators.path_tracer_mats import PathTracerMats as PathTracerMats
 from .integrators.path_tracer_mis import PathTracerMIS as PathTracerMIS
 from .integrators.path_tracer_nee import PathTracerNEE as PathTracerNEE

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Integrator = Literal[
-    "transient_path", "path_tracer_mats", "path_tracer_nee", "path_tracer_mis", "ao"
+    "transient_path",
+    "path_tracer_mats",
+    "path_tracer_nee",
+    "path_tracer_mis",
+    "transient_light_tracer",
+    "transient_bdpt",
+    "ao",
 ]
 Sampler = Literal[
     "padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler"

@@ -54,14 +54,10 @@ class Cells:
         height, width, count, _ = self.shape
         active = active & (x >= 0) & (y >= 0) & (x < width) & (y < height)
         cell = mi.UInt32(y * width + x) * count + k
-        add, target = dr.ReduceOp.Add, self._sums
         mode = dr.ReduceMode.NoConflicts if private else dr.ReduceMode.Auto
-        if private and self.stride > 1:
-            packet = mi.ArrayXf([*values, *[0.0] * (self.stride - len(values))])
-            dr.scatter_reduce(add, target, packet, cell, active, mode)
-        else:
-            for c, value in enumerate(values):
-                dr.scatter_reduce(add, target, value, cell * self.stride + c, active, mode)
+        padded = [*values, *[0.0] * (self.stride - len(values))]
+        value = values[0] if self.stride == 1 else mi.ArrayXf(padded)
+        dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, cell, active, mode)
 
     def fold(self) -> None:
         """Put the sums aside and go on with zeros, since single precision loses small addends."""

@@ -16,8 +16,10 @@ class Contribution:
         spectrum: Radiance; the weight of the camera ray is not in it.
         opl: Optical path length from the emitter to the sensor [m].
         active: Lanes that have such a contribution.
+        position: Where on the film it lands [pixels]; None where the camera's own ray started.
     """
 
     spectrum: Any
     opl: mi.Float
     active: mi.Bool
+    position: Any = None

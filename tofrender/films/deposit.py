@@ -27,10 +27,12 @@ class FilmDeposit:
         total: Radiance over all time, of type `mi.UnpolarizedSpectrum`.
         put: What deposits a contribution. A function hides the film from the path loop, which
             would otherwise carry a copy of all bins as its state.
+        land: What deposits one that lands on any pixel: takes (spectrum, opl, position, active).
     """
 
     total: Any
     put: Put
+    land: Any = None
 
     @classmethod
     def into(
@@ -41,6 +43,7 @@ class FilmDeposit:
         weight: Any,
         pulse: Pulse | None,
         reach: Callable[..., None] | None = None,
+        picture: Any = None,
     ) -> FilmDeposit:
         """Nothing deposited yet.
 
@@ -54,6 +57,8 @@ class FilmDeposit:
                 energy in each bin, which adds no noise.
             reach: How the pulse reaches the bins: `spread` (its energy in each) by default, or
                 `open_gates`.
+            picture: Takes (spectra, position, active) of light that lands on any pixel, for the
+                steady image; None if none does.
         """
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
@@ -63,11 +68,25 @@ class FilmDeposit:
         def put_pulse(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             (reach or spread)(film, pulse, put, spectrum, opl, active)
 
-        return cls(mi.UnpolarizedSpectrum(0), put if pulse is None else put_pulse)
+        def land(spectrum: Any, opl: mi.Float, place: mi.Point2f, active: mi.Bool) -> None:
+            def splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+                film.add_splat(place, opl, wavelengths, spectrum * weight, active)
+
+            picture([spectrum], place, active)
+            if pulse is None:
+                splat(spectrum, opl, active)
+            else:
+                (reach or spread)(film, pulse, splat, spectrum, opl, active)
+
+        total = mi.UnpolarizedSpectrum(0)
+        return cls(total, put if pulse is None else put_pulse, land if picture else None)
 
     def add(self, contribution: Contribution) -> None:
         """Deposit a contribution."""
         spectrum, active = contribution.spectrum, contribution.active
+        if contribution.position is not None:
+            self.land(spectrum, contribution.opl, contribution.position, active)
+            return
         self.total += dr.select(active, spectrum, 0)
         self.put(spectrum, contribution.opl, active)
 

@@ -126,14 +126,20 @@ class PhasorHDRFilm(mi.Film):
         The light's pulse multiplies each phasor by its Fourier transform.
         """
         values = []
-        for k, frequency in enumerate(self.frequencies_hz):
-            shift = -2 * math.pi * frequency * self.start_opl / SPEED_OF_LIGHT
-            factor = np.exp(1j * shift) * fourier_transform(pulse, frequency)
+        for k, factor in enumerate(self.factors(pulse)):
             re, im = to_colour(measured.real[k]), to_colour(measured.imaginary[k])
             a, b = float(factor.real), float(factor.imag)
             for part in (re * a - im * b, re * b + im * a):
                 values += [part.x] if mi.is_monochromatic else [part.x, part.y, part.z]
         return values
+
+    def factors(self, pulse: Pulse | None) -> np.ndarray:
+        """What each phasor is multiplied by: the phase of `start_opl`, and the light's pulse."""
+        factors = []
+        for frequency in self.frequencies_hz:
+            shift = -2 * math.pi * frequency * self.start_opl / SPEED_OF_LIGHT
+            factors.append(np.exp(1j * shift) * fourier_transform(pulse, frequency))
+        return np.array(factors)
 
 
 def parse_frequencies(value: Any) -> tuple[float, ...]:

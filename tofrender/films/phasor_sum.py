@@ -12,6 +12,7 @@ import mitsuba as mi
 
 from ..signals.units import SPEED_OF_LIGHT
 from .contribution import Contribution
+from .sums import Land
 
 
 @dataclass
@@ -23,27 +24,37 @@ class PhasorSum:
         real: Real parts, one for each frequency.
         imaginary: Imaginary parts.
         turns_per_metre: f / c [1/m].
+        land: Takes light that lands on any pixel: its spectrum, all real and all imaginary parts.
     """
 
     total: Any
     real: list[Any]
     imaginary: list[Any]
     turns_per_metre: tuple[float, ...]
+    land: Any = None
 
     @classmethod
-    def zero(cls, frequencies_hz: Sequence[float]) -> PhasorSum:
+    def zero(cls, frequencies_hz: Sequence[float], land: Land | None = None) -> PhasorSum:
         """Nothing measured yet."""
         zeros = [[mi.UnpolarizedSpectrum(0) for _ in frequencies_hz] for _ in range(2)]
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
-        return cls(mi.UnpolarizedSpectrum(0), *zeros, turns_per_metre=turns)
+        return cls(mi.UnpolarizedSpectrum(0), *zeros, turns_per_metre=turns, land=land)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
         spectrum = dr.select(contribution.active, contribution.spectrum, 0)
         opl = dr.select(contribution.active, contribution.opl, 0)
-        self.total += spectrum
-        for k, turns in enumerate(self.turns_per_metre):
+        real, imaginary = [], []
+        for turns in self.turns_per_metre:
             phase = opl * turns
             sine, cosine = dr.sincos(2 * math.pi * (phase - dr.round(phase)))
-            self.real[k] += spectrum * cosine
-            self.imaginary[k] += spectrum * sine
+            real.append(spectrum * cosine)
+            imaginary.append(spectrum * sine)
+        if contribution.position is not None:
+            landed = [spectrum, *real, *imaginary]
+            self.land(landed, contribution.position, contribution.active)
+            return
+        self.total += spectrum
+        for k in range(len(real)):
+            self.real[k] += real[k]
+            self.imaginary[k] += imaginary[k]

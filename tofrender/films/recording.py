@@ -24,7 +24,8 @@ from .cells import MAX_ADDED
 from .deposit import FilmDeposit, open_gates, spread
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight
 from .phasor_sum import PhasorSum
-from .sums import Radiance, Weighted
+from .splats import Splats
+from .sums import Land, Radiance, Weighted
 
 
 def recording(film: Any, exposure: Exposure) -> Recording:
@@ -59,6 +60,12 @@ class Recording:
     def __init__(self, film: Any, exposure: Exposure) -> None:
         self.film, self.exposure = film, exposure
         self.not_finite = 0
+        self.splats: Any = None
+
+    @property
+    def pictures(self) -> int:
+        """Number of pictures that the film has, colours counted as one."""
+        return 1
 
     @property
     def image(self) -> Any:
@@ -97,7 +104,26 @@ class Recording:
 
     def measurement(self, camera: Any, spp: int) -> Any:
         """What is done with the light of camera rays; its `total` is the picture's colour."""
-        return Radiance.zero()
+        return Radiance.zero(self.land(camera, spp))
+
+    def land(self, camera: Any, spp: int) -> Land | None:
+        """What is done with light that lands on any pixel of the picture."""
+        if self.splats is None:
+            return None
+        splats, weight = self.splats, camera.weight / spp
+
+        def land(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
+            colours = [to_rgb(each * weight, camera.ray.wavelengths) for each in spectra]
+            values: Any = [[c.x] if mi.is_monochromatic else list(c) for c in colours]
+            splats.add(position, values, 0, active)
+
+        return land
+
+    def landed(self) -> tuple[Any, Any]:
+        """Splats so far, for the picture's colours and for the channels behind its weight."""
+        sums = np.array(self.splats.cells.tensor())
+        rest = np.zeros((*sums.shape[:2], 0))
+        return sums[:, :, 0], rest
 
     def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
         """What samples put into the picture, before and behind their weight."""
@@ -107,11 +133,34 @@ class Recording:
             first.append(dr.select(covered, mi.Float(1), mi.Float(0)))
         return first, []
 
-    def begin(self, spp: int, one_writer: bool) -> None:
-        """Say how many samples per pixel come, and whether one thread alone writes to a pixel."""
+    def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
+        """Say what comes.
+
+        Args:
+            spp: Number of samples per pixel.
+            one_writer: Whether one thread alone writes to a pixel.
+            splats: Whether light lands on any pixel, besides what camera rays bring.
+        """
+        self.splats = Splats(self.film, self.pictures) if splats else None
+        self._in_picture: Any = 0.0
 
     def reach(self, taken: int, spp: int) -> None:
-        """Say how many samples per pixel were taken so far."""
+        """Say how many samples per pixel were taken so far: the picture then has all splats."""
+        if self.splats is None:
+            return
+        colour, rest = self.landed()
+        raw = np.array(self.image.develop(raw=True))
+        count = colour_count(self.image)
+        weight = raw[:, :, count : count + 1]
+        splats = np.zeros_like(raw)
+        splats[:, :, :3] = colour
+        if rest.shape[2]:
+            splats[:, :, count + 1 :] = rest
+        # A picture divides by its weights, which the splats' sums do not have
+        splats *= weight * (spp / taken)
+        added: Any = mi.TensorXf(splats - self._in_picture)
+        self.image.put_block(mi.ImageBlock(added, self.image.crop_offset()))
+        self._in_picture = splats
 
     def fold(self) -> None:
         """Keep single precision from losing small addends, after many samples."""
@@ -144,7 +193,8 @@ class PictureRecording(Recording):
 
     def measurement(self, camera: Any, spp: int) -> Radiance | Weighted:
         """The sum, weighted if the exposure says so."""
-        return Radiance.zero() if self.weight is None else Weighted.zero(self.weight)
+        land = self.land(camera, spp)
+        return Radiance.zero(land) if self.weight is None else Weighted.zero(self.weight, land)
 
 
 class BinRecording(Recording):
@@ -178,17 +228,27 @@ class BinRecording(Recording):
         """Deposits in the bins."""
         how = open_gates if self.exposure.at_centres else spread
         weight, wavelengths = camera.weight / spp, camera.ray.wavelengths
-        position = camera.position
-        return FilmDeposit.into(self.film, position, wavelengths, weight, self.profile, how)
+        position, land = camera.position, self.land(camera, spp)
+        return FilmDeposit.into(self.film, position, wavelengths, weight, self.profile, how, land)
 
-    def begin(self, spp: int, one_writer: bool) -> None:
+    def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
         """Tell the film."""
+        super().begin(spp, one_writer, splats)
         self.film.samples_per_pixel = spp
         self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
+        if splats:
+            if not hasattr(self.film, "expect_splats"):
+                kind = type(self.film)
+                raise TypeError(
+                    f"film = {kind.__module__}.{kind.__name__}: takes no light that lands on any "
+                    f"pixel; must be this package's {BINS}"
+                )
+            self.film.expect_splats()
 
     def reach(self, taken: int, spp: int) -> None:
         """Tell the film."""
-        self.film.partial = taken < spp
+        super().reach(taken, spp)
+        self.film.taken = taken / spp
 
     def fold(self) -> None:
         """Put the bins aside; mitransient's film cannot."""
@@ -208,7 +268,21 @@ class PhasorRecording(Recording):
 
     def measurement(self, camera: Any, spp: int) -> PhasorSum:
         """The phasors of every path."""
-        return PhasorSum.zero(self.film.frequencies_hz)
+        return PhasorSum.zero(self.film.frequencies_hz, self.land(camera, spp))
+
+    @property
+    def pictures(self) -> int:
+        """That of all light, and two for each frequency."""
+        return 1 + 2 * len(self.film.frequencies_hz)
+
+    def landed(self) -> tuple[Any, Any]:
+        """Splats so far: those of all light, and the phasors of the film's own phase and pulse."""
+        sums = np.array(self.splats.cells.tensor())
+        n = len(self.film.frequencies_hz)
+        phasors = sums[:, :, 1 : n + 1] + 1j * sums[:, :, n + 1 :]
+        phasors = phasors * self.film.factors(self.exposure.pulse)[:, None]
+        parts = np.stack([phasors.real, phasors.imag], axis=3)
+        return sums[:, :, 0], parts.reshape(*sums.shape[:2], -1)
 
     def channels(self, camera: Any, measured: PhasorSum, covered: mi.Bool) -> tuple[list, list]:
         """The colour, and all phasors."""
@@ -249,6 +323,11 @@ def _filter(film: Any, exposure: Exposure) -> Pulse | None:
             "meaning in time; must be 'box' or 'gaussian' with this film"
         )
     return SampledPulse(values, -radius * width, step * width)
+
+
+def colour_count(image: mi.Film) -> int:
+    """Channels of an image before its weight."""
+    return 4 if mi.has_flag(image.flags(), mi.FilmFlags.Alpha) else 3
 
 
 def to_rgb(spectrum: Any, wavelengths: Any) -> mi.Color3f:

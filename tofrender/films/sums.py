@@ -11,6 +11,9 @@ import mitsuba as mi
 
 from .contribution import Contribution
 
+Land = Callable[[list[Any], mi.Point2f, mi.Bool], None]
+"""Takes (spectra, position, active) of light that lands on any pixel; one spectrum a picture."""
+
 
 @dataclass
 class Radiance:
@@ -18,17 +21,22 @@ class Radiance:
 
     Attributes:
         total: Sum of all contributions, of type `mi.UnpolarizedSpectrum`.
+        land: A `Land`, None if no light lands on other pixels.
     """
 
     total: Any
+    land: Any = None
 
     @classmethod
-    def zero(cls) -> Radiance:
+    def zero(cls, land: Land | None = None) -> Radiance:
         """Nothing measured yet."""
-        return cls(mi.UnpolarizedSpectrum(0))
+        return cls(mi.UnpolarizedSpectrum(0), land)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
+        if contribution.position is not None:
+            self.land([contribution.spectrum], contribution.position, contribution.active)
+            return
         self.total += dr.select(contribution.active, contribution.spectrum, 0)
 
 
@@ -39,17 +47,22 @@ class Weighted:
     Attributes:
         total: Weighted sum of all contributions, of type `mi.UnpolarizedSpectrum`.
         weight: Takes a path length [m], gives the weight.
+        land: A `Land`, None if no light lands on other pixels.
     """
 
     total: Any
     weight: Callable[[mi.Float], Any]
+    land: Any = None
 
     @classmethod
-    def zero(cls, weight: Callable[[mi.Float], Any]) -> Weighted:
+    def zero(cls, weight: Callable[[mi.Float], Any], land: Land | None = None) -> Weighted:
         """Nothing measured yet."""
-        return cls(mi.UnpolarizedSpectrum(0), weight)
+        return cls(mi.UnpolarizedSpectrum(0), weight, land)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
         weighted = contribution.spectrum * self.weight(contribution.opl)
+        if contribution.position is not None:
+            self.land([weighted], contribution.position, contribution.active)
+            return
         self.total += dr.select(contribution.active, weighted, 0)

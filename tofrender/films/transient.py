@@ -13,6 +13,7 @@ import numpy as np
 from ..runtime import checks
 from .cells import Cells
 from .image import image_film
+from .splats import Splats, footprint
 
 
 class TransientHDRFilm(mi.Film):
@@ -40,7 +41,7 @@ class TransientHDRFilm(mi.Film):
     Attributes that an integrator sets after `prepare`:
         samples_per_pixel: Number of samples that `spec` is divided by in `add_transient_data`.
             Needed with filters other than box.
-        partial: Whether fewer samples were taken so far.
+        taken: Share of these samples that were taken so far, above 0 and at most 1.
         one_writer_per_pixel: Whether one thread alone deposits at each pixel; see `Cells.add`.
 
     Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan.
@@ -89,8 +90,9 @@ class TransientHDRFilm(mi.Film):
         self.start_opl = checks.metres("start_opl", start)
         self._steady: Any = None
         self._bins: Any = None
+        self._splats: Any = None
         self.samples_per_pixel: float | None = None
-        self.partial = False
+        self.taken = 1.0
         self.one_writer_per_pixel = False
 
     # ------------------------------------------------------------------ what integrators call
@@ -115,10 +117,10 @@ class TransientHDRFilm(mi.Film):
         Raises:
             MemoryError: The bins do not fit into memory; one line with their size and what fits.
         """
-        self._bins = None  # Before there are new ones
+        self._bins = self._splats = None  # Before there are new ones
         self._bins = Cells(*self.shape)
         self._steady = image_film(self)
-        self.samples_per_pixel, self.partial = None, False
+        self.samples_per_pixel, self.taken = None, 1.0
         self.one_writer_per_pixel = False
         return self.steady.prepare(aovs)
 
@@ -126,8 +128,19 @@ class TransientHDRFilm(mi.Film):
         """Empty all bins and the steady image."""
         if self._steady is not None:
             self._steady.clear()
-            self._bins = None
+            expected = self._splats is not None
+            self._bins = self._splats = None
             self._bins = Cells(*self.shape)
+            if expected:
+                self.expect_splats()
+
+    def expect_splats(self) -> None:
+        """Make room for light that lands on any pixel, in bins of its own.
+
+        Raises:
+            MemoryError: They do not fit into memory; one line with their size and what fits.
+        """
+        self._splats = Splats(self, self.temporal_bins)
 
     def fold(self) -> None:
         """Put the bins aside and go on with empty ones; `develop` returns the sum.
@@ -136,6 +149,36 @@ class TransientHDRFilm(mi.Film):
         this every 2^16 samples per pixel.
         """
         self.bins.fold()
+        if self._splats is not None:
+            self._splats.cells.fold()
+
+    def add_splat(
+        self,
+        pos: mi.Point2f,
+        distance: mi.Float,
+        wavelengths: mi.Spectrum,
+        spec: mi.Spectrum,
+        active: mi.Bool,
+    ) -> None:
+        """Deposit light that a path from an emitter has brought to the film, see `Splats`.
+
+        Any number of threads may deposit at a pixel. The steady image is not touched.
+
+        Args:
+            pos: Position on the film [pixels], crop offset included.
+            distance: Optical path length [m]. Outside the window it leaves no trace.
+            wavelengths: Sampled wavelengths [nm], for spectral variants.
+            spec: The path's light over the number of light paths per pixel.
+            active: Lanes that deposit.
+
+        Raises:
+            RuntimeError: `expect_splats` was not called.
+        """
+        if self._splats is None:
+            raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
+        k, active = self._bin(distance, active)
+        values = self._channels(mi.unpolarized_spectrum(spec), wavelengths, active)
+        self._splats.add(pos, [values], k, active)
 
     def add_transient_data(
         self,
@@ -157,11 +200,9 @@ class TransientHDRFilm(mi.Film):
             ray_weight: Factor of `spec`, from the camera.
             active: Lanes that deposit.
         """
-        position = (distance - self.start_opl) / self.bin_width_opl
-        active = active & (position >= 0) & (position < self.temporal_bins)
-        k = mi.UInt32(dr.select(active, position, 0))
+        k, active = self._bin(distance, active)
         values = self._channels(mi.unpolarized_spectrum(spec * ray_weight), wavelengths, active)
-        for x, y, weight in self._footprint(pos):
+        for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
 
@@ -176,7 +217,10 @@ class TransientHDRFilm(mi.Film):
                 the integrator did not set `samples_per_pixel`.
         """
         scale = None if raw else self._pixel_scale()
-        return self.steady.develop(raw=raw), self.bins.tensor(scale)
+        bins = self.bins.tensor(scale)
+        if self._splats is not None:
+            bins += self._splats.cells.tensor() * (1.0 if raw else 1 / self.taken)
+        return self.steady.develop(raw=raw), bins
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
         """As `develop`, but hands over the bins instead of copying them; the film is then empty.
@@ -186,7 +230,11 @@ class TransientHDRFilm(mi.Film):
         """
         scale = self._pixel_scale()
         steady, transient = np.array(self.steady.develop()), self.bins.take(scale)
-        self._steady = self._bins = None
+        if self._splats is not None:
+            splats = self._splats.cells.take()
+            splats /= self.taken
+            transient += splats
+        self._steady = self._bins = self._splats = None
         return steady, transient
 
     # --------------------------------------------------------------------- operations on films
@@ -228,7 +276,10 @@ class TransientHDRFilm(mi.Film):
             ValueError: There is no bin `k`.
         """
         k = checks.integer("k", k, 0, self.temporal_bins - 1)
-        return self.bins.slice(k, self._pixel_scale())
+        image = self.bins.slice(k, self._pixel_scale())
+        if self._splats is not None:
+            image += self._splats.cells.slice(k) / self.taken
+        return image
 
     def merge_tile(self, tile: TransientHDRFilm) -> None:
         """Add the bins and the steady image of a film that was rendered for a part of this one.
@@ -264,14 +315,21 @@ class TransientHDRFilm(mi.Film):
                 "in the film, so that seams get the samples beyond them"
             )
         self.bins.merge(tile.bins, x, y)
+        if tile._splats is not None:
+            if self._splats is None:
+                self.expect_splats()
+            mine: Any = self._splats
+            mine.cells.merge(tile._splats.cells, x, y)
         raw = tile.steady.develop(raw=True)
         self.steady.put_block(mi.ImageBlock(raw, tile.crop_offset()))
         self.samples_per_pixel = tile.samples_per_pixel
-        self.partial |= tile.partial
+        self.taken = min(self.taken, tile.taken)
 
     def scale(self, factor: float) -> None:
         """Multiply the bins and the steady image by a number."""
         self.bins.scale(factor)
+        if self._splats is not None:
+            self._splats.cells.scale(factor)
         raw = self.steady.develop(raw=True)
         count = raw.shape[2]
         is_weight = dr.arange(mi.UInt32, dr.width(raw.array)) % count == count - 1
@@ -290,6 +348,12 @@ class TransientHDRFilm(mi.Film):
             f"  filter = {self.rfilter()}\n]"
         )
 
+    def _bin(self, distance: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:
+        """The bin of a length, and the lanes where there is one."""
+        position = (distance - self.start_opl) / self.bin_width_opl
+        active = active & (position >= 0) & (position < self.temporal_bins)
+        return mi.UInt32(dr.select(active, position, 0)), active
+
     def _channels(self, spectrum, wavelengths, active) -> list[mi.Float]:
         """The values that a bin stores."""
         if mi.is_monochromatic:
@@ -298,24 +362,9 @@ class TransientHDRFilm(mi.Film):
             spectrum = mi.spectrum_to_srgb(spectrum, wavelengths, active)
         return list(spectrum)
 
-    def _footprint(self, pos):
-        """Pixels (relative to the crop) that a sample at `pos` reaches, and its weight in each."""
-        rfilter = self.rfilter()
-        offset = mi.Vector2f(self.crop_offset())
-        if rfilter.is_box_filter():
-            pixel = mi.Point2i(dr.floor(mi.Point2f(pos) - offset))
-            return [(pixel.x, pixel.y, 1)]
-        radius = rfilter.radius()
-        centre = mi.Point2f(pos) - offset - 0.5
-        first = mi.Point2i(dr.ceil(centre - radius))
-        count = int(np.floor(2 * radius)) + 1
-        xs = [(first.x + i, rfilter.eval(first.x + i - centre.x)) for i in range(count)]
-        ys = [(first.y + i, rfilter.eval(first.y + i - centre.y)) for i in range(count)]
-        return [(x, y, wx * wy) for y, wy in ys for x, wx in xs]
-
     def _pixel_scale(self) -> mi.Float | None:
         """Samples over the filter's weights at each pixel; None if all are 1: a box, finished."""
-        if self.rfilter().is_box_filter() and not self.partial:
+        if self.rfilter().is_box_filter() and self.taken == 1:
             return None
         if self.samples_per_pixel is None:
             raise RuntimeError(

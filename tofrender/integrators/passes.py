@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.cells import MAX_ADDED
-from ..films.recording import Recording
+from ..films.recording import Recording, colour_count
 from ..paths.camera import CameraSample, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
 from ..samplers.padded_sobol import mix
@@ -81,7 +81,7 @@ def steps(
         measured, path = plan.trace(sampler, camera.ray, camera.origin, measurement)
         return measured, path.covered, path.not_finite
 
-    return expose(follow, record, sensor, sampler, seed, first)
+    return expose(follow, record, sensor, sampler, seed, first, plan.splats)
 
 
 def expose(
@@ -91,8 +91,9 @@ def expose(
     sampler: mi.Sampler,
     seed: Any,
     first: int = 0,
+    splats: bool = False,
 ) -> Iterator[int]:
-    """As `steps`, with any way to follow camera rays."""
+    """As `steps`, with any way to follow camera rays; `splats` if light lands beside them."""
     backend.require_vectorised()
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
@@ -101,7 +102,7 @@ def expose(
     width, height = sampled_size(film)
     spp = sampler.sample_count()
     lanes, per_step, private = _lanes(sampler, width * height, spp)
-    record.begin(spp, private)
+    record.begin(spp, private, splats)
     sampler.set_samples_per_wavefront(lanes)
     skip = getattr(sampler, "skip", None)
     if first and skip is None:  # Other points, by another seed
@@ -167,7 +168,7 @@ def _step(record, sampler, shot, pixel, count):
         not_finite += odd
         sampler.advance()
     elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
-        n = _colour_count(image)
+        n = colour_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
             _, colour, rest, odd = shot(pixel)
@@ -190,11 +191,6 @@ def _step(record, sampler, shot, pixel, count):
     dr.eval()
     dr.sync_thread()
     return int(dr.sum(mi.UInt64(not_finite))[0])
-
-
-def _colour_count(image: mi.Film) -> int:
-    """Channels of an image before its weight."""
-    return 4 if mi.has_flag(image.flags(), mi.FilmFlags.Alpha) else 3
 
 
 def _added(sums: list[mi.Float], values: list[mi.Float]) -> list[mi.Float]:

@@ -26,6 +26,9 @@ class Plan:
         limits: Which paths count.
     """
 
+    splats = False
+    """Whether light lands on the film beside the camera rays."""
+
     def __init__(
         self, space: Space, endpoint: Endpoint, scattering: Scattering, limits: Limits
     ) -> None:

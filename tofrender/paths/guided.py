@@ -27,7 +27,7 @@ import mitsuba as mi
 import numpy as np
 
 from .protocols import Scattering
-from .records import Bounce, Connection, Path, Vertex
+from .records import Bounce, Connection, Path, Turn, Vertex
 from .surfaces import is_on
 
 MATERIAL = -1.0
@@ -145,23 +145,23 @@ class Guided:
         """Whether targets and material competed for the direction of the path's ray."""
         return (path.guide != 0) & ~path.specular
 
-    def eval_pdf(
-        self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
-    ) -> tuple[Any, mi.Float]:
-        """BSDF times cosine; density with which the material chooses the direction [1/sr]."""
-        f, pdf = self.inner.eval_pdf(vertex, direction, active)
-        return f, pdf * self._material_share(vertex)
+    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+        """As the other scattering; the density is that of its own choice."""
+        turn = self.inner.turn(vertex, direction, active)
+        turn.pdf *= self._material_share(vertex)
+        return turn
 
     def scatter(
         self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> Bounce:
+    ) -> tuple[Any, Bounce]:
         """As the other scattering, but to a target with the probability `share`.
 
         The bounce has the material's density, and the BSDF over the density of what chose the
         direction, without the target's cosine: that is for `arrive`.
         """
-        bounce = self.inner.scatter(vertex, link, sampler, active)
-        bounce.pdf_f *= self._material_share(vertex)
+        turn, bounce = self.inner.scatter(vertex, link, sampler, active)
+        if turn is not None:
+            turn.pdf *= self._material_share(vertex)
         xi, u = sampler.next_1d(), sampler.next_2d()
         sending = self.sends(vertex, active)
         chosen = sending & (xi < self.share)
@@ -170,19 +170,19 @@ class Guided:
         to_target = self.targets.sample(u, chosen)[0].p - si.p
         r = dr.norm(to_target)
         d = to_target / r
-        f, pdf = self.inner.eval_pdf(vertex, d, chosen)
+        sent = self.inner.turn(vertex, d, chosen)
 
         by_material = 1 - self.share
         kept = dr.select(sending, dr.rcp(by_material) if by_material > 0 else 0.0, 1)
-        reflected = mi.unpolarized_spectrum(f) / self.sent_density(r)
+        reflected = mi.unpolarized_spectrum(sent.f) / self.sent_density(r)
         weight = mi.unpolarized_spectrum(bounce.weight) * kept
         bounce.ray = dr.select(chosen, ray_to(si, d, r), bounce.ray)
         bounce.weight = dr.select(chosen, reflected, weight)
-        bounce.pdf = dr.select(chosen, pdf, bounce.pdf)
+        bounce.pdf = dr.select(chosen, sent.pdf, bounce.pdf)
         bounce.η = dr.select(chosen, 1, bounce.η)
         bounce.specular &= ~chosen
         bounce.guide = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
-        return bounce
+        return turn, bounce
 
     def arrive(self, path: Path, vertex: Vertex) -> Path:
         """Drop what was hidden, and divide by the density of both techniques."""

@@ -30,7 +30,7 @@ from typing import Any, Protocol
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from .records import Bounce, Connection, Hit, Path, Vertex
+from .records import Bounce, Connection, Hit, Path, Turn, Vertex
 
 
 class Space(Protocol):
@@ -53,10 +53,12 @@ class Endpoint(Protocol):
     Attributes:
         connects: Whether next-event estimation happens at all.
         finds_all: Whether connections find all light on their own, mirrors apart.
+        importance: Whether paths come from a light, and connections end on the sensor.
     """
 
     connects: bool
     finds_all: bool
+    importance: bool
 
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
         """The sensor's ray, past whatever the sensor does not see of this endpoint."""
@@ -66,8 +68,12 @@ class Endpoint(Protocol):
         """What is remembered before the first vertex, None if nothing ever is."""
         ...
 
-    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
-        """What is remembered with one more vertex."""
+    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
+        """The path's memory with one more vertex."""
+        ...
+
+    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> Any:
+        """The path's memory with the direction that it goes on in."""
         ...
 
     def connect(
@@ -76,8 +82,26 @@ class Endpoint(Protocol):
         """A connection from the vertex. The path's length reaches it, `path.prev` is before it."""
         ...
 
+    def more_links(self, path: Path) -> mi.UInt32 | None:
+        """How many connections follow the first one, as `link` gives them; None if none ever."""
+        ...
+
+    def link(
+        self, k: mi.UInt32, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """Number `k` of the further connections."""
+        ...
+
     def hit(self, vertex: Vertex, path: Path) -> Hit:
         """Light that the path's ray runs into."""
+        ...
+
+    def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
+        """The hit's share of the light, where other ways may find the same."""
+        ...
+
+    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
+        """A connection's share; `turn` is what the vertex makes of it."""
         ...
 
     def nearest(self, p: mi.Point3f) -> mi.Float:
@@ -105,15 +129,13 @@ class Scattering(Protocol):
         """Whether connections can find light here: a delta lobe reflects none of them."""
         ...
 
-    def eval_pdf(
-        self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
-    ) -> tuple[Any, mi.Float]:
-        """BSDF times cosine, and the density of the direction [1/sr]."""
+    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+        """What is made of a direction."""
         ...
 
     def scatter(
         self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> Bounce:
+    ) -> tuple[Any, Bounce]:
         """Towards a connection, if there is one, and onwards."""
         ...
 

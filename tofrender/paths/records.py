@@ -172,6 +172,8 @@ class Connection:
         length: Geometric length of the connection, which may start beyond `point` [m].
         active: Lanes in which there is a connection.
         clear: Lanes in which nothing can be in the way.
+        position: Where on the film the connection lands, if it ends on the sensor [pixels].
+        rival: What the endpoint wants to know again when it tells the connection's share.
     """
 
     point: mi.Point3f
@@ -182,33 +184,49 @@ class Connection:
     length: mi.Float
     active: mi.Bool
     clear: mi.Bool
+    position: Any = None
+    rival: Any = None
+
+
+@dataclass
+class Turn:
+    """What a vertex makes of one direction.
+
+    Attributes:
+        f: BSDF times cosine.
+        pdf: Density with which the path would have gone there [1/sr].
+        η: Index of refraction on that side, over that on the path's side.
+        back: Density with which a path from there would go where this one has come from [1/sr],
+            where scattering knows both ways; else None.
+    """
+
+    f: Any
+    pdf: mi.Float
+    η: mi.Float
+    back: Any = None
 
 
 @dataclass
 class Bounce:
-    """What a vertex does: towards a connection, and onwards.
+    """Where a vertex sends the path.
 
     Attributes:
-        f: BSDF times cosine towards the connection.
-        pdf_f: Density with which the path would have gone there [1/sr].
-        η_f: Index of refraction on that side, over that on the path's side.
         ray: The ray onwards.
         weight: BSDF times cosine over the density of the ray's direction.
         pdf: That density [1/sr].
         η: Index of refraction around the ray onwards, over that before.
         specular: Whether the direction was the only one possible.
         guide: What the scattering remembers of how it chose.
+        back: As in `Turn`.
     """
 
-    f: Any
-    pdf_f: mi.Float
-    η_f: mi.Float
     ray: mi.Ray3f
     weight: Any
     pdf: mi.Float
     η: mi.Float
     specular: mi.Bool
     guide: Any = None
+    back: Any = None
 
 
 class Limits:

@@ -1,12 +1,14 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Scattering: how paths go on from surfaces."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
-from .records import Bounce, Connection, Path, Vertex
+from .records import Bounce, Connection, Path, Turn, Vertex
 from .refraction import RoughGlass
 from .space import leave
 from .surfaces import transmits
@@ -18,10 +20,21 @@ class Materials:
     Args:
         scene: The scene.
         material: What all surfaces are made of; by default each of its own.
+        importance: Whether paths come from the lights: refraction then does not compress what they
+            carry, and shading normals count the other way round (Veach 1997, section 5.3).
+        both_ways: Whether densities of the way back are asked for.
     """
 
-    def __init__(self, scene: mi.Scene, material: mi.BSDF | None = None) -> None:
-        self.material = material
+    def __init__(
+        self,
+        scene: mi.Scene,
+        material: mi.BSDF | None = None,
+        importance: bool = False,
+        both_ways: bool = False,
+    ) -> None:
+        self.material, self.importance, self.both_ways = material, importance, both_ways
+        self.radiance = mi.BSDFContext()
+        self.flux = mi.BSDFContext(mi.TransportMode.Importance)
         self.glass = RoughGlass(scene) if material is None else None
         clear = material is None and transmits(scene, mi.BSDFFlags.DeltaTransmission)
         self.refracts = clear or (self.glass is not None and self.glass.exists)
@@ -42,27 +55,94 @@ class Materials:
         """Whether a material has a part that connections can find."""
         return mi.has_flag(self.bsdf(vertex).flags(), mi.BSDFFlags.Smooth)
 
-    def eval_pdf(
-        self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
-    ) -> tuple[Any, mi.Float]:
-        """BSDF times cosine, and the density of a direction [1/sr]."""
-        wo = vertex.si.to_local(direction)
-        return self.bsdf(vertex).eval_pdf(mi.BSDFContext(), vertex.si, wo, active)
+    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+        """What the material makes of a direction."""
+        si, bsdf, wo = vertex.si, self.bsdf(vertex), vertex.si.to_local(direction)
+        if self.importance:
+            f, back = self._adjoint(bsdf, si, wo, active)
+            pdf = bsdf.pdf(self.radiance, si, wo, active)
+        else:
+            f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
+            back = self._pdf_back(bsdf, si, wo, active)
+        return Turn(f, pdf, self._index_behind(bsdf, si, wo, active), back)
 
     def scatter(
         self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> Bounce:
+    ) -> tuple[Any, Bounce]:
         """Towards a connection, if there is one, and where the material chooses to go."""
-        si, bsdf, ctx = vertex.si, self.bsdf(vertex), mi.BSDFContext()
-        f, pdf_f, η_f = mi.UnpolarizedSpectrum(0), mi.Float(0), mi.Float(1)
+        si, bsdf, turn = vertex.si, self.bsdf(vertex), None
         xi, u = sampler.next_1d(), sampler.next_2d()
-        if link is None:
-            bs, weight = bsdf.sample(ctx, si, xi, u, active)
-        else:
+        if self.importance:
+            turn = None if link is None else self.turn(vertex, link.direction, link.active)
+            bs, weight = bsdf.sample(self.flux, si, xi, u, active)
+        elif link is None:
+            bs, weight = bsdf.sample(self.radiance, si, xi, u, active)
+        else:  # In one call, which is faster
             wo = si.to_local(link.direction)
-            f, pdf_f, bs, weight = bsdf.eval_pdf_sample(ctx, si, wo, xi, u, active)
-            if self.glass is not None and self.glass.exists:
-                η_f = self.glass.index_behind(bsdf, si, wo, link.active)
+            f, pdf, bs, weight = bsdf.eval_pdf_sample(self.radiance, si, wo, xi, u, active)
+            η = self._index_behind(bsdf, si, wo, link.active)
+            turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+        if self.importance:
+            smooth = active & ~specular & (bs.pdf > 0)
+            f, back = self._adjoint(bsdf, si, bs.wo, smooth)
+            weight = dr.select(
+                specular,
+                mi.unpolarized_spectrum(weight) * _bent(si, bs.wo, bs.eta),
+                dr.select(smooth, mi.unpolarized_spectrum(f) / bs.pdf, 0),
+            )
+        else:
+            back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)
         ray = leave(si, si.to_world(bs.wo), specular)
-        return Bounce(f, pdf_f, η_f, ray, weight, bs.pdf, bs.eta, specular)
+        return turn, Bounce(ray, weight, bs.pdf, bs.eta, specular, back=back)
+
+    def _index_behind(
+        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> mi.Float:
+        """Index of refraction on the side of a direction, over that on the path's side."""
+        if self.glass is None or not self.glass.exists:
+            return mi.Float(1)
+        return self.glass.index_behind(bsdf, si, wo, active)
+
+    def _pdf_back(
+        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> mi.Float | None:
+        """Density of the way back from `wo`, if that is asked for."""
+        if not self.both_ways:
+            return None
+        return bsdf.pdf(self.radiance, _seen_from(si, wo), si.wi, active)
+
+    def _adjoint(
+        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[Any, mi.Float]:
+        """BSDF times cosine of a path from a light, as a path from the camera would find it.
+
+        That one comes from `wo` and goes on to `si.wi`. Its cosine is the shading normal's, while
+        light falls on the surface, and leaves it, by the geometric one.
+
+        Returns:
+            The BSDF, and the density of `si.wi` for that path [1/sr].
+        """
+        f, pdf = bsdf.eval_pdf(self.radiance, _seen_from(si, wo), si.wi, active)
+        falls, leaves = (dr.abs(dr.dot(si.n, si.to_world(w))) for w in (si.wi, wo))
+        return f * dr.select(falls > 0, leaves / falls, 0), pdf
+
+
+def _seen_from(si: mi.SurfaceInteraction3f, wi: mi.Vector3f) -> mi.SurfaceInteraction3f:
+    """The surface point of a path that comes from another direction."""
+    other = mi.SurfaceInteraction3f(si)
+    other.wi = wi
+    return other
+
+
+def _bent(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, η: mi.Float) -> mi.Float:
+    """What a mirror's or glass's shading normal makes of light, beside its reflectance.
+
+    The normal is along wi + η wo, whatever has turned it; light that goes straight on has none.
+    """
+    normal = dr.fma(wo, η, si.wi)
+    straight = dr.squared_norm(si.wi + wo) < 1e-8
+    onto, off = dr.abs(dr.dot(normal, si.wi)), dr.abs(dr.dot(normal, wo))
+    falls, leaves = (dr.abs(dr.dot(si.n, si.to_world(w))) for w in (si.wi, wo))
+    ratio = onto * leaves / (falls * off)
+    return dr.select(straight, 1, dr.select((falls > 0) & (off > 0), ratio, 0))

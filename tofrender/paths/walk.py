@@ -33,7 +33,7 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from .protocols import Endpoint, Measurement, Scattering, Space
-from .records import Limits, Path, extend
+from .records import Connection, Limits, Path, Turn, extend
 
 M = TypeVar("M", bound=Measurement)
 
@@ -94,9 +94,8 @@ def step(
     hit = endpoint.hit(vertex, path)
     length = dr.select(path.depth == 0, 0, hit.length) if limits.unwarp else hit.length
     path.opl = dr.fma(path.η, length, path.opl)
-    mis = mi.Float(0) if endpoint.finds_all else mis_weight(path.pdf, hit.pdf)
-    mis = dr.select(path.specular, mi.Float(1), mis)
-    seen = Contribution(path.β * mis * hit.radiance, path.opl, hit.active)
+    share = endpoint.share_of_hit(path, vertex, hit)
+    seen = Contribution(path.β * share * hit.radiance, path.opl, hit.active)
     path.not_finite += deliver(measurement, seen)
 
     # ------------------- Stop at the last surface vertex -------------------
@@ -112,22 +111,25 @@ def step(
 
     # --------------- Connect the vertex, and choose a direction ------------
 
+    path.memory = endpoint.remember(path, vertex, active)
     if endpoint.connects:
-        path.memory = endpoint.remember(path.memory, vertex, active)
-        link = endpoint.connect(vertex, path, sampler, active & scattering.smooth(vertex))
+        smooth = active & scattering.smooth(vertex)
+        link = endpoint.connect(vertex, path, sampler, smooth)
         link.weight *= space.transmittance(path, vertex, link, sampler)
         link.active &= ~dr.all(link.weight == 0)
-        bounce = scattering.scatter(vertex, link, sampler, active)
-        mis = dr.select(link.delta, 1, mis_weight(link.pdf, bounce.pdf_f))
-        mis = mi.Float(1) if endpoint.finds_all else mis
-        Lr = extend(path.β * mis, bounce.f) * link.weight
-        opl = dr.fma(path.η * bounce.η_f, link.length, path.opl)
-        path.not_finite += deliver(measurement, Contribution(Lr, opl, link.active))
+        turn, bounce = scattering.scatter(vertex, link, sampler, active)
+        lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
+        path.not_finite += deliver(measurement, lit)
+        more = endpoint.more_links(path)
+        if more is not None:
+            parts = space, endpoint, scattering
+            path.not_finite += _connect(more, path, vertex, *parts, sampler, measurement, smooth)
     else:
-        bounce = scattering.scatter(vertex, None, sampler, active)
+        _, bounce = scattering.scatter(vertex, None, sampler, active)
 
     # ------------------------ Move to the next vertex ----------------------
 
+    path.memory = endpoint.leave(path, vertex, bounce)
     path.ray, path.guide = bounce.ray, bounce.guide
     path.β = extend(path.β, bounce.weight)
     path.η *= bounce.η
@@ -147,7 +149,8 @@ def step(
     # --------------------------- Russian roulette --------------------------
 
     # η² undoes the compression of radiance at refraction, which the throughput contains
-    survival = dr.minimum(dr.max(path.β) * path.η * path.η, 0.95)
+    compressed = mi.Float(1) if endpoint.importance else path.η * path.η
+    survival = dr.minimum(dr.max(path.β) * compressed, 0.95)
     roulette = path.depth >= limits.rr_depth
     path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
     active &= ~roulette | (sampler.next_1d() < survival)
@@ -155,6 +158,37 @@ def step(
     # Do not go on once the throughput is zero
     path.active = active & dr.any(path.β != 0)
     return path
+
+
+@dr.syntax
+def _connect(count, path, vertex, space, endpoint, scattering, sampler, measurement, active):
+    """Make `count` further connections of a vertex, one after the other.
+
+    Returns:
+        Number of those that were left out, not finite.
+    """
+    k, not_finite = mi.UInt32(0), mi.UInt32(0)
+    while active & (k < count):
+        link = endpoint.link(k, vertex, path, sampler, active)
+        link.weight *= space.transmittance(path, vertex, link, sampler)
+        link.active &= ~dr.all(link.weight == 0)
+        turn = scattering.turn(vertex, link.direction, link.active)
+        lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
+        not_finite += deliver(measurement, lit)
+        k += 1
+    return not_finite
+
+
+def _along(
+    link: Connection, path: Path, turn: Turn, share: mi.Float, endpoint: Endpoint
+) -> Contribution:
+    """What a connection contributes: its share of the light, its length, and where that lands."""
+    spectrum = extend(path.β * share, turn.f) * link.weight
+    η = path.η * turn.η
+    opl = dr.fma(η, link.length, path.opl)
+    if endpoint.importance:  # Lengths are relative to the medium of the sensor, at the far end
+        opl /= η
+    return Contribution(spectrum, opl, link.active, link.position)
 
 
 def deliver(measurement: Measurement, contribution: Contribution) -> mi.UInt32:
@@ -168,9 +202,3 @@ def deliver(measurement: Measurement, contribution: Contribution) -> mi.UInt32:
     finite = dark | dr.isfinite(dr.sum(spectrum) + contribution.opl)
     measurement.add(replace(contribution, active=active & finite & ~dark))
     return dr.select(active & ~finite, mi.UInt32(1), 0)
-
-
-def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
-    """Power heuristic a^2 / (a^2 + b^2) of a sample from the first density (Veach 1997, 9.13)."""
-    a2 = pdf_a * pdf_a
-    return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)

@@ -157,7 +157,7 @@ def carry_out(
     first = 0 if resume is None else _samples_of(resume)
     points = _sampler(camera, sampler, spp, first)
     folds = points.sample_count() > MAX_ADDED
-    memory.require_film(*film.shape, copies=2 if folds else 1)
+    memory.require_film(*film.shape, copies=(2 if folds else 1) * (2 if plan.splats else 1))
     recipe = {
         "quantity": "radiance per bin",
         "units": "W m^-2 sr^-1",

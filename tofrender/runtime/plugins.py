@@ -27,6 +27,9 @@ MODULES = (
     "tofrender.integrators.path_tracer_nee",
     "tofrender.integrators.path_tracer_mis",
     "tofrender.integrators.first_surface",
+    "tofrender.integrators.bidirectional",
+    "tofrender.integrators.light_tracer",
+    "tofrender.integrators.bdpt",
     "tofrender.integrators.simple",
     "tofrender.integrators.ao",
     "tofrender.nlos.device.retroreflector",
@@ -82,7 +85,11 @@ PLUGINS = {
     "TimeGatedTransientPath": Plugin(
         "time_gated_transient_path", "integrator", "tofrender.integrators.time_gated"
     ),
+    "TransientBDPT": Plugin("transient_bdpt", "integrator", "tofrender.integrators.bdpt"),
     "TransientHDRFilm": Plugin("transient_hdr_film", "film", "tofrender.films.transient"),
+    "TransientLightTracer": Plugin(
+        "transient_light_tracer", "integrator", "tofrender.integrators.light_tracer"
+    ),
     "TransientNLOSPath": Plugin(
         "transient_nlos_path", "integrator", "tofrender.nlos.light.transient_nlos"
     ),

@@ -23,6 +23,8 @@ INTEGRATORS = (
     "path_tracer_mats",
     "path_tracer_nee",
     "path_tracer_mis",
+    "transient_light_tracer",
+    "transient_bdpt",
     "ao",
 )
 """Integrators that a name is enough for."""

@@ -85,18 +85,19 @@ class CornerConnections:
             y = self.scene.ray_intersect(ray_to(si, d, r), active)
             active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
 
-        f, by_material = guided.eval_pdf(seen, d, active)
+        turn = guided.turn(seen, d, active)
         by_area = targets.density(y, mi.Interaction3f(si))
-        density = by_material + (guided.share + self.count) * by_area
+        density = turn.pdf + (guided.share + self.count) * by_area
 
         path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory())
         path.depth, path.opl = mi.UInt32(1), opl + r
         middle = Vertex(y, r, active)
-        path.memory = self.laser.remember(path.memory, middle, active)
+        path.memory = self.laser.remember(path, middle, active)
         link = self.laser.lit(middle, path, sampler, active)
         link.weight *= self.space.transmittance(path, middle, link, sampler)
         f_y = y.bsdf().eval(mi.BSDFContext(), y, y.to_local(link.direction), link.active)
-        spectrum = mi.unpolarized_spectrum(f) * mi.unpolarized_spectrum(f_y) * link.weight / density
+        f = mi.unpolarized_spectrum(turn.f) * mi.unpolarized_spectrum(f_y)
+        spectrum = f * link.weight / density
         found = link.active & (by_area > 0)
         return Contribution(spectrum, path.opl + link.length, found)
 

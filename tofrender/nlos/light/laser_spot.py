@@ -95,11 +95,11 @@ class LaserSpot(Unseen):
         """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
         return mi.UInt32(0) if self.hidden_only else None
 
-    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
+    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
         """Whether a vertex so far, this one included, is off the wall."""
         if not self.hidden_only:
-            return memory
-        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), memory)
+            return path.memory
+        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.memory)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool

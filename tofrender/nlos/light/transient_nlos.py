@@ -292,11 +292,11 @@ class LaserItself(SceneLights):
         """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
         return None if self.wall is None else mi.UInt32(0)
 
-    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
+    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
         """Whether a vertex so far is off the wall."""
         if self.wall is None:
-            return memory
-        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), memory)
+            return path.memory
+        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.memory)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
-from ..records import Connection, Hit, Path, Vertex
+from ..records import Connection, Hit, Path, Turn, Vertex
 from .unseen import Unseen
 from .wavefronts import Wavefronts
 
@@ -64,8 +66,12 @@ class SceneLights(Unseen):
 
     def choose(self, vertex: Vertex, sample: mi.Point2f, active: mi.Bool) -> Connection:
         """The point on an emitter that two random numbers stand for."""
-        p = vertex.si.p
         ds, weight = self.scene.sample_emitter_direction(vertex.si, sample, False, active)
+        return self.linked(vertex, ds, weight, active)
+
+    def linked(self, vertex: Vertex, ds: Any, weight: Any, active: mi.Bool) -> Connection:
+        """The connection of a vertex to a sample of an emitter."""
+        p = vertex.si.p
         length = dr.norm(ds.p - p)
         if self.has_distant:
             distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
@@ -96,6 +102,17 @@ class SceneLights(Unseen):
             active &= path.depth > 0
         return Hit(radiance, pdf, length, active)
 
+    def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
+        """What connections leave, by the power heuristic; all after a mirror."""
+        share = mi.Float(0) if self.finds_all else power_heuristic(path.pdf, hit.pdf)
+        return dr.select(path.specular, mi.Float(1), share)
+
+    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
+        """What hits leave, by the power heuristic; all of what cannot be hit."""
+        if self.finds_all:
+            return mi.Float(1)
+        return dr.select(link.delta, 1, power_heuristic(link.pdf, turn.pdf))
+
     def nearest(self, p: mi.Point3f) -> mi.Float:
         """Least length of any connection from `p` [m]: distance to the closest emitter's box."""
         closest = mi.Float(dr.inf)
@@ -103,6 +120,12 @@ class SceneLights(Unseen):
             outside = dr.maximum(dr.maximum(low - p, p - high), 0)
             closest = dr.minimum(closest, dr.norm(outside))
         return closest
+
+
+def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
+    """Share a^2 / (a^2 + b^2) of a sample from the first density (Veach 1997, 9.13)."""
+    a2 = pdf_a * pdf_a
+    return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
 
 
 class EmitterHits(SceneLights):

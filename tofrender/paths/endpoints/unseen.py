@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
 from ..camera import behind_emitters
-from ..records import Hit, Path, Vertex
+from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
 
 
 class Unseen:
@@ -20,6 +21,7 @@ class Unseen:
 
     connects = True
     finds_all = True
+    importance = False
 
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
         self.scene, self.hide_emitters = scene, hide_emitters
@@ -32,9 +34,25 @@ class Unseen:
         """Nothing."""
         return None
 
-    def remember(self, memory: Any, vertex: Vertex, active: mi.Bool) -> Any:
+    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
         """Nothing: connections do not depend on earlier vertices."""
-        return memory
+        return path.memory
+
+    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> Any:
+        """Nothing."""
+        return path.memory
+
+    def more_links(self, path: Path) -> Any:
+        """None: one connection for a vertex."""
+        return None
+
+    def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
+        """All after a mirror, which no connection serves; else nothing."""
+        return dr.select(path.specular, mi.Float(1), 0)
+
+    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
+        """All."""
+        return mi.Float(1)
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:
         """No light."""

@@ -1,0 +1,92 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false
+"""Light that lands anywhere on a film, apart from the samples of its pixels.
+
+A path from a light is connected to the lens, and lands in whatever pixel sees it there. Such
+splats are no samples of that pixel: they are summed, by as many threads as there are, and divided
+by the number of all light paths, never by the number of those that landed. A reconstruction filter
+spreads each over the pixels around, with weights whose integral over the sampled area is 1 for
+every pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .cells import Cells
+
+STEPS = 512
+"""Points per pixel that a filter is integrated over."""
+
+
+class Splats:
+    """Sums of splats on the pixels of a film.
+
+    Args:
+        film: The film.
+        count: Cells of a pixel: time bins, or channels of colour.
+
+    Attributes:
+        cells: The sums.
+    """
+
+    def __init__(self, film: mi.Film, count: int) -> None:
+        width, height = (int(n) for n in film.crop_size())
+        self.film = film
+        self.cells = Cells(height, width, count, 1 if mi.is_monochromatic else 3)
+        self.norms = None if film.rfilter().is_box_filter() else _norms(film, width, height)
+
+    def add(
+        self,
+        position: mi.Point2f,
+        values: Sequence[Sequence[mi.Float]],
+        first: mi.UInt32 | int,
+        active: mi.Bool,
+    ) -> None:
+        """Add to the cells from `first` on, each a sequence of channels, at a position [pixels]."""
+        for x, y, weight in footprint(self.film, position):
+            inside = active & (x >= 0) & (y >= 0)
+            inside &= (x < self.cells.shape[1]) & (y < self.cells.shape[0])
+            if self.norms is not None:
+                across, down = self.norms
+                weight = weight * dr.gather(mi.Float, across, mi.UInt32(x), inside)
+                weight = weight * dr.gather(mi.Float, down, mi.UInt32(y), inside)
+            for k, channels in enumerate(values):
+                weighted = [channel * weight for channel in channels]
+                self.cells.add(weighted, x, y, mi.UInt32(first + k), inside, private=False)
+
+
+def footprint(film: mi.Film, position: mi.Point2f) -> list[tuple[Any, Any, Any]]:
+    """Pixels (relative to the crop) that light at a position reaches, and its weight in each."""
+    rfilter = film.rfilter()
+    offset = mi.Vector2f(film.crop_offset())
+    if rfilter.is_box_filter():
+        pixel = mi.Point2i(dr.floor(mi.Point2f(position) - offset))
+        return [(pixel.x, pixel.y, 1)]
+    radius = rfilter.radius()
+    centre = mi.Point2f(position) - offset - 0.5
+    first = mi.Point2i(dr.ceil(centre - radius))
+    count = int(np.floor(2 * radius)) + 1
+    xs = [(first.x + i, rfilter.eval(first.x + i - centre.x)) for i in range(count)]
+    ys = [(first.y + i, rfilter.eval(first.y + i - centre.y)) for i in range(count)]
+    return [(x, y, wx * wy) for y, wy in ys for x, wx in xs]
+
+
+def _norms(film: mi.Film, width: int, height: int) -> tuple[mi.Float, mi.Float]:
+    """One over the integral of the filter, around each column and row, over what is sampled."""
+    rfilter = film.rfilter()
+    border = rfilter.border_size() if film.sample_border() else 0
+    reach = int(np.ceil(rfilter.radius()))
+    x = (np.arange(2 * reach * STEPS) + 0.5) / STEPS - reach
+    values = np.array(rfilter.eval(mi.Float(x)), dtype=float)
+
+    def along(size: int) -> mi.Float:
+        sampled = np.arange(size)[:, None] + 0.5 + x
+        inside = (sampled > -border) & (sampled < size + border)
+        return mi.Float(STEPS / (inside * values).sum(axis=1))
+
+    return along(width), along(height)

@@ -1,0 +1,296 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false
+"""Where light starts: rays from emitters, and the densities with which they are chosen.
+
+An emitter is chosen as next-event estimation chooses it. Light starts
+
+| emitter | at | towards |
+|---|---|---|
+| `area` | a point of its shape, even in area | by the cosine to its normal |
+| `directionalarea` | a point of its shape, even in area | its normal |
+| `point`, `spot`, `projector` | the only point | even in the cone around all that it lights |
+| `directional` | an even point of a disk across the scene | the only direction |
+| `constant`, `envmap`, skies | the same | as the emitter samples its light |
+
+The disk touches the sphere around scene and sensor, where distant light starts for paths from the
+sensor too, see `Wavefronts`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .endpoints.wavefronts import Wavefronts
+
+CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
+SHAPES = {"AreaLight": "area"}
+BEAMS = {"DirectionalArea": "directionalarea"}
+DISTANT = {
+    "DirectionalEmitter": "directional",
+    "ConstantBackgroundEmitter": "constant",
+    "EnvironmentMapEmitter": "envmap",
+    "SunskyEmitter": "sunsky",
+    "TimedSunskyEmitter": "timed_sunsky",
+}
+KINDS = CONES | SHAPES | BEAMS | DISTANT
+"""Emitters that light can be followed from: names of their classes, and their plugins'."""
+
+
+@dataclass
+class Emitted:
+    """A ray of light, one for each lane.
+
+    Attributes:
+        ray: Where it goes.
+        origin: The point that it comes from, and that lengths are measured from [m].
+        normal: Normal of the emitter there, if there is one.
+        uv: Surface coordinates there.
+        emitter: The emitter, as pointers.
+        weight: Emitted radiance times cosine over density.
+        cos: Cosine between ray and normal, 1 if there is none.
+        density: Density of point and direction, that of the emitter's choice included.
+        delta: Whether the path from the camera cannot run into this light.
+        active: Lanes in which there is light.
+    """
+
+    ray: mi.Ray3f
+    origin: mi.Point3f
+    normal: mi.Normal3f
+    uv: mi.Point2f
+    emitter: Any
+    weight: Any
+    cos: mi.Float
+    density: mi.Float
+    delta: mi.Bool
+    active: mi.Bool
+
+
+class Emission:
+    """The emitters of a scene as the start of paths.
+
+    Args:
+        scene: The scene.
+        sensor: The sensor, whose position the sphere contains where distant light starts.
+
+    Raises:
+        ValueError: There is no emitter, or one that light cannot be followed from; one line.
+    """
+
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor) -> None:
+        emitters = scene.emitters()
+        if not emitters:
+            raise ValueError("scene: has no emitters; must have one that light can start from")
+        kinds = [emitter.class_name() for emitter in emitters]
+        for emitter, kind in zip(emitters, kinds, strict=True):
+            if kind not in KINDS or (mi.is_spectral and kind in BEAMS):
+                allowed = KINDS if not mi.is_spectral else CONES | SHAPES | DISTANT
+                raise ValueError(
+                    f"emitter {emitter.id()!r}: is a {KINDS.get(kind, kind)}, whose light cannot "
+                    f"be followed here; must be {', '.join(allowed.values())}"
+                )
+        self.scene = scene
+        self.sphere = Wavefronts.around(scene, sensor)
+        self.cross_section = dr.pi * self.sphere.radius * self.sphere.radius
+        self.pointers = scene.emitters_dr()
+        self.has_cones, self.has_shapes, self.has_beams, self.has_distant = (
+            any(kind in group for kind in kinds) for group in (CONES, SHAPES, BEAMS, DISTANT)
+        )
+        self.cones = _cones(emitters)
+        self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
+        dr.eval(self.pointers, self.cones)
+        dr.make_opaque(self.cross_section)
+
+    # -------------------------------------------------------------------------- sampling
+
+    def sample(self, sampler: mi.Sampler, ray: mi.Ray3f) -> Emitted:
+        """Light of the wavelengths and the time of a camera's ray."""
+        index, chance, _ = self.scene.sample_emitter(sampler.next_1d())
+        u_point, u_direction = sampler.next_2d(), sampler.next_2d()
+        emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
+        flags = emitter.flags()
+        delta_direction = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
+        surface = mi.has_flag(flags, mi.EmitterFlags.Surface)
+        ways = [
+            (self.has_cones, mi.has_flag(flags, mi.EmitterFlags.DeltaPosition), self._from_cone),
+            (self.has_shapes, surface & ~delta_direction, self._from_shape),
+            (self.has_beams, surface & delta_direction, self._from_beam),
+            (self.has_distant, mi.has_flag(flags, mi.EmitterFlags.Infinite), self._from_afar),
+        ]
+        start: Any = None
+        for exists, here, way in ways:
+            if exists:
+                found = way(emitter, u_point, u_direction, ray, here)
+                start = found if start is None else dr.select(here, found, start)
+        start.weight = start.weight * chance
+        start.density = start.density / chance
+        start.active = dr.isfinite(start.density) & dr.any(start.weight > 0)
+        return start
+
+    def _from_cone(self, emitter, u_point, u, like, active) -> Emitted:
+        """Light of a point: its intensity in a direction that is even in the cone."""
+        cone = self._cone(emitter, active)
+        p, size = mi.Point3f(*cone[:3]), cone[6]
+        height = u.x * size  # Even, and exact for narrow cones
+        radius = dr.safe_sqrt(height * (2 - height))
+        sine, cosine = dr.sincos(2 * dr.pi * u.y)
+        local = mi.Vector3f(radius * cosine, radius * sine, 1 - height)
+        d = mi.Frame3f(mi.Vector3f(*cone[3:6])).to_world(local)
+        at = _interaction(p + d, like)
+        _, intensity = emitter.sample_direction(at, mi.Point2f(0.5), active)
+        return Emitted(
+            ray=mi.Ray3f(p, d, like.time, like.wavelengths),
+            origin=p,
+            normal=mi.Normal3f(0),
+            uv=mi.Point2f(0),
+            emitter=emitter,
+            weight=mi.unpolarized_spectrum(intensity) * (2 * dr.pi * size),
+            cos=mi.Float(1),
+            density=dr.rcp(2 * dr.pi * size),
+            delta=mi.Bool(True),
+            active=mi.Bool(active),
+        )
+
+    def _from_shape(self, emitter, u_point, u, like, active) -> Emitted:
+        """Light of a surface."""
+        shape = emitter.get_shape()
+        ps = shape.sample_position(like.time, u_point, active)
+        local = mi.warp.square_to_cosine_hemisphere(u)
+        si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
+        si.p, si.n, si.uv, si.shape = ps.p, ps.n, ps.uv, shape
+        si.sh_frame, si.wi = mi.Frame3f(ps.n), local
+        si.time, si.wavelengths = like.time, like.wavelengths
+        radiance = mi.unpolarized_spectrum(emitter.eval(si, active))
+        return Emitted(
+            ray=si.spawn_ray(si.to_world(local)),
+            origin=ps.p,
+            normal=ps.n,
+            uv=ps.uv,
+            emitter=emitter,
+            weight=radiance * dr.select(ps.pdf > 0, dr.pi / ps.pdf, 0),
+            cos=local.z,
+            density=ps.pdf * local.z * dr.inv_pi,
+            delta=mi.Bool(False),
+            active=mi.Bool(active),
+        )
+
+    def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
+        """Light of a surface that sends all of it along its normal."""
+        ray, weight = emitter.sample_ray(like.time, mi.Float(0), u_point, u, active)
+        return Emitted(
+            ray=ray,
+            origin=mi.Point3f(ray.o),
+            normal=mi.Normal3f(ray.d),
+            uv=mi.Point2f(0),
+            emitter=emitter,
+            weight=mi.unpolarized_spectrum(weight),
+            cos=mi.Float(1),
+            density=dr.rcp(emitter.get_shape().surface_area()),
+            delta=mi.Bool(True),
+            active=mi.Bool(active),
+        )
+
+    def _from_afar(self, emitter, u_point, u, like, active) -> Emitted:
+        """Light from infinitely far away, through a disk that is as wide as the scene."""
+        sphere = self.sphere
+        at = _interaction(sphere.centre, like)
+        ds, radiance = emitter.sample_direction(at, u, active)
+        disk = mi.warp.square_to_uniform_disk_concentric(u_point) * sphere.radius
+        across = mi.Frame3f(ds.d).to_world(mi.Vector3f(disk.x, disk.y, sphere.radius))
+        p = mi.Point3f(sphere.centre + across)
+        return Emitted(
+            ray=mi.Ray3f(p, -ds.d, like.time, like.wavelengths),
+            origin=p,
+            normal=mi.Normal3f(0),
+            uv=mi.Point2f(0),
+            emitter=emitter,
+            weight=mi.unpolarized_spectrum(radiance) * self.cross_section,
+            cos=mi.Float(1),
+            density=ds.pdf / self.cross_section,
+            delta=mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection),
+            active=mi.Bool(active),
+        )
+
+    # -------------------------------------------------------------------------- densities
+
+    def ratio(self, emitter: Any, ds: Any, pdf: mi.Float, distance: mi.Float) -> mi.Float:
+        """How much more often a connection finds a point of an emitter than light starts there.
+
+        This is p_c / p_e times distance^2 where p_c is the density of the connection by area, and
+        p_e that of light that starts in its direction; for distant light, by direction and without
+        the distance.
+
+        Args:
+            emitter: The emitter, as pointers.
+            ds: The point on it, with `p`, `n` and `uv`.
+            pdf: Solid-angle density of the connection, the emitter's choice included [1/sr].
+            distance: Length of the connection [m].
+        """
+        flags = emitter.flags()
+        ratio = mi.Float(0)
+        if self.has_cones:
+            here = mi.has_flag(flags, mi.EmitterFlags.DeltaPosition)
+            solid_angle = 2 * dr.pi * self._cone(emitter, here)[6]
+            ratio = dr.select(here, solid_angle * distance * distance, ratio)
+        if self.has_shapes:
+            here = mi.has_flag(flags, mi.EmitterFlags.Surface)
+            chance = emitter.sampling_weight() / self.total
+            by_area = chance * emitter.get_shape().pdf_position(ds, here)
+            ratio = dr.select(here & (by_area > 0), dr.pi * pdf / by_area, ratio)
+        if self.has_distant:
+            here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
+            ratio = dr.select(here, self.cross_section, ratio)
+        return ratio
+
+    def _cone(self, emitter: Any, active: mi.Bool) -> list[mi.Float]:
+        """Apex, axis and height of an emitter's cone."""
+        row = _number(emitter) * 7
+        return [dr.gather(mi.Float, self.cones, row + k, active) for k in range(7)]
+
+
+def _cones(emitters: list[mi.Emitter]) -> mi.Float:
+    """Apex, axis and height over a unit sphere's base of each cone, by the emitter's number."""
+    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    table = np.zeros((max(numbers) + 1, 7), dtype=np.float32)
+    for number, emitter in zip(numbers, emitters, strict=True):
+        if emitter.class_name() in CONES:
+            frame = np.array(emitter.world_transform().matrix, dtype=float).reshape(4, 4)
+            parameters: Any = mi.traverse(emitter)
+            apex = parameters["position"] if "position" in parameters else frame[:3, 3]
+            axis = frame[:3, 2] / np.linalg.norm(frame[:3, 2])
+            height = 1 - math.cos(_half_angle(emitter))
+            table[number] = [*np.ravel(np.array(apex)), *axis, height]
+    return mi.Float(table.ravel())
+
+
+def _half_angle(emitter: mi.Emitter) -> float:
+    """Largest angle to its axis in which an emitter at a point shines [rad]."""
+    if emitter.class_name() == "PointLight":
+        return math.pi
+    parameters: Any = mi.traverse(emitter)
+    if emitter.class_name() == "SpotLight":
+        return math.radians(float(np.ravel(parameters["cutoff_angle"])[0]))
+    # A projector says its angle nowhere else; its picture's form is the window's
+    wide = math.tan(math.radians(float(re.findall(r"x_fov = (\S+),", str(emitter))[0])) / 2)
+    height, width = (
+        parameters["irradiance.data"].shape[:2] if "irradiance.data" in parameters else (1, 1)
+    )
+    return math.atan(wide * math.hypot(1, height / width))
+
+
+def _number(emitter: Any) -> mi.UInt32:
+    """The number by which Dr.Jit knows an emitter."""
+    return dr.reinterpret_array(mi.UInt32, emitter)
+
+
+def _interaction(p: mi.Point3f, like: mi.Ray3f) -> Any:
+    """A point of the wavelengths and the time of a ray."""
+    at: Any = dr.zeros(mi.Interaction3f, dr.width(p))
+    at.p, at.time, at.wavelengths = mi.Point3f(p), like.time, like.wavelengths
+    return at

@@ -1,0 +1,175 @@
+# pyright: reportArgumentType=false, reportCallIssue=false
+"""The camera's lens, and the vertices that are kept on the way to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..camera import behind_emitters
+from ..emission import Emission, Emitted
+from ..lens import Lens
+from ..records import Bounce, Connection, Path, Turn, Vertex
+from ..scattering import Materials
+from ..sharing import Rivals, Sharing
+from .unseen import Unseen
+
+
+@dataclass
+class Kept:
+    """A vertex of a path from a light.
+
+    Attributes:
+        si: The surface point.
+        depth: Number of surface vertices before it.
+        β: Throughput, the light's own weight apart.
+        η: Index of refraction that the path arrived in, relative to that at the light.
+        opl: Optical length from the light [m].
+        rivals: Of the path when it arrived.
+    """
+
+    si: mi.SurfaceInteraction3f
+    depth: mi.UInt32
+    β: mi.UnpolarizedSpectrum
+    η: mi.Float
+    opl: mi.Float
+    rivals: Rivals
+
+
+@dataclass
+class LightPath:
+    """What a path from a light remembers.
+
+    Attributes:
+        rivals: Of the path so far.
+        count: Vertices that are kept.
+        vertices: These, in memory of each lane; None if nobody connects to them.
+    """
+
+    rivals: Rivals
+    count: mi.UInt32
+    vertices: Any
+
+
+class Camera(Unseen):
+    """The lens, for paths that come from the lights: all strategies with t = 1.
+
+    A connection carries the camera's importance over the density of the lens point, whose cosine,
+    and that of the area that the lens covers, have cancelled:
+
+        1 / (A cos³θ d²)
+
+    Args:
+        scene: The scene.
+        lens: The lens.
+        emission: How light starts.
+        emitted: What the paths started with, for their lanes.
+        scattering: How they go on.
+        sharing: Which strategies count.
+        kept: Number of vertices that are kept for paths from the camera.
+        connects: Whether they connect to the lens at all.
+        unwarp: Whether the segment to the lens does not count in lengths.
+        hide_emitters: Whether the lens sees through area lights.
+    """
+
+    importance = True
+    finds_all = False
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        lens: Lens,
+        emission: Emission,
+        emitted: Emitted,
+        scattering: Materials,
+        sharing: Sharing,
+        kept: int = 0,
+        connects: bool = True,
+        unwarp: bool = False,
+        hide_emitters: bool = False,
+    ) -> None:
+        super().__init__(scene, hide_emitters)
+        self.connects = connects
+        self.lens, self.emission, self.emitted = lens, emission, emitted
+        self.scattering, self.sharing, self.kept = scattering, sharing, kept
+        self.unwarp = unwarp
+
+    def memory(self) -> LightPath:
+        """Of a path without vertices."""
+        vertices = dr.alloc_local(Kept, self.kept) if self.kept else None
+        return LightPath(self.sharing.none(), mi.UInt32(0), vertices)
+
+    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> LightPath:
+        """With a vertex: the rivals there, and the vertex if it is kept."""
+        memory = path.memory
+        if not self.sharing.exponent and not self.kept:
+            return memory
+        rivals, count = self._arrive(path, vertex), memory.count
+        if self.kept:
+            keep = active & self.scattering.smooth(vertex) & (count < self.kept)
+            here = Kept(vertex.si, path.depth, path.β, path.η, path.opl, rivals)
+            memory.vertices.write(here, count, keep)
+            count = count + dr.select(keep, mi.UInt32(1), 0)
+        return LightPath(rivals, count, memory.vertices)
+
+    def _arrive(self, path: Path, vertex: Vertex) -> Rivals:
+        """The rivals at a vertex; the first one's are about where the light started."""
+        start, si, power = self.emitted, vertex.si, self.sharing.power
+        cos = dr.abs(dr.dot(si.n, path.ray.d))
+        later = self.sharing.arrive(path.memory.rivals, path, vertex)
+        first = path.depth == 0
+        ds: Any = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
+        ds.p, ds.n, ds.uv, ds.emitter = start.origin, start.normal, start.uv, start.emitter
+        ds.d, ds.dist = -start.ray.d, vertex.length
+        pdf = self.scene.pdf_emitter_direction(si, ds, first & ~start.delta)
+        ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
+        across = dr.select(cos > 0, dr.rcp(cos), 0)
+        hit = dr.select(start.delta, 0, power(start.cos * across / start.density))
+        return Rivals(
+            dr.select(first, power(ratio * across), later.a), dr.select(first, hit, later.b)
+        )
+
+    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> LightPath:
+        """With the direction that the path goes on in."""
+        memory = path.memory
+        if not self.sharing.exponent:
+            return memory
+        rivals = self.sharing.leave(memory.rivals, vertex, bounce)
+        return LightPath(rivals, memory.count, memory.vertices)
+
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """A point on the lens."""
+        si = vertex.si
+        arrival = self.lens.arrive(si.p, self.lens.sample(sampler))
+        active = active & arrival.seen
+        end = arrival.near
+        if self.hide_emitters:
+            active &= ~si.shape.is_emitter()
+            end = behind_emitters(self.scene, mi.Ray3f(end, -arrival.direction)).o
+        light = self.emitted.weight * (arrival.density / dr.square(arrival.distance))
+        return Connection(
+            point=end,
+            direction=arrival.direction,
+            weight=dr.select(active, light, 0),
+            pdf=arrival.density,
+            delta=mi.Bool(True),
+            length=mi.Float(0) if self.unwarp else arrival.distance,
+            active=active,
+            clear=mi.Bool(False),
+            position=arrival.position,
+            rival=arrival,
+        )
+
+    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
+        """Share of the strategy (s, 1)."""
+        x, arrival = mi.Float(0), link.rival
+        if self.sharing.exponent:
+            cos = dr.abs(dr.dot(vertex.si.n, link.direction))
+            density = arrival.density * cos / dr.square(arrival.distance)
+            x = self.sharing.power(density) * self.sharing.sum(path.memory.rivals, turn.back)
+        return self.sharing.share(x, path.depth + 2, 1)
