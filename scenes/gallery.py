@@ -72,6 +72,12 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("small_box", "8 bounces", {}, 512, 1.2),
         Panel("small_box", "mirror_glass", {"spheres": "mirror_glass"}, 1024, 1.2),
     ),
+    "caustics": (
+        Panel("caustic", "caustic", ONE_BIN, 512, 0.8),
+        Panel("mirror_and_glass", "mirror and glass", ONE_BIN, 512, 0.7),
+        Panel("lamp_in_fixture", "fixture", ONE_BIN, 512, 0.7),
+        Panel("light_through_hole", "hole", ONE_BIN, 512),
+    ),
 }
 """What each rendered file `pictures/NAME.png` shows, from left to right."""
 

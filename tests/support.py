@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -147,6 +148,60 @@ def steady_twin(description: dict, **changes: Any) -> dict:
     steady |= {"type": "hdrfilm", "pixel_format": pixels, "component_format": "float32"}
     result["sensor"] = description["sensor"] | {"film": steady}
     return result
+
+
+# -------------------------------------------------------------------------------- descriptions
+
+NAMELESS = ("integrator", "sensor", "film", "rfilter", "sampler", "emitter", "bsdf")
+"""Keys of a dict for parts that have no id in an XML file."""
+
+
+def parsed(source: dict | Path, **parameters: Any) -> dict:
+    """Every node of a scene: its id (or plugin) -> (plugin, plain properties, names of its parts).
+
+    Args:
+        source: A dict, or the path of an XML file.
+        **parameters: Values for the file's defaults.
+    """
+    config = mi.parser.ParserConfig(mi.variant())
+    if isinstance(source, dict):
+        state = mi.parser.parse_dict(config, source)
+    else:
+        texts = {name: str(value) for name, value in parameters.items()}
+        state = mi.parser.parse_file(config, str(source), **texts)
+    mi.parser.transform_resolve(config, state)
+
+    def name(node) -> str:
+        known = node.props.id()
+        return node.props.plugin_name() if not known or known in NAMELESS else known
+
+    nodes = {}
+    for node in state.nodes:
+        plain, parts = {}, []
+        for key, value in node.props.items():
+            if isinstance(value, mi.Properties.ResolvedReference):
+                parts.append(name(state.nodes[value.index()]))
+            else:
+                plain[key] = np.array(value.matrix) if hasattr(value, "matrix") else value
+        assert name(node) not in nodes, f"{name(node)} is there twice"
+        nodes[name(node)] = (node.props.plugin_name(), plain, sorted(parts))
+    return nodes
+
+
+def require_equal(nodes: dict, others: dict) -> None:
+    """Two scenes, as from `parsed`, have the same parts, numbers up to rounding in text."""
+    assert nodes.keys() == others.keys()
+    for name, (plugin, plain, parts) in nodes.items():
+        assert others[name][0] == plugin, name
+        assert others[name][2] == parts, name
+        assert others[name][1].keys() == plain.keys(), name
+        for key, value in plain.items():
+            found = others[name][1][key]
+            if isinstance(value, str | bool):
+                assert found == value, (name, key)
+            else:
+                both = np.array(found, dtype=float), np.array(value, dtype=float)
+                np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-6, err_msg=f"{name}.{key}")
 
 
 # ---------------------------------------------------------------------------------- rendering

@@ -8,7 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba import parser
+from support import parsed, require_equal
 
 import tofrender  # noqa: F401  (picks the variant, registers the plugins)
 from tofrender.scenes import (
@@ -25,30 +25,6 @@ from tofrender.scenes import (
 CORNELL_BOXES = [name for name in BUILT_IN if name.startswith("cornell")]
 ROOT = Path(__file__).parents[2]
 XML = ROOT / "scenes" / "cornell_box.xml"
-
-
-def parsed(source) -> dict:
-    """Every node of a scene: name (or the plugin's) -> (plugin, plain properties)."""
-    config = parser.ParserConfig(mi.variant())
-    is_file = isinstance(source, Path)
-    state = (parser.parse_file if is_file else parser.parse_dict)(
-        config, str(source) if is_file else source
-    )
-    parser.transform_resolve(config, state)
-    nodes = {}
-    for node in state.nodes:
-        plain, children = {}, []
-        for key, value in node.props.items():
-            if isinstance(value, mi.Properties.ResolvedReference):
-                children.append(state.nodes[value.index()].props.plugin_name())
-            elif hasattr(value, "matrix"):
-                plain[key] = np.array(value.matrix)
-            else:
-                plain[key] = value
-        plugin = node.props.plugin_name()
-        name = node.props.id() if plugin in ("rectangle", "cube", "diffuse") else plugin
-        nodes[name] = (plugin, plain, sorted(children))
-    return nodes
 
 
 def test_facts():
@@ -90,18 +66,7 @@ def test_same_picture_as_mitsubas_own_cornell_box():
 
 
 def test_xml_is_the_dict():
-    from_xml, from_dict = parsed(XML), parsed(cornell_box())
-    assert from_xml.keys() == from_dict.keys()
-    for name, (plugin, plain, children) in from_dict.items():
-        assert from_xml[name][0] == plugin
-        assert from_xml[name][2] == children
-        assert from_xml[name][1].keys() == plain.keys(), name
-        for key, value in plain.items():
-            found = from_xml[name][1][key]
-            if isinstance(value, str):
-                assert found == value
-            else:
-                np.testing.assert_allclose(np.array(found), np.array(value), atol=1e-6)
+    require_equal(parsed(XML), parsed(cornell_box()))
 
 
 def test_root_package_hands_the_builders_on(monkeypatch):

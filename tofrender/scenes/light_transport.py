@@ -6,22 +6,20 @@ light in two shapes. Metres, y up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import deepcopy
-from math import pi
 from typing import Any
 
 from .meshes import HALVES, bust_mesh, half_rectangle
 from .parts import (
     Dict,
     area_light,
+    ball_light,
     camera,
     diffuse,
     path_tracer,
     place,
     rgb,
     shape,
-    sphere,
     steady_film,
 )
 
@@ -154,7 +152,7 @@ def veach(
         }
         scene[f"{name}-plate"] = shape("rectangle", place([0, y, z], X, tilt, [3.5, 0.45, 1]), name)
     for name, (radius, x, colour) in VEACH_LIGHTS.items():
-        scene[f"{name}-light"] = _ball_light([x, 4.2, -1.0], radius, VEACH_POWER, colour)
+        scene[f"{name}-light"] = ball_light([x, 4.2, -1.0], radius, VEACH_POWER, colour)
     return scene
 
 
@@ -237,17 +235,8 @@ def _sphere_light(
         "teal": diffuse([0.2, 0.5, 0.55]),
         "floor": shape("rectangle", place([0, 0, 0], X, -90, [6, 6, 1]), "sand"),
         "wall": shape("rectangle", place([0, 0, -1.6], X, 0, [6, 6, 1]), "teal"),
-        "light": _ball_light(SPHERE_LIGHT_CENTER, radius, SPHERE_LIGHT_POWER, white),
+        "light": ball_light(SPHERE_LIGHT_CENTER, radius, SPHERE_LIGHT_POWER, white),
     }
-
-
-def _ball_light(
-    center: Sequence[float], radius: float, power: float, colour: Sequence[float]
-) -> Dict:
-    """A black sphere that radiates `power` times `colour` [W]: radiance power / (4 pi² radius²)."""
-    radiance = power / (4 * pi**2 * radius**2)
-    light = {"emitter": area_light([radiance * channel for channel in colour])}
-    return sphere(center, radius, "black") | light
 
 
 # --------------------------------------------------------------------------- rectangle light

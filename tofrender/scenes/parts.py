@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi
 from typing import Any
 
 import mitsuba as mi
@@ -53,6 +54,15 @@ def sphere(center: Sequence[float], radius: float, bsdf: str) -> Dict:
         "radius": radius,
         "bsdf": {"type": "ref", "id": bsdf},
     }
+
+
+def ball_light(
+    center: Sequence[float], radius: float, power: float, colour: Sequence[float]
+) -> Dict:
+    """A black sphere that radiates `power` times `colour` [W]: radiance power / (4 pi² radius²)."""
+    radiance = power / (4 * pi**2 * radius**2)
+    light = {"emitter": area_light([radiance * channel for channel in colour])}
+    return sphere(center, radius, "black") | light
 
 
 def place(

@@ -1,0 +1,301 @@
+"""Scenes whose light hardly finds the camera: caustics, a lamp in a fixture, a hole in a wall.
+
+Each has one small lamp, a sphere of a few centimetres. Paths from the camera meet it, or see it at
+all, only by chance, so a path tracer's picture is noise; paths from the lamp bring its light
+through glass, out of the fixture and through the hole. Metres, y up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..runtime import checks
+from .boxes import cornell_box
+from .parts import Dict, ball_light, camera, diffuse, place, shape, sphere, transient_film
+from .settings import INTEGRATORS
+
+X, Y = [1, 0, 0], [0, 1, 0]
+
+WITH_DEPTH = tuple(name for name in INTEGRATORS if name != "ao")
+"""Integrators of these scenes: those that have a `max_depth`."""
+
+LAMP_COLOUR = [1.22, 1.02, 0.76]  # its mean is 1
+MAX_LAMP_RADIUS = 0.2  # [m], with which the lamp still touches nothing
+
+HOLE_CENTER = (-1.22, 1.2, -0.45)  # in the middle of the wall
+MAX_HOLE_WIDTH = 0.5  # [m]
+
+
+# ------------------------------------------------------------------------------ Cornell boxes
+
+
+def caustic(
+    *,
+    width: int = 256,
+    height: int = 256,
+    temporal_bins: int = 300,
+    start_opl: float = 4.2,
+    bin_width_opl: float = 0.02,
+    spp: int = 256,
+    max_depth: int = 10,
+    integrator: str = "transient_path",
+    lamp_radius: float = 0.025,
+) -> Dict:
+    """A glass sphere focuses a small lamp's light in the Cornell box.
+
+    The light is a bright ring on the floor, in the shadow. Connections from there to the lamp end
+    at the glass, and chance finds the lamp through it the more rarely the smaller it is. The
+    lamp's power is the same for any `lamp_radius`, so the picture hardly depends on it.
+
+    Args:
+        width: Picture's width [pixels], 1 to 65536.
+        height: Picture's height [pixels], 1 to 65536.
+        temporal_bins: Number of time bins, 1 to 1048576.
+        start_opl: Start of the first bin, an optical path length [m]. The default is a little
+            before the first light arrives, whatever the lamp's radius.
+        bin_width_opl: Width of a bin [m], above 0.
+        spp: Samples per pixel.
+        max_depth: Longest path in segments, camera's included; each surface of glass is one more.
+        integrator: An integrator in time that has a `max_depth`, e.g. "path_tracer_nee".
+        lamp_radius: Radius of the lamp [m], above 0 and at most 0.2.
+
+    Returns:
+        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
+        cuda_* variant.
+
+    Raises:
+        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+
+    Example:
+        >>> scene = caustic(width=64, height=64, lamp_radius=0.1)
+        >>> scene["glass-sphere"]["radius"], scene["light"]["radius"]
+        (0.4, 0.1)
+    """
+    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
+    return _empty_box(film, spp, _integrator(integrator, max_depth)) | {
+        "glass-sphere": sphere([-0.25, -0.56, -0.1], 0.4, "glass"),
+        "light": _lamp([-0.7, 0.0, -0.45], lamp_radius),
+    }
+
+
+def mirror_and_glass(
+    *,
+    width: int = 256,
+    height: int = 256,
+    temporal_bins: int = 300,
+    start_opl: float = 3.35,
+    bin_width_opl: float = 0.02,
+    spp: int = 256,
+    max_depth: int = 10,
+    integrator: str = "transient_path",
+    lamp_radius: float = 0.025,
+) -> Dict:
+    """The Cornell box with a mirror block, a glass sphere and a small lamp.
+
+    The sphere focuses the lamp's light on the floor, and a second time that of the lamp's image in
+    the block, which arrives later.
+
+    Args and errors are those of `caustic`.
+
+    Returns:
+        A dict for `mi.load_dict` with film `transient_hdr_film`.
+
+    Example:
+        >>> mirror_and_glass()["mirror"]["type"]
+        'conductor'
+    """
+    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
+    block = place([-0.42, -0.3, -0.4], Y, 40, [0.3, 0.71, 0.3])
+    return _empty_box(film, spp, _integrator(integrator, max_depth)) | {
+        "mirror": {"type": "conductor", "material": "none"},
+        "mirror-block": shape("cube", block, "mirror"),
+        "glass-sphere": sphere([0.42, -0.58, 0.1], 0.37, "glass"),
+        "light": _lamp([0.0, 0.55, 0.35], lamp_radius),
+    }
+
+
+def _empty_box(film: Dict, spp: int, integrator: Dict) -> Dict:
+    """The Cornell box without what is in it, and a material `glass`."""
+    scene = cornell_box(spp=spp)
+    for name in ("light", "small-box", "large-box"):
+        del scene[name]
+    scene["sensor"]["film"] = film
+    glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    return scene | {"integrator": integrator, "black": diffuse([0, 0, 0]), "glass": glass}
+
+
+def _lamp(center: Sequence[float], radius: float) -> Dict:
+    limits: Any = {"unit": "metres", "positive": True, "high": MAX_LAMP_RADIUS}
+    return ball_light(center, checks.number("lamp_radius", radius, **limits), 11.0, LAMP_COLOUR)
+
+
+def _integrator(integrator: str, max_depth: int) -> Dict:
+    kind = checks.one_of("integrator", integrator, WITH_DEPTH)
+    return {"type": kind, "max_depth": checks.depth("max_depth", max_depth)}
+
+
+# -------------------------------------------------------------------------------------- rooms
+
+
+def lamp_in_fixture(
+    *,
+    width: int = 256,
+    height: int = 256,
+    temporal_bins: int = 300,
+    start_opl: float = 3.9,
+    bin_width_opl: float = 0.04,
+    spp: int = 256,
+    max_depth: int = 8,
+    integrator: str = "transient_path",
+) -> Dict:
+    """A closed room lit by a lamp in a housing that is open at the top.
+
+    The lamp lights the ceiling and the top of two walls, and these light all that is below, from
+    where connections to the lamp end at the housing.
+
+    Args:
+        width: Picture's width [pixels], 1 to 65536.
+        height: Picture's height [pixels], 1 to 65536.
+        temporal_bins: Number of time bins, 1 to 1048576.
+        start_opl: Start of the first bin, an optical path length [m]. The default is a little
+            before the first light arrives.
+        bin_width_opl: Width of a bin [m], above 0.
+        spp: Samples per pixel.
+        max_depth: Longest path in segments, camera's included.
+        integrator: An integrator in time that has a `max_depth`, e.g. "path_tracer_nee".
+
+    Returns:
+        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
+        cuda_* variant.
+
+    Raises:
+        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+
+    Example:
+        >>> scene = lamp_in_fixture(width=64, height=64)
+        >>> scene["light"]["center"][1] < scene["housing"]["p1"][1]
+        True
+    """
+    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
+    x, z = -1.05, -1.15
+    return {
+        "type": "scene",
+        "integrator": _integrator(integrator, max_depth),
+        "sensor": camera([0.25, 1.25, 1.9], [-0.05, 1.12, -2], 62, film, spp),
+        "black": diffuse([0, 0, 0]),
+        "white": diffuse([0.8, 0.78, 0.74]),
+        "wood": diffuse([0.5, 0.36, 0.24]),
+        "orange": diffuse([0.75, 0.3, 0.08]),
+        "blue": diffuse([0.2, 0.36, 0.45]),
+        "enamel": {"type": "twosided", "bsdf": diffuse([0.7, 0.7, 0.7])},
+        **_room([-2, 0, -2], [2, 2.5, 2], floor="wood", left="blue", right="white"),
+        "housing": _tube(x, z, [1.45, 1.65], 0.16, "enamel"),
+        # a millimetre wider than the tube, so that they leave no gap
+        "housing-bottom": shape("disk", place([x, 1.47, z], X, -90, [0.161, 0.161, 1]), "enamel"),
+        "stem": _tube(x, z, [0.02, 1.47], 0.015, "enamel"),
+        "foot": shape("cube", place([x, 0.01, z], Y, 20, [0.14, 0.02, 0.14]), "enamel"),
+        "light": ball_light([x, 1.54, z], 0.03, 60.0, LAMP_COLOUR),
+        "table": shape("cube", place([0.45, 0.22, -0.75], Y, 12, [0.5, 0.23, 0.35]), "white"),
+        "ball": sphere([0.4, 0.67, -0.75], 0.22, "orange"),
+    }
+
+
+def light_through_hole(
+    *,
+    width: int = 256,
+    height: int = 256,
+    temporal_bins: int = 300,
+    start_opl: float = 3.6,
+    bin_width_opl: float = 0.03,
+    spp: int = 256,
+    max_depth: int = 8,
+    integrator: str = "transient_path",
+    hole_width: float = 0.2,
+) -> Dict:
+    """A dark room, lit through a small hole in the wall to the next room.
+
+    The lamp is in the next room. Through the hole it lights a patch of the floor; all other light
+    in the room comes from there, or from the walls of the next room.
+
+    Args:
+        width: Picture's width [pixels], 1 to 65536.
+        height: Picture's height [pixels], 1 to 65536.
+        temporal_bins: Number of time bins, 1 to 1048576.
+        start_opl: Start of the first bin, an optical path length [m]. The default is a little
+            before the first light arrives.
+        bin_width_opl: Width of a bin [m], above 0.
+        spp: Samples per pixel.
+        max_depth: Longest path in segments, camera's included.
+        integrator: As for `caustic`.
+        hole_width: Width and height of the hole [m], above 0 and at most 0.5.
+
+    Returns:
+        A dict for `mi.load_dict` with film `transient_hdr_film`.
+
+    Example:
+        >>> scene = light_through_hole(hole_width=0.1)
+        >>> scene["light"]["center"][0] < HOLE_CENTER[0]
+        True
+    """
+    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
+    return {
+        "type": "scene",
+        "integrator": _integrator(integrator, max_depth),
+        "sensor": camera([0.25, 1.0, 2.2], [-0.1, 0.85, -1], 55, film, spp),
+        "black": diffuse([0, 0, 0]),
+        "white": diffuse([0.8, 0.78, 0.74]),
+        "orange": diffuse([0.75, 0.3, 0.08]),
+        "blue": diffuse([0.1, 0.25, 0.65]),
+        **_room([-2.2, 0, -1], [1.2, 2, 2.3], floor="white", left="white", right="orange"),
+        **_wall_with_hole(hole_width),
+        "light": ball_light([-1.65, 1.7, -0.6], 0.03, 600.0, LAMP_COLOUR),
+        "block": shape("cube", place([0.35, 0.29, -0.3], Y, 25, [0.28, 0.3, 0.28]), "blue"),
+    }
+
+
+def _room(
+    low: Sequence[float], high: Sequence[float], *, floor: str, left: str, right: str
+) -> Dict:
+    """Six walls that face into the room between two corners [m], each of a material."""
+    x, y, z = ((least + most) / 2 for least, most in zip(low, high, strict=True))
+    a, b, c = ((most - least) / 2 for least, most in zip(low, high, strict=True))
+    return {
+        "floor": shape("rectangle", place([x, low[1], z], X, -90, [a, c, 1]), floor),
+        "ceiling": shape("rectangle", place([x, high[1], z], X, 90, [a, c, 1]), "white"),
+        "back": shape("rectangle", place([x, y, low[2]], X, 0, [a, b, 1]), "white"),
+        "front": shape("rectangle", place([x, y, high[2]], X, 180, [a, b, 1]), "white"),
+        "left": shape("rectangle", place([low[0], y, z], Y, 90, [c, b, 1]), left),
+        "right": shape("rectangle", place([high[0], y, z], Y, -90, [c, b, 1]), right),
+    }
+
+
+def _tube(x: float, z: float, ys: Sequence[float], radius: float, bsdf: str) -> Dict:
+    """A cylinder without ends, upright [m]."""
+    return {
+        "type": "cylinder",
+        "p0": [x, ys[0], z],
+        "p1": [x, ys[1], z],
+        "radius": radius,
+        "bsdf": {"type": "ref", "id": bsdf},
+    }
+
+
+def _wall_with_hole(width: float) -> Dict:
+    """Four blocks around a square hole, 4 cm thick; a centimetre deep in the room's walls."""
+    limits: Any = {"unit": "metres", "positive": True, "high": MAX_HOLE_WIDTH}
+    half = checks.number("hole_width", width, **limits) / 2
+    x, y, z = HOLE_CENTER
+    bottom, top, back, front = -0.01, 2.01, -1.01, 2.31
+
+    def block(low: float, high: float, near: float, far: float) -> Dict:
+        center = [x, (low + high) / 2, (near + far) / 2]
+        to_world = place(center, Y, 0, [0.02, (high - low) / 2, (far - near) / 2])
+        return shape("cube", to_world, "white")
+
+    return {
+        "wall-below": block(bottom, y - half, back, front),
+        "wall-above": block(y + half, top, back, front),
+        "wall-behind": block(y - half, y + half, back, z - half),
+        "wall-before": block(y - half, y + half, z + half, front),
+    }
