@@ -148,6 +148,7 @@ class Recording:
         """Say how many samples per pixel were taken so far: the picture then has all splats."""
         if self.splats is None:
             return
+        self.splats.cells.fold()
         colour, rest = self.landed()
         raw = np.array(self.image.develop(raw=True))
         count = colour_count(self.image)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -256,7 +257,8 @@ def render_transient(
     _require_gates(integrator)
     check_scene(scene, sensor)
     film = transient_film(sensor.film(), bins, start, width)
-    record = recording(film, integrator.exposure())
+    integrator.gate(start)  # Refuses where there is no pulse
+    record = recording(film, replace(integrator.exposure(), at_centres=True))
     run_plan(integrator.plan(scene, sensor), record, sensor, spp, seed)
     return film.take()[1]
 

@@ -73,13 +73,13 @@ class Lens:
         frame = to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0)
         self.right, self.up, self.axis = (mi.Vector3f(*frame[:, k].tolist()) for k in range(3))
         self.position = mi.Point3f(*to_world[:3, 3].tolist())
-        self.near_clip = mi.Float(float(parameters["near_clip"]) * scale)
-        self.far_clip = mi.Float(float(parameters["far_clip"]) * scale)
+        self.near_clip = mi.Float(float(np.ravel(parameters["near_clip"])[0]) * scale)
+        self.far_clip = mi.Float(float(np.ravel(parameters["far_clip"])[0]) * scale)
         self.is_thin = kind == "ThinLensCamera"
-        self.radius = mi.Float(
-            float(parameters["aperture_radius"]) * scale if self.is_thin else 0.0
-        )
-        self.focus = mi.Float(float(parameters["focus_distance"]) * scale if self.is_thin else 1.0)
+        self.radius = self.focus = mi.Float(0)
+        if self.is_thin:
+            self.radius = mi.Float(float(np.ravel(parameters["aperture_radius"])[0]) * scale)
+            self.focus = mi.Float(float(np.ravel(parameters["focus_distance"])[0]) * scale)
         self._find_window(sensor, film)
         dr.make_opaque(self.right, self.up, self.axis, self.position, self.near_clip)
         dr.make_opaque(self.far_clip, self.radius, self.focus, self.corner, self.extent, self.area)

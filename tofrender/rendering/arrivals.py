@@ -22,17 +22,18 @@ BINS = 1 << 13
 FIRST_OPL, LAST_OPL = 1e-3, 1e5
 
 
-@dataclass
 class ArrivalHistogram:
     """A measurement: energy in logarithmic bins of path length, for all pixels together.
+
+    No dataclass, so that loops do not carry the bins as their state.
 
     Attributes:
         energy: Array of `BINS` values; light before 1 mm is in the first, after 100 km in the last.
         hits: Number of contributions in each bin.
     """
 
-    energy: Any
-    hits: Any
+    def __init__(self) -> None:
+        self.energy, self.hits = dr.zeros(mi.Float, BINS), dr.zeros(mi.Float, BINS)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution of all channels."""
@@ -93,7 +94,7 @@ def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arriva
     pixel = mi.UInt32(sampler.next_1d() * (width * height))
     with dr.suspend_grad():
         camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
-        histogram = ArrivalHistogram(dr.zeros(mi.Float, BINS), dr.zeros(mi.Float, BINS))
+        histogram = ArrivalHistogram()
         plan.trace(sampler, camera.ray, camera.origin, histogram)
     edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
     edges[0] = 0.0

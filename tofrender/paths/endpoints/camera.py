@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -18,25 +19,32 @@ from ..sharing import Rivals, Sharing
 from .unseen import Unseen
 
 
-@dataclass
-class Kept:
-    """A vertex of a path from a light.
+@cache
+def kept_type(variant: str | None) -> Any:
+    """The record of a kept vertex in a variant; memory of a lane asks for the very types."""
 
-    Attributes:
-        si: The surface point.
-        depth: Number of surface vertices before it.
-        β: Throughput, the light's own weight apart.
-        η: Index of refraction that the path arrived in, relative to that at the light.
-        opl: Optical length from the light [m].
-        rivals: Of the path when it arrived.
-    """
+    @dataclass
+    class Kept:
+        """A vertex of a path from a light.
 
-    si: mi.SurfaceInteraction3f
-    depth: mi.UInt32
-    β: mi.UnpolarizedSpectrum
-    η: mi.Float
-    opl: mi.Float
-    rivals: Rivals
+        Attributes:
+            si: The surface point.
+            depth: Number of surface vertices before it.
+            β: Throughput, the light's own weight apart.
+            η: Index of refraction that the path arrived in, relative to that at the light.
+            opl: Optical length from the light [m].
+            a, b: Rivals of the path when it arrived.
+        """
+
+        si: mi.SurfaceInteraction3f
+        depth: mi.UInt32
+        β: mi.UnpolarizedSpectrum
+        η: mi.Float
+        opl: mi.Float
+        a: mi.Float
+        b: mi.Float
+
+    return Kept
 
 
 @dataclass
@@ -99,7 +107,7 @@ class Camera(Unseen):
 
     def memory(self) -> LightPath:
         """Of a path without vertices."""
-        vertices = dr.alloc_local(Kept, self.kept) if self.kept else None
+        vertices = dr.alloc_local(kept_type(mi.variant()), self.kept) if self.kept else None
         return LightPath(self.sharing.none(), mi.UInt32(0), vertices)
 
     def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> LightPath:
@@ -110,8 +118,9 @@ class Camera(Unseen):
         rivals, count = self._arrive(path, vertex), memory.count
         if self.kept:
             keep = active & self.scattering.smooth(vertex) & (count < self.kept)
-            here = Kept(vertex.si, path.depth, path.β, path.η, path.opl, rivals)
-            memory.vertices.write(here, count, keep)
+            here = vertex.si, path.depth, path.β, path.η, path.opl, rivals.a, rivals.b
+            place = dr.select(keep, count, 0)
+            memory.vertices.write(kept_type(mi.variant())(*here), place, keep)
             count = count + dr.select(keep, mi.UInt32(1), 0)
         return LightPath(rivals, count, memory.vertices)
 

@@ -14,7 +14,7 @@ from ..lens import Lens
 from ..records import Bounce, Connection, Hit, Path, Turn, Vertex, extend
 from ..scattering import Materials
 from ..sharing import Rivals, Sharing
-from .camera import Kept, LightPath
+from .camera import LightPath
 from .scene_lights import SceneLights
 
 
@@ -119,7 +119,11 @@ class LightPaths(SceneLights):
     ) -> Connection:
         """Vertex number k of the light path."""
         assert self.light is not None
-        kept = self.light.vertices.read(k, active)
+        active = active & (k < self.light.count)
+        kept = self.light.vertices.read(dr.select(active, k, 0), active)
+        # What was never written is no shape, and would be called
+        kept.si.shape = dr.select(active, kept.si.shape, dr.zeros(mi.ShapePtr))
+        kept.si.instance = dr.select(active, kept.si.instance, dr.zeros(mi.ShapePtr))
         to_vertex = kept.si.p - vertex.si.p
         d2 = dr.squared_norm(to_vertex)
         distance = dr.sqrt(d2)
@@ -146,7 +150,7 @@ class LightPaths(SceneLights):
             d2 = dr.squared_norm(kept.si.p - vertex.si.p)
             here = turn.pdf * dr.abs(dr.dot(kept.si.n, link.direction)) / d2
             there = link.pdf * dr.abs(dr.dot(vertex.si.n, link.direction)) / d2
-            x = sharing.power(here) * sharing.sum(kept.rivals, link.rival.back)
+            x = sharing.power(here) * sharing.sum(Rivals(kept.a, kept.b), link.rival.back)
             x += sharing.power(there) * sharing.sum(path.memory, turn.back)
         return self.sharing.share(x, kept.depth + 2, path.depth + 2)
 
@@ -154,5 +158,5 @@ class LightPaths(SceneLights):
 class _Other:
     """The far end of a connection: a kept vertex, and its density of the way back."""
 
-    def __init__(self, kept: Kept, back: Any) -> None:
+    def __init__(self, kept: Any, back: Any) -> None:
         self.kept, self.back = kept, back
