@@ -13,8 +13,8 @@ setup: ## create .venv, install the package, find or install LLVM
 render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
 	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
 
-test: setup ## run all tests; ARGS='-m "not slow and not statistical"' runs the fast ones
-	.venv/bin/python -m pytest $(ARGS)
+test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
+	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .
