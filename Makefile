@@ -26,5 +26,5 @@ bench: setup ## time the renderer against Mitsuba's steady path tracer and mitra
 	.venv/bin/python -m benchmarks $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)
-	rm -rf out build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf out build dist .pytest_cache .ruff_cache
 	find . -path ./.venv -prune -o -name __pycache__ -type d -exec rm -rf {} +
