@@ -34,7 +34,7 @@ def test_quick():
 
 
 def run_pytest(folder: Path, *options: str, ci: str = "") -> tuple[int, list[str]]:
-    """Exit status and lines of a run with a limit of a fifth of a second, without this project's."""
+    """Exit status and lines of a run with a limit of 0.2 s, without this project's settings."""
     folder.joinpath("test_times.py").write_text(TIMES)
     plugin = "from durations import *\nimport durations\ndurations.LIMIT_S = 0.2\n"
     folder.joinpath("limited.py").write_text(plugin)
