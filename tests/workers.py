@@ -12,6 +12,9 @@ from tofrender.runtime import memory
 WORKER_BYTES = 2 << 30
 """Memory of a process with tests and of what it starts [bytes]."""
 
+MOST = 8
+"""With more of them, the longest test of all decides."""
+
 LEAST_THREADS = 2
 """Mitsuba waits forever for pictures that it reads or writes with a single thread."""
 
@@ -23,8 +26,8 @@ def cores() -> int:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """As many as there are cores, fewer if memory is short; 0 instead of a single one."""
-    count = min(cores(), memory.free_on_host() // WORKER_BYTES)
+    """As many as there are cores, up to 8, fewer if memory is short; 0 instead of a single one."""
+    count = min(cores(), MOST, memory.free_on_host() // WORKER_BYTES)
     return count if count > 1 else 0
 
 

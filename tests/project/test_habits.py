@@ -67,7 +67,7 @@ def test_a_slow_test_without_its_mark_fails(tmp_path):
 
 
 def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
-    for cores, memory, processes in ((1, 99, 0), (8, 99, 8), (8, 7, 3), (8, 3, 0)):
+    for cores, memory, processes in ((1, 99, 0), (4, 99, 4), (64, 99, 8), (8, 7, 3), (8, 3, 0)):
         monkeypatch.setattr(workers, "cores", lambda cores=cores: cores)
         monkeypatch.setattr(workers.memory, "free_on_host", lambda memory=memory: memory << 30)
         assert workers.pytest_xdist_auto_num_workers() == processes
