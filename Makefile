@@ -13,8 +13,8 @@ setup: ## create .venv, install the package, find or install LLVM
 render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
 	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
 
-test: setup ## run all tests; ARGS='-m "not slow and not statistical"' runs the fast ones
-	.venv/bin/python -m pytest $(ARGS)
+test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
+	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .
@@ -26,5 +26,5 @@ bench: setup ## time the renderer against Mitsuba's steady path tracer and mitra
 	.venv/bin/python -m benchmarks $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)
-	rm -rf out build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf out build dist .pytest_cache .ruff_cache
 	find . -path ./.venv -prune -o -name __pycache__ -type d -exec rm -rf {} +

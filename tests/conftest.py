@@ -5,6 +5,7 @@ from __future__ import annotations
 import durations
 import mitsuba as mi
 import pytest
+import workers
 
 import tofrender  # Picks the variant and registers the plugins
 
@@ -12,6 +13,8 @@ VARIANT = "llvm_ad_rgb"
 
 pytest_addoption = durations.pytest_addoption
 pytest_configure = durations.pytest_configure
+pytest_sessionstart = workers.pytest_sessionstart
+pytest_xdist_auto_num_workers = workers.pytest_xdist_auto_num_workers
 
 
 @pytest.fixture(autouse=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import mitsuba as mi
 import numpy as np
+from scipy.fft import next_fast_len
 
 from tofrender.nlos import hidden_depth, make_capture
 
@@ -193,7 +194,7 @@ def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
         result[number] = np.bincount(at[kept], light[kept], fine)
     t = np.arange(-margin * FINE, margin * FINE + 1) / FINE
     pulse = np.exp(-t * t / 2)
-    size = fine + len(t) - 1
+    size = next_fast_len(fine + len(t) - 1, real=True)
     spread = np.fft.irfft(np.fft.rfft(result, size) * np.fft.rfft(pulse / pulse.sum(), size), size)
     spread = spread[:, margin * FINE : margin * FINE + fine].reshape(len(seen), -1, FINE).sum(2)
     return np.maximum(spread[:, margin:-margin], 0)

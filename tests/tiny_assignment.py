@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 RUBRIC = """
@@ -123,7 +124,7 @@ id = "a0.p{0}"
 title = "{1}"
 file = "p{0}.py"
 names = ["add{0}"]
-timeout_s = 6
+timeout_s = {2}
 takes_s = 1
 tests = [{{ id = "test_p{0}.py::test_numbers", points = 1 }}]
 """
@@ -144,16 +145,22 @@ def test_numbers(submission):
 CALL = "def call(theirs, name, **arguments):\n    return getattr(theirs, name)(**arguments)\n"
 
 
-def wide(titles: list[str]) -> dict[str, str]:
-    """Files of an assignment with a problem for each title: add two numbers in p0.py, p1.py ..."""
+def wide(titles: Iterable[str], endless: Collection[str] = ()) -> dict[str, str]:
+    """Files of an assignment with a problem for each title: add two numbers in p0.py, p1.py ...
+
+    Args:
+        titles: The problems' titles.
+        endless: Those of problems that get 2 s for an answer instead of 6.
+    """
     head = '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.nlos.light"]\n'
+    problems = (PROBLEM.format(n, t, 2 if t in endless else 6) for n, t in enumerate(titles))
     files = {
-        "rubric.toml": head + "".join(PROBLEM.format(*each) for each in enumerate(titles)),
+        "rubric.toml": head + "".join(problems),
         "pytest.ini": FILES["pytest.ini"],
         "tests/probes.py": CALL,
         "solutions/p0.py": "",
     }
-    return files | {f"tests/test_p{n}.py": TEST.format(n) for n in range(len(titles))}
+    return files | {f"tests/test_p{n}.py": TEST.format(n) for n, _ in enumerate(titles)}
 
 
 def write(folder: Path, files: dict[str, str]) -> Path:

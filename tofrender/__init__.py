@@ -36,6 +36,11 @@ def _is_command() -> bool:
     return "-m" in options and options[options.index("-m") + 1].split(".")[0] == "tofrender"
 
 
+def _is_judge() -> bool:
+    """Whether Python runs for a pytest that judges a submission, which renders elsewhere."""
+    return "tofrender.course.judge.plugin" in sys.orig_argv
+
+
 # The command answers --help without Mitsuba, and activates a variant when it needs one.
-if not _is_command():
+if not (_is_command() or _is_judge()):
     backend.activate()

@@ -344,7 +344,7 @@ def _rest(screen: int) -> str:
 @pytest.mark.slow
 def test_ctrl_c(tmp_path):
     folder = tmp_path / "box"
-    size = ["--size", "64x64", "--spp", str(1 << 24)]
+    size = ["--size", "64x64", "--max-depth", "4", "--spp", str(1 << 24)]
     screen, stderr = pty.openpty()  # The bar shows in a terminal only
     termios.tcsetwinsize(stderr, (24, 80))
     process = subprocess.Popen(

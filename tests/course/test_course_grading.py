@@ -26,7 +26,7 @@ from tofrender.course.grade.results import Results, grades_of
 from tofrender.course.judge import processes, sandbox
 from tofrender.course.judge.running import read_report
 
-SLEEP_S = 86_399.5  # what a process sleeps that should be ended
+SLEEP_S = 10_000_000 + os.getpid()  # what a process sleeps that these tests start and should end
 TIME_LIMIT_S, MEMORY_GIB = 40.0, 0.5
 
 
@@ -242,7 +242,7 @@ HOSTILE = {
         1,
         "",
     ),
-    "endless loop": ("def add(a, b):\n    while True: pass\n", 0, "no answer within 6 s"),
+    "endless loop": ("def add(a, b):\n    while True: pass\n", 0, "no answer within 2 s"),
     "right at the end": (ADD, 1, ""),
 }
 
@@ -269,7 +269,7 @@ SLOW = {
         0,
         "emory",
     ),
-    "endless loop at import": ("while True: pass\n", 0, "no answer within"),
+    "endless loop at import": ("while True: pass\n", 0, "no answer within 2 s"),
     "endless kernel": (
         "import drjit as dr, mitsuba as mi\n"
         "def add(a, b):\n"
@@ -277,7 +277,7 @@ SLOW = {
         "    (i,) = dr.while_loop((i,), lambda i: i < 2**31, lambda i: ((i + 1) & 1023,))\n"
         "    return i.numpy()\n",
         0,
-        "no answer within 6 s",
+        "no answer within 2 s",
     ),
     "scatter out of range": (
         "import drjit as dr, mitsuba as mi\n"
@@ -298,7 +298,7 @@ SLOW = {
     "stopped": (
         "import os, signal\ndef add(a, b):\n    os.kill(os.getpid(), signal.SIGSTOP)\n",
         0,
-        "no answer within 6 s",
+        "no answer within 2 s",
     ),
     "right": (ADD, 1, ""),
 }
@@ -308,7 +308,8 @@ SLOW = {
 @pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
 def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
     """All in one submission, where each could harm those after it."""
-    staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(list(set_of)))
+    endless = [name for name, (_, _, reason) in set_of.items() if reason.startswith("no answer")]
+    staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(set_of, endless))
     files = {}
     for number, (text, _, _) in enumerate(set_of.values()):
         if text is not None:
@@ -412,7 +413,7 @@ def test_expansion_is_counted_as_it_comes(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_zip_of_a_gigabyte(grade, tmp_path):
     path = tmp_path / "x.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, text in RIGHT.items():
             archive.writestr(name, text)
         with archive.open("deliverables/x.npz", "w") as file:
@@ -550,9 +551,10 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_twenty_submissions_use_constant_memory(tmp_path, home):
+def test_a_class_uses_constant_memory(tmp_path, home):
+    """It grows by less than 120 kB a submission."""
     staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
-    for number in range(20):
+    for number in range(10):
         right = {"p0.py": "def add0(a, b):\n    return a + b\n"}
         tiny_assignment.write(tmp_path / "class" / f"{number:02}", right)
     table, used = tmp_path / "grades.csv", []
@@ -562,8 +564,8 @@ def test_twenty_submissions_use_constant_memory(tmp_path, home):
 
     with grading.opened(staff) as grader:
         grading.grade_all(grader, tmp_path / "class", table, tmp_path / "out", look)
-    assert [row["total"] for row in table_rows(table)] == ["1"] * 20
-    assert used[-1] - used[2] < 2 << 20
+    assert [row["total"] for row in table_rows(table)] == ["1"] * 10
+    assert used[-1] - used[2] < 7 * 120e3
 
 
 # ------------------------------------------------------------------------------ the processes

@@ -105,7 +105,8 @@ def test_pip_can_read_it(released):
     assert project["scripts"] == whole["scripts"]
 
 
-def test_names_say_the_problem(released):
+def test_names_say_the_problem(tiny, tmp_path):
+    edition.copy(tiny, tmp_path / "edition")
     script = """
 import tofrender, tofrender.analysis
 for statement in (
@@ -121,7 +122,7 @@ for statement in (
 print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
 """
     pulse, integrator = "yours to write: problem a0.pulse", "tofrender.integrators.transient_path"
-    assert in_edition(released / "package", script).splitlines() == [
+    assert in_edition(tmp_path / "edition", script).splitlines() == [
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.signals.pulses is {pulse}",

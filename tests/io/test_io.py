@@ -144,12 +144,13 @@ def test_frame_names_have_four_digits_or_more():
 
 
 @pytest.mark.slow
-def test_frame_names_sort_beyond_9999(tmp_path):
-    dataset = make_dataset(height=1, width=1, bins=10_001, channels="L")
+def test_frame_names_sort_where_they_have_more_digits(tmp_path, monkeypatch):
+    monkeypatch.setattr(exr, "LEAST_DIGITS", 3)  # With 4, it takes more than 10 000 frames
+    dataset = make_dataset(height=1, width=1, bins=1_101, channels="L")
     io.save_exr_stack(dataset, tmp_path / "stack")
     names = sorted(file.name for file in (tmp_path / "stack").glob("frame_*"))
-    assert names[0] == "frame_00000.exr"
-    assert names[9_999:] == ["frame_09999.exr", "frame_10000.exr"]
+    assert names[0] == "frame_0000.exr"
+    assert names[999:1_001] == ["frame_0999.exr", "frame_1000.exr"]
     assert_same(io.load_exr_stack(tmp_path / "stack"), dataset)
 
 

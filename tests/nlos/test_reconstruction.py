@@ -30,7 +30,7 @@ from tofrender.nlos import (
     max_projection,
     reconstruct,
 )
-from tofrender.nlos.reconstruction import backprojection
+from tofrender.nlos.reconstruction import backprojection, methods
 from tofrender.nlos.reconstruction.measured import Measured
 from tofrender.nlos.reconstruction.volume import resample
 from tofrender.runtime import memory
@@ -40,7 +40,7 @@ TIME = {"width": 0.012, "bins": 125}
 ALLOWED = [("confocal", m) for m in METHODS]
 ALLOWED += [(mode, m) for mode in ("single", "exhaustive") for m in ("bp", "fbp", "phasor")]
 pairs = pytest.mark.parametrize(("mode", "method"), ALLOWED)
-methods = pytest.mark.parametrize("method", METHODS)
+each_method = pytest.mark.parametrize("method", METHODS)
 SCENES = {
     # A plane that is parallel to the wall and reaches past its edge on one side
     "plane": partial(rectangle, (-0.8, 1.1), (-0.7, 0.9), 1.0, 0.04),
@@ -101,13 +101,26 @@ def test_depth_of_scenes(scene, mode, method):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
-def test_depth_of_scenes_at_full_size(scene, mode, method):
+@pytest.mark.parametrize("mode", ["confocal", "single"])
+def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
     """64 x 64 points, bins of 6 mm, depth 1 m: below 2 cm."""
     capture = light_of(SCENES[scene], Wall(64), mode, width=0.006, bins=250)
-    volume = run(capture, method)
-    error = depth_error(volume, true_depth(SCENES[scene](), volume))
-    assert error.median < LIMITS.get((scene, method), 0.02)
+    projections = {}  # fbp goes on with what bp ends with
+
+    def once(measured, grid, weighting, progress):
+        if (grid, weighting) not in projections:
+            found = backprojection.backproject(measured, grid, weighting, progress)
+            projections[grid, weighting] = found
+        return projections[grid, weighting].copy()
+
+    monkeypatch.setattr(methods, "backproject", once)
+    medians = {}
+    for method in [each for at, each in ALLOWED if at == mode]:
+        volume = run(capture, method)
+        medians[method] = depth_error(volume, true_depth(SCENES[scene](), volume)).median
+    wrong = {m: e for m, e in medians.items() if not e < LIMITS.get((scene, m), 0.02)}
+    assert not wrong
+    assert len(projections) == 1
 
 
 def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
@@ -230,7 +243,7 @@ def test_a_planted_half_bin_is_seen(mode, method):
     assert 0.004 < whole - right < 0.009
 
 
-@methods
+@each_method
 def test_a_negative_start_of_the_window(method):
     """Bins before light can come back are dark, not wrong."""
     capture = light_of(
@@ -263,7 +276,7 @@ def test_any_geometry_for_backprojection():
 
 
 @pytest.mark.slow
-@methods
+@each_method
 def test_noise(method):
     """Noise of 2 % of the largest value in each bin: the letter is still at its depth."""
     volume = run(capture_of(letter_z(), Wall(32), noise=0.02, **TIME), method)
@@ -369,7 +382,7 @@ def test_options_change_what_they_say():
         assert not np.allclose(a["intensity"], b["intensity"])
 
 
-@methods
+@each_method
 def test_a_volume_of_ones_own(method):
     capture = capture_of(letter_z(), Wall(16), **TIME)
     axes = ((-0.5, 0.7, 9), (-0.6, 0.5, 7), (0.8, 1.3, 11))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import durations
 import pytest
+import workers
 import yaml
 
 ROOT = Path(__file__).parents[2]
@@ -21,11 +22,11 @@ import pytest
 
 @pytest.mark.parametrize("k", range(3))
 def test_together(k):
-    time.sleep(0.3)
+    time.sleep(0.1)
 
 @pytest.mark.slow
 def test_marked():
-    time.sleep(0.7)
+    time.sleep(0.25)
 
 def test_quick():
     pass
@@ -33,9 +34,9 @@ def test_quick():
 
 
 def run_pytest(folder: Path, *options: str, ci: str = "") -> tuple[int, list[str]]:
-    """Exit status and lines of a run with a limit of half a second, without this project's."""
+    """Exit status and lines of a run with a limit of 0.2 s, without this project's settings."""
     folder.joinpath("test_times.py").write_text(TIMES)
-    plugin = "from durations import *\nimport durations\ndurations.LIMIT_S = 0.5\n"
+    plugin = "from durations import *\nimport durations\ndurations.LIMIT_S = 0.2\n"
     folder.joinpath("limited.py").write_text(plugin)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "limited", "-p", "no:cacheprovider"]
     paths = os.pathsep.join([str(folder), str(ROOT / "tests")])
@@ -52,7 +53,8 @@ def run_pytest(folder: Path, *options: str, ci: str = "") -> tuple[int, list[str
 @pytest.mark.slow
 def test_a_slow_test_without_its_mark_fails(tmp_path):
     said = "test_times.py::test_together: took "
-    for options, ci in ((["--strict-durations"], ""), ([], "true")):
+    side_by_side = ["-p", "xdist", "-n", "2", "--dist", "worksteal"]
+    for options, ci in ((["--strict-durations"], ""), ([], "true"), (side_by_side, "true")):
         status, lines = run_pytest(tmp_path, *options, ci=ci)
         assert status == 1
         told = [line for line in lines if ": took " in line]
@@ -62,6 +64,13 @@ def test_a_slow_test_without_its_mark_fails(tmp_path):
     status, lines = run_pytest(tmp_path)
     assert status == 0, lines
     assert not any(said in line for line in lines)
+
+
+def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
+    for cores, memory, processes in ((1, 99, 0), (4, 99, 4), (64, 99, 8), (8, 7, 3), (8, 3, 0)):
+        monkeypatch.setattr(workers, "cores", lambda cores=cores: cores)
+        monkeypatch.setattr(workers.memory, "free_on_host", lambda memory=memory: memory << 30)
+        assert workers.pytest_xdist_auto_num_workers() == processes
 
 
 def test_this_session_is_watched_under_ci(request):

@@ -75,10 +75,10 @@ def test_a_large_mesh_takes_milliseconds():
     parameters["faces"] = np.tile([0, 1, 2], 10).astype(np.uint32)
     parameters.update()
     scene = of(mesh=mesh)
-    start = time.perf_counter()
+    start = time.process_time()
     for _ in range(5):
         check_scene(scene)
-    assert time.perf_counter() - start < 0.5
+    assert time.process_time() - start < 0.5
     positions[-1] = NAN
     parameters["vertex_positions"] = positions
     parameters.update()

@@ -102,10 +102,10 @@ def test_obj_files_are_refused_by_mitsuba(tmp_path):
 
 
 def test_the_check_of_a_mesh_is_fast():
-    start = time.perf_counter()
+    start = time.process_time()
     for _ in range(10):
         require_indices(str(BUNNY))
-    assert time.perf_counter() - start < 0.2
+    assert time.process_time() - start < 0.2
 
 
 # -------------------------------------------------------------------------------- nesting

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = "tofrender transient stack 1"
+LEAST_DIGITS = 4
+"""Of a frame's number in its name."""
 #: EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
 _EXR_CHANNELS = {("R", "G", "B"): "RGB", ("L",): "Y"}
 #: Header names with a meaning of their own, which attributes of a Dataset must not take.
@@ -150,7 +152,7 @@ class _Stack:
         checks.one_of("channel", "".join(names), ["".join(key) for key in _EXR_CHANNELS])
         self.channel = _EXR_CHANNELS[names]
         self.bins = dataset.sizes["opl"]
-        self.digits = max(4, len(str(self.bins - 1)))
+        self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
         self.windows = _windows(dataset)
         self.attributes = {
             key: _native(value)

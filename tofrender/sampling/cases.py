@@ -104,8 +104,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
 
     def interaction(lanes: int) -> mi.SurfaceInteraction3f:
         si = dr.zeros(mi.SurfaceInteraction3f, lanes)
-        si.wi = mi.Vector3f(*wi)
-        si.uv = mi.Point2f(*uv)
+        si.wi, si.uv = dr.opaque(mi.Vector3f, wi), dr.opaque(mi.Point2f, uv)
         return si
 
     def sample(numbers: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
@@ -146,11 +145,11 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         return _mitsuba_light(light, origin, name or str(light.get("type")))
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
-        record = light.sample(mi.Point3f(*origin), numbers)
+        record = light.sample(dr.opaque(mi.Point3f, origin), numbers)
         return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
 
     def pdf(v: mi.Vector3f) -> mi.Float:
-        return light.pdf(mi.Point3f(*origin), v)
+        return light.pdf(dr.opaque(mi.Point3f, origin), v)
 
     return Case(sample, pdf, "sphere", name or type(light).__name__)
 
@@ -164,7 +163,7 @@ def _mitsuba_light(light: dict, origin: tuple[float, ...], name: str) -> Case:
 
     def reference(lanes: int) -> mi.Interaction3f:
         it = dr.zeros(mi.Interaction3f, lanes)
-        it.p = mi.Point3f(*origin)
+        it.p = dr.opaque(mi.Point3f, origin)
         return it
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -206,6 +207,7 @@ def _draw(sample: Callable[[Any], Any], dimension: int, count: int, seed: int) -
     pair = sampler.next_2d()
     result = sample(pair if dimension == 2 else mi.Point3f(sampler.next_1d(), pair.x, pair.y))
     result = result if isinstance(result, tuple) else (result,)
+    dr.eval(result)
     points = domains.to_numpy(result[0], count)
     more = [np.broadcast_to(np.asarray(mi.Float(each), np.float64), count) for each in result[1:]]
     weights = more[0] if more else np.ones(count)

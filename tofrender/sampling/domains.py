@@ -147,7 +147,7 @@ def find(domain: Any) -> Domain:
 def to_drjit(points: np.ndarray) -> Any:
     """Points (dimensions, n) as `mi.Point2f` or `mi.Vector3f`."""
     kind = mi.Point2f if points.shape[0] == 2 else mi.Vector3f
-    return kind(*(mi.Float(each) for each in points))
+    return kind(points)
 
 
 def to_numpy(points: Any, count: int) -> np.ndarray:

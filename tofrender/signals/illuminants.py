@@ -54,7 +54,7 @@ class Colours:
             fetched = [mi.srgb_model_fetch(mi.ScalarColor3f(c)) for c in reflectances.tolist()]
             place = place.ravel()
             self._values = mi.Vector3f(np.array(fetched)[place].reshape(-1, 3).T.copy())
-            self._scale = mi.Float(scale[place])
+            self._scale = mi.Float(scale[place].tolist())
             dr.eval(self._scale)
         else:
             self._values = mi.Color3f(rgb.T.copy())

@@ -47,10 +47,12 @@ def visualize_transient(
         >>> animation = visualize_transient(np.ones((4, 6, 10)), 3.5, 0.02)
         >>> html = animation.to_jshtml()
     """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
     sequence = Transient.of(data, start_opl, bin_width_opl)
     height, width, bins = sequence.values.shape[:3]
     exposure = auto_exposure(sequence.values)
-    figure = new_figure(5.0, 5.0 * picture_aspect(height, width, 0.5, 2.0) + 0.35)
+    figure = new_figure(5.0, 5.0 * picture_aspect(height, width, 0.5, 2.0) + 0.35, layout=None)
     axes = figure.add_subplot()
 
     def picture(index: int) -> np.ndarray:
@@ -59,8 +61,7 @@ def visualize_transient(
     image = axes.imshow(picture(0), extent=sequence.extent, interpolation="nearest")
     title = axes.set_title(sequence.label(0))
     pixel_axes(axes)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # nothing moves from frame to frame
+    ConstrainedLayoutEngine().execute(figure)  # once: nothing moves from frame to frame
 
     def update(index: int) -> list[Any]:
         image.set_data(picture(index))

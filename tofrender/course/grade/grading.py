@@ -145,7 +145,7 @@ class Grader:
             "report": report,
             "memory-gib": self.memory_gib,
         }
-        pytest = [sys.executable, "-P", "-s", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+        pytest = [sys.executable, "-P", "-s", "-m", "pytest", *running.QUICKLY]
         pytest += ["-c", "pytest.ini", "-m", problem.marker, "--confine"]
         pytest += [f"--{name}={value}" for name, value in options.items()]
         confined = {

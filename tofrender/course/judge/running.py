@@ -17,6 +17,8 @@ from ..assignments import PACKAGE
 from ..rubric import Rubric
 
 OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
+QUICKLY = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
+"""Options of pytest with which it starts no Mitsuba and leaves no files."""
 REPORTED = {"id", "case", "outcome", "text", "seconds"}
 """What every line of a report says."""
 
@@ -130,8 +132,9 @@ def pytest(
         "PYTHONPATH": os.pathsep.join(path),
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTEST_ADDOPTS": "",
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
     }
-    command = [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
+    command = [sys.executable, "-P", "-m", "pytest", *QUICKLY, *options]
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False
     )

@@ -50,8 +50,8 @@ def solid_angle(laser: Any) -> float:
     Raises:
         ValueError: The laser is dark along its axis; one line.
     """
-    sides = (np.arange(RAYS) + 0.5) / RAYS
-    u = mi.Point2f(*(mi.Float(each.ravel()) for each in np.meshgrid(sides, sides)))
+    sides = (dr.arange(mi.Float, RAYS) + 0.5) / RAYS
+    u = mi.Point2f(*dr.meshgrid(sides, sides))
     rays, _ = laser.sample_ray(0.0, 0.5, u, u, True)
     origin, forward = axis(laser)
     frame = mi.Frame3f(forward)
@@ -59,8 +59,8 @@ def solid_angle(laser: Any) -> float:
     x, y = local.x / local.z, local.y / local.z
     low, high = [dr.min(v) for v in (x, y)], [dr.max(v) for v in (x, y)]
     margin = [0.05 * (h - a) for a, h in zip(low, high, strict=True)]
-    sides = (np.arange(CELLS) + 0.5) / CELLS
-    s, t = (mi.Float(each.ravel()) for each in np.meshgrid(sides, sides))
+    sides = (dr.arange(mi.Float, CELLS) + 0.5) / CELLS
+    s, t = dr.meshgrid(sides, sides)
     spans = [h - a + 2 * m for a, h, m in zip(low, high, margin, strict=True)]
     x, y = (a - m + v * w for a, m, v, w in zip(low, margin, (s, t), spans, strict=True))
 

@@ -87,14 +87,15 @@ class ConfocalProjector(mi.Emitter):
         self.power: list[float] = powers.sum(axis=0).tolist()
         brightness = powers.mean(axis=1)
         self.count = len(sigmas)
-        self.positions = mi.Point2f(positions.T.copy())
-        self.sigmas = mi.Float(sigmas)
+        # Lists: kernels are made anew for memory that starts elsewhere, and NumPy's may anywhere
+        self.positions = mi.Point2f(*(mi.Float(each.tolist()) for each in positions.T))
+        self.sigmas = mi.Float(sigmas.tolist())
         self.colours = Colours(powers / brightness[:, None])
-        self.cumulative = mi.Float(np.cumsum(brightness) / brightness.sum())
-        self.shares = mi.Float(brightness / brightness.sum())
+        self.cumulative = mi.Float((np.cumsum(brightness) / brightness.sum()).tolist())
+        self.shares = mi.Float((brightness / brightness.sum()).tolist())
         self.total = float(brightness.sum())
         inside = np.prod([_between(positions[:, k], sigmas) for k in (0, 1)], axis=0)
-        self.inside = mi.Float(inside)
+        self.inside = mi.Float(inside.tolist())
         dr.eval(self.positions, self.sigmas, self.cumulative, self.inside)
 
     @property

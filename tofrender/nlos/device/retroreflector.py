@@ -51,7 +51,7 @@ class Retroreflector(mi.BSDF):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        self.lobe_exponent = mi.Float(_exponent(props.get("lobe_exponent", 100.0)))
+        self.lobe_exponent = dr.opaque(mi.Float, _exponent(props.get("lobe_exponent", 100.0)))
         super().__init__(props)
         self.reflectance = _in_unit_interval(props.get_texture("reflectance", 0.5))
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide

@@ -1,0 +1,38 @@
+"""Tests side by side, `pytest -n auto`: how many processes, and how many threads in each."""
+
+from __future__ import annotations
+
+import os
+
+import drjit as dr
+import pytest
+
+from tofrender.runtime import memory
+
+WORKER_BYTES = 2 << 30
+"""Memory of a process with tests and of what it starts [bytes]."""
+
+MOST = 8
+"""With more of them, the longest test of all decides."""
+
+LEAST_THREADS = 2
+"""Mitsuba waits forever for pictures that it reads or writes with a single thread."""
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """As many as there are cores, up to 8, fewer if memory is short; 0 instead of a single one."""
+    count = min(cores(), MOST, memory.free_on_host() // WORKER_BYTES)
+    return count if count > 1 else 0
+
+
+def pytest_sessionstart() -> None:
+    """Divide the cores among the processes."""
+    count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if count > 1:
+        dr.set_thread_count(max(LEAST_THREADS, cores() // count))
