@@ -121,9 +121,8 @@ class Recording:
 
     def landed(self) -> tuple[Any, Any]:
         """Splats so far, for the picture's colours and for the channels behind its weight."""
-        sums = np.array(self.splats.cells.tensor())
-        rest = np.zeros((*sums.shape[:2], 0))
-        return sums[:, :, 0], rest
+        sums = self._landed
+        return sums[:, :, 0], np.zeros((*sums.shape[:2], 0))
 
     def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
         """What samples put into the picture, before and behind their weight."""
@@ -142,13 +141,16 @@ class Recording:
             splats: Whether light lands on any pixel, besides what camera rays bring.
         """
         self.splats = Splats(self.film, self.pictures) if splats else None
+        self._landed: Any = 0.0
         self._in_picture: Any = 0.0
 
     def reach(self, taken: int, spp: int) -> None:
         """Say how many samples per pixel were taken so far: the picture then has all splats."""
         if self.splats is None:
             return
-        self.splats.cells.fold()
+        # Put aside in double precision, so that single precision loses no small addends
+        self._landed = self._landed + np.array(self.splats.cells.tensor(), dtype=float)
+        self.splats.cells.scale(0.0)
         colour, rest = self.landed()
         raw = np.array(self.image.develop(raw=True))
         count = colour_count(self.image)
@@ -278,7 +280,7 @@ class PhasorRecording(Recording):
 
     def landed(self) -> tuple[Any, Any]:
         """Splats so far: those of all light, and the phasors of the film's own phase and pulse."""
-        sums = np.array(self.splats.cells.tensor())
+        sums = self._landed
         n = len(self.film.frequencies_hz)
         phasors = sums[:, :, 1 : n + 1] + 1j * sums[:, :, n + 1 :]
         phasors = phasors * self.film.factors(self.exposure.pulse)[:, None]
