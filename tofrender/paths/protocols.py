@@ -9,6 +9,8 @@
 | | `endpoints.OneSampleLights` | an emitter or, as often, what the material's sampling finds |
 | | `endpoints.GatedLights` | points on emitters whose light comes when a gate is open |
 | | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
+| | `endpoints.camera.Camera` | the lens, for paths that come from lights |
+| | `endpoints.light_paths.LightPaths` | the scene's emitters, and the vertices of a light path |
 | | `nlos.light.laser_spot.LaserSpot` | the point of a wall that a laser lights |
 | | `nlos.light.transient_nlos.LaserItself` | the laser, for the paths that count |
 | scattering | `scattering.Materials` | each surface's own material, or one for all |

@@ -2,13 +2,17 @@
 
 `walk` follows paths and hands every connection to an endpoint to a measurement. It knows how long
 each path is, and nothing of pulses, films or frequencies: what varies are the four parts of
-`protocols`. What may come enters through them, without a second loop:
+`protocols`.
 
-- **Paths that start at lights** start with an emitter's ray, weighted by their measurement. Their
-  endpoint is the camera: `connect` ends on the lens, and connection and contribution get a field
-  for the position on the film, whose pixels then have many writers. Importance is scattered in the
-  other mode of `mi.BSDFContext` and not compressed at refraction, so that roulette leaves η² out:
-  an attribute of the endpoint says so.
+**Paths that start at lights** are walked by it too. They start with an emitter's ray (`emission`);
+their endpoint is the camera (`endpoints.camera`), which ends connections on the lens, says where on
+the film they land, and weighs them with what the light started with. Scattering then turns the
+materials round (`Materials(importance=True)`), and roulette leaves η² out, since what such a path
+carries is not compressed at refraction. How the strategies of both ends share light is `sharing`;
+what a path knows of it is in its memory.
+
+What may come enters through the parts, without a second loop:
+
 - **Media** are a space: `next` returns a vertex without a surface and a path with another
   throughput, passes null collisions and boundaries of equal index without moving `prev`, and
   `transmittance` is a spectrum; what it must know of the medium is a field of the path. Phase
