@@ -79,8 +79,8 @@ class Targets:
         everything = scene.shapes()
         numbers = [everything.index(shape) for shape in self.shapes]
         self.area = dr.opaque(mi.Float, float(areas.sum()))
-        self.upper = mi.Float(cumulative)
-        self.lower = mi.Float(np.concatenate([[0.0], cumulative[:-1]]))
+        self.upper = mi.Float(cumulative.tolist())
+        self.lower = mi.Float([0.0, *cumulative[:-1].tolist()])
         self.pointers = dr.gather(mi.ShapePtr, scene.shapes_dr(), mi.UInt32(numbers))
         self.plain = all(map(is_plain, self.shapes))
         dr.eval(self.upper, self.lower, self.pointers)
