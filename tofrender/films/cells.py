@@ -55,9 +55,13 @@ class Cells:
         active = active & (x >= 0) & (y >= 0) & (x < width) & (y < height)
         cell = mi.UInt32(y * width + x) * count + k
         mode = dr.ReduceMode.NoConflicts if private else dr.ReduceMode.Auto
-        padded = [*values, *[0.0] * (self.stride - len(values))]
-        value = values[0] if self.stride == 1 else mi.ArrayXf(padded)
-        dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, cell, active, mode)
+        add, target = dr.ReduceOp.Add, self._sums
+        if private and self.stride > 1:
+            packet = mi.ArrayXf([*values, *[0.0] * (self.stride - len(values))])
+            dr.scatter_reduce(add, target, packet, cell, active, mode)
+        else:  # Sums up what lanes add to one number first, which keeps its last digits
+            for c, value in enumerate(values):
+                dr.scatter_reduce(add, target, value, cell * self.stride + c, active, mode)
 
     def fold(self) -> None:
         """Put the sums aside and go on with zeros, since single precision loses small addends."""
