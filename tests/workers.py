@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import drjit as dr
 import pytest
 
-from tofrender.runtime import memory
+from tofrender.runtime import backend, memory
 
 WORKER_BYTES = 2 << 30
 """Memory of a process with tests and of what it starts [bytes]."""
 
 MOST = 8
 """With more of them, the longest test of all decides."""
-
-LEAST_THREADS = 2
-"""Mitsuba waits forever for pictures that it reads or writes with a single thread."""
 
 
 def cores() -> int:
@@ -32,7 +30,9 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_sessionstart() -> None:
-    """Divide the cores among the processes."""
+    """Divide the cores among the processes; hear Ctrl-C, which background jobs ignore."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     if count > 1:
-        dr.set_thread_count(max(LEAST_THREADS, cores() // count))
+        dr.set_thread_count(max(backend.LEAST_THREADS, cores() // count))

@@ -50,6 +50,21 @@ def test_llvm_is_picked_without_cuda():
     assert says(code, CUDA_VISIBLE_DEVICES="-1") == ["llvm_ad_rgb"]
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs Linux")
+def test_pictures_are_written_on_one_core(tmp_path):
+    """With a single thread of Dr.Jit, Mitsuba would wait for its own picture forever."""
+    code = f"""
+import os
+os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
+import tofrender, drjit as dr, mitsuba as mi
+print(dr.thread_count())
+path = {str(tmp_path / "picture.exr")!r}
+mi.Bitmap(dr.ones(mi.TensorXf, (4, 4, 3))).write(path)
+print(mi.Bitmap(path).size())
+"""
+    assert says(code) == ["2", "[4, 4]"]
+
+
 def test_cuda_is_picked_where_it_works():
     """Told that CUDA works, the choice falls on it; Mitsuba is not asked to start it."""
     code = """

@@ -14,6 +14,10 @@ THREAD = 8 << 20
 """Address space of each of Dr.Jit's threads, one a core [bytes]."""
 
 
+LEAST_THREADS = 2
+"""With one, Mitsuba waits forever for pictures that it reads or writes: the waiter blocks it."""
+
+
 class BackendError(RuntimeError):
     """No variant can render here; the message is one line with the command that mends it."""
 
@@ -38,8 +42,11 @@ def activate(variant: str | None = None) -> str:
     """
     _require_address_space()
     _offer_llvm()
+    import drjit as dr
     import mitsuba as mi
 
+    if dr.thread_count() < LEAST_THREADS:
+        dr.set_thread_count(LEAST_THREADS)
     if variant is not None:
         checks.one_of("variant", variant, mi.variants())
     if _on_variant_change not in _callbacks:
@@ -118,7 +125,7 @@ def _require_address_space() -> None:
     if "drjit" in sys.modules:
         return
     limit, left = memory.address_space()
-    needed = START + THREAD * (os.cpu_count() or 1)
+    needed = START + THREAD * max(LEAST_THREADS, os.cpu_count() or 1)
     if left < needed:
         raise BackendError(
             f"ulimit -v = {limit >> 10}: must be at least {(limit - left + needed) >> 10} for "

@@ -58,7 +58,8 @@ class Stop:
 def deferred_stop() -> Iterator[Stop]:
     """Turn the first Ctrl-C into a request to stop after the step under way.
 
-    A second Ctrl-C interrupts at once. In a thread other than the main one, nothing changes.
+    A second Ctrl-C interrupts at once. Nothing changes in a thread other than the main one, nor
+    where Ctrl-C is ignored, as in a shell script's background jobs.
 
     Example:
         >>> with deferred_stop() as stop:
@@ -66,10 +67,10 @@ def deferred_stop() -> Iterator[Stop]:
         False
     """
     stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
         yield stop
         return
-    before = signal.getsignal(signal.SIGINT)
 
     def request(number, frame):
         stop.requested = True
