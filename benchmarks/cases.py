@@ -14,6 +14,7 @@ import numpy as np
 
 import tofrender
 
+from .case_lights import camera_connections, lights
 from .case_nlos import nlos
 from .case_reconstruction import reconstruction
 from .case_warps import warps
@@ -276,6 +277,8 @@ CASES = {
     "gates": gates,
     "one-gate": one_gate,
     "path-tracers": path_tracers,
+    "lights": lights,
+    "camera-connections": camera_connections,
     "nlos": nlos,
     "reconstruction": reconstruction,
     "warps": warps,

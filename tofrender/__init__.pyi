@@ -81,6 +81,7 @@ from .paths.endpoints import (
     SceneLights as SceneLights,
 )
 from .rendering.renderer import render as render
+from .rendering.strategies import strategy_pyramid as strategy_pyramid
 from .runtime import backend as backend, doctor as doctor
 from .samplers.padded_sobol import PaddedSobolSampler as PaddedSobolSampler
 from .scenes import (
@@ -135,6 +136,7 @@ from .vis import (
     phasor_panel as phasor_panel,
     plan_figure as plan_figure,
     plot_pixel_transient as plot_pixel_transient,
+    pyramid_figure as pyramid_figure,
     reconstruction_figure as reconstruction_figure,
     summary_figure as summary_figure,
     tonemap as tonemap,

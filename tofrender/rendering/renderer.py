@@ -24,13 +24,15 @@ from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.settings import INTEGRATORS, SAMPLERS
-from .arrivals import find_arrivals
+from .arrivals import Arrivals, find_arrivals
 from .dataset import check_dataset, coordinates, require_finite, transient_dataset
 from .fingerprint import fingerprint
 from .window import check_window, is_auto, start_and_width, warn_of_losses, windowed_film
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from ..signals.pulses import Pulse
 
 
 DEFAULT_SAMPLER = "padded_sobol"
@@ -92,19 +94,10 @@ def render(
         >>> dict(dataset.sizes)
         {'y': 256, 'x': 256, 'opl': 300, 'channel': 3}
     """
-    backend.require_vectorised()
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-    name = os.fspath(scene) if isinstance(scene, str | PathLike) else "scene"
-    if not isinstance(scene, mi.Scene):
-        scene = load_scene(scene, **_settings(integrator, window, temporal_bins))
-        if isinstance(integrator, str | Mapping):
-            integrator = None  # It is the scene's now
-    require_sensor(scene)
-    sensors = scene.sensors()
-    sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
-    camera = sensors[sensor]
-    check_scene(scene, camera)
-    windowed_film(camera.film(), window, temporal_bins)  # Refuses a wrong window first
+    name = scene_name(scene)
+    scene, sensor, integrator = opened(scene, sensor, integrator, window, temporal_bins)
+    camera = scene.sensors()[sensor]
     tracer = _integrator(scene, integrator)
     if tracer.needs_lights:
         require_light(scene)
@@ -143,19 +136,11 @@ def carry_out(
 
     The Dataset calls the scene `name`; all else, result and errors, is as for `render`.
     """
-    camera, exposure = scene.sensors()[sensor], tracer.exposure()
-    film = windowed_film(camera.film(), window, temporal_bins)
-    profile = seen_pulse(film, exposure)  # Refuses what does not fit together
-    arrivals = find_arrivals(plan, camera, film, seed)
-    if is_auto(window):
-        if not arrivals.any:
-            raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
-        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
-        profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
-        film = windowed_film(camera.film(), arrivals.window(profile), temporal_bins)
+    camera = scene.sensors()[sensor]
+    film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
     check_window(film, arrivals, profile)
     first = 0 if resume is None else _samples_of(resume)
-    points = _sampler(camera, sampler, spp, first)
+    points = sampler_for(camera, sampler, spp, first)
     folds = points.sample_count() > MAX_ADDED
     memory.require_film(*film.shape, copies=(2 if folds else 1) * (2 if plan.splats else 1))
     recipe = {
@@ -179,7 +164,7 @@ def carry_out(
         _check_resume(resume, recipe, film)
 
     start = time.perf_counter()
-    record = recording(film, exposure)
+    record = recording(film, tracer.exposure())
     if brings_sample(tracer):
         record.require_no_lengths(type(tracer).__name__)
     done = _run(plan, record, camera, points, seed, first, progress)
@@ -213,6 +198,52 @@ def carry_out(
 # ------------------------------------------------------------------------ before rendering
 
 
+def scene_name(scene: Any) -> str:
+    """What a Dataset calls a scene: its name or path, else "scene"."""
+    return os.fspath(scene) if isinstance(scene, str | PathLike) else "scene"
+
+
+def opened(
+    scene: Any, sensor: Any, integrator: Any, window: Any, temporal_bins: int | None
+) -> tuple[mi.Scene, int, Any]:
+    """Load and check a scene: gives it, the sensor's number, and the integrator if it is apart.
+
+    The arguments are those of `render`.
+    """
+    backend.require_vectorised()
+    if not isinstance(scene, mi.Scene):
+        scene = load_scene(scene, **_settings(integrator, window, temporal_bins))
+        if isinstance(integrator, str | Mapping):
+            integrator = None  # It is the scene's now
+    require_sensor(scene)
+    sensors = scene.sensors()
+    sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)
+    check_scene(scene, sensors[sensor])
+    windowed_film(sensors[sensor].film(), window, temporal_bins)  # Refuses a wrong window first
+    return scene, sensor, integrator
+
+
+def film_of_light(
+    plan: Plan, tracer: Any, camera: mi.Sensor, window: Any, temporal_bins: int | None, seed: int
+) -> tuple[Any, Pulse | None, Arrivals]:
+    """The film with its window.
+
+    Returns:
+        The film, the pulse that it sees, and when light arrives.
+    """
+    exposure = tracer.exposure()
+    film = windowed_film(camera.film(), window, temporal_bins)
+    profile = seen_pulse(film, exposure)  # Refuses what does not fit together
+    arrivals = find_arrivals(plan, camera, film, seed)
+    if is_auto(window):
+        if not arrivals.any:
+            raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
+        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
+        profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
+        film = windowed_film(camera.film(), arrivals.window(profile), temporal_bins)
+    return film, profile, arrivals
+
+
 def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     """The integrator to use."""
     if isinstance(integrator, str):
@@ -239,7 +270,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> Any:
     return found
 
 
-def _sampler(camera: mi.Sensor, sampler: Any, spp: int | None, first: int) -> mi.Sampler:
+def sampler_for(camera: mi.Sensor, sampler: Any, spp: int | None, first: int = 0) -> mi.Sampler:
     """The sampler to use, its sample count set to what is missing after `first` samples."""
     given = sampler if isinstance(sampler, mi.Sampler) else camera.sampler()
     count = given.sample_count() if spp is None else spp

@@ -5,6 +5,7 @@ from .animation import (
 from .flight import light_in_flight as light_in_flight
 from .panels import phasor_panel as phasor_panel
 from .plans import plan_figure as plan_figure
+from .pyramid import pyramid_figure as pyramid_figure
 from .reconstructions import reconstruction_figure as reconstruction_figure
 from .summary import summary_figure as summary_figure
 from .tone import (

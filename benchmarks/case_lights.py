@@ -1,0 +1,131 @@
+"""Light that finds the camera: error at equal time of paths from either end, and from both."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+
+from .timing import in_turn
+
+if TYPE_CHECKING:
+    from .cases import Row
+
+TRACERS = ("transient_path", "transient_light_tracer", "transient_bdpt")
+SCENES = ("cornell_box", "caustic", "mirror_and_glass", "lamp_in_fixture", "light_through_hole")
+DEPTH = 6
+OWN = "4,1"
+"""Lamp, into the glass, out of it, floor: the strategy that finds a caustic."""
+
+
+def lights(runs: int, quick: bool) -> list[Row]:
+    """Mean squared error times CPU time of the picture and of the bins, over `transient_path`'s.
+
+    Errors are those from the mean of many bidirectional renders with seeds of their own. Pixels
+    count whose surroundings are no lamp, mirror or glass; those of a caustic have most of their
+    light from there.
+    """
+    size, spp, reference = (16, 16, 4) if quick else (64, 256, 32)
+    rows: list[Row] = []
+    for name in SCENES:
+        scene = _scene(name, size)
+        truth = _mean(scene, _tracer("transient_bdpt"), spp, range(1000, 1000 + reference))
+        masks = {"": _plain(scene)}
+        if name == "caustic":
+            own = _mean(scene, _tracer("transient_bdpt", strategy=OWN), spp, range(4))[0]
+            found = own.sum(axis=2) > 0.5 * truth[0].sum(axis=2)
+            masks = {", caustic": masks[""] & found, ", elsewhere": masks[""] & ~found}
+        figures = _figures(scene, truth, masks, spp, runs)
+        for tracer in TRACERS[1:]:
+            for what, value in figures[tracer].items():
+                ratio = figures[TRACERS[0]][what] / value
+                target = 20.0 if "caustic" in what and "bdpt" in tracer else None
+                label = f"{name}, {size}x{size}, {spp} spp: transient_path's error x cpu time over "
+                rows.append((f"{label}{tracer}'s, {what}", ratio, target))
+    return rows
+
+
+def camera_connections(runs: int, quick: bool) -> list[Row]:
+    """CPU time of the strategies t = 1 over that of all, without caustics."""
+    size, spp = (32, 16) if quick else (64, 64)
+    scene = _scene("cornell_box", size)
+    functions = {
+        str(on): _draw(scene, _tracer("transient_bdpt", camera_connections=on), spp)
+        for on in (True, False)
+    }
+    times = in_turn(functions, runs)
+    part = 1 - times["False"].ratio(times["True"])[1]
+    what = f"cornell_box, {size}x{size}, {spp} spp: part of transient_bdpt's cpu time"
+    return [(f"{what} that camera_connections take", part, 0.2)]
+
+
+def _scene(name: str, size: int) -> mi.Scene:
+    return tofrender.load_scene(name, width=size, height=size)
+
+
+def _tracer(kind: str, **more: Any) -> Any:
+    return mi.load_dict({"type": f"tofrender_{kind}", "max_depth": DEPTH, **more})
+
+
+def _draw(scene: mi.Scene, tracer: Any, spp: int):
+    return lambda: dr.eval(mi.render(scene, integrator=tracer, spp=spp))
+
+
+def _render(scene: mi.Scene, tracer: Any, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    found = tofrender.render(scene, integrator=tracer, spp=spp, seed=seed, progress=False)
+    return found["steady"].values, found["transient"].values
+
+
+def _mean(scene: mi.Scene, tracer: Any, spp: int, seeds: range) -> list[np.ndarray]:
+    total = [np.zeros(1), np.zeros(1)]
+    for seed in seeds:
+        found = _render(scene, tracer, spp, seed)
+        total = [a + b.astype(np.float64) for a, b in zip(total, found, strict=True)]
+    return [a / len(seeds) for a in total]
+
+
+def _plain(scene: mi.Scene) -> np.ndarray:
+    """Pixels that, with their neighbours, show what is neither a lamp nor smooth."""
+    sensor = scene.sensors()[0]
+    width, height = (int(n) for n in sensor.film().size())
+    n = 8
+    y, x = np.mgrid[: height * n, : width * n]
+    across = (x.ravel() + 0.5) / (width * n), (y.ravel() + 0.5) / (height * n)
+    place = mi.Point2f(*(mi.Float(a.astype(np.float32)) for a in across))
+    ray, _ = sensor.sample_ray(0, 0.5, place, mi.Point2f(0.5))
+    si = scene.ray_intersect(ray)
+    smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth) & ~si.shape.is_emitter()
+    odd = ~np.array(smooth, dtype=bool).reshape(height, n, width, n).all(axis=(1, 3))
+    around = np.pad(odd, 1)
+    near = [around[i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    return ~np.any(near, axis=0)
+
+
+def _figures(scene, truth, masks, spp: int, runs: int) -> dict[str, dict[str, float]]:
+    """Error times CPU time of each tracer, by what it is of."""
+    errors: dict[str, list[dict[str, float]]] = {tracer: [] for tracer in TRACERS}
+
+    def draw(kind: str) -> None:
+        found = _render(scene, tracers[kind], spp, len(errors[kind]))
+        off = {"picture": found[0] - truth[0], "bins": found[1] - truth[1]}
+        errors[kind].append(
+            {
+                f"{what}{where}": float(np.mean(values[mask] ** 2))
+                for what, values in off.items()
+                for where, mask in masks.items()
+            }
+        )
+
+    tracers = {kind: _tracer(kind) for kind in TRACERS}
+    times = in_turn({kind: lambda kind=kind: draw(kind) for kind in TRACERS}, runs)
+    return {
+        kind: {
+            what: float(np.mean([e[what] for e in errors[kind]]) * np.median(times[kind].cpu))
+            for what in errors[kind][0]
+        }
+        for kind in TRACERS
+    }

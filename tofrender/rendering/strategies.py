@@ -1,0 +1,153 @@
+"""What each strategy of bidirectional path tracing finds: pictures in a pyramid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..films.recording import recording
+from ..integrators.passes import steps
+from ..runtime import checks, memory
+from ..runtime.progress import progress_bar
+from ..scenes.loading import load_plugin, require_light
+from .dataset import coordinates
+from .renderer import film_of_light, opened, sampler_for, scene_name
+from .window import check_window, windowed_film
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND = "transient_bdpt"
+DEFAULT_DEPTH = 4
+GIVEN = ("type", "strategy", "mis", "camera_connections")  # These are what a pyramid is about
+
+
+def strategy_pyramid(
+    scene: mi.Scene | Mapping[str, Any] | str | PathLike[str],
+    *,
+    max_depth: int = DEFAULT_DEPTH,
+    mis: str = "power",
+    parameters: Mapping[str, Any] | None = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    window: str | tuple[float, float] | None = None,
+    temporal_bins: int | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Render each strategy (s, t) of `transient_bdpt` alone, weighted and unweighted.
+
+    Strategy (s, t) finds paths of s vertices from a light and t from the lens, of s + t - 1
+    segments. Unweighted, it shows what it makes of all light of its length: the strategies of one
+    length agree where they see the light at all, and differ in noise. Weighted, each shows its
+    share, and the pictures of all strategies add up to that of `transient_bdpt`.
+
+    Args:
+        scene: As for `render`.
+        max_depth: Longest path in segments, 2 to 64: n segments make n (n + 3) / 2 strategies.
+        mis: Weights, "power" or "balance".
+        parameters: Further parameters of `transient_bdpt`, by name.
+        spp: Samples per pixel of each picture, 1 to 2^24; by default the scene's.
+        seed: Seed of all random numbers.
+        sensor: Number of the sensor.
+        window: As for `render`; "auto" is found from all strategies together.
+        temporal_bins: Number of bins; by default the film's.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Returns:
+        A Dataset with `transient (weighting, strategy, y, x, opl, channel)` and `steady
+        (weighting, strategy, y, x, channel)` [W m^-2 sr^-1]. `weighting` is "mis" or "none",
+        `strategy` is "s,t", with s and t as coordinates too; attributes are those that `render`
+        and these arguments share.
+
+    Raises:
+        ValueError: An argument or the scene is wrong; one line.
+        MemoryError: The pictures do not fit.
+
+    Example:
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=50, bin_width_opl=0.3)
+        >>> pyramid = strategy_pyramid(scene, max_depth=2, spp=4)
+        >>> [str(name) for name in pyramid.strategy.values]
+        ['0,2', '1,1', '0,3', '1,2', '2,1']
+    """
+    import xarray as xr
+
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    checks.one_of("mis", mis, ("power", "balance"))
+    shared = dict(parameters or {})
+    for name in GIVEN:
+        if name in shared:
+            raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")
+    shared |= {"type": KIND, "max_depth": max_depth}
+    tracer = load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
+    name = scene_name(scene)
+    scene, sensor, _ = opened(scene, sensor, KIND, window, temporal_bins)
+    require_light(scene)
+    camera = scene.sensors()[sensor]
+    plan = tracer.plan(scene, camera)
+    film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
+    check_window(film, arrivals, profile)
+    points = sampler_for(camera, None, spp)
+    strategies = [
+        (s, segments + 1 - s) for segments in range(1, max_depth + 1) for s in range(segments + 1)
+    ]
+    memory.require_film(*film.shape, copies=2 * len(strategies) + 2)
+    found: dict[str, list[np.ndarray]] = {"steady": [], "transient": []}
+    total = 2 * len(strategies)
+    with progress_bar("Rendering", total, unit="picture", enabled=progress) as bar:
+        for weighting in (mis, "none"):
+            for s, t in strategies:
+                alone = shared | {"mis": weighting, "strategy": f"{s},{t}"}
+                steady, transient = _picture(
+                    *(load_plugin("integrator", alone), scene, camera, film, points, seed)
+                )
+                found["steady"].append(steady)
+                found["transient"].append(transient)
+                bar.update(1)
+    return xr.Dataset(
+        {
+            what: (
+                ("weighting", "strategy", "y", "x", *axes, "channel"),
+                np.stack(pictures).reshape(2, len(strategies), *pictures[0].shape),
+            )
+            for what, axes, pictures in (
+                ("transient", ("opl",), found["transient"]),
+                ("steady", (), found["steady"]),
+            )
+        },
+        coords=coordinates(film)
+        | {
+            "weighting": ["mis", "none"],
+            "strategy": [f"{s},{t}" for s, t in strategies],
+            "s": ("strategy", [s for s, _ in strategies]),
+            "t": ("strategy", [t for _, t in strategies]),
+        },
+        attrs={
+            "scene": name,
+            "units": "W m^-2 sr^-1",
+            "start_opl": film.start_opl,
+            "bin_width_opl": film.bin_width_opl,
+            "max_depth": max_depth,
+            "mis": mis,
+            "spp": points.sample_count(),
+            "seed": seed,
+        },
+    )
+
+
+def _picture(
+    tracer: Any, scene: mi.Scene, camera: mi.Sensor, film: Any, points: mi.Sampler, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The steady and the transient picture of a strategy, on a film like `film`."""
+    window = film.start_opl, film.end_opl()
+    own = windowed_film(film, window, film.shape[2])
+    record = recording(own, tracer.exposure())
+    for _ in steps(tracer.plan(scene, camera), record, camera, points.clone(), seed):
+        pass
+    record.report()
+    return own.take()

@@ -1,0 +1,93 @@
+"""The strategies of bidirectional path tracing as a pyramid of pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..rendering.dataset import time_axis
+from ..runtime import checks
+from ..runtime.canvas import new_figure
+from .figures import picture_aspect
+from .tone import auto_exposure, tonemap
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+_WIDTH = 1.7  # of a picture [inches]
+
+
+def pyramid_figure(
+    pyramid: xr.Dataset,
+    *,
+    weighting: str = "mis",
+    opl: float | None = None,
+    stops_per_row: float = 1.0,
+    title: str | None = None,
+) -> Figure:
+    """Draw what each strategy finds: a row for each number of segments, s grows to the right.
+
+    Args:
+        pyramid: The result of `strategy_pyramid`.
+        weighting: "mis" for the strategies' shares, "none" for each as if it was alone.
+        opl: Path length [m] whose time bin is drawn; None for the light of all time.
+        stops_per_row: How much brighter each row is drawn than the one above; long paths carry
+            little light. 0 keeps rows comparable.
+        title: Above everything; by default what is drawn.
+
+    Returns:
+        A `matplotlib.figure.Figure`, made outside of pyplot. White in the first row is what the
+        brightest 2 % of the light of all strategies together exceed.
+
+    Raises:
+        ValueError: Not a result of `strategy_pyramid`, or a path length outside its bins.
+
+    Example:
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=50, bin_width_opl=0.3)
+        >>> pyramid = tofrender.strategy_pyramid(scene, max_depth=2, spp=4)
+        >>> [axes.get_title() for axes in pyramid_figure(pyramid).axes]
+        ['s = 0, t = 2', 's = 1, t = 1', 's = 0, t = 3', 's = 1, t = 2', 's = 2, t = 1']
+    """
+    if "strategy" not in getattr(pyramid, "dims", ()):
+        raise ValueError(
+            f"pyramid = {type(pyramid).__name__}: must be a result of strategy_pyramid"
+        )
+    weighting = checks.one_of("weighting", weighting, ("mis", "none"))
+    stops = checks.number("stops_per_row", stops_per_row, low=0)
+    chosen, what = pyramid["steady"], "light of all time"
+    if opl is not None:
+        index = _bin_of(pyramid, opl)
+        chosen = pyramid["transient"].isel(opl=index)
+        what = f"bin at {float(pyramid['opl'][index]):.4g} m"
+    exposure = auto_exposure(chosen.sel(weighting="mis").sum("strategy").values, percentile=98)
+    rows = int((pyramid["s"] + pyramid["t"]).max()) - 1
+    height = _WIDTH * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
+    figure = new_figure(_WIDTH * (rows + 1) + 0.4, (height + 0.35) * rows + 0.5)
+    grid = figure.add_gridspec(rows, 2 * (rows + 1))
+    for picture in chosen.sel(weighting=weighting):
+        s, t = int(picture["s"]), int(picture["t"])
+        segments = s + t - 1
+        left = rows - segments + 2 * s
+        axes = figure.add_subplot(grid[segments - 1, left : left + 2])
+        gain = exposure * 2 ** (stops * (segments - 1))
+        axes.imshow(tonemap(picture.values, exposure=gain))
+        axes.set(title=f"s = {s}, t = {t}", xticks=[], yticks=[])
+    figure.suptitle(_title(weighting, what, stops) if title is None else title)
+    return figure
+
+
+def _bin_of(pyramid: xr.Dataset, opl: Any) -> int:
+    """Number of the bin that holds a path length."""
+    start, width = time_axis(pyramid)
+    stop = start + width * pyramid.sizes["opl"]
+    opl = checks.metres("opl", opl)
+    if not start <= opl < stop:
+        raise ValueError(f"opl = {opl:g} m: must be in the bins, {start:g} m to {stop:g} m")
+    return min(int((opl - start) / width), pyramid.sizes["opl"] - 1)
+
+
+def _title(weighting: str, what: str, stops: float) -> str:
+    kind = "weighted" if weighting == "mis" else "unweighted"
+    rows = f", {stops:+g} stops a row" if stops else ""
+    return f"{kind}, {what}{rows}"
