@@ -44,6 +44,7 @@ class Panel:
 
 
 ONE_BIN = {"temporal_bins": 1}  # only the steady picture is shown
+BOTH_ENDS = ONE_BIN | {"integrator": "transient_bdpt"}
 
 
 def _by(strategy: str) -> Panel:
@@ -73,10 +74,10 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("small_box", "mirror_glass", {"spheres": "mirror_glass"}, 1024, 1.2),
     ),
     "caustics": (
-        Panel("caustic", "caustic", ONE_BIN, 512, 0.8),
-        Panel("mirror_and_glass", "mirror and glass", ONE_BIN, 512, 0.7),
-        Panel("lamp_in_fixture", "fixture", ONE_BIN, 512, 0.7),
-        Panel("light_through_hole", "hole", ONE_BIN, 512),
+        Panel("caustic", "caustic", BOTH_ENDS, 64, 0.8),
+        Panel("mirror_and_glass", "mirror and glass", BOTH_ENDS, 64, 0.7),
+        Panel("lamp_in_fixture", "fixture", BOTH_ENDS, 64, 0.7),
+        Panel("light_through_hole", "hole", BOTH_ENDS, 64),
     ),
 }
 """What each rendered file `pictures/NAME.png` shows, from left to right."""
@@ -179,7 +180,7 @@ def labelled(image: np.ndarray, text: str) -> np.ndarray:
     """The image with white text on black in its lower left corner.
 
     Example:
-        >>> labelled(np.full((40, 80, 3), 128, np.uint8), "nee").max()
+        >>> int(labelled(np.full((40, 80, 3), 128, np.uint8), "nee").max())
         255
     """
     if not text:

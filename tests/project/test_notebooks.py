@@ -115,6 +115,14 @@ KEY_NUMBERS = {
         assert all(error.median < 0.03 for error in single_errors.values()), single_errors
         assert bunny_error.median < 0.01 and bunny_error.found > 0.4, bunny_error
     """,
+    "06_light_tracing_in_time": """
+        assert abs(found - predicted) < 0.1, (found, predicted)
+        assert gain > 20, errors
+        assert min(mask.sum() for mask in regions.values()) > 3, regions
+        light = pyramid["steady"].sel(weighting="none").sum(("y", "x", "channel"))
+        assert float(light.sel(strategy="4,1")) > 0, light
+        assert abs(float(shares.sum()) - 1) < 1e-5, shares
+    """,
 }
 
 # Each warning that a notebook is to show, in order
