@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -76,7 +77,9 @@ def _draw(scene: mi.Scene, tracer: Any, spp: int):
 
 
 def _render(scene: mi.Scene, tracer: Any, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    found = tofrender.render(scene, integrator=tracer, spp=spp, seed=seed, progress=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Light outside of the window counts in the picture alone
+        found = tofrender.render(scene, integrator=tracer, spp=spp, seed=seed, progress=False)
     return found["steady"].values, found["transient"].values
 
 

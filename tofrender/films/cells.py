@@ -34,6 +34,7 @@ class Cells:
         self.stride = memory.stride(channels)
         self._sums = dr.zeros(mi.Float, height * width * count * self.stride)
         self._folded: mi.Float | None = None
+        self._aside: tuple[mi.UInt32, mi.Float] | None = None  # Places of sums, and these
 
     def add(
         self,
@@ -71,12 +72,30 @@ class Cells:
             self._add(self._folded, self._sums)
         self._sums = dr.zeros(mi.Float, dr.width(self._sums))
 
+    def fold_pixels(self, pixels: mi.UInt32) -> None:
+        """As `fold` for some pixels, always the same, whose sums alone take memory again."""
+        per_pixel = self.shape[2] * self.stride
+        index = dr.arange(mi.UInt32, len(pixels) * per_pixel)
+        line = index // per_pixel
+        place = dr.gather(mi.UInt32, pixels, line) * per_pixel + (index - line * per_pixel)
+        found = dr.gather(mi.Float, self._sums, place)
+        before = 0.0 if self._aside is None else self._aside[1]
+        aside = found + before
+        dr.eval(aside, place)
+        dr.scatter(self._sums, mi.Float(0), place, mode=dr.ReduceMode.NoConflicts)
+        dr.eval(self._sums)
+        self._aside = place, aside
+
     @property
     def sums(self) -> mi.Float:
         """All sums, padding included."""
         if self._folded is not None:
             self._add(self._folded, self._sums)
             self._sums, self._folded = self._folded, None
+        if self._aside is not None:
+            place, aside = self._aside
+            dr.scatter_add(self._sums, aside, place, mode=dr.ReduceMode.NoConflicts)
+            self._aside = None
         return self._sums
 
     @staticmethod

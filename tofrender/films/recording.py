@@ -77,6 +77,11 @@ class Recording:
         """The weight by length that all light counts by; None if light of any length counts."""
         return None
 
+    @property
+    def in_time(self) -> bool:
+        """Whether light counts by its length."""
+        return self.weight is not None
+
     def prepare(self) -> None:
         """Empty the film."""
         self.film.prepare([])
@@ -165,8 +170,11 @@ class Recording:
         self.image.put_block(mi.ImageBlock(added, self.image.crop_offset()))
         self._in_picture = splats
 
-    def fold(self) -> None:
-        """Keep single precision from losing small addends, after many samples."""
+    def write(self, one_writer: bool) -> None:
+        """Say whether one thread alone writes to a pixel in the next kernel."""
+
+    def fold(self, pixels: mi.UInt32 | None = None) -> None:
+        """Keep single precision from losing small addends, after many samples, of some pixels."""
 
     def report(self) -> None:
         """Warn of contributions that were left out, who called whatever has rendered."""
@@ -216,6 +224,11 @@ class BinRecording(Recording):
         self.profile = profile(film, exposure)
 
     @property
+    def in_time(self) -> bool:
+        """Light does; of mitransient's film some pixels cannot be folded alone."""
+        return hasattr(self.film, "fold")
+
+    @property
     def image(self) -> Any:
         """The film's steady image."""
         return self.film.steady
@@ -238,7 +251,7 @@ class BinRecording(Recording):
         """Tell the film."""
         super().begin(spp, one_writer, splats)
         self.film.samples_per_pixel = spp
-        self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
+        self.write(one_writer)
         if splats:
             if not hasattr(self.film, "expect_splats"):
                 kind = type(self.film)
@@ -248,21 +261,26 @@ class BinRecording(Recording):
                 )
             self.film.expect_splats()
 
+    def write(self, one_writer: bool) -> None:
+        """Tell the film."""
+        self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
+
     def reach(self, taken: int, spp: int) -> None:
         """Tell the film."""
         super().reach(taken, spp)
         self.film.taken = taken / spp
 
-    def fold(self) -> None:
+    def fold(self, pixels: mi.UInt32 | None = None) -> None:
         """Put the bins aside; mitransient's film cannot."""
         if hasattr(self.film, "fold"):
-            self.film.fold()
+            self.film.fold(pixels)
 
 
 class PhasorRecording(Recording):
     """Phasors, path by path; the light's pulse multiplies them by its Fourier transform."""
 
     kind = PHASORS
+    in_time = True
 
     @property
     def image(self) -> Any:

@@ -142,12 +142,19 @@ class TransientHDRFilm(mi.Film):
         """
         self._splats = Splats(self, self.temporal_bins)
 
-    def fold(self) -> None:
+    def fold(self, pixels: mi.UInt32 | None = None) -> None:
         """Put the bins aside and go on with empty ones; `develop` returns the sum.
 
         Many small numbers added to one large one are lost in single precision: integrators call
         this every 2^16 samples per pixel.
+
+        Args:
+            pixels: Numbers of the pixels, row by row in the crop window, the same in every call;
+                by default all, which takes as much memory again.
         """
+        if pixels is not None:
+            self.bins.fold_pixels(pixels)
+            return
         self.bins.fold()
         if self._splats is not None:
             self._splats.cells.fold()

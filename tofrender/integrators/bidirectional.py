@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -66,6 +67,10 @@ class BidirectionalPlan(Plan):
         self.splats = sharing.camera_connections and (sharing.only is None or only[1] == 1)
         self.kept = max(limits.max_depth - 2, 0) if from_camera and min(only) > 1 else 0
         self.from_camera &= sharing.only is None or only[1] > 1
+
+    def in_view(self) -> Sequence[mi.Emitter]:
+        """None: connections of the lens find their light, too."""
+        return ()
 
     def trace(
         self,

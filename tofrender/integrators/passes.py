@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..films.cells import MAX_ADDED
 from ..films.recording import Recording, colour_count
 from ..paths.camera import CameraSample, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
 from ..samplers.padded_sobol import mix
+from .first_seen import FirstSeen
 from .plan import Plan
 
 STEP_SAMPLES = 1 << 22
@@ -78,10 +81,12 @@ def steps(
     """
 
     def follow(sampler: mi.Sampler, camera: CameraSample, measurement: Any) -> Any:
-        measured, path = plan.trace(sampler, camera.ray, camera.origin, measurement)
+        measured, path = rest.trace(sampler, camera.ray, camera.origin, measurement)
         return measured, path.covered, path.not_finite
 
-    return expose(follow, record, sensor, sampler, seed, first, plan.splats)
+    seen = FirstSeen.of(plan, sensor, record.film) if record.in_time else None
+    rest = plan if seen is None else seen.rest
+    return expose(follow, record, sensor, sampler, seed, first, plan.splats, seen)
 
 
 def expose(
@@ -92,8 +97,12 @@ def expose(
     seed: Any,
     first: int = 0,
     splats: bool = False,
+    seen: FirstSeen | None = None,
 ) -> Iterator[int]:
-    """As `steps`, with any way to follow camera rays; `splats` if light lands beside them."""
+    """As `steps`, with any way to follow camera rays.
+
+    `splats` says whether light lands beside them, `seen` what they see first and do not follow.
+    """
     backend.require_vectorised()
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
@@ -116,19 +125,72 @@ def expose(
         measured, covered, not_finite = follow(sampler, camera, record.measurement(camera, spp))
         return Shot(camera.position, *record.channels(camera, measured, covered), not_finite)
 
+    look = None if seen is None else _looking(seen, record, sensor, spp, seed, first)
     done = folded = 0
     while done < spp:
         count = min(per_step, (spp - done) // lanes)
         lane = dr.arange(mi.UInt32, width * height * lanes)
+        record.write(private)
         record.not_finite += _step(
             record, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count
         )
+        if look is not None:
+            look(count * lanes)
         done += count * lanes
         record.reach(done, spp)
         if spp > done >= folded + MAX_ADDED:
             record.fold()
             folded = done
         yield done
+
+
+def _looking(
+    seen: FirstSeen, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, first: int
+) -> Callable[[int], None]:
+    """What takes a number of samples per pixel of what is seen first, in points of its own."""
+    sampler = best_sampler(spp)
+    pixels, rate = mi.UInt32(seen.pixels.tolist()), seen.rate
+    lanes = len(pixels) * rate
+    sampler.set_samples_per_wavefront(rate)
+    own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
+    dr.make_opaque(own_seed)  # One kernel for all seeds
+    sampler.seed(own_seed, lanes)
+    sampler.skip(first * rate)
+    wide = _around(seen.pixels, record.film)
+
+    def shot(pixel: mi.UInt32) -> Shot:
+        camera = sample_camera(sensor, record.film, sampler, pixel)
+        camera = replace(camera, weight=camera.weight / rate)
+        measurement = record.measurement(camera, spp)
+        measured, path = seen.trace(sampler, camera.ray, camera.origin, measurement)
+        channels = record.channels(camera, measured, mi.Bool(False))
+        return Shot(camera.position, *channels, path.not_finite)
+
+    def look(count: int) -> None:
+        record.write(False)
+        pixel = dr.gather(mi.UInt32, pixels, dr.arange(mi.UInt32, lanes) // rate)
+        while count:
+            now = min(count, MAX_ADDED // rate)
+            record.not_finite += _step(record, sampler, shot, pixel, now, weight=0.0)
+            record.fold(wide)
+            count -= now
+
+    return look
+
+
+def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
+    """Numbers of the film's own pixels that samples of some pixels of the sampled area reach."""
+    width, height = sampled_size(film)
+    columns, rows = (int(n) for n in film.crop_size())
+    border = film.rfilter().border_size()
+    shift = border if film.sample_border() else 0
+    chosen = np.zeros((rows + 2 * border + 2 * shift, columns + 2 * border + 2 * shift), bool)
+    y, x = np.divmod(pixels, width)
+    for down in range(2 * border + 1):
+        for across in range(2 * border + 1):
+            chosen[y + down, x + across] = True
+    own = chosen[border + shift :, border + shift :][:rows, :columns]
+    return mi.UInt32(np.flatnonzero(own).tolist())
 
 
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
@@ -152,8 +214,10 @@ def _divisor(number: int, bound: int) -> int:
 
 
 @dr.syntax
-def _step(record, sampler, shot, pixel, count):
+def _step(record, sampler, shot, pixel, count, weight=1.0):
     """Take `count` samples in every lane, one after the other, and evaluate the film.
+
+    Each counts as `weight` samples by which the picture is divided.
 
     Returns:
         Number of contributions that were left out.
@@ -164,7 +228,7 @@ def _step(record, sampler, shot, pixel, count):
     not_finite = mi.UInt32(0)
     if dr.hint(count == 1, mode="scalar"):
         position, colour, rest, odd = shot(pixel)
-        block.put(position, [*colour, mi.Float(1), *rest])
+        block.put(position, [*colour, mi.Float(weight), *rest])
         not_finite += odd
         sampler.advance()
     elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
@@ -176,11 +240,13 @@ def _step(record, sampler, shot, pixel, count):
             not_finite += odd
             sampler.advance()
             left -= 1
-        block.put(pixel_corner(record.film, pixel), [*sums[:n], mi.Float(count), *sums[n:]])
+        block.put(
+            pixel_corner(record.film, pixel), [*sums[:n], mi.Float(count * weight), *sums[n:]]
+        )
     else:
         while left > 0:
             position, colour, rest, odd = shot(pixel)
-            block.put(position, [*colour, mi.Float(1), *rest])
+            block.put(position, [*colour, mi.Float(weight), *rest])
             not_finite += odd
             sampler.advance()
             left -= 1

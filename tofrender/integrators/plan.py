@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import mitsuba as mi
@@ -34,6 +35,10 @@ class Plan:
     ) -> None:
         self.space, self.endpoint, self.scattering = space, endpoint, scattering
         self.limits = limits
+
+    def in_view(self) -> Sequence[mi.Emitter]:
+        """Emitters that camera rays may run into at once, whose light may be found apart."""
+        return self.endpoint.in_view()
 
     def trace(
         self,

@@ -104,6 +104,44 @@ class Lens:
         z = dr.dot(d, self.axis)
         return dr.dot(d, self.right) / z, dr.dot(d, self.up) / z
 
+    def pixels_of(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """First and last position on the film that sees something in a box [pixels].
+
+        Args:
+            low, high: The box's corners in world space [m].
+
+        Returns:
+            Two arrays (x, y) that bound all its images; None if part of the box is not in front.
+        """
+        frame, position = (
+            np.array(each, dtype=float).reshape(3, -1)
+            for each in (
+                [np.ravel(axis) for axis in (self.right, self.up, self.axis)],
+                np.ravel(self.position),
+            )
+        )
+        corners = np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, 8)
+        x, y, z = frame @ (corners - position)
+        if z.min() <= np.ravel(self.near_clip)[0]:
+            return None
+        radius, focus = (float(np.ravel(each)[0]) for each in (self.radius, self.focus))
+        across = np.concatenate(
+            [
+                # Lens points at the edge, and where their rays cross the plane in focus
+                (lens + (np.stack([x, y]) - lens) * focus / z) / focus
+                for lens in (-radius, radius)
+            ]
+            if self.is_thin
+            else [np.stack([x, y]) / z],
+            axis=1,
+        )
+        corner, extent, first, size = (
+            np.ravel(each).reshape(2, 1)
+            for each in (self.corner, self.extent, self.first, self.size)
+        )
+        pixels = first + (across - corner) / extent * size
+        return pixels.min(axis=1), pixels.max(axis=1)
+
     def density(self, d: mi.Vector3f) -> mi.Float:
         """Density p(ω) of a camera ray's direction, which is in the window [1/sr]."""
         cos = dr.abs(dr.dot(d, self.axis))

@@ -27,6 +27,7 @@ A part is a plain object. What it has to remember of a path it keeps in the path
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import mitsuba as mi
@@ -64,6 +65,10 @@ class Endpoint(Protocol):
 
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
         """The sensor's ray, past whatever the sensor does not see of this endpoint."""
+        ...
+
+    def in_view(self) -> Sequence[mi.Emitter]:
+        """Emitters on surfaces that the sensor's rays may run into."""
         ...
 
     def memory(self) -> Any:

@@ -7,6 +7,7 @@ not differentiate the loop in reverse otherwise.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -239,13 +240,25 @@ class Limits:
         last_opl: Length at which paths may end, because longer ones count for nothing [m].
         unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
             scene's own ("camera unwarping").
+        skips_first: Leave out light of the first surface, which is then found apart.
     """
 
     def __init__(
-        self, max_depth: int, rr_depth: int = 5, last_opl: Any = None, unwarp: bool = False
+        self,
+        max_depth: int,
+        rr_depth: int = 5,
+        last_opl: Any = None,
+        unwarp: bool = False,
+        skips_first: bool = False,
     ) -> None:
         self.max_depth, self.rr_depth = max_depth, rr_depth
-        self.last_opl, self.unwarp = last_opl, unwarp
+        self.last_opl, self.unwarp, self.skips_first = last_opl, unwarp, skips_first
+
+    def without_first(self) -> Limits:
+        """The same, but light of the first surface does not count."""
+        other = copy(self)
+        other.skips_first = True
+        return other
 
     @property
     def bounded(self) -> bool:

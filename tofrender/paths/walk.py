@@ -37,7 +37,7 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from .protocols import Endpoint, Measurement, Scattering, Space
-from .records import Connection, Limits, Path, Turn, extend
+from .records import Connection, Limits, Path, Turn, Vertex, extend
 
 M = TypeVar("M", bound=Measurement)
 
@@ -93,14 +93,7 @@ def step(
     path, vertex = space.next(path, sampler)
     path = scattering.arrive(path, vertex)
 
-    # -------------------- Light that the ray runs into ---------------------
-
-    hit = endpoint.hit(vertex, path)
-    length = dr.select(path.depth == 0, 0, hit.length) if limits.unwarp else hit.length
-    path.opl = dr.fma(path.η, length, path.opl)
-    share = endpoint.share_of_hit(path, vertex, hit)
-    seen = Contribution(path.β * share * hit.radiance, path.opl, hit.active)
-    path.not_finite += deliver(measurement, seen)
+    path = meet(path, vertex, endpoint, measurement, limits)
 
     # ------------------- Stop at the last surface vertex -------------------
 
@@ -161,6 +154,23 @@ def step(
 
     # Do not go on once the throughput is zero
     path.active = active & dr.any(path.β != 0)
+    return path
+
+
+def meet(
+    path: Path, vertex: Vertex, endpoint: Endpoint, measurement: Measurement, limits: Limits
+) -> Path:
+    """Deliver the light that paths run into at their next vertex; gives them, so much longer."""
+    path = copy(path)
+    hit = endpoint.hit(vertex, path)
+    length = dr.select(path.depth == 0, 0, hit.length) if limits.unwarp else hit.length
+    path.opl = dr.fma(path.η, length, path.opl)
+    share = endpoint.share_of_hit(path, vertex, hit)
+    active = hit.active
+    if limits.skips_first:
+        active &= (path.depth > 0) | ~vertex.valid
+    seen = Contribution(path.β * share * hit.radiance, path.opl, active)
+    path.not_finite += deliver(measurement, seen)
     return path
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -77,6 +77,10 @@ class ScanPlan(Plan):
         endpoint: Any = None  # There is one when there are rays
         super().__init__(Vacuum(scan.scene), endpoint, scattering, limits)
         self.scan, self.light, self.counts_spot = scan, light, counts_spot
+
+    def in_view(self) -> Sequence[mi.Emitter]:
+        """None: what paths may run into depends on their camera ray."""
+        return ()
 
     def trace(self, sampler, ray, origin, measurement, active=True):
         """Follow camera rays through a scene that a laser lights."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -57,6 +58,13 @@ class SceneLights(Unseen):
         corners = [(mi.Point3f(box.min), mi.Point3f(box.max)) for box in boxes]
         dr.make_opaque(corners)
         return corners
+
+    def in_view(self) -> Sequence[mi.Emitter]:
+        """Area lights, unless the sensor shall not see them."""
+        if self.hide_emitters or self.discard_direct_light:
+            return ()
+        surface = mi.EmitterFlags.Surface
+        return [each for each in self.scene.emitters() if mi.has_flag(each.flags(), surface)]
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -29,6 +30,10 @@ class Unseen:
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
         """The sensor's ray, behind the area lights that are hidden."""
         return behind_emitters(self.scene, ray) if self.hide_emitters else ray
+
+    def in_view(self) -> Sequence[mi.Emitter]:
+        """None."""
+        return ()
 
     def memory(self) -> Any:
         """Nothing."""

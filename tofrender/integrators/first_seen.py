@@ -1,0 +1,95 @@
+"""Lamps that the camera sees without a bounce: pixels of their own, and many more samples there.
+
+All paths that see a lamp directly have nearly the same length, so their light falls into few time
+bins, and more of it than anything else brings: it is most of a film's noise. Finding it takes one
+ray, so it is left out of the long paths, and rays that end at their first surface find it.
+
+Pixels are chosen by where the lamps' boxes lie in the picture, never by samples, which keeps all
+means right.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..paths.camera import sampled_size
+from ..paths.lens import KINDS, Lens
+from ..paths.records import Path
+from ..paths.walk import meet
+from .plan import Plan
+
+MOST = 32
+"""Most rays for each sample of a pixel."""
+
+MARGIN = 0.01
+"""What is added to the picture of a lamp's box on each side, for rounding [pixels]."""
+
+SHARE = 0.5
+"""Rays for each sample of the picture, on average over all its pixels: a path has ten or more."""
+
+
+class FirstSeen:
+    """Rays that end at the first surface, in the pixels that may see a lamp there.
+
+    Args:
+        plan: What is done with camera rays.
+        pixels: Numbers of the pixels, row by row in the sampled area of the film.
+        rate: Rays for each sample of such a pixel.
+
+    Attributes:
+        rest: What is left to be done with camera rays.
+    """
+
+    def __init__(self, plan: Plan, pixels: np.ndarray, rate: int) -> None:
+        self.plan, self.pixels, self.rate = plan, pixels, rate
+        self.rest = copy(plan)
+        self.rest.limits = plan.limits.without_first()
+
+    @classmethod
+    def of(cls, plan: Plan, sensor: mi.Sensor, film: mi.Film) -> FirstSeen | None:
+        """What pays for a camera, None if nothing does.
+
+        Nothing does where no lamp is in view, where lamps fill the picture, and with cameras whose
+        pixels cannot be told from points.
+        """
+        lamps = plan.in_view()
+        if not lamps or sensor.class_name() not in KINDS:
+            return None
+        pixels = pixels_of(lamps, sensor, film)
+        width, height = sampled_size(film)
+        rate = min(MOST, int(SHARE * width * height / max(pixels.size, 1)))
+        # A power of two suits the point set, and the same for any number of samples resumed renders
+        return cls(plan, pixels, 1 << (rate.bit_length() - 1)) if pixels.size and rate > 1 else None
+
+    def trace(
+        self, sampler: mi.Sampler, ray: mi.Ray3f, origin: Any, measurement: Any
+    ) -> tuple[Any, Path]:
+        """Find what camera rays see first."""
+        plan = self.plan
+        path = Path.start(ray, origin, True, plan.endpoint.memory(), plan.scattering.guide())
+        path, vertex = plan.space.next(path, sampler)
+        path.active &= vertex.valid  # What is behind the scene is left to the paths
+        path = meet(path, vertex, plan.endpoint, measurement, plan.limits)
+        return measurement, path
+
+
+def pixels_of(lamps: Any, sensor: mi.Sensor, film: Any) -> np.ndarray:
+    """Numbers of the pixels that may see one of some emitters, all if one is beside the camera."""
+    width, height = sampled_size(film)
+    lens = Lens(sensor)
+    first = np.ravel(lens.first)
+    chosen = np.zeros((height, width), dtype=bool)
+    for lamp in lamps:
+        box = lamp.bbox()
+        bounds = lens.pixels_of(np.array(box.min, float), np.array(box.max, float))
+        if bounds is None:
+            return np.arange(width * height)
+        low, high = np.floor(bounds[0] - first - MARGIN), np.ceil(bounds[1] - first + MARGIN)
+        left, top = (int(n) for n in np.clip(low, 0, (width, height)))
+        right, bottom = (int(n) for n in np.clip(high, 0, (width, height)))
+        chosen[top:bottom, left:right] = True
+    return np.flatnonzero(chosen)
