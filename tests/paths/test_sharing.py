@@ -39,6 +39,8 @@ from tofrender.paths.emission import Emission
 from tofrender.paths.endpoints.camera import Camera
 from tofrender.paths.endpoints.light_paths import LightPaths
 from tofrender.paths.lens import Lens
+from tofrender.paths.records import Vertex
+from tofrender.paths.scattering import Materials
 from tofrender.paths.sharing import Rivals, Sharing
 
 LANES = 8192
@@ -186,6 +188,26 @@ def test_light_starts_with_its_density():
     assert np.array(it.density) == pytest.approx(expected, rel=1e-4)
     for emitter in loaded.emitters():
         assert dr.count(it.emitter == mi.EmitterPtr(emitter))[0] > LANES / 8
+
+
+@pytest.mark.parametrize("importance", [False, True])
+def test_choices_have_the_densities_that_connections_have(importance):
+    """Both ways; paths that are walked again rest on it."""
+    loaded = load(room("off centre"))
+    materials = Materials(loaded, importance=importance, both_ways=True)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, LANES)
+    d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
+    si = loaded.ray_intersect(mi.Ray3f(mi.Point3f(0.2, -0.6, 0.7), d))
+    vertex = Vertex(si, si.t, si.is_valid())
+    _, bounce = materials.scatter(vertex, None, sampler, vertex.valid)
+    turn = materials.turn(vertex, bounce.ray.d, vertex.valid & ~bounce.specular)
+    rough = vertex.valid & ~bounce.specular & dr.any(bounce.weight > 0)
+    compared = np.flatnonzero(np.array(rough & (dr.abs(dr.dot(si.n, bounce.ray.d)) > 0.01)))
+    assert compared.size > LANES / 10
+    for own, other in ((bounce.pdf, turn.pdf), (bounce.back, turn.back)):
+        own, other = (np.array(each, float)[compared] for each in (own, other))
+        assert own == pytest.approx(other, rel=1e-2, abs=1e-3)
 
 
 # ------------------------------------------------------------------------ mistakes are found
