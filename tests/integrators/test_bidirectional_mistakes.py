@@ -115,6 +115,37 @@ def test_eta_squared_at_rough_glass(side, monkeypatch):
     assert near(means(described), 1.5 ** (2 * side) * expected, 0.1)
 
 
+def wall_behind_rough_glass() -> dict:
+    """A wall whose light comes through a sheet of rough glass."""
+    frosted = GLASS | {"type": "roughdielectric", "distribution": "ggx", "alpha": 0.3}
+    lit = plane(translate(0, 0, -0.6), size=0.3, emitter=area_light(10.0), bsdf=diffuse(0))
+    wall = plane(translate(0, 0, 1) @ rotate((1, 0, 0), 180), size=3.0, bsdf=diffuse(0.7))
+    eye = camera((0.5, -1.0, 0.5), (0.2, 0, 1), film(8, 8, 8, 0.0, 1.0), up=(0, 0, 1), fov=60)
+    return scene({"sheet": plane(bsdf=frosted), "wall": wall, "lamp": lit}, eye, max_depth=3)
+
+
+def failed_choices_count(right: Callable) -> Callable:
+    """A facet that reflects light into the glass sends it on, as if it were refracted."""
+
+    def wrong(self, vertex, link, sampler, active):
+        turn, bounce = right(self, vertex, link, sampler, active)
+        if self.importance:
+            f = self.turn(vertex, bounce.ray.d, active & ~bounce.specular & (bounce.pdf > 0)).f
+            again = dr.select(bounce.pdf > 0, f / bounce.pdf, 0)
+            bounce.weight = dr.select(bounce.specular, bounce.weight, again)
+        return turn, bounce
+
+    return wrong
+
+
+def test_failed_choices_of_rough_glass(monkeypatch):
+    described = wall_behind_rough_glass()
+    expected = float(means(described, "transient_path", 4 * SPP)[0])
+    assert near(means(described), expected, 0.1)
+    monkeypatch.setattr(Materials, "scatter", failed_choices_count(Materials.scatter))
+    assert means(described).min() > 1.3 * expected
+
+
 # ------------------------------------------------------------------------- shading normals
 
 
