@@ -84,11 +84,13 @@ class Materials:
             turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         if self.importance:
-            smooth = active & ~specular & (bs.pdf > 0)
+            chosen = mi.unpolarized_spectrum(weight)
+            # A choice without weight has failed: what its direction scatters, others find
+            smooth = active & ~specular & (bs.pdf > 0) & dr.any(chosen > 0)
             f, back = self._adjoint(bsdf, si, bs.wo, smooth)
             weight = dr.select(
                 specular,
-                mi.unpolarized_spectrum(weight) * _bent(si, bs.wo, bs.eta),
+                chosen * _bent(si, bs.wo, bs.eta),
                 dr.select(smooth, mi.unpolarized_spectrum(f) / bs.pdf, 0),
             )
         else:

@@ -1,0 +1,312 @@
+"""The strategies that find a path share its light: path by path, their shares add up to 1.
+
+Complete paths of up to five segments, through all kinds of materials, to all kinds of lights, are
+walked again from both ends (`replayed_paths.py`). Each share is also compared with the plain
+definition, by full products of densities in double precision.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from copy import copy
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from light_path_oracles import window_area
+from light_paths import GLASS, MIRROR, ball, facing_down, spot
+from replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
+from support import (
+    area_light,
+    camera,
+    diffuse,
+    film,
+    grey,
+    load,
+    plane,
+    point_light,
+    rotate,
+    scene,
+    translate,
+    unit,
+)
+
+from tofrender.paths.emission import Emission
+from tofrender.paths.endpoints.camera import Camera
+from tofrender.paths.endpoints.light_paths import LightPaths
+from tofrender.paths.lens import Lens
+from tofrender.paths.records import Vertex
+from tofrender.paths.scattering import Materials
+from tofrender.paths.sharing import Rivals, Sharing
+
+LANES = 8192
+ROUNDING = 1e-5
+"""What single precision may make of a share; it makes 5e-7."""
+
+EYE, TARGET, FOV = (0.3, -2.6, 1.2), (0, 0, 0.7), 50.0
+VIEWS = {
+    "off centre": {"principal_point_offset_x": 0.2, "principal_point_offset_y": -0.1},
+    "thin lens": {"kind": "thinlens", "aperture_radius": 0.15, "focus_distance": 2.5},
+}
+BALLS = (-0.5, 0.4, 0.3), (0.4, 0.3, 0.3), (0.0, -0.2, 0.3)
+METAL = {"type": "roughconductor", "distribution": "ggx", "alpha": 0.3, "material": "none"}
+FROSTED = GLASS | {"type": "roughdielectric", "distribution": "ggx", "alpha": 0.3}
+
+
+def lights() -> dict:
+    return {
+        "globe": ball((-0.3, -0.3, 1.2), 0.2, emitter=area_light(3.0)),
+        "spot": spot((0.6, -0.6, 1.8), (0, 0, 0.4), 30, 35, 5.0),
+        "sun": {"type": "directional", "direction": [0.2, 0.6, -0.7], "irradiance": grey(1.0)},
+        "sky": {"type": "constant", "radiance": grey(0.5)},
+    }
+
+
+def room(view: str, plain: bool = False) -> dict:
+    """Half a box with balls and lamps, under a sky; a plain one has few kinds of each."""
+    white = diffuse(0.5)
+    metal, plastic, frosted = (white,) * 3 if plain else (METAL, {"type": "plastic"}, FROSTED)
+    left = translate(-1, 0, 1) @ rotate((0, 1, 0), 90)
+    right = translate(1, 0, 1) @ rotate((0, 1, 0), -90)
+    back = translate(0, 1, 1) @ rotate((1, 0, 0), 90)
+    parts = {
+        "left": plane(left, size=1.0, bsdf=metal),
+        "right": plane(right, size=1.0, bsdf=plastic),
+        "back": plane(back, size=1.0, bsdf=white),
+        "floor": plane(size=1.0, bsdf=white),
+        "mirror": ball(BALLS[0], 0.3, bsdf=MIRROR),
+        "glass": ball(BALLS[1], 0.25, bsdf=MIRROR if plain else GLASS),
+        "frosted": ball(BALLS[2], 0.25, bsdf=frosted),
+        **facing_down("rectangle", 1.7, 0.4, 6.0),
+        "point": point_light((0.3, -0.5, 1.5), 2.0),
+    }
+    eye = camera(EYE, TARGET, film(8, 8), up=(0, 0, 1), fov=FOV, **VIEWS[view])
+    return scene(parts | ({} if plain else lights()), eye)
+
+
+class Case(NamedTuple):
+    """Complete paths: shares by the package and by definition, and which strategies find them."""
+
+    shares: np.ndarray
+    expected: np.ndarray
+    possible: np.ndarray
+
+
+def traced(view: str, plain: bool = False) -> tuple[Paths, Products]:
+    loaded = load(room(view, plain))
+    emission = Emission(loaded, loaded.sensors()[0])
+    axis = unit(np.subtract(TARGET, EYE))
+    paths = Paths(loaded, LANES)
+    return paths, Products(paths, window_area(FOV), axis, float(emission.cross_section[0]))
+
+
+def found(view: str, exponent: int, camera_connections: bool, plain: bool = False) -> Case:
+    paths, products = traced(view, plain)
+    options = exponent, camera_connections
+    possible = products.possible(camera_connections)
+    own, complete = shares(paths, products.started, *options), np.array(paths.complete)
+    expected = products.shares(*options)
+    return Case(own[complete], expected[complete], possible[complete])
+
+
+case = functools.cache(found)
+
+
+def sum_to_1(it: Case) -> bool:
+    """Whether those of each path do, of the strategies that find it."""
+    total = np.where(it.possible, it.shares, 0).sum(axis=1)
+    return total.size > 1000 and bool((np.abs(total - 1) < ROUNDING).all())
+
+
+def are_plain(it: Case) -> bool:
+    """Whether each is what the definition says."""
+    difference = np.abs(it.shares - it.expected)[it.possible]
+    return bool((difference < ROUNDING).all())
+
+
+CASES = pytest.mark.parametrize(
+    ("view", "exponent", "camera_connections"),
+    [(view, exponent, on) for view in VIEWS for exponent in (1, 2) for on in (True, False)],
+)
+
+
+def test_shares_in_a_plain_room():
+    it = found("off centre", 2, True, plain=True)
+    assert sum_to_1(it)
+    assert are_plain(it)
+
+
+@pytest.mark.slow
+@CASES
+def test_shares_of_each_path_sum_to_1(view, exponent, camera_connections):
+    assert sum_to_1(case(view, exponent, camera_connections))
+
+
+@pytest.mark.slow
+@CASES
+def test_shares_are_the_plain_definition(view, exponent, camera_connections):
+    it = case(view, exponent, camera_connections)
+    assert are_plain(it)
+    assert not are_plain(case(view, 3 - exponent, camera_connections)._replace(shares=it.shares))
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_paths_are_of_all_kinds(view):
+    """Of all lengths, to all lights, through mirrors and glass; up to six strategies find one."""
+    paths, products = traced(view)
+    complete, k = np.array(paths.complete), np.array(paths.count)
+    for emitter in paths.scene.emitters():
+        ends = np.array(paths.end.emitter == mi.EmitterPtr(emitter))
+        assert (ends & complete).sum() > 30, emitter.id()
+    for length in range(LONGEST):
+        assert (complete & (k == length)).sum() > 100, length
+        for j in range(1, length + 1):
+            assert products.specular[complete & (k == length), j].any(), (length, j)
+    strategies = products.possible()[complete].sum(axis=1)
+    assert (np.bincount(strategies, minlength=WIDE + 1)[1:] > 20).all()
+    inner = (products.j >= 1) & (products.j <= k[:, None]) & complete[:, None]
+    for shape in paths.scene.shapes():
+        here = np.array(paths.si.shape == mi.ShapePtr(shape)).reshape(-1, WIDE)
+        assert shape.is_emitter() or (here & inner).sum() > 50, shape.id()
+
+
+def test_light_starts_with_its_density():
+    """That of the definition, emitter by emitter."""
+    loaded = load(room("thin lens"))
+    emission = Emission(loaded, loaded.sensors()[0])
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, LANES)
+    it = emission.sample(sampler, mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
+    cross_section = float(emission.cross_section[0])
+    surface = np.array(mi.has_flag(it.emitter.flags(), mi.EmitterFlags.Surface))
+    cos = np.where(surface, np.abs(np.array(dr.dot(it.normal, it.ray.d))), 1)
+    expected = started(loaded, it.emitter, cos, cross_section)
+    assert np.array(it.density) == pytest.approx(expected, rel=1e-4)
+    for emitter in loaded.emitters():
+        assert dr.count(it.emitter == mi.EmitterPtr(emitter))[0] > LANES / 8
+
+
+@pytest.mark.parametrize("importance", [False, True])
+def test_choices_have_the_densities_that_connections_have(importance):
+    """Both ways; paths that are walked again rest on it."""
+    loaded = load(room("off centre"))
+    materials = Materials(loaded, importance=importance, both_ways=True)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, LANES)
+    d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
+    si = loaded.ray_intersect(mi.Ray3f(mi.Point3f(0.2, -0.6, 0.7), d))
+    vertex = Vertex(si, si.t, si.is_valid())
+    _, bounce = materials.scatter(vertex, None, sampler, vertex.valid)
+    turn = materials.turn(vertex, bounce.ray.d, vertex.valid & ~bounce.specular)
+    rough = vertex.valid & ~bounce.specular & dr.any(bounce.weight > 0)
+    compared = np.flatnonzero(np.array(rough & (dr.abs(dr.dot(si.n, bounce.ray.d)) > 0.01)))
+    assert compared.size > LANES / 10
+    for own, other in ((bounce.pdf, turn.pdf), (bounce.back, turn.back)):
+        own, other = (np.array(each, float)[compared] for each in (own, other))
+        assert own == pytest.approx(other, rel=1e-2, abs=1e-3)
+
+
+# ------------------------------------------------------------------------ mistakes are found
+
+
+def no_way_back_to_the_lens(right: Callable) -> Callable:
+    return lambda self, path, vertex, link, turn: right(
+        self, path, vertex, link, replace(turn, back=mi.Float(0))
+    )
+
+
+def no_way_back_at_the_far_end(right: Callable) -> Callable:
+    def wrong(self, path, vertex, link, turn):
+        other = copy(link.rival)
+        other.back = mi.Float(0)
+        return right(self, path, vertex, replace(link, rival=other), turn)
+
+    return wrong
+
+
+def no_other_way_to_start(right: Callable) -> Callable:
+    def wrong(self, path, vertex, hit):
+        path = copy(path)
+        path.memory = Rivals(path.memory.a, mi.Float(0))
+        return right(self, path, vertex, hit)
+
+    return wrong
+
+
+def lamps_as_points(right: Callable) -> Callable:
+    return lambda self, path, vertex, link, turn: right(
+        self, path, vertex, replace(link, delta=mi.Bool(True)), turn
+    )
+
+
+def no_cosine_on_arrival(right: Callable) -> Callable:
+    def wrong(self, rivals, path, vertex):
+        it, cos = right(self, rivals, path, vertex), dr.abs(dr.dot(vertex.si.n, path.ray.d))
+        return Rivals(it.a * self.power(cos), it.b * self.power(cos))
+
+    return wrong
+
+
+def no_cosine_on_leaving(right: Callable) -> Callable:
+    def wrong(self, rivals, vertex, bounce):
+        it, cos = right(self, rivals, vertex, bounce), dr.abs(dr.dot(vertex.si.n, bounce.ray.d))
+        return Rivals(it.a, it.b / self.power(cos))
+
+    return wrong
+
+
+def mirrors_that_connect(right: Callable) -> Callable:
+    return lambda self, rivals, vertex, bounce: right(
+        self, rivals, vertex, replace(bounce, specular=mi.Bool(False))
+    )
+
+
+def no_pi(right: Callable) -> Callable:
+    return lambda self, *args: right(self, *args) / dr.pi
+
+
+def cosine_to_the(power: int) -> Callable:
+    def wrongly(right: Callable) -> Callable:
+        return lambda self, d: right(self, d) * dr.abs(dr.dot(d, self.axis)) ** (3 - power)
+
+    return wrongly
+
+
+def no_area(right: Callable) -> Callable:
+    return lambda self, d: right(self, d) * self.area
+
+
+MISTAKES: list[tuple[Any, str, Callable]] = [
+    (Camera, "share_of_link", no_way_back_to_the_lens),
+    (LightPaths, "_share_of_kept", no_way_back_at_the_far_end),
+    (LightPaths, "share_of_hit", no_other_way_to_start),
+    (LightPaths, "share_of_link", lamps_as_points),
+    (Sharing, "arrive", no_cosine_on_arrival),
+    (Sharing, "leave", no_cosine_on_leaving),
+    (Sharing, "leave", mirrors_that_connect),
+    (Emission, "ratio", no_pi),
+]
+IN_ALL_ALIKE = {"cos²": cosine_to_the(2), "cos⁴": cosine_to_the(4), "no area": no_area}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("owner", "name", "mistake"), MISTAKES)
+def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
+    monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
+    it = found("off centre", 2, True, plain=True)
+    assert not sum_to_1(it)
+    assert not are_plain(it)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", IN_ALL_ALIKE)
+def test_a_wrong_density_of_the_lens_is_found(mistake, monkeypatch):
+    """All strategies take the same, so that shares still sum to 1: the definition tells."""
+    monkeypatch.setattr(Lens, "density", IN_ALL_ALIKE[mistake](Lens.density))
+    it = found("off centre", 2, True, plain=True)
+    assert sum_to_1(it)
+    assert not are_plain(it)
