@@ -29,10 +29,12 @@ def _variant():
 
 @pytest.fixture
 def mitsubas_steps(monkeypatch):
-    """Let paths leave specular surfaces where Mitsuba's do: a fraction of a millimetre beside.
+    """Let paths go as Mitsuba's do, so that our pictures are Mitsuba's to float rounding.
 
-    With it, our pictures are Mitsuba's to float rounding; `test_lengths.py` has what it is for.
+    They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, and find
+    the lamps that the camera sees, see `test_first_seen.py`.
     """
+    monkeypatch.setattr(tofrender.integrators.passes.FirstSeen, "of", classmethod(lambda *_: None))
     monkeypatch.setattr(
         tofrender.paths.scattering, "leave", lambda si, d, specular: si.spawn_ray(d)
     )

@@ -71,6 +71,7 @@ def test_their_integrator_on_our_film(theirs):
     assert largest(on_ours[1], on_theirs[1]) < 1e-5
 
 
+@pytest.mark.usefixtures("mitsubas_steps")
 def test_our_integrator_on_their_film(theirs):
     on_ours = picture(tofrender, tofrender)
     on_theirs = picture(tofrender, theirs)
@@ -79,12 +80,14 @@ def test_our_integrator_on_their_film(theirs):
     assert largest(on_theirs[1], on_ours[1]) < 1e-5
 
 
+@pytest.mark.usefixtures("mitsubas_steps")
 def test_our_pulse_on_their_film(theirs):
     on_ours = picture(tofrender, tofrender, pulse_width_opl=0.1)
     on_theirs = picture(tofrender, theirs, pulse_width_opl=0.1)
     assert largest(on_theirs[1], on_ours[1]) < 1e-5
 
 
+@pytest.mark.usefixtures("mitsubas_steps")
 def test_both_integrators_see_the_same(theirs):
     """Same random numbers, so the same paths; their lengths are 1 mm short at the near plane.
 

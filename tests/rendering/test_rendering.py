@@ -288,13 +288,14 @@ def test_samplers_that_cannot_loop_keep_their_strata(monkeypatch, sampler):
         np.testing.assert_allclose(near, 0.5, atol=0.51 / 8)  # 8 strata wide, one is cut
 
 
+@pytest.mark.usefixtures("mitsubas_steps")
 def test_long_renders_are_folded(monkeypatch):
     """Sums in single precision are put aside in time; the result is the same."""
     whole = render(box(), spp=512)
     folds = []
     fold = tofrender.TransientHDRFilm.fold
     monkeypatch.setattr(
-        tofrender.TransientHDRFilm, "fold", lambda self: folds.append(1) or fold(self)
+        tofrender.TransientHDRFilm, "fold", lambda self, *_: folds.append(1) or fold(self)
     )
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     monkeypatch.setattr(base, "MAX_ADDED", 128)

@@ -280,7 +280,11 @@ class PhasorRecording(Recording):
     """Phasors, path by path; the light's pulse multiplies them by its Fourier transform."""
 
     kind = PHASORS
-    in_time = True
+
+    @property
+    def in_time(self) -> bool:
+        """Light does."""
+        return True
 
     @property
     def image(self) -> Any:

@@ -81,7 +81,7 @@ def pixels_of(lamps: Any, sensor: mi.Sensor, film: Any) -> np.ndarray:
     """Numbers of the pixels that may see one of some emitters, all if one is beside the camera."""
     width, height = sampled_size(film)
     lens = Lens(sensor)
-    first = np.ravel(lens.first)
+    first = np.ravel(np.array(lens.first))
     chosen = np.zeros((height, width), dtype=bool)
     for lamp in lamps:
         box = lamp.bbox()

@@ -148,7 +148,7 @@ def _looking(
     seen: FirstSeen, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, first: int
 ) -> Callable[[int], None]:
     """What takes a number of samples per pixel of what is seen first, in points of its own."""
-    sampler = best_sampler(spp)
+    sampler: Any = best_sampler(spp)
     pixels, rate = mi.UInt32(seen.pixels.tolist()), seen.rate
     lanes = len(pixels) * rate
     sampler.set_samples_per_wavefront(rate)
@@ -180,7 +180,7 @@ def _looking(
 
 def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
     """Numbers of the film's own pixels that samples of some pixels of the sampled area reach."""
-    width, height = sampled_size(film)
+    width, _ = sampled_size(film)
     columns, rows = (int(n) for n in film.crop_size())
     border = film.rfilter().border_size()
     shift = border if film.sample_border() else 0

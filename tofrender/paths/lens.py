@@ -108,7 +108,8 @@ class Lens:
         """First and last position on the film that sees something in a box [pixels].
 
         Args:
-            low, high: The box's corners in world space [m].
+            low: The box's least corner in world space [m].
+            high: The opposite one.
 
         Returns:
             Two arrays (x, y) that bound all its images; None if part of the box is not in front.

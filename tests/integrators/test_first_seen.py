@@ -1,0 +1,268 @@
+"""Lamps in view are found apart: the same light in the same bins, with less noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import (
+    agree,
+    area_light,
+    camera,
+    diffuse,
+    film,
+    largest,
+    load,
+    over_seeds,
+    plane,
+    rendered,
+    rotate,
+    scene,
+    translate,
+    with_film,
+    with_integrator,
+)
+
+import tofrender
+from tofrender.integrators import first_seen, passes
+from tofrender.integrators.first_seen import FirstSeen
+from tofrender.paths.lens import Lens
+
+SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
+SPP = 64
+
+
+def lamp(radius: float = 0.1, z: float = -2.0, **emitter) -> dict:
+    """A disk that faces a camera at the origin."""
+    to_world = translate(0.07, 0.03, z) @ rotate((0, 1, 0), 40)
+    shape = {"type": "disk", "to_world": to_world @ mi.ScalarTransform4f().scale(radius)}
+    return shape | {"emitter": area_light(2.0) | emitter}
+
+
+def textured() -> dict:
+    pixels = mi.Bitmap(np.linspace(0.2, 3, 16, dtype=np.float32).reshape(4, 4, 1))
+    image = {"type": "bitmap", "bitmap": pixels, "raw": True, "filter_type": "nearest"}
+    return lamp(radiance=image)
+
+
+def view(parts: dict, size: int = 12, **sensor) -> dict:
+    """Parts before a camera at the origin; bins of 2 cm hold the lamp's light."""
+    eye = camera((0, 0, 0), (0, 0, -1), film(size, size, 60, 1.86, 0.02), fov=30)
+    wall = {"wall": plane(translate(0, 0, -2.2), size=1, bsdf=diffuse(0.5))}
+    return scene(wall | parts, eye | sensor, max_depth=2)
+
+
+def ball(radius: float) -> dict:
+    glow = area_light(2.0)
+    return {"type": "sphere", "center": [0.1, -0.1, -2], "radius": radius, "emitter": glow}
+
+
+def glass_before(parts: dict) -> dict:
+    glass = {"type": "sphere", "center": [0.07, 0.03, -1.2], "radius": 0.2}
+    return view(parts | {"glass": glass | {"bsdf": {"type": "dielectric"}}}) | {
+        "integrator": {"type": "transient_path", "max_depth": 4}
+    }
+
+
+CROP = {"crop_width": 6, "crop_height": 5, "crop_offset_x": 6, "crop_offset_y": 4}
+THIN = {"type": "thinlens", "aperture_radius": 0.05, "focus_distance": 1.0}
+SKY = {"type": "constant", "radiance": {"type": "uniform", "value": 0.1}}
+
+SCENES: dict[str, Callable[[], dict]] = {
+    "disk": lambda: view({"lamp": lamp()}),
+    "textured": lambda: view({"lamp": textured()}),
+    "less than a pixel": lambda: view({"lamp": ball(0.01)}),
+    "cut by the crop": lambda: with_film(view({"lamp": lamp()}), **CROP),
+    "out of focus": lambda: view({"lamp": lamp(0.03)}, 24, **THIN),
+    "shifted": lambda: view({"lamp": lamp(0.05)}, principal_point_offset_x=0.2),
+    "two": lambda: view({"lamp": lamp(0.04), "ball": ball(0.05)}),
+    "sky": lambda: view({"lamp": lamp(), "sky": SKY}),
+    "half hidden": lambda: view(
+        {"lamp": lamp(), "block": plane(translate(-0.97, 0, -1.5), size=1, bsdf=diffuse(0))}
+    ),
+    "filter": lambda: with_film(view({"lamp": lamp()}), rfilter={"type": "gaussian"}),
+    "filter and border": lambda: with_film(
+        view({"lamp": lamp()}), rfilter={"type": "tent"}, sample_border=True, **CROP
+    ),
+    "behind glass": lambda: glass_before({"lamp": lamp(0.02), "other": ball(0.03)}),
+    "unwarped": lambda: with_integrator(
+        with_film(view({"lamp": lamp()}), start_opl=0.0), camera_unwarp=True
+    ),
+    "pulse": lambda: with_integrator(view({"lamp": lamp()}), pulse_width_opl=0.03),
+}
+
+
+def all_in_one(monkeypatch) -> None:
+    """Leave it all to the paths."""
+    monkeypatch.setattr(passes.FirstSeen, "of", classmethod(lambda *_: None))
+
+
+def found_apart(described: dict) -> FirstSeen | None:
+    loaded = load(described)
+    sensor = loaded.sensors()[0]
+    return FirstSeen.of(loaded.integrator().plan(loaded, sensor), sensor, sensor.film())
+
+
+def seen(described: dict, seeds) -> np.ndarray:
+    """(seeds, what is compared): all bins of the film, and 3 x 3 blocks of the picture."""
+    loaded = load(described)
+
+    def estimate(seed: int) -> np.ndarray:
+        steady, transient = rendered(loaded, SPP, seed)
+        blocks = [np.array_split(row, 3, axis=1) for row in np.array_split(steady, 3)]
+        means = [part.mean() for row in blocks for part in row]
+        return np.concatenate([transient.sum(axis=(0, 1)).mean(axis=1), means])
+
+    return over_seeds(estimate, seeds)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_light(name, monkeypatch):
+    described = SCENES[name]()
+    apart = found_apart(described)
+    assert apart is not None
+    assert apart.rate > 1
+    found = seen(described, SEEDS)
+    all_in_one(monkeypatch)
+    expected = seen(described, OTHER_SEEDS)
+    assert agree(found, expected, rounding=1e-4)
+
+
+def shifted(right: Callable) -> Callable:
+    return lambda *arguments: right(*arguments) + 2
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("mistake", ["pixels", "twice", "weight"])
+def test_mistakes_are_found(mistake, monkeypatch):
+    """Pixels that miss part of the lamp, light that counts twice, and rays that weigh too much."""
+    if mistake == "pixels":
+        monkeypatch.setattr(first_seen, "pixels_of", shifted(first_seen.pixels_of))
+    elif mistake == "twice":
+        monkeypatch.setattr(tofrender.paths.records.Limits, "without_first", lambda self: self)
+    else:
+        trace = FirstSeen.trace
+
+        def wrong(self, sampler, ray, origin, measurement):
+            measured, path = trace(self, sampler, ray, origin, measurement)
+            measured.total *= 1.1
+            return measured, path
+
+        monkeypatch.setattr(FirstSeen, "trace", wrong)
+    found = seen(SCENES["disk"](), SEEDS)
+    monkeypatch.undo()
+    all_in_one(monkeypatch)
+    assert not agree(found, seen(SCENES["disk"](), OTHER_SEEDS), rounding=1e-4)
+
+
+def test_there_is_less_noise(monkeypatch):
+    described = SCENES["disk"]()
+    rate = found_apart(described).rate
+    loaded = load(described)
+
+    def variance() -> float:
+        return over_seeds(lambda seed: rendered(loaded, SPP, seed)[1], SEEDS).var(axis=0).mean()
+
+    apart = variance()
+    all_in_one(monkeypatch)
+    assert variance() > 0.5 * rate * apart
+
+
+@pytest.mark.parametrize("kind", ["gate", "phasors"])
+def test_gates_and_phasors(kind, monkeypatch):
+    """Equal in the mean, to what noise is left in many samples."""
+    described = SCENES["disk"]()
+    loaded = load(described)
+    sensor = loaded.sensors()[0]
+
+    def measured() -> np.ndarray:
+        if kind == "phasors":
+            return np.array(tofrender.render_amcw_phasor(loaded, sensor, [1e9], spp=1024)[:2])
+        gate = mi.load_dict({"type": "time_gated_transient_path", "pulse_width_opl": 0.02})
+        return tofrender.render_at_time(loaded, gate, sensor, 2.05, spp=1024)
+
+    apart = measured()
+    all_in_one(monkeypatch)
+    one = measured()
+    assert abs(apart.sum() / one.sum() - 1) < 2e-3
+    assert largest(apart, one) < 0.03
+    assert largest(apart, one) > 0
+
+
+def test_many_rays_are_folded(monkeypatch):
+    """Rays that are added in several kernels are all there, as many as in one."""
+    loaded = load(SCENES["disk"]())
+    whole = rendered(loaded, SPP)
+    monkeypatch.setattr(passes, "MAX_ADDED", 256)
+    parts = rendered(loaded, SPP)
+    for a, b in zip(parts, whole, strict=True):
+        assert largest(a, b) < 1e-5
+
+
+def test_resumed_renders_are_whole_ones():
+    described = SCENES["disk"]()
+    whole = tofrender.render(described, spp=64, progress=False)
+    first = tofrender.render(described, spp=16, progress=False)
+    resumed = tofrender.render(described, spp=64, resume=first, progress=False)
+    np.testing.assert_allclose(resumed.transient, whole.transient, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(resumed.steady, whole.steady, rtol=1e-4, atol=1e-6)
+
+
+def beside_the_camera() -> dict:
+    tall = plane(translate(0, 0.5, 0) @ rotate((1, 0, 0), 90), size=3, emitter=area_light(1.0))
+    return view({"lamp": tall})
+
+
+@pytest.mark.parametrize(
+    "described",
+    [
+        lambda: view({"lamp": lamp(5.0)}),
+        lambda: with_integrator(view({"lamp": lamp()}), hide_emitters=True),
+        lambda: with_integrator(view({"lamp": lamp()}), discard_direct_light=True),
+        lambda: view({"sky": SKY}),
+        lambda: view({"lamp": lamp(z=3.0)} | {"sky": SKY}),
+        beside_the_camera,
+        lambda: with_integrator(view({"lamp": lamp()}), type="transient_bdpt"),
+        lambda: view({"lamp": lamp()}, type="orthographic"),
+    ],
+    ids=["fills", "hidden", "discarded", "sky", "behind", "beside", "both ends", "orthographic"],
+)
+def test_paths_find_what_is_not_apart(described):
+    description = described()
+    if description["sensor"]["type"] == "orthographic":
+        del description["sensor"]["fov"]
+    assert found_apart(description) is None
+
+
+def test_steady_pictures_are_left_as_they_are(monkeypatch):
+    """A picture of all light has nothing to gain."""
+    described = view({"lamp": lamp()})
+    described["sensor"]["film"] = {"type": "hdrfilm", "width": 12, "height": 12}
+    loaded = load(described | {"integrator": {"type": "path_tracer_mis", "max_depth": 2}})
+    whole = np.array(mi.render(loaded, spp=4))
+    all_in_one(monkeypatch)
+    assert (np.array(mi.render(loaded, spp=4)) == whole).all()
+
+
+@pytest.mark.parametrize("thin", [False, True])
+def test_the_box_of_a_lamp_holds_its_picture(thin):
+    """Points of a box land within its bounds, which are not much larger."""
+    described = view({"lamp": lamp()}, 64, **(THIN if thin else {}))
+    lens = Lens(load(described).sensors()[0])
+    low, high = np.array([-0.1, -0.2, -2.5]), np.array([0.2, 0.1, -1.5])
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(0, 1 << 16)
+    corner = mi.Point3f(sampler.next_1d(), sampler.next_1d(), sampler.next_1d())
+    points = mi.Point3f(low.tolist()) + corner * mi.Vector3f((high - low).tolist())
+    arrival = lens.arrive(points, lens.sample(sampler))
+    found = np.array(arrival.position)[:, np.array(arrival.seen)]
+    first, last = lens.pixels_of(low, high)
+    assert (found.T >= first - 1e-3).all()
+    assert (found.T <= last + 1e-3).all()
+    assert (last - first < (1.7 if thin else 1.15) * np.ptp(found, axis=1)).all()
+    assert lens.pixels_of(low, np.array([0.2, 0.1, 0.5])) is None
+    assert dr.width(found) > 0
