@@ -149,7 +149,7 @@ def test_mistakes_are_found(mistake, monkeypatch):
 
         def wrong(self, sampler, ray, origin, measurement):
             measured, path = trace(self, sampler, ray, origin, measurement)
-            measured.total *= 1.1
+            measured.total *= 1.3
             return measured, path
 
         monkeypatch.setattr(FirstSeen, "trace", wrong)
@@ -261,8 +261,8 @@ def test_the_box_of_a_lamp_holds_its_picture(thin):
     arrival = lens.arrive(points, lens.sample(sampler))
     found = np.array(arrival.position)[:, np.array(arrival.seen)]
     first, last = lens.pixels_of(low, high)
-    assert (found.T >= first - 1e-3).all()
-    assert (found.T <= last + 1e-3).all()
+    assert (first - 1e-3 <= found.T).all()
+    assert (last + 1e-3 >= found.T).all()
     assert (last - first < (1.7 if thin else 1.15) * np.ptp(found, axis=1)).all()
     assert lens.pixels_of(low, np.array([0.2, 0.1, 0.5])) is None
     assert dr.width(found) > 0
