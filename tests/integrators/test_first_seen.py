@@ -245,7 +245,7 @@ def test_steady_pictures_are_left_as_they_are(monkeypatch):
     loaded = load(described | {"integrator": {"type": "path_tracer_mis", "max_depth": 2}})
     whole = np.array(mi.render(loaded, spp=4))
     all_in_one(monkeypatch)
-    assert (np.array(mi.render(loaded, spp=4)) == whole).all()
+    assert largest(np.array(mi.render(loaded, spp=4)), whole) < 1e-6
 
 
 @pytest.mark.parametrize("thin", [False, True])

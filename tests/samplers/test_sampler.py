@@ -162,11 +162,14 @@ def cube_variance(kind: str, spp: int) -> float:
     return float(np.var(cubes, axis=0, ddof=1).sum())
 
 
+@pytest.mark.usefixtures("mitsubas_steps")
 def test_lower_variance_than_independent():
+    """Most of it in the pixels that see the lamp."""
     assert cube_variance("padded_sobol", 64) < 0.25 * cube_variance("independent", 64)
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("kind", ["multijitter", "ldsampler"])
 def test_samplers_of_mitsuba_go_on_in_the_next_step(kind, monkeypatch):
     """In sixteen steps, 64 points are as even as in one; the same four again would be far worse."""
