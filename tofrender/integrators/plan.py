@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from copy import copy
+from typing import Any, Self, TypeVar
 
 import mitsuba as mi
 
@@ -34,6 +35,14 @@ class Plan:
     ) -> None:
         self.space, self.endpoint, self.scattering = space, endpoint, scattering
         self.limits = limits
+
+    def resolving(self, width_opl: float | None) -> Self:
+        """The same for a film that tells lengths apart by `width_opl` [m], None if it does not."""
+        if width_opl is None:
+            return self
+        other = copy(self)
+        other.endpoint = self.endpoint.resolving(width_opl)
+        return other
 
     def trace(
         self,

@@ -78,6 +78,10 @@ class ScanPlan(Plan):
         super().__init__(Vacuum(scan.scene), endpoint, scattering, limits)
         self.scan, self.light, self.counts_spot = scan, light, counts_spot
 
+    def resolving(self, width_opl):
+        """The same: what is lit is a point."""
+        return self
+
     def trace(self, sampler, ray, origin, measurement, active=True):
         """Follow camera rays through a scene that a laser lights."""
         active, not_finite = mi.Bool(active), mi.UInt32(0)
@@ -99,7 +103,8 @@ class ScanPlan(Plan):
 class RelayWallPath(TransientPath):
     """Base of the integrators that see around a corner by a relay wall.
 
-    A subclass says in `laser` what lights the scene. Besides those of `TransientPath`:
+    A subclass says in `laser` what lights the scene. Besides those of `TransientPath`, without
+    `light_samples`:
 
     | parameter | default | meaning |
     |---|---|---|
@@ -120,6 +125,7 @@ class RelayWallPath(TransientPath):
     """
 
     needs_lights = False
+    takes_light_samples = False
     counts_legs_by_default = True
 
     def __init__(self, props: mi.Properties) -> None:
