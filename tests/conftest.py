@@ -29,10 +29,13 @@ def _variant():
 
 @pytest.fixture
 def mitsubas_steps(monkeypatch):
-    """Let paths leave specular surfaces where Mitsuba's do: a fraction of a millimetre beside.
+    """Let paths leave specular surfaces where Mitsuba's do, a fraction of a millimetre beside.
 
-    With it, our pictures are Mitsuba's to float rounding; `test_lengths.py` has what it is for.
+    And let a vertex connect to one light point. With both, our pictures are Mitsuba's to float
+    rounding; `test_lengths.py` has what the first, `test_light_samples.py` what the second is for.
     """
     monkeypatch.setattr(
         tofrender.paths.scattering, "leave", lambda si, d, specular: si.spawn_ray(d)
     )
+    lights = tofrender.paths.endpoints.scene_lights
+    monkeypatch.setattr(lights, "points_that_pay", lambda *_: 1)
