@@ -31,10 +31,8 @@ from support import (
 
 import tofrender
 from tofrender.films.recording import recording
-from tofrender.integrators.passes import steps
-from tofrender.paths.endpoints import ConnectionsOnly, SceneLights
+from tofrender.paths.endpoints import ConnectionsOnly, SceneLights, scene_lights
 from tofrender.rendering.fingerprint import fingerprint
-from tofrender.rendering.window import windowed_film
 from tofrender.scenes import cornell_box, cornell_box_flash, cornell_box_glass, cornell_box_mirror
 from tofrender.scenes.loading import load_plugin
 
@@ -383,21 +381,13 @@ def test_the_fingerprint_has_it():
     assert len(prints) == 3
 
 
-def test_a_window_that_is_found_counts():
-    """The width of a bin is known when that of the window is."""
-    found = []
-
-    class Watching(SceneLights):
-        def resolving(self, width_opl):
-            found.append(width_opl)
-            return super().resolving(width_opl)
-
-    loaded = load(small())
-    plan = loaded.integrator().plan(loaded, loaded.sensors()[0])
-    plan.endpoint = Watching(loaded, light_samples="auto")
-    sensor = loaded.sensors()[0]
-    wide = windowed_film(sensor.film(), (3.0, 13.0), 50)
-    record = recording(wide, loaded.integrator().exposure())
-    sampler = mi.load_dict({"type": "independent", "sample_count": 4})
-    assert list(steps(plan, record, sensor, sampler, 0)) == [4]
-    assert found == [pytest.approx(0.2)]
+@pytest.mark.parametrize("window", [(3.0, 13.0), "auto"])
+def test_the_window_that_is_rendered_counts(window, monkeypatch):
+    """Not that of the sensor's film; a window that is found is known after the plan is made."""
+    widths = []
+    monkeypatch.setattr(
+        scene_lights, "points_that_pay", lambda scene, width, sphere: widths.append(width) or 8
+    )
+    found = tofrender.render(small(), spp=4, window=window, temporal_bins=50, progress=False)
+    assert widths == [pytest.approx(found.attrs["bin_width_opl"])]
+    assert found.attrs["bin_width_opl"] > 0.1
