@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -11,7 +12,7 @@ import numpy as np
 
 import tofrender
 
-from .timing import in_turn
+from .timing import in_turn, noise
 
 if TYPE_CHECKING:
     from .cases import Row
@@ -47,6 +48,29 @@ def lights(runs: int, quick: bool) -> list[Row]:
                 target = 20.0 if "caustic" in what and "bdpt" in tracer else None
                 label = f"{name}, {size}x{size}, {spp} spp: transient_path's error x cpu time over "
                 rows.append((f"{label}{tracer}'s, {what}", ratio, target))
+    return rows
+
+
+def light_samples(runs: int, quick: bool) -> list[Row]:
+    """Variance of the bins times CPU time of one light point over that of several.
+
+    Pixels count as in `lights`.
+    """
+    size, spp = (16, 16) if quick else (64, 256)
+    scene = _scene("cornell_box", size)
+    plain = _plain(scene)
+
+    def draw(points: str | int) -> Callable[[int], np.ndarray]:
+        tracer = _tracer(TRACERS[0], light_samples=points)
+        return lambda seed: _render(scene, tracer, spp, seed)[1][plain]
+
+    variance, times = noise({str(n): draw(n) for n in (1, 4, 8, 16, "auto")}, max(runs, 8))
+    rows: list[Row] = []
+    for name in list(times)[1:]:
+        gain = variance["1"] / variance[name] * times["1"].ratio(times[name])[1]
+        target = 2.0 if name == "auto" else None
+        what = f"cornell_box, {size}x{size}, {spp} spp: one light point's variance x cpu time"
+        rows.append((f"{what} over that of light_samples = {name}", gain, target))
     return rows
 
 

@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -14,7 +15,7 @@ import numpy as np
 
 import tofrender
 
-from .case_lights import camera_connections, lights
+from .case_lights import camera_connections, light_samples, lights
 from .case_nlos import nlos
 from .case_reconstruction import reconstruction
 from .case_warps import warps
@@ -23,9 +24,10 @@ from .timing import in_turn, noise
 Row = tuple[str, float, float | None]
 
 
-def _transient(size: int, bins: int, spp: int) -> mi.Scene:
+def _transient(size: int, bins: int, spp: int, **integrator: Any) -> mi.Scene:
     """Our Cornell box with `bins` bins, with our plugins whatever else was imported."""
     scene = tofrender.cornell_box(width=size, height=size, temporal_bins=bins, spp=spp)
+    scene["integrator"] |= integrator
     return tofrender.load_scene(scene)
 
 
@@ -51,10 +53,10 @@ def _draw(scene: mi.Scene, spp: int) -> Callable[[], None]:
 
 
 def speed(runs: int, quick: bool) -> list[Row]:
-    """Time of the transient render over that of Mitsuba's `path`, at equal samples per pixel."""
+    """Time of the transient render over that of Mitsuba's `path`, at equal samples and rays."""
     size, spp = (64, 16) if quick else (256, 64)
     functions = {"path": _draw(_path(size, spp), spp)}
-    functions["tofrender"] = _draw(_transient(size, 300, spp), spp)
+    functions["tofrender"] = _draw(_transient(size, 300, spp, light_samples=1), spp)
     peer = _peer(size, 300)
     if peer is not None:
         functions["mitransient"] = _draw(peer, spp)
@@ -73,7 +75,7 @@ def bins(runs: int, quick: bool) -> list[Row]:
     size, spp = (32, 16) if quick else (64, 256)
     counts = (30, 300, 3000)
     functions = {"path": _draw(_path(size, spp), spp)}
-    functions |= {str(n): _draw(_transient(size, n, spp), spp) for n in counts}
+    functions |= {str(n): _draw(_transient(size, n, spp, light_samples=1), spp) for n in counts}
     times = in_turn(functions, runs)
     rows: list[Row] = []
     for n in counts:
@@ -278,6 +280,7 @@ CASES = {
     "one-gate": one_gate,
     "path-tracers": path_tracers,
     "lights": lights,
+    "light-samples": light_samples,
     "camera-connections": camera_connections,
     "nlos": nlos,
     "reconstruction": reconstruction,

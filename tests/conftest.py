@@ -31,10 +31,13 @@ def _variant():
 def mitsubas_steps(monkeypatch):
     """Let paths go as Mitsuba's do, so that our pictures are Mitsuba's to float rounding.
 
-    They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, and find
-    the lamps that the camera sees, see `test_first_seen.py`.
+    They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, connect
+    each vertex to one light point, see `test_light_samples.py`, and find the lamps that the camera
+    sees, see `test_first_seen.py`.
     """
     monkeypatch.setattr(tofrender.integrators.passes.FirstSeen, "of", classmethod(lambda *_: None))
     monkeypatch.setattr(
         tofrender.paths.scattering, "leave", lambda si, d, specular: si.spawn_ray(d)
     )
+    lights = tofrender.paths.endpoints.scene_lights
+    monkeypatch.setattr(lights, "points_that_pay", lambda *_: 1)

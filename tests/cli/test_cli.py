@@ -392,14 +392,17 @@ def test_phasors_of_a_scene(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_phasors_of_a_render(tmp_path, capsys):
-    """Converted from bins, they are those that are rendered, up to what the window lost."""
+    """Converted from bins, they are those that are rendered, up to what the window lost.
+
+    Of a flash, whose bins and phasors take the same paths.
+    """
     folder, converted, direct = (tmp_path / name for name in ("render", "converted", "direct"))
     tiny = ["--size", "8x6", "--spp", "16"]
     window = ["--start-opl", "3", "--bins", "3000", "--bin-width", "0.01", "--no-video"]
     commands = (
-        ("render", "cornell_box", "--out", folder, *tiny, *window, "--max-depth", "8"),
+        ("render", "cornell_box_flash", "--out", folder, *tiny, *window, "--max-depth", "8"),
         ("phasor", folder, "--freq", "20e6", "--out", converted),
-        ("phasor", "cornell_box", "--freq", "20e6", "--out", direct, *tiny),
+        ("phasor", "cornell_box_flash", "--freq", "20e6", "--out", direct, *tiny),
     )
     for command in commands:
         assert main([str(each) for each in command]) == 0, capsys.readouterr().err

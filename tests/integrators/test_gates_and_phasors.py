@@ -20,6 +20,7 @@ from support import (
     point_light,
     scene,
     translate,
+    with_integrator,
 )
 
 import tofrender
@@ -36,7 +37,8 @@ FREQUENCIES = [20e6, 50e6, 100e6]
 
 def box(**options) -> mi.Scene:
     size = {"width": 32, "height": 32} | options
-    return tofrender.load_scene(tofrender.cornell_box(**size))
+    # Gates and phasors are of the same paths as bins, with a connection each
+    return tofrender.load_scene(with_integrator(tofrender.cornell_box(**size), light_samples=1))
 
 
 def gated(**parameters) -> mi.Object:

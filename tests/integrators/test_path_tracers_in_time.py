@@ -47,6 +47,7 @@ def test_furnace_in_time(tracer):
     assert not agree(np.roll(bins, 1, axis=1)[:, shown], expected[shown], rounding=5e-3)
 
 
+@pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 @pytest.mark.parametrize("name", ["glass", "environment map"])

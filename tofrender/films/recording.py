@@ -82,6 +82,11 @@ class Recording:
         """Whether light counts by its length."""
         return self.weight is not None
 
+    @property
+    def width_opl(self) -> float | None:
+        """Length by which the film tells arrivals apart [m]; None if it has no time bins."""
+        return None
+
     def prepare(self) -> None:
         """Empty the film."""
         self.film.prepare([])
@@ -232,6 +237,12 @@ class BinRecording(Recording):
     def image(self) -> Any:
         """The film's steady image."""
         return self.film.steady
+
+    @property
+    def width_opl(self) -> float:
+        """Width of a bin, and half the length that pulse and filter reach over."""
+        low, high = (0.0, 0.0) if self.profile is None else self.profile.support
+        return float(self.film.bin_width_opl) + 0.5 * (high - low)
 
     def require_memory(self, spp: int) -> None:
         """Refuse where bins, those put aside, and what `develop` returns do not fit together."""

@@ -46,6 +46,7 @@ class AMCWTransientPath(TransientPath):
     """
 
     fills_bins = False
+    takes_light_samples = False
 
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("amcw_transient_path") if props is None else props

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 
+MAX_LIGHT_SAMPLES = 64
+
+
 class TransientIntegrator(mi.SamplingIntegrator):
     """Base of the integrators that know how long each path is.
 
@@ -59,6 +62,15 @@ class TransientIntegrator(mi.SamplingIntegrator):
                 ("emitter_sampling", True),
             )
         )
+        points: Any = props.get("light_samples", None)
+        self.light_samples: str | int = 1
+        if self.takes_light_samples and self.emitter_sampling:
+            self.light_samples = _light_samples("auto" if points is None else points)
+        elif points is not None:
+            raise ValueError(
+                f"light_samples = {points}: must be left out; here vertices connect to one light "
+                "point or none"
+            )
 
     # ------------------------------------------------------------------ for subclasses
 
@@ -67,6 +79,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     needs_lights = True
     """Whether a scene without emitters would be black."""
+
+    takes_light_samples = False
+    """Whether a vertex may connect to several points of the scene's emitters."""
 
     pulse: Pulse | None = None
     temporal_filter: str = "box"
@@ -77,7 +92,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
         """What paths connect to."""
-        return self.emitters(SceneLights if self.emitter_sampling else EmitterHits, scene, sensor)
+        kind = SceneLights if self.emitter_sampling else EmitterHits
+        return self.emitters(kind, scene, sensor, light_samples=self.light_samples)
 
     def scattering(self, scene: mi.Scene) -> Scattering:
         """How paths go on."""
@@ -87,9 +103,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """Which paths count; `last_opl` [m] is the greatest length that does, None if all do."""
         return Limits(self.max_depth, self.rr_depth, last_opl, self.camera_unwarp)
 
-    def emitters(self, kind: Any, scene: mi.Scene, sensor: mi.Sensor | None, *more: Any) -> Any:
+    def emitters(
+        self, kind: Any, scene: mi.Scene, sensor: mi.Sensor | None, *more: Any, **named: Any
+    ) -> Any:
         """An endpoint of the scene's emitters that shows those which the sensor shall see."""
-        return kind(scene, sensor, *more, self.hide_emitters, self.discard_direct_light)
+        shown = self.hide_emitters, self.discard_direct_light
+        return kind(scene, sensor, *more, *shown, **named)
 
     # ------------------------------------------------------------------------- paths
 
@@ -184,3 +203,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
             return expose(follow, record, sensor, sampler, seed, first)
         plan = self.plan(scene, sensor, record.weight)
         return steps(plan, record, sensor, sampler, seed, first)
+
+
+def _light_samples(value: Any) -> str | int:
+    """A number of light points, or "auto"."""
+    try:
+        return value if value == "auto" else checks.integer("", value, 1, MAX_LIGHT_SAMPLES)
+    except ValueError:
+        raise ValueError(
+            f"light_samples = {value!r}: must be 'auto' or an integer from 1 to {MAX_LIGHT_SAMPLES}"
+        ) from None

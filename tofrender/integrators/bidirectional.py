@@ -143,13 +143,16 @@ class BidirectionalPlan(Plan):
 class BothEnds(TransientPath):
     """Base of the integrators whose light finds the camera.
 
-    They take the parameters of `TransientPath` but `emitter_sampling`, fill every film of this
-    package and Mitsuba's `hdrfilm`, and need a `perspective` or `thinlens` camera.
+    They take the parameters of `TransientPath` but `emitter_sampling` and `light_samples`, fill
+    every film of this package and Mitsuba's `hdrfilm`, and need a `perspective` or `thinlens`
+    camera.
 
     | parameter | default | meaning |
     |---|---|---|
     | `target_time` | none | path length of a gate [m]: a picture then shows what it sees |
     """
+
+    takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)

@@ -17,10 +17,11 @@ class FirstSurface(PathTracer):
 
     Surfaces are lit on the side that is seen. The scene's own lights and materials make no
     difference. A subclass says in `endpoint` where the light comes from. Takes `hide_emitters`,
-    `camera_unwarp`, and for films with time what `TransientPath` takes.
+    `camera_unwarp`, and for films with time what `TransientPath` takes, without `light_samples`.
     """
 
     needs_lights = False  # Of the scene
+    takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:
         for name in ("max_depth", "max_bounces"):

@@ -79,6 +79,7 @@ def steps(
         ValueError: The sensor is several.
         MemoryError: The film does not fit.
     """
+    plan = plan.resolving(record.width_opl)
 
     def follow(sampler: mi.Sampler, camera: CameraSample, measurement: Any) -> Any:
         measured, path = rest.trace(sampler, camera.ray, camera.origin, measurement)

@@ -17,13 +17,15 @@ class PathTracerMats(PathTracer):
         L = Le(x1) + f cos / p(wo) (Le(x2) + f cos / p(wo) (Le(x3) + ...
 
     Good for large lights and for mirrors; a small light is rarely found, and a point light never.
-    Parameters: those of `PathTracer`.
+    Parameters: those of `PathTracer` but `light_samples`.
 
     Example:
         >>> integrator = mi.load_dict({"type": "path_tracer_mats", "max_bounces": 1})
         >>> integrator.max_bounces
         1
     """
+
+    takes_light_samples = False
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> EmitterHits:
         """Lights are where paths run into them."""

@@ -22,7 +22,8 @@ class PathTracerMIS(PathTracer):
     | "one_sample" | one of both by chance, over the mean of the densities | 2 |
 
     "reuse" needs no ray for the material's sample, because the path goes on along it: it takes two
-    samples for the price of one. Other parameters: those of `PathTracer`.
+    samples for the price of one. Other parameters: those of `PathTracer`, `light_samples` with
+    "reuse" only.
 
     Example:
         >>> integrator = mi.load_dict({"type": "path_tracer_mis", "technique": "one_sample"})
@@ -35,6 +36,12 @@ class PathTracerMIS(PathTracer):
         self.technique = checks.one_of("technique", name, TECHNIQUES)
         super().__init__(props)
 
+    @property
+    def takes_light_samples(self) -> bool:
+        """Not with one sample of lights and material together."""
+        return self.technique == "reuse"
+
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights:
         """Lights are found by both techniques."""
-        return self.emitters(TECHNIQUES[self.technique], scene, sensor)
+        kind = TECHNIQUES[self.technique]
+        return self.emitters(kind, scene, sensor, light_samples=self.light_samples)

@@ -28,4 +28,4 @@ class PathTracerNEE(PathTracer):
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> ConnectionsOnly:
         """Lights are found by connections."""
-        return self.emitters(ConnectionsOnly, scene, sensor)
+        return self.emitters(ConnectionsOnly, scene, sensor, light_samples=self.light_samples)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from copy import copy
+from typing import Any, Self, TypeVar
 
 import mitsuba as mi
 
@@ -39,6 +40,14 @@ class Plan:
     def in_view(self) -> Sequence[mi.Emitter]:
         """Emitters that camera rays may run into at once, whose light may be found apart."""
         return self.endpoint.in_view()
+
+    def resolving(self, width_opl: float | None) -> Self:
+        """The same for a film that tells lengths apart by `width_opl` [m], None if it does not."""
+        if width_opl is None:
+            return self
+        other = copy(self)
+        other.endpoint = self.endpoint.resolving(width_opl)
+        return other
 
     def trace(
         self,

@@ -63,6 +63,10 @@ class Endpoint(Protocol):
     finds_all: bool
     importance: bool
 
+    def resolving(self, width_opl: float) -> Endpoint:
+        """The same for light whose lengths are told apart by `width_opl` [m]."""
+        ...
+
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
         """The sensor's ray, past whatever the sensor does not see of this endpoint."""
         ...
@@ -89,14 +93,20 @@ class Endpoint(Protocol):
         """A connection from the vertex. The path's length reaches it, `path.prev` is before it."""
         ...
 
-    def more_links(self, path: Path) -> mi.UInt32 | None:
-        """How many connections follow the first one, as `link` gives them; None if none ever."""
+    def more_links(self, path: Path, first: Connection) -> mi.UInt32 | None:
+        """How many connections follow the first one, by `link`; None if none ever do."""
         ...
 
     def link(
-        self, k: mi.UInt32, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+        self,
+        k: mi.UInt32,
+        first: Connection,
+        vertex: Vertex,
+        path: Path,
+        sampler: mi.Sampler,
+        active: mi.Bool,
     ) -> Connection:
-        """Number `k` of the further connections."""
+        """Number `k` of the connections that follow the first one."""
         ...
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:

@@ -174,7 +174,8 @@ class Connection:
         active: Lanes in which there is a connection.
         clear: Lanes in which nothing can be in the way.
         position: Where on the film the connection lands, if it ends on the sensor [pixels].
-        rival: What the endpoint wants to know again when it tells the connection's share.
+        rival: What the endpoint wants to know again when it tells the connection's share, or makes
+            further connections.
     """
 
     point: mi.Point3f

@@ -38,3 +38,8 @@ def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
     """Whether a surface of the scene lets light through in one of the given ways."""
     flags = [bsdf.flags() for bsdf in materials(scene)]
     return any(mi.has_flag(each, way) for each in flags for way in ways)
+
+
+def has_mirrors(scene: mi.Scene) -> bool:
+    """Whether a surface of the scene sends light on in single directions: mirrors, glass, masks."""
+    return any(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) for bsdf in materials(scene))

@@ -117,10 +117,11 @@ def step(
         turn, bounce = scattering.scatter(vertex, link, sampler, active)
         lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
         path.not_finite += deliver(measurement, lit)
-        more = endpoint.more_links(path)
+        more = endpoint.more_links(path, link)
         if more is not None:
             parts = space, endpoint, scattering
-            path.not_finite += _connect(more, path, vertex, *parts, sampler, measurement, smooth)
+            ways = more, link, path, vertex
+            path.not_finite += _connect(*ways, *parts, sampler, measurement, smooth)
     else:
         _, bounce = scattering.scatter(vertex, None, sampler, active)
 
@@ -175,15 +176,15 @@ def meet(
 
 
 @dr.syntax
-def _connect(count, path, vertex, space, endpoint, scattering, sampler, measurement, active):
-    """Make `count` further connections of a vertex, one after the other.
+def _connect(count, first, path, vertex, space, endpoint, scattering, sampler, measurement, active):
+    """Make `count` further connections of a vertex after its first, one after the other.
 
     Returns:
         Number of those that were left out, not finite.
     """
     k, not_finite = mi.UInt32(0), mi.UInt32(0)
     while active & (k < count):
-        link = endpoint.link(k, vertex, path, sampler, active)
+        link = endpoint.link(k, first, vertex, path, sampler, active)
         link.weight *= space.transmittance(path, vertex, link, sampler)
         link.active &= ~dr.all(link.weight == 0)
         turn = scattering.turn(vertex, link.direction, link.active)

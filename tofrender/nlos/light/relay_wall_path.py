@@ -82,6 +82,10 @@ class ScanPlan(Plan):
         """None: what paths may run into depends on their camera ray."""
         return ()
 
+    def resolving(self, width_opl):
+        """The same: what is lit is a point."""
+        return self
+
     def trace(self, sampler, ray, origin, measurement, active=True):
         """Follow camera rays through a scene that a laser lights."""
         active, not_finite = mi.Bool(active), mi.UInt32(0)
@@ -103,7 +107,8 @@ class ScanPlan(Plan):
 class RelayWallPath(TransientPath):
     """Base of the integrators that see around a corner by a relay wall.
 
-    A subclass says in `laser` what lights the scene. Besides those of `TransientPath`:
+    A subclass says in `laser` what lights the scene. Besides those of `TransientPath`, without
+    `light_samples`:
 
     | parameter | default | meaning |
     |---|---|---|
@@ -124,6 +129,7 @@ class RelayWallPath(TransientPath):
     """
 
     needs_lights = False
+    takes_light_samples = False
     counts_legs_by_default = True
 
     def __init__(self, props: mi.Properties) -> None:

@@ -107,7 +107,7 @@ class LightPaths(SceneLights):
 
     # ---------------------------------------------------------------------------- s > 1
 
-    def more_links(self, path: Path) -> mi.UInt32 | None:
+    def more_links(self, path: Path, first: Connection) -> mi.UInt32 | None:
         """As many as vertices are kept, while paths are not too long."""
         if self.light is None:
             return None
@@ -115,7 +115,13 @@ class LightPaths(SceneLights):
         return dr.minimum(self.light.count, mi.UInt32(dr.maximum(room, 0)))
 
     def link(
-        self, k: mi.UInt32, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+        self,
+        k: mi.UInt32,
+        first: Connection,
+        vertex: Vertex,
+        path: Path,
+        sampler: mi.Sampler,
+        active: mi.Bool,
     ) -> Connection:
         """Vertex number k of the light path."""
         assert self.light is not None

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..records import Connection, Hit, Path, Turn, Vertex
+from .light_points import LightPoints, points_that_pay
 from .unseen import Unseen
 from .wavefronts import Wavefronts
 
@@ -26,6 +28,8 @@ class SceneLights(Unseen):
         hide_emitters: Whether the sensor looks through area lights, and does not see what is
             infinitely far away, as in Mitsuba.
         discard_direct_light: Whether light does not count that comes straight from an emitter.
+        light_samples: Points on emitters that the first vertex of a path connects to; all further
+            ones connect to half as many, rounded up. "auto" is 1 until `resolving` knows better.
     """
 
     finds_all = False
@@ -36,14 +40,24 @@ class SceneLights(Unseen):
         sensor: mi.Sensor | None = None,
         hide_emitters: bool = False,
         discard_direct_light: bool = False,
+        light_samples: str | int = 1,
     ) -> None:
         super().__init__(scene, hide_emitters)
         self.discard_direct_light = discard_direct_light
+        self.light_samples = light_samples
+        self.points = LightPoints(1 if isinstance(light_samples, str) else light_samples)
         infinite = mi.EmitterFlags.Infinite
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
         self.boxes = self._boxes()
-        if self.has_distant:
-            self.sphere = Wavefronts.around(scene, sensor)
+        self.sphere: Any = Wavefronts.around(scene, sensor) if self.has_distant else None
+
+    def resolving(self, width_opl: float) -> SceneLights:
+        """The same with as many points as pay at this width, if that is left to them."""
+        if self.light_samples != "auto":
+            return self
+        other = copy(self)
+        other.points = LightPoints(points_that_pay(self.scene, width_opl, self.sphere))
+        return other
 
     def _boxes(self) -> list[tuple[mi.Point3f, mi.Point3f]]:
         """Corners of boxes that hold all emitters; one box around everything if there are many."""
@@ -69,8 +83,28 @@ class SceneLights(Unseen):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """A point on an emitter."""
-        return self.choose(vertex, sampler.next_2d(), active)
+        """A point on an emitter; if more are to come, the first of a lattice."""
+        shift = sampler.next_2d()
+        link = self.choose(vertex, shift, active)
+        if self.points.several:
+            link.rival = shift
+        return link
+
+    def more_links(self, path: Path, first: Connection) -> Any:
+        """The rest of the lattice, if it has several points."""
+        return self.points.count(path.depth) - 1 if self.points.several else None
+
+    def link(
+        self,
+        k: mi.UInt32,
+        first: Connection,
+        vertex: Vertex,
+        path: Path,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+    ) -> Connection:
+        """Point number k + 1 of the lattice that the first connection started."""
+        return self.choose(vertex, self.points.point(k + 1, path.depth, first.rival), active)
 
     def choose(self, vertex: Vertex, sample: mi.Point2f, active: mi.Bool) -> Connection:
         """The point on an emitter that two random numbers stand for."""
@@ -112,14 +146,22 @@ class SceneLights(Unseen):
 
     def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
         """What connections leave, by the power heuristic; all after a mirror."""
-        share = mi.Float(0) if self.finds_all else power_heuristic(path.pdf, hit.pdf)
+        pdf = hit.pdf
+        if self.points.several:
+            pdf = pdf * mi.Float(self.points.count(path.depth - 1))
+        share = mi.Float(0) if self.finds_all else power_heuristic(path.pdf, pdf)
         return dr.select(path.specular, mi.Float(1), share)
 
     def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
-        """What hits leave, by the power heuristic; all of what cannot be hit."""
+        """What hits leave, by the power heuristic; all of what cannot be hit.
+
+        Of n points, each has an n-th of that, for n times its density (Veach 1997, 9.2.2). The
+        density is the point's own, whatever is in the way: hits know of no shadow either.
+        """
+        n = mi.Float(self.points.count(path.depth)) if self.points.several else mi.Float(1)
         if self.finds_all:
-            return mi.Float(1)
-        return dr.select(link.delta, 1, power_heuristic(link.pdf, turn.pdf))
+            return dr.rcp(n)
+        return dr.select(link.delta, 1, power_heuristic(n * link.pdf, turn.pdf)) / n
 
     def nearest(self, p: mi.Point3f) -> mi.Float:
         """Least length of any connection from `p` [m]: distance to the closest emitter's box."""

@@ -27,6 +27,10 @@ class Unseen:
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
         self.scene, self.hide_emitters = scene, hide_emitters
 
+    def resolving(self, width_opl: float) -> Any:
+        """The same: how finely lengths are told apart makes no difference."""
+        return self
+
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
         """The sensor's ray, behind the area lights that are hidden."""
         return behind_emitters(self.scene, ray) if self.hide_emitters else ray
@@ -47,7 +51,7 @@ class Unseen:
         """Nothing."""
         return path.memory
 
-    def more_links(self, path: Path) -> Any:
+    def more_links(self, path: Path, first: Connection) -> Any:
         """None: one connection for a vertex."""
         return None
 
