@@ -63,9 +63,9 @@ def render(
             it takes the place of the scene's while that is loaded, and what it does not say of
             `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
         sensor: Number of the sensor.
-        sampler: `padded_sobol` by default, whatever the scene says: its error is a fraction of that
-            of Mitsuba's default. A name picks another; an object is cloned, and its own
-            `sample_count` counts if `spp` is not given.
+        sampler: `padded_sobol` by default, whatever the scene says: on the Cornell box, its steady
+            picture has about half the variance of Mitsuba's default. A name picks another; an object is
+            cloned, and its own `sample_count` counts if `spp` is not given.
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
             of the light; by default the film's.
         temporal_bins: Number of bins; by default the film's.
