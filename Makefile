@@ -1,11 +1,11 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render test lint bench clean
+.PHONY: help setup render test lint bench bench-full clean
 
 OUT ?= out/cornell_box
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## create .venv, install the package, find or install LLVM
 	@sh .ci/setup
@@ -24,6 +24,9 @@ lint: setup ## check style, types, and that rooms import downwards only
 
 bench: setup ## time the renderer against Mitsuba's steady path tracer and mitransient
 	.venv/bin/python -m benchmarks $(ARGS)
+
+bench-full: setup ## error at equal time, scene by scene, in about ten minutes; writes docs/how_fast.md
+	.venv/bin/python -m benchmarks.full $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache

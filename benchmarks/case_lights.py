@@ -36,7 +36,7 @@ def lights(runs: int, quick: bool) -> list[Row]:
     for name in SCENES:
         scene = _scene(name, size)
         truth = _mean(scene, _tracer("transient_bdpt"), spp, range(1000, 1000 + reference))
-        masks = {"": _plain(scene)}
+        masks = {"": plain_pixels(scene)}
         if name == "caustic":
             own = _mean(scene, _tracer("transient_bdpt", strategy=OWN), spp, range(4))[0]
             found = own.sum(axis=2) > 0.5 * truth[0].sum(axis=2)
@@ -58,7 +58,7 @@ def light_samples(runs: int, quick: bool) -> list[Row]:
     """
     size, spp = (16, 16) if quick else (64, 256)
     scene = _scene("cornell_box", size)
-    plain = _plain(scene)
+    plain = plain_pixels(scene)
 
     def draw(points: str | int) -> Callable[[int], np.ndarray]:
         tracer = _tracer(TRACERS[0], light_samples=points)
@@ -115,8 +115,8 @@ def _mean(scene: mi.Scene, tracer: Any, spp: int, seeds: range) -> list[np.ndarr
     return [a / len(seeds) for a in total]
 
 
-def _plain(scene: mi.Scene) -> np.ndarray:
-    """Pixels that, with their neighbours, show what is neither a lamp nor smooth."""
+def plain_pixels(scene: mi.Scene, lamps_alone: bool = False) -> np.ndarray:
+    """Pixels that, with their neighbours, show no lamp, and unless `lamps_alone` nothing smooth."""
     sensor = scene.sensors()[0]
     width, height = (int(n) for n in sensor.film().size())
     n = 8
@@ -125,8 +125,10 @@ def _plain(scene: mi.Scene) -> np.ndarray:
     place = mi.Point2f(*(mi.Float(a.astype(np.float32)) for a in across))
     ray, _ = sensor.sample_ray(0, 0.5, place, mi.Point2f(0.5))
     si = scene.ray_intersect(ray)
-    smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth) & ~si.shape.is_emitter()
-    odd = ~np.array(smooth, dtype=bool).reshape(height, n, width, n).all(axis=(1, 3))
+    usual = ~si.shape.is_emitter()
+    if not lamps_alone:
+        usual &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
+    odd = ~np.array(usual, dtype=bool).reshape(height, n, width, n).all(axis=(1, 3))
     around = np.pad(odd, 1)
     near = [around[i : i + height, j : j + width] for i in range(3) for j in range(3)]
     return ~np.any(near, axis=0)

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import oracles
 import pytest
+from gallery import SCENES as GALLERY
 from support import (
     agree,
     area_light,
@@ -92,6 +93,25 @@ SCENES = {
     "rough conductor": rough,
     "glass": lambda: box(cornell_box_glass),
 }
+
+
+# ----------------------------------------------------------------------------- every scene
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", GALLERY)
+@pytest.mark.parametrize("n", [4, 8])
+def test_every_scene_has_the_bins_of_one_point(name, n):
+    """Twenty groups of bins, all pixels together."""
+
+    def bins(points: int, seeds) -> np.ndarray:
+        loaded = load(with_integrator(GALLERY[name](), light_samples=points))
+        found = over_seeds(lambda seed: rendered(loaded, 16, seed)[1].sum(axis=(0, 1, 3)), seeds)
+        groups = np.linspace(0, found.shape[1], 20, endpoint=False, dtype=int)
+        return np.add.reduceat(found, groups, axis=1)
+
+    assert agree(bins(n, range(12)), bins(1, range(1000, 1012)), rounding=1e-4)
 
 
 # -------------------------------------------------------------------------- what auto takes

@@ -64,8 +64,8 @@ def render(
             `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
         sensor: Number of the sensor.
         sampler: `padded_sobol` by default, whatever the scene says: on the Cornell box, its steady
-            picture has about half the variance of Mitsuba's default. A name picks another; an object is
-            cloned, and its own `sample_count` counts if `spp` is not given.
+            picture has about half the variance of Mitsuba's default. A name picks another; an
+            object is cloned, and its own `sample_count` counts if `spp` is not given.
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
             of the light; by default the film's.
         temporal_bins: Number of bins; by default the film's.

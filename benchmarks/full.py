@@ -1,0 +1,231 @@
+"""`make bench-full`: error at equal time against peers, scene by scene, and where it comes from.
+
+Measures, draws and writes `docs/how_fast.md`, its figure, and the table of the README, all from
+`benchmarks/results.json`; `python -m benchmarks.full --write` does the last part alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+
+from . import peers, report
+from .case_lights import plain_pixels
+from .case_nlos import letter
+from .timing import in_turn
+
+SIZE, BINS, SPP, DEPTH = 64, 300, 256, 6
+RESULTS = Path(__file__).with_name("results.json")
+Described = dict[str, Any]
+
+
+def box(name: str = "cornell_box", **more: Any) -> Described:
+    """A Cornell box at the size of the table."""
+    found = getattr(tofrender, name)(
+        **{"width": SIZE, "height": SIZE, "temporal_bins": BINS} | more
+    )
+    found["integrator"]["max_depth"] = DEPTH
+    return found
+
+
+def sixteen_lamps() -> Described:
+    """The box's lamp, cut into sixteen that are a third as long and wide as their part of it."""
+    found = box()
+    lamp = found.pop("light")
+    grid = [(x, y) for x in (-0.75, -0.25, 0.25, 0.75) for y in (-0.75, -0.25, 0.25, 0.75)]
+    for k, (x, y) in enumerate(grid):
+        part = mi.ScalarTransform4f().translate([x, y, 0]).scale([1 / 12, 1 / 12, 1])
+        found[f"light{k}"] = lamp | {"to_world": lamp["to_world"] @ part}
+    return found
+
+
+def small_lamp() -> Described:
+    """The box with a lamp 4 cm wide, two bins."""
+    found = box()
+    lamp = found["light"]
+    part = mi.ScalarTransform4f().scale([0.02 / 0.23, 0.02 / 0.19, 1])
+    found["light"] = lamp | {"to_world": lamp["to_world"] @ part}
+    return found
+
+
+SCENES: dict[str, Callable[[], Described]] = {
+    "Cornell box": box,
+    "sixteen lamps": sixteen_lamps,
+    "lamp two bins wide": small_lamp,
+    "glass sphere": lambda: box("cornell_box_glass"),
+    "mirror": lambda: box("cornell_box_mirror"),
+    "flash": lambda: box("cornell_box_flash"),
+}
+
+
+def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
+    """Renders with several seeds in turn: variance and mean of each voxel, and CPU times."""
+    stacks: dict[str, list[np.ndarray]] = {name: [] for name in draws}
+
+    def draw(name: str) -> None:
+        stacks[name].append(draws[name](len(stacks[name])))
+
+    times = in_turn({name: partial(draw, name) for name in draws}, seeds)
+    found = {}
+    for name, stack in stacks.items():
+        cubes = np.stack(stack[1:]).astype(np.float64)
+        found[name] = {"variance": cubes.var(axis=0, ddof=1), "mean": cubes.mean(axis=0)}
+        found[name]["energies"] = cubes.sum(axis=(1, 2, 3, 4))
+        found[name]["seconds"] = float(np.median(times[name].cpu))
+    return found
+
+
+def figures(found: Mapping[str, Any], plain: np.ndarray) -> dict[str, float]:
+    """Variance times CPU time: of the cube, without pixels that see a lamp, relative per bin."""
+    variance, mean, seconds = found["variance"], found["mean"], found["seconds"]
+    light = (mean[plain] ** 2).sum(axis=(0, 2))
+    bins = light > 1e-4 * light.max()  # 1 % of the brightest bin's light
+    relative = variance[plain].sum(axis=(0, 2))[bins] / light[bins]
+    return {
+        "cube": float(variance.mean() * seconds),
+        "without lamps": float(variance[plain].mean() * seconds),
+        "relative per bin": float(relative.mean() * seconds),
+        "seconds": seconds,
+    }
+
+
+def table(seeds: int) -> dict[str, Any]:
+    """Each scene: ours, ours with one light point, mitransient, over ours."""
+    rows = {}
+    for name, scene in SCENES.items():
+        described = scene()
+        draws = {
+            "ours": peers.bins(peers.ours(described), SPP),
+            "one light point": peers.bins(peers.ours(described, light_samples=1), SPP),
+            "mitransient": peers.bins(peers.mitransient(described), SPP),
+        }
+        found = measured(draws, seeds)
+        plain = plain_pixels(tofrender.load_scene(described), lamps_alone=True)
+        rows[name] = {who: figures(found[who], plain) for who in draws}
+        rows[name]["pixels with lamps"] = int((~plain).sum())
+        print(name, rows[name], flush=True)
+    return rows
+
+
+def samplers(seeds: int) -> dict[str, Any]:
+    """Mitsuba's samplers under mitransient on the Cornell box: bias of energy, and error."""
+    described = box()
+    draws = {"ours": peers.bins(peers.ours(described), SPP)}
+    for name in peers.SAMPLERS:
+        draws[name] = peers.bins(peers.mitransient(described, name), SPP)
+    found = measured(draws, seeds)
+    plain = plain_pixels(tofrender.load_scene(described), lamps_alone=True)
+    truth = found["ours"]["energies"]
+    rows = {}
+    for name in draws:
+        energies = found[name]["energies"]
+        rows[name] = figures(found[name], plain) | {
+            "bias": float(energies.mean() / truth.mean() - 1),
+            "bias error": float(
+                np.hypot(energies.std(ddof=1), truth.std(ddof=1)) / seeds**0.5 / truth.mean()
+            ),
+        }
+        print(name, rows[name], flush=True)
+    return rows
+
+
+def captures(seeds: int) -> dict[str, Any]:
+    """A hidden letter by a relay wall, all bounces."""
+    rows = {}
+    for mode, name in ((1, "single"), (2, "confocal")):
+        own = tofrender.load_scene(letter("tofrender_", SIZE, mode), optimize=False)
+        theirs = mi.load_dict(letter("", SIZE, mode), optimize=False)
+        draws = {"ours": peers.bins(own, SPP), "mitransient": peers.bins(theirs, SPP)}
+        found = measured(draws, seeds)
+        everywhere = np.ones((SIZE, SIZE), dtype=bool)
+        rows[name] = {who: figures(found[who], everywhere) for who in draws}
+        print(name, rows[name], flush=True)
+    return rows
+
+
+def times(runs: int) -> dict[str, Any]:
+    """CPU time over that of Mitsuba's `path`, at equal samples: over size, bins and samples."""
+
+    def ratios(described: Described, spp: int) -> dict[str, float]:
+        scenes = {
+            "path": peers.path(described),
+            "one light point": peers.ours(described, light_samples=1),
+            "ours": peers.ours(described),
+            "mitransient": peers.mitransient(described),
+        }
+        found = in_turn({name: peers.trace(scene, spp) for name, scene in scenes.items()}, runs)
+        return {name: found[name].ratio(found["path"])[1] for name in scenes}
+
+    rows: dict[str, Any] = {"size": {}, "bins": {}, "spp": {}}
+    for size in (32, 64, 128, 256):
+        rows["size"][size] = ratios(box(width=size, height=size), 64)
+    for bins in (30, 300, 3000):
+        more = {"temporal_bins": bins, "bin_width_opl": 6.0 / bins}
+        rows["bins"][bins] = ratios(box(**more), 64)
+    for spp in (16, 64, 256, 1024):
+        rows["spp"][spp] = ratios(box(), spp)
+    lower = box(width=256, height=512)
+    lower["sensor"]["film"] |= {"crop_offset_y": 256, "crop_width": 256, "crop_height": 256}
+    rows["no lamp in view"] = ratios(lower, 64)
+    print(rows, flush=True)
+    return rows
+
+
+def machine() -> dict[str, Any]:
+    """What was measured where, with which versions."""
+    from importlib.metadata import version
+
+    processor = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        models = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        processor = models[0].partition(":")[2].strip() if models else processor
+    packages = ["mitsuba", "drjit", "mitransient"]
+    return {
+        "processor": processor,
+        "threads": dr.thread_count(),
+        "cores": os.cpu_count(),
+        "variant": mi.variant(),
+        "versions": {"tofrender": tofrender.__version__}
+        | {name: version(name) for name in packages},
+    }
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.full", description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write the pages from results.json")
+    parser.add_argument("--seeds", type=int, default=7, help="renders of each (7)")
+    options = parser.parse_args()
+    if options.seeds < 2:
+        parser.exit(2, f"{parser.prog}: error: --seeds = {options.seeds}: must be 2 or more\n")
+    if not options.write and not peers.has("mitransient"):
+        parser.exit(1, f"{parser.prog}: error: mitransient is not installed; run `make setup`\n")
+    if not options.write:
+        warnings.simplefilter("ignore")  # Light outside of the window
+        mi.set_log_level(mi.LogLevel.Error)
+        start = time.perf_counter()
+        results: dict[str, Any] = {"machine": machine(), "scenes": table(options.seeds)}
+        results |= {"times": times(options.seeds), "samplers": samplers(options.seeds)}
+        results["captures"] = captures(options.seeds)
+        results["minutes"] = (time.perf_counter() - start) / 60
+        RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    report.write(json.loads(RESULTS.read_text(encoding="utf-8")))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""The page, the figure and the README's table of `make bench-full`, from its results."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tofrender.runtime.canvas import new_figure
+
+ROOT = Path(__file__).parents[1]
+README, PAGE = ROOT / "README.md", ROOT / "docs" / "how_fast.md"
+FIGURE = ROOT / "docs" / "pictures" / "how_fast.png"
+BEGIN, END = "<!-- made by make bench-full -->", "<!-- end -->"
+WIDTH = 112
+PEER = "mitransient"
+MEASURES = ("cube", "without lamps", "relative per bin")
+
+Results = Mapping[str, Any]
+
+
+def digits(value: float) -> str:
+    """Two digits, as many as the figures are sure of."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def over_ours(row: Mapping[str, Any], who: str, measure: str) -> str:
+    """A peer's figure over ours."""
+    return digits(row[who][measure] / row["ours"][measure]) if who in row else "-"
+
+
+def rows_of(cells: list[list[str]]) -> str:
+    """A Markdown table, its head first."""
+    head, *rest = cells
+    lines = [head, ["---"] * len(head), *rest]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def scenes_table(results: Results, who: str) -> str:
+    """Scene by scene, what `who` has of each measure over ours."""
+    head = ["scene", *MEASURES]
+    rows = [
+        [name, *(over_ours(row, who, measure) for measure in MEASURES)]
+        for name, row in results["scenes"].items()
+    ]
+    return rows_of([head, *rows])
+
+
+def paragraph(text: str) -> str:
+    """Text in lines of one length; what stands between empty lines stays apart."""
+    return "\n\n".join(textwrap.fill(" ".join(p.split()), WIDTH) for p in text.split("\n\n"))
+
+
+def readme_block(results: Results) -> str:
+    """What the README says."""
+    scenes, large = results["scenes"], results["times"]["size"]["256"]
+    machine = results["machine"]
+    box = scenes["Cornell box"]
+    mirror, glass = (
+        over_ours(scenes[name], PEER, "without lamps") for name in ("mirror", "glass sphere")
+    )
+    before = f"""`make bench-full` measures ratios side by side in one process. On
+        {machine["threads"]} threads, the Cornell box with 64 x 64 pixels, 300 bins and 256 samples per pixel, against
+        mitransient {machine["versions"][PEER]} with its defaults:"""
+    rows = [
+        ["variance x CPU time", "mitransient's over ours"],
+        ["of all bins of all pixels", over_ours(box, PEER, "cube")],
+        ["without the pixels that see the lamp", over_ours(box, PEER, "without lamps")],
+        ["without these, each bin relative to its light", over_ours(box, PEER, MEASURES[2])],
+    ]
+    after = f"""The first figure is the lamp: nearly all of mitransient's variance is in its few
+        pixels. With a mirror the second is {mirror}, with a glass sphere {glass}. At 256 x 256
+        pixels a sample takes {digits(large["ours"])} times as long as one of Mitsuba's steady
+        `path`, with `light_samples = 1` {digits(large["one light point"])} times, mitransient's
+        {digits(large[PEER])} times. [All figures](docs/how_fast.md), and what they mean."""
+    return f"{paragraph(before)}\n\n{rows_of(rows)}\n\n{paragraph(after)}"
+
+
+def page(results: Results) -> str:
+    """The page."""
+    machine = results["machine"]
+    versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
+    made = f"""Made by `make bench-full` in {results["minutes"]:.0f} minutes:
+        {machine["processor"]}, {machine["threads"]} threads, `{machine["variant"]}`; {versions}."""
+    errors = """Variance times CPU time of mitransient's `transient_path`, with its defaults, over
+        that of `tofrender.render`: how many times longer it takes to the same error. 64 x 64
+        pixels, 300 bins of 2 cm, 256 samples per pixel, `max_depth` 6."""
+    measures = "\n".join(
+        textwrap.fill(f"- **{name}**: {' '.join(what.split())}", WIDTH, subsequent_indent="  ")
+        for name, what in (
+            ("cube", "the mean variance of all bins of all pixels."),
+            (
+                "without lamps",
+                """the same without pixels that see a lamp, or have a neighbour that does. In the
+                cube these few pixels decide, since their light falls into few bins.""",
+            ),
+            (
+                "relative per bin",
+                """the variance of each bin, over all pixels without lamps, relative to its light
+                squared; then the mean over bins with at least 1 % of the brightest one's light.
+                Late light counts as much as early light.""",
+            ),
+        )
+    )
+    parts = """The pixels of lamps are found apart, by many short rays. The rest is several light
+        points for each vertex, `light_samples`, which scenes with a mirror or clear glass do
+        without. Variance times CPU time of `light_samples = 1` over that of the default:"""
+    samplers = results["samplers"]
+    sampler_rows = [["sampler", "energy beyond ours", *(f"{m}, over ours" for m in MEASURES)]]
+    for name, row in samplers.items():
+        if name != "ours":
+            bias = f"{100 * row['bias']:+.2f} % ± {100 * row['bias error']:.2f} %"
+            ratios = [digits(row[m] / samplers["ours"][m]) for m in MEASURES]
+            sampler_rows.append([name, bias, *ratios])
+    capture_rows = [["capture", "cube", "relative per bin"]] + [
+        [name, over_ours(row, PEER, "cube"), over_ours(row, PEER, MEASURES[2])]
+        for name, row in results["captures"].items()
+    ]
+    captures = """A hidden letter, 64 x 64 points of a relay wall, 300 bins of 6 mm, 256 samples,
+        all bounces; mitransient's variance times CPU time over ours."""
+    lower = results["times"]["no lamp in view"]
+    seconds = f"""CPU time over that of Mitsuba's steady `path`, at equal samples per pixel. At
+        256 x 256 pixels of the box's lower half, where no lamp is in view, `light_samples = 1`
+        takes {lower["one light point"]:.2f} times as long as `path`."""
+    return "\n\n".join(
+        [
+            "# How fast",
+            paragraph(made),
+            "## Error at equal time",
+            paragraph(errors),
+            measures,
+            scenes_table(results, PEER),
+            paragraph(parts),
+            scenes_table(results, "one light point"),
+            "## mitransient's samplers",
+            paragraph("The same on the Cornell box, and the energy of all bins beside ours."),
+            rows_of(sampler_rows),
+            "## Around the corner",
+            paragraph(captures),
+            rows_of(capture_rows),
+            "## Time of a sample",
+            paragraph(seconds),
+            "![Time over path by size, bins and samples](pictures/how_fast.png)\n",
+        ]
+    )
+
+
+def draw(results: Results) -> None:
+    """The figure of times."""
+    figure = new_figure(11, 3.4)
+    times = results["times"]
+    axes: Any = figure.subplots(1, 3, sharey=True)
+    names = {"size": "width and height [pixels]", "bins": "bins", "spp": "samples per pixel"}
+    for ax, (what, label) in zip(axes, names.items(), strict=True):
+        for who, style in (("ours", "o-"), ("one light point", "s--"), (PEER, "^-")):
+            points = [(int(n), row[who]) for n, row in times[what].items() if who in row]
+            ax.plot(*zip(*points, strict=True), style, label=who)
+        ax.set(xscale="log", xlabel=label, ylim=(0, None))
+        ax.set_xticks([int(n) for n in times[what]], list(times[what]))
+        ax.minorticks_off()
+        ax.grid(alpha=0.3)
+    axes[0].set_ylabel("CPU time over path")
+    axes[0].legend(frameon=False)
+    FIGURE.parent.mkdir(exist_ok=True)
+    figure.savefig(FIGURE, dpi=80)
+
+
+def with_block(text: str, results: Results) -> str:
+    """The README with its table."""
+    block = f"{BEGIN}\n{readme_block(results)}\n{END}"
+    return re.sub(f"{BEGIN}.*?{END}", lambda _: block, text, flags=re.DOTALL)
+
+
+def write(results: Results) -> None:
+    """Write page, figure and README."""
+    PAGE.write_text(page(results), encoding="utf-8")
+    README.write_text(with_block(README.read_text(encoding="utf-8"), results), encoding="utf-8")
+    draw(results)

@@ -1,0 +1,46 @@
+"""What README and docs print of speed is what was measured last."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def report(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    return importlib.import_module("benchmarks.report")
+
+
+@pytest.fixture
+def results() -> dict:
+    return json.loads((ROOT / "benchmarks" / "results.json").read_text(encoding="utf-8"))
+
+
+def test_the_readme_has_the_figures(report, results):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert report.with_block(readme, results) == readme
+    assert report.readme_block(results) in readme
+
+
+def test_the_page_has_the_figures(report, results):
+    assert report.PAGE.read_text(encoding="utf-8") == report.page(results)
+
+
+def test_other_figures_would_be_another_page(report, results):
+    results["scenes"]["Cornell box"]["mitransient"]["cube"] *= 2
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert report.with_block(readme, results) != readme
+    assert report.PAGE.read_text(encoding="utf-8") != report.page(results)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(1.0, "1"), (253.1, "250"), (0.984, "0.98"), (12.4, "12"), (2.05, "2")]
+)
+def test_two_digits(report, value, shown):
+    assert report.digits(value) == shown
