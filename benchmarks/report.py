@@ -62,8 +62,8 @@ def readme_block(results: Results) -> str:
         over_ours(scenes[name], PEER, "without lamps") for name in ("mirror", "glass sphere")
     )
     before = f"""`make bench-full` measures ratios side by side in one process. On
-        {machine["threads"]} threads, the Cornell box with 64 x 64 pixels, 300 bins and 256 samples per pixel, against
-        mitransient {machine["versions"][PEER]} with its defaults:"""
+        {machine["threads"]} threads, the Cornell box with 64 x 64 pixels, 300 bins and 256 samples
+        per pixel, against mitransient {machine["versions"][PEER]} with its defaults:"""
     rows = [
         ["variance x CPU time", "mitransient's over ours"],
         ["of all bins of all pixels", over_ours(box, PEER, "cube")],
