@@ -61,7 +61,7 @@ def warp(
             raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
     case = warp_case(name, **({wanted: given[wanted]} if wanted else {}))
 
-    from tofrender.io.atomic import replacing
+    from tofrender.runtime.atomic import replacing
     from tofrender.vis.warps import warp_figure
 
     verdict = case.test(seed=seed)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -108,6 +108,26 @@ class Cells:
     def scale(self, factor: float) -> None:
         """Multiply all cells by a number."""
         self._sums, self._folded = self.sums * factor, None
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that is summed so far, as arrays that may share the cells' memory."""
+        dr.eval(self._sums)
+        parts = {"sums": self._sums, "folded": self._folded}
+        if self._aside is not None:
+            parts |= {"places": self._aside[0], "aside": self._aside[1]}
+        return {name: np.asarray(part) for name, part in parts.items() if part is not None}
+
+    def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
+        """Go on from what `state` gave, all sums times a factor."""
+        self._sums = mi.Float(state["sums"]) * factor
+        self._folded = mi.Float(state["folded"]) * factor if "folded" in state else None
+        dr.make_opaque(self._sums)
+        if self._folded is not None:
+            dr.make_opaque(self._folded)
+        if "places" in state:
+            places = mi.UInt32(state["places"])
+            self._aside = places, mi.Float(state["aside"]) * factor
+            dr.make_opaque(*self._aside)
 
     def merge(self, tile: Cells, x: int, y: int) -> None:
         """Add the cells of a smaller film, whose first pixel is (x, y) of this one."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..rendering.dataset import DIMS, check_dataset, plain_attributes
 from ..runtime import checks
-from .atomic import replacing
+from ..runtime.atomic import replacing
 from .description import describe, refuse_not_finite, restore, warn_of_not_finite
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes

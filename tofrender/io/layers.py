@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..runtime import checks
-from .atomic import replacing
+from ..runtime.atomic import replacing
 
 
 def save_exr_layers(

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
-from .atomic import replacing
+from ..runtime.atomic import replacing
 from .description import describe, refuse_not_finite, restore, warn_of_not_finite
 from .output import check_output, stack_bytes
 

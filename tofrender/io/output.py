@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..runtime import checks
-from .atomic import TEMPORARY_PREFIX, disk_full, nearest_folder, replacing
+from ..runtime.atomic import TEMPORARY_PREFIX, disk_full, nearest_folder, replacing
 
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}

@@ -15,7 +15,7 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.progress import progress_bar
 from ..vis import Transient, auto_exposure, tonemap
-from .atomic import replacing
+from ..runtime.atomic import replacing
 from .output import check_file, check_writable, output_folder
 from .parallel import for_each
 

@@ -7,7 +7,7 @@ import shutil
 import tomllib
 from pathlib import Path
 
-from ...io.atomic import replacing
+from ...runtime.atomic import replacing
 from .. import edition, material
 from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric

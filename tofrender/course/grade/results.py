@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...io.atomic import replacing
+from ...runtime.atomic import replacing
 from ..material import points_text
 from ..rubric import GradedTest, Problem, Rubric
 

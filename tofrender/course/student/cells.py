@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ...io.atomic import replacing
+from ...runtime.atomic import replacing
 
 RECORD = ".tofrender-cells.json"
 """File beside the notebook: what the cells last wrote, as a hash of each file."""

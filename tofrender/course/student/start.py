@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from ...io.atomic import replacing
+from ...runtime.atomic import replacing
 from .. import material, notebooks
 from ..assignments import Assignment
 from ..notebooks import NOTEBOOK

@@ -6,7 +6,7 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...io.atomic import replacing
+from ...runtime.atomic import replacing
 from ..assignments import Assignment
 from ..judge import running
 from ..notebooks import NOTEBOOK
