@@ -12,7 +12,7 @@ from light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
 from support import camera, film, load, scene, translate
 
 import tofrender
-from tofrender.rendering.fingerprint import fingerprint
+from tofrender.scenes.fingerprint import fingerprint
 
 NAN = float("nan")
 

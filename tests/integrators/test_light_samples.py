@@ -33,8 +33,8 @@ from support import (
 import tofrender
 from tofrender.films.recording import recording
 from tofrender.paths.endpoints import ConnectionsOnly, SceneLights, scene_lights
-from tofrender.rendering.fingerprint import fingerprint
 from tofrender.scenes import cornell_box, cornell_box_flash, cornell_box_glass, cornell_box_mirror
+from tofrender.scenes.fingerprint import fingerprint
 from tofrender.scenes.loading import load_plugin
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tofrender
-from tofrender.rendering.fingerprint import fingerprint
+from tofrender.scenes.fingerprint import fingerprint
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 

@@ -60,7 +60,9 @@ def _explain(error: BaseException) -> int:
     while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
         error = error.__cause__
     if isinstance(error, KeyboardInterrupt | typer.Abort):
-        return _complain("interrupted", INTERRUPTED)
+        said = str(error)
+        told = said if said.startswith("interrupted") else "interrupted"
+        return _complain(told, getattr(error, "status", INTERRUPTED))
     bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
     status = BAD_INPUT if isinstance(error, bad) else FAILURE
     return _complain(str(error) or type(error).__name__, status)

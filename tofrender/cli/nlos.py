@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Out, Seed, Size, Spp, Variant, check_out, choice, size
+from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping, require_something
+from .options import INTERRUPTED, Out, Seed, Size, Spp, Variant, check_out, choice, size
 
 Mode = Literal["confocal", "single", "exhaustive"]
 Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
@@ -24,14 +25,18 @@ def capture(
     spp: Spp = None,
     seed: Seed = 0,
     variant: Variant = None,
+    checkpoint: Seconds = EVERY_S,
+    resume: Resume = False,
 ) -> None:
     """Capture a hidden scene by its relay wall.
 
     FILE holds the transient of every point, with all geometry, as reconstruction tools read it.
+    What is done is kept beside it while it renders. Ctrl-C, SIGTERM and SIGHUP write a confocal or
+    single capture as far as it is; with --resume, a stopped one goes on.
     """
     from tofrender.runtime import backend
 
-    if out.exists():
+    if out.exists() and not resume:
         raise ValueError(f"--out = {out}: exists already; must be a new file")
     if out.suffix.lower() not in (".h5", ".hdf5"):
         raise ValueError(f"--out = {out}: must end in .h5 or .hdf5")
@@ -46,8 +51,16 @@ def capture(
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    captured = render_capture(source, mode=mode, grid=grid, spp=spp, seed=seed, relay_wall=names)
-    io.save_capture(captured, out)
+    with keeping(out, checkpoint, resume) as kept:
+        require_something(resume, kept, out)
+        captured = render_capture(
+            source, mode=mode, grid=grid, spp=spp, seed=seed, relay_wall=names, checkpoint=kept
+        )
+        io.save_capture(captured, out, overwrite=resume)
+        if not captured.attrs.get("complete", 1):
+            done = f"{captured.attrs['spp']} samples per pixel; {AGAIN}"
+            typer.echo(f"error: interrupted after {done}", err=True)
+            raise typer.Exit(INTERRUPTED)
     rows, columns = captured["sensor_grid"].shape[:2]
     bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
     typer.echo(f"{out}: {mode}, {columns}x{rows} points, {bins} bins of {1000 * step:g} mm")

@@ -10,9 +10,12 @@ import typer
 
 from ..runtime import checks
 from . import options as opt
+from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from ..runtime.checkpoints import Checkpoint
 
 Integrator = Literal[
     "transient_path",
@@ -65,15 +68,16 @@ def render(
         opt.checked(opt.definition, "XML parameter; repeatable.", "-D", metavar="NAME=VALUE"),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with what DIR holds, up to --spp.")
-    ] = False,
+    checkpoint: Seconds = EVERY_S,
+    resume: Resume = False,
 ) -> None:
     """Render SCENE in time.
 
     What is left out stays as the scene has it. DIR gets the transient image, its sum over time
     (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
-    earlier run made is replaced. Ctrl-C saves the passes that are finished.
+    earlier run made is replaced. What is done is kept beside DIR while it renders; Ctrl-C, SIGTERM
+    and SIGHUP write it as far as it is. With --resume, a run goes on from a stopped one, or from a
+    render in DIR that has fewer samples.
     """
     from tofrender.runtime import backend
 
@@ -93,6 +97,7 @@ def render(
     from tofrender.films.image import developed_shape
     from tofrender.rendering.renderer import render as render_scene
     from tofrender.runtime import memory
+    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     found = find_scene(scene)
@@ -115,16 +120,40 @@ def render(
     opt.check_out(out, shape, "float" if format == "npz" else precision)
 
     # ---------------------------------------------------------------------- render and write
-    earlier = opt.load_render(out, "--resume") if resume else None
-    dataset = render_scene(
-        loaded, spp=spp, sampler=sampler, seed=seed, window=window, resume=earlier
-    )
-    dataset.attrs["scene"] = str(found)
-    files = _write(dataset, out, format, precision, video)
-    _report(dataset, out, files)
-    if not dataset.attrs["complete"]:
-        typer.echo(f"error: interrupted after {dataset.attrs['spp']} samples a pixel", err=True)
+    with keeping(out, checkpoint, resume) as kept:
+        earlier = _earlier(out, kept) if resume else None
+        dataset = render_scene(
+            loaded,
+            spp=spp,
+            sampler=sampler,
+            seed=seed,
+            window=window,
+            resume=earlier,
+            checkpoint=kept,
+        )
+        dataset.attrs["scene"] = str(found)
+        with deferred_stop() as stop:
+            files = _write(dataset, out, format, precision, video)
+        _report(dataset, out, files)
+        if not dataset.attrs["complete"]:
+            done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
+            typer.echo(f"error: interrupted after {done}", err=True)
+            raise typer.Exit(opt.INTERRUPTED)
+    if stop.requested:
+        typer.echo("error: interrupted while files were written, which are whole", err=True)
         raise typer.Exit(opt.INTERRUPTED)
+
+
+def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
+    """The render in `out` to go on from, None if a checkpoint has all that is needed."""
+    first = None if kept is None else kept.recipe().get("resume")
+    if kept is not None and first == 0:
+        return None
+    earlier = opt.load_render(out, "--resume")
+    if kept is not None and earlier.attrs["spp"] != first:  # DIR has changed since
+        kept.resume = False
+    typer.echo(f"resuming from {earlier.attrs['spp']} samples per pixel in {out}", err=True)
+    return earlier
 
 
 def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:

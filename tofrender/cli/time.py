@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options as opt
+from .keeping import EVERY_S, Resume, Seconds, keeping, require_something
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,6 +35,8 @@ def phasor(
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
+    checkpoint: Seconds = EVERY_S,
+    resume: Resume = False,
 ) -> None:
     """Phasor images: I, Q, amplitude, phase and depth at each frequency.
 
@@ -44,6 +47,7 @@ def phasor(
     opt.check_out(out)
     if Path(source).is_dir():
         given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
+        given["--resume"] = resume or None
         for option, value in given.items():
             if value is not None:
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
@@ -57,7 +61,13 @@ def phasor(
 
         traits["type"] = "amcw_transient_path"
         integrator = load_plugin("integrator", traits)
-        parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, integrator)
+        with keeping(out, checkpoint, resume) as kept:
+            require_something(resume, kept, out)
+            parts = render_amcw_phasor(
+                loaded, sensor, freq, samples, seed, integrator, checkpoint=kept
+            )
+            _write_phasors(out, freq, parts, source)
+        return
     _write_phasors(out, freq, parts, source)
 
 
@@ -73,6 +83,8 @@ def gate(
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
+    checkpoint: Seconds = EVERY_S,
+    resume: Resume = False,
 ) -> None:
     """Render SCENE at one instant, given as a path length.
 
@@ -89,13 +101,15 @@ def gate(
 
     traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
     integrator = load_plugin("integrator", traits)
-    image = render_at_time(loaded, integrator, sensor, at, samples, seed)
-    if not image.any():
-        raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
-    attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
-    with io.output_folder(out, overwrite=True) as folder:
-        io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
-        Image.fromarray(vis.tonemap(image)).save(folder / "picture.png")
+    with keeping(out, checkpoint, resume) as kept:
+        require_something(resume, kept, out)
+        image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
+        if not image.any():
+            raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
+        attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
+        with io.output_folder(out, overwrite=True) as folder:
+            io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
+            Image.fromarray(vis.tonemap(image)).save(folder / "picture.png")
     typer.echo(f"{out}: gate.exr, picture.png")
 
 

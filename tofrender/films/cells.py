@@ -119,15 +119,20 @@ class Cells:
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
         """Go on from what `state` gave, all sums times a factor."""
-        self._sums = mi.Float(state["sums"]) * factor
-        self._folded = mi.Float(state["folded"]) * factor if "folded" in state else None
-        dr.make_opaque(self._sums)
-        if self._folded is not None:
-            dr.make_opaque(self._folded)
+
+        def scaled(name: str) -> mi.Float | None:
+            if name not in state:
+                return None
+            values = mi.Float(state[name])
+            values = values if factor == 1 else values * factor
+            dr.make_opaque(values)
+            return values
+
+        self._sums, self._folded = scaled("sums"), scaled("folded")
         if "places" in state:
             places = mi.UInt32(state["places"])
-            self._aside = places, mi.Float(state["aside"]) * factor
-            dr.make_opaque(*self._aside)
+            dr.make_opaque(places)
+            self._aside = places, scaled("aside")
 
     def merge(self, tile: Cells, x: int, y: int) -> None:
         """Add the cells of a smaller film, whose first pixel is (x, y) of this one."""

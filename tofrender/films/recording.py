@@ -12,6 +12,7 @@ A film of your own says by a method `recording(exposure)` which is its.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import drjit as dr
@@ -181,6 +182,28 @@ class Recording:
     def fold(self, pixels: mi.UInt32 | None = None) -> None:
         """Keep single precision from losing small addends, after many samples, of some pixels."""
 
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the film has so far, as arrays that may share its memory."""
+        state = {
+            "picture": np.array(self.image.develop(raw=True)),
+            "not_finite": np.array(self.not_finite),
+        }
+        if self.splats is not None:
+            state |= {"landed": self._landed, "in_picture": self._in_picture}
+        return state
+
+    def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
+        """Go on from what `state` gave after `taken` of `of` samples per pixel, `spp` of them now.
+
+        The film was prepared and `begin` called.
+        """
+        picture: Any = mi.TensorXf(state["picture"])
+        self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
+        self.not_finite = int(state["not_finite"])
+        if self.splats is not None:
+            self._landed, self._in_picture = state["landed"] * (of / spp), state["in_picture"]
+        self.reach(taken, spp)
+
     def report(self) -> None:
         """Warn of contributions that were left out, who called whatever has rendered."""
         if self.not_finite:
@@ -280,6 +303,15 @@ class BinRecording(Recording):
         """Tell the film."""
         super().reach(taken, spp)
         self.film.taken = taken / spp
+
+    def state(self) -> dict[str, np.ndarray]:
+        """The bins too; mitransient's film cannot."""
+        return super().state() | self.film.state()
+
+    def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
+        """The bins too."""
+        self.film.restore(state, of / spp)
+        super().restore(state, taken, of, spp)
 
     def fold(self, pixels: mi.UInt32 | None = None) -> None:
         """Put the bins aside; mitransient's film cannot."""

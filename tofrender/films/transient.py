@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import drjit as dr
@@ -243,6 +243,26 @@ class TransientHDRFilm(mi.Film):
             transient += splats
         self._steady = self._bins = self._splats = None
         return steady, transient
+
+    def state(self) -> dict[str, np.ndarray]:
+        """The sums of all bins, as arrays that may share their memory; see `Cells.state`."""
+        parts = {"bins": self.bins}
+        if self._splats is not None:
+            parts["splats"] = self._splats.cells
+        return {
+            f"{part}.{name}": array
+            for part, cells in parts.items()
+            for name, array in cells.state().items()
+        }
+
+    def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
+        """Go on from what `state` gave, all bins times a factor; splats need to be expected."""
+        parts = {"bins": self.bins}
+        if self._splats is not None:
+            parts["splats"] = self._splats.cells
+        for part, cells in parts.items():
+            own = {name: array for name, array in state.items() if name.startswith(f"{part}.")}
+            cells.restore({name.removeprefix(f"{part}."): a for name, a in own.items()}, factor)
 
     # --------------------------------------------------------------------- operations on films
 

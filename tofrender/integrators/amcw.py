@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from os import PathLike
 from typing import Any
 
 import mitsuba as mi
@@ -14,11 +16,13 @@ from ..films.phasor import parse_frequencies
 from ..films.recording import recording
 from ..films.sums import Weighted
 from ..runtime import plugins
+from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_scene
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
-from .own_sample import brings_sample, require_sample, take_by_sample
-from .passes import run_plan
+from .own_sample import brings_sample, by_sample, require_sample
+from .passes import expose, steps
+from .running import made_with, run_whole
 from .transient_path import TransientPath
 
 NO_MODULATION = "modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))"
@@ -105,7 +109,14 @@ class AMCWTransientPath(TransientPath):
 
 
 def render_single_amcw(
-    scene: mi.Scene, integrator: Any, sensor: mi.Sensor, spp: int = 64, seed: int = 0
+    scene: mi.Scene,
+    integrator: Any,
+    sensor: mi.Sensor,
+    spp: int = 64,
+    seed: int = 0,
+    *,
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> np.ndarray:
     """Render one correlation image.
 
@@ -116,9 +127,14 @@ def render_single_amcw(
         sensor: The camera; its film says size, crop and filter.
         spp: Samples per pixel.
         seed: Seed of the random numbers; the same seed gives the same paths, whatever is set.
+        checkpoint: As for `render`.
+        progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
         Float32 array of shape (height, width, channels).
+
+    Raises:
+        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -133,7 +149,7 @@ def render_single_amcw(
     if brings_sample(integrator):
         require_sample(integrator, "sample(scene, sampler, ray)")
         record = recording(film, Exposure(onto=(PICTURE,)))
-        take_by_sample(integrator, scene, record, sensor, spp, seed)
+        taking = partial(expose, by_sample(integrator, scene, record), record, sensor)
     else:
         if not hasattr(integrator, "set_modulation"):
             raise TypeError(
@@ -141,7 +157,9 @@ def render_single_amcw(
                 "AMCWTransientPath, or have sample(scene, sampler, ray) of its own"
             )
         record = integrator.recording(film)
-        run_plan(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
+        taking = partial(steps, integrator.plan(scene, sensor, record.weight), record, sensor)
+    recipe = partial(made_with, scene, sensor, integrator, {"film": str(film)})
+    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
     return np.array(film.develop())
 
 
@@ -152,6 +170,9 @@ def render_amcw_phasor(
     spp: int = 64,
     seed: int = 0,
     integrator: Any = None,
+    *,
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Render phasors of one or many frequencies, I and Q of all in one trace.
 
@@ -162,6 +183,8 @@ def render_amcw_phasor(
         spp: Samples per pixel.
         seed: Seed of the random numbers.
         integrator: An `AMCWTransientPath` (or `TransientPath`) with other parameters.
+        checkpoint: As for `render`.
+        progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
         I, Q, amplitude, phase in (-pi, pi] and depth in [0, c / 2f) [m], arrays of shape (height,
@@ -171,6 +194,7 @@ def render_amcw_phasor(
     Raises:
         ValueError: A frequency is not above 0, or the list is empty; one line.
         TypeError: The integrator has a `sample` of its own; one line.
+        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -197,7 +221,10 @@ def render_amcw_phasor(
             f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "
             "modulation; must be an AMCWTransientPath without, or use render_single_amcw for each"
         )
-    run_plan(tracer.plan(scene, sensor), tracer.recording(film), sensor, spp, seed)
+    record = tracer.recording(film)
+    taking = partial(steps, tracer.plan(scene, sensor), record, sensor)
+    recipe = partial(made_with, scene, sensor, tracer, {"film": str(film)})
+    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
     phasors = np.array(film.develop()[1])
     height, width = phasors.shape[:2]
     parts = phasors.reshape(height, width, len(frequencies), 2, -1)

@@ -19,7 +19,7 @@ from ..paths.space import Vacuum
 from ..runtime import checks
 from ..scenes.checking import check_scene
 from .own_sample import brings_sample, by_sample
-from .passes import expose, steps
+from .passes import WHOLE, Part, expose, steps
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -195,14 +195,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
         record: Recording,
         sampler: mi.Sampler,
         seed: Any,
-        first: int = 0,
+        part: Part = WHOLE,
     ) -> Iterator[int]:
         """Render in steps of about a second, see `passes.steps`."""
         if brings_sample(self):
             follow = by_sample(self, scene, record, *self.sample_arguments())
-            return expose(follow, record, sensor, sampler, seed, first)
+            return expose(follow, record, sensor, sampler, seed, part)
         plan = self.plan(scene, sensor, record.weight)
-        return steps(plan, record, sensor, sampler, seed, first)
+        return steps(plan, record, sensor, sampler, seed, part)
 
 
 def _light_samples(value: Any) -> str | int:

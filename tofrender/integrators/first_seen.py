@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..paths.camera import sampled_size
+from ..paths.camera import Tile, sampled_size
 from ..paths.lens import KINDS, Lens
 from ..paths.records import Path
 from ..paths.walk import meet
@@ -50,8 +50,10 @@ class FirstSeen:
         self.rest.limits = plan.limits.without_first()
 
     @classmethod
-    def of(cls, plan: Plan, sensor: mi.Sensor, film: mi.Film) -> FirstSeen | None:
-        """What pays for a camera, None if nothing does.
+    def of(
+        cls, plan: Plan, sensor: mi.Sensor, film: mi.Film, tile: Tile | None = None
+    ) -> FirstSeen | None:
+        """What pays for a camera and a film, or a tile of one; None if nothing does.
 
         Nothing does where no lamp is in view, where lamps fill the picture, and with cameras whose
         pixels cannot be told from points.
@@ -59,9 +61,12 @@ class FirstSeen:
         lamps = plan.in_view()
         if not lamps or sensor.class_name() not in KINDS:
             return None
-        pixels = pixels_of(lamps, sensor, film)
-        width, height = sampled_size(film)
+        whole = film if tile is None else tile.whole
+        pixels = pixels_of(lamps, sensor, whole)
+        width, height = sampled_size(whole)
         rate = min(MOST, int(SHARE * width * height / max(pixels.size, 1)))
+        if tile is not None:
+            pixels = _within(pixels, width, film, tile)
         # A power of two suits the point set, and the same for any number of samples resumed renders
         return cls(plan, pixels, 1 << (rate.bit_length() - 1)) if pixels.size and rate > 1 else None
 
@@ -93,3 +98,12 @@ def pixels_of(lamps: Any, sensor: mi.Sensor, film: Any) -> np.ndarray:
         right, bottom = (int(n) for n in np.clip(high, 0, (width, height)))
         chosen[top:bottom, left:right] = True
     return np.flatnonzero(chosen)
+
+
+def _within(pixels: np.ndarray, width: int, film: mi.Film, tile: Tile) -> np.ndarray:
+    """Those of a whole film's pixels that are in a tile, numbered as the tile's."""
+    own_width, own_height = sampled_size(film)
+    y, x = np.divmod(pixels, width)
+    x, y = x - tile.x, y - tile.y
+    inside = (x >= 0) & (x < own_width) & (y >= 0) & (y < own_height)
+    return (y * own_width + x)[inside]

@@ -11,8 +11,7 @@ import mitsuba as mi
 from ..films.recording import Recording
 from ..films.sums import Radiance
 from ..paths.camera import CameraSample
-from ..runtime import checks
-from .passes import Follow, best_sampler, expose
+from .passes import Follow
 
 
 def brings_sample(integrator: Any) -> bool:
@@ -57,24 +56,3 @@ def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -
         return radiance, valid, dr.select(valid & ~finite, mi.UInt32(1), 0)
 
     return follow
-
-
-def take_by_sample(
-    integrator: Any,
-    scene: mi.Scene,
-    record: Recording,
-    sensor: mi.Sensor,
-    spp: Any,
-    seed: Any,
-    *more: Any,
-) -> None:
-    """Render by an integrator's own `sample`, from start to end.
-
-    Raises:
-        ValueError: `spp` or `seed` is out of range; one line.
-    """
-    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-    follow = by_sample(integrator, scene, record, *more)
-    for _ in expose(follow, record, sensor, best_sampler(spp), seed):
-        pass
-    record.report()

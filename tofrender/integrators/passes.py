@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -18,8 +18,9 @@ import numpy as np
 
 from ..films.cells import MAX_ADDED
 from ..films.recording import Recording, colour_count
-from ..paths.camera import CameraSample, pixel_corner, sample_camera, sampled_size
+from ..paths.camera import CameraSample, Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
+from ..runtime.checkpoints import Kept
 from ..samplers.padded_sobol import mix
 from .first_seen import FirstSeen
 from .plan import Plan
@@ -35,6 +36,31 @@ PRIVATE_LANES = 4
 
 LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 """Samplers that can go on to their next sample within a symbolic loop."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Which part of a picture's samples are taken, by default all of all pixels.
+
+    Attributes:
+        first: Samples per pixel that an earlier render with the same seed has taken. `padded_sobol`
+            goes on in the same point set, other samplers start another one.
+        tile: Where the film's pixels are in the sensor's film, if that has more. `padded_sobol`
+            takes the same points as for the whole, other samplers take others.
+        kept: What a render of this part had done when it was stopped.
+    """
+
+    first: int = 0
+    tile: Tile | None = None
+    kept: Kept | None = None
+
+    @property
+    def done(self) -> int:
+        """Samples per pixel that the film has from the start."""
+        return 0 if self.kept is None else self.kept.done
+
+
+WHOLE = Part()
 
 
 class Shot(NamedTuple):
@@ -58,7 +84,12 @@ Follow = Callable[[mi.Sampler, CameraSample, Any], tuple[Any, mi.Bool, mi.UInt32
 
 
 def steps(
-    plan: Plan, record: Recording, sensor: mi.Sensor, sampler: mi.Sampler, seed: Any, first: int = 0
+    plan: Plan,
+    record: Recording,
+    sensor: mi.Sensor,
+    sampler: mi.Sampler,
+    seed: Any,
+    part: Part = WHOLE,
 ) -> Iterator[int]:
     """Carry out a plan in steps of about a second, all from one point set.
 
@@ -68,8 +99,7 @@ def steps(
         sensor: The camera, of the film's size.
         sampler: Its `sample_count` is the number of samples per pixel.
         seed: Seed of the random numbers.
-        first: Number of samples per pixel that an earlier render with this seed has taken.
-            `padded_sobol` goes on in the same point set, other samplers start another one.
+        part: Which samples are taken.
 
     Yields:
         Samples per pixel that the film holds so far.
@@ -85,9 +115,9 @@ def steps(
         measured, path = rest.trace(sampler, camera.ray, camera.origin, measurement)
         return measured, path.covered, path.not_finite
 
-    seen = FirstSeen.of(plan, sensor, record.film) if record.in_time else None
+    seen = FirstSeen.of(plan, sensor, record.film, part.tile) if record.in_time else None
     rest = plan if seen is None else seen.rest
-    return expose(follow, record, sensor, sampler, seed, first, plan.splats, seen)
+    return expose(follow, record, sensor, sampler, seed, part, plan.splats, seen)
 
 
 def expose(
@@ -96,7 +126,7 @@ def expose(
     sensor: mi.Sensor,
     sampler: mi.Sampler,
     seed: Any,
-    first: int = 0,
+    part: Part = WHOLE,
     splats: bool = False,
     seen: FirstSeen | None = None,
 ) -> Iterator[int]:
@@ -108,33 +138,28 @@ def expose(
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
     record.prepare()
-    film = record.film
+    film, tile = record.film, part.tile
     width, height = sampled_size(film)
-    spp = sampler.sample_count()
-    lanes, per_step, private = _lanes(sampler, width * height, spp)
+    spp, done = sampler.sample_count(), part.done
+    lanes, per_step, private = _lanes(sampler, width * height, spp - done)
     record.begin(spp, private, splats)
-    sampler.set_samples_per_wavefront(lanes)
-    skip = getattr(sampler, "skip", None)
-    if first and skip is None:  # Other points, by another seed
-        seed = mix(mi.UInt32(seed), mi.UInt32(first))
-    sampler.seed(seed, width * height * lanes)
-    if first and skip is not None:
-        skip(first)
+    if part.kept is not None:
+        record.restore(part.kept.arrays, part.kept.done, part.kept.of, spp)
+    lane = dr.arange(mi.UInt32, width * height * lanes)
+    pixel = lane // dr.opaque(mi.UInt32, lanes)
+    _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), part)
 
     def shot(pixel: mi.UInt32) -> Shot:
-        camera = sample_camera(sensor, film, sampler, pixel)
+        camera = sample_camera(sensor, film, sampler, pixel, tile)
         measured, covered, not_finite = follow(sampler, camera, record.measurement(camera, spp))
         return Shot(camera.position, *record.channels(camera, measured, covered), not_finite)
 
-    look = None if seen is None else _looking(seen, record, sensor, spp, seed, first)
-    done = folded = 0
+    look = None if seen is None else _looking(seen, record, sensor, spp, seed, part)
+    folded = done
     while done < spp:
         count = min(per_step, (spp - done) // lanes)
-        lane = dr.arange(mi.UInt32, width * height * lanes)
         record.write(private)
-        record.not_finite += _step(
-            record, sampler, shot, lane // dr.opaque(mi.UInt32, lanes), count
-        )
+        record.not_finite += _step(record, sampler, shot, pixel, count)
         if look is not None:
             look(count * lanes)
         done += count * lanes
@@ -145,22 +170,42 @@ def expose(
         yield done
 
 
+def _seed(sampler: mi.Sampler, seed: Any, lanes: int, pixel: mi.UInt32, part: Part) -> None:
+    """Start a sampler at the first of a part's samples; `pixel` numbers the whole's for each lane.
+
+    Samplers that cannot skip points or pixels take others, by another seed.
+    """
+    sampler.set_samples_per_wavefront(lanes)
+    first, skip = part.first + part.done, getattr(sampler, "skip", None)
+    if skip is None:
+        place = () if part.tile is None else (1 + part.tile.x, 1 + part.tile.y)
+        for number in (first, *place):
+            seed = mix(mi.UInt32(seed), mi.UInt32(number)) if number else seed
+    sampler.seed(seed, dr.width(pixel))
+    if part.tile is not None and skip is not None:
+        sampler.place(pixel)
+    if first and skip is not None:
+        skip(first)
+
+
 def _looking(
-    seen: FirstSeen, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, first: int
+    seen: FirstSeen, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, part: Part
 ) -> Callable[[int], None]:
     """What takes a number of samples per pixel of what is seen first, in points of its own."""
     sampler: Any = best_sampler(spp)
-    pixels, rate = mi.UInt32(seen.pixels.tolist()), seen.rate
+    pixels, rate, tile = mi.UInt32(seen.pixels.tolist()), seen.rate, part.tile
     lanes = len(pixels) * rate
     sampler.set_samples_per_wavefront(rate)
     own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
     dr.make_opaque(own_seed)  # One kernel for all seeds
     sampler.seed(own_seed, lanes)
-    sampler.skip(first * rate)
+    pixel = dr.gather(mi.UInt32, pixels, dr.arange(mi.UInt32, lanes) // rate)
+    sampler.place(pixel if tile is None else tile.numbers(record.film, pixel))
+    sampler.skip((part.first + part.done) * rate)
     wide = _around(seen.pixels, record.film)
 
     def shot(pixel: mi.UInt32) -> Shot:
-        camera = sample_camera(sensor, record.film, sampler, pixel)
+        camera = sample_camera(sensor, record.film, sampler, pixel, tile)
         camera = replace(camera, weight=camera.weight / rate)
         measurement = record.measurement(camera, spp)
         measured, path = seen.trace(sampler, camera.ray, camera.origin, measurement)
@@ -169,7 +214,6 @@ def _looking(
 
     def look(count: int) -> None:
         record.write(False)
-        pixel = dr.gather(mi.UInt32, pixels, dr.arange(mi.UInt32, lanes) // rate)
         while count:
             now = min(count, MAX_ADDED // rate)
             record.not_finite += _step(record, sampler, shot, pixel, now, weight=0.0)
@@ -272,15 +316,3 @@ def best_sampler(spp: Any) -> mi.Sampler:
     """
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
     return mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
-
-
-def run_plan(plan: Plan, record: Recording, sensor: mi.Sensor, spp: Any, seed: Any) -> None:
-    """Carry out a plan from start to end.
-
-    Raises:
-        ValueError: `spp` or `seed` is out of range; one line.
-    """
-    sampler = best_sampler(spp)
-    for _ in steps(plan, record, sensor, sampler, checks.integer("seed", seed, 0, checks.MAX_SEED)):
-        pass
-    record.report()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from os import PathLike
 from typing import Any
 
 import drjit as dr
@@ -18,12 +20,14 @@ from ..paths.endpoints import GatedLights
 from ..paths.space import Vacuum
 from ..paths.surfaces import transmits
 from ..runtime import checks
+from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_scene
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
-from .own_sample import brings_sample, require_sample, take_by_sample
-from .passes import run_plan
+from .own_sample import brings_sample, by_sample, require_sample
+from .passes import expose, steps
 from .plan import Plan
+from .running import made_with, run_whole
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
 NO_TARGET = "target_time = None: must be the gate's path length in metres"
@@ -165,6 +169,9 @@ def render_at_time(
     target_time: float,
     spp: int = 64,
     seed: int = 0,
+    *,
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> np.ndarray:
     """Render the scene at one instant.
 
@@ -176,6 +183,8 @@ def render_at_time(
         target_time: Path length of the gate [m], 0 or more.
         spp: Samples per pixel.
         seed: Seed of the random numbers.
+        checkpoint: As for `render`.
+        progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
         Radiance per metre of path, float32 array of shape (height, width, channels).
@@ -183,6 +192,7 @@ def render_at_time(
     Raises:
         ValueError: An argument is out of range; one line.
         TypeError: The integrator has no `sample`; one line.
+        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -199,11 +209,16 @@ def render_at_time(
     if brings_sample(integrator):
         require_sample(integrator, CALL)
         record = recording(film, Exposure(onto=(PICTURE,)))
-        take_by_sample(integrator, scene, record, sensor, spp, seed, dr.opaque(mi.Float, target))
+        follow = by_sample(integrator, scene, record, dr.opaque(mi.Float, target))
+        taking = partial(expose, follow, record, sensor)
     else:
         _require_gates(integrator)
         record = recording(film, integrator.exposure(target))
-        run_plan(integrator.plan(scene, sensor, record.weight), record, sensor, spp, seed)
+        plan = integrator.plan(scene, sensor, record.weight)
+        taking = partial(steps, plan, record, sensor)
+    made = {"gate": target, "film": str(film)}
+    recipe = partial(made_with, scene, sensor, integrator, made)
+    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
     return np.array(film.develop())
 
 
@@ -214,6 +229,9 @@ def render_transient(
     film_config: Mapping[str, Any],
     spp: int = 64,
     seed: int = 0,
+    *,
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    progress: bool = True,
 ) -> np.ndarray:
     """Render the scene at many instants, with the paths of one trace.
 
@@ -225,6 +243,8 @@ def render_transient(
             start_opl + (k + 1/2) bin_width_opl.
         spp: Samples per pixel, of all gates together.
         seed: Seed of the random numbers.
+        checkpoint: As for `render`.
+        progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
         Radiance per metre of path, float32 array of shape (height, width, temporal_bins, channels).
@@ -232,6 +252,7 @@ def render_transient(
 
     Raises:
         ValueError: A key is missing or unknown, or a value is out of range; one line.
+        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -259,7 +280,9 @@ def render_transient(
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
     record = recording(film, replace(integrator.exposure(), at_centres=True))
-    run_plan(integrator.plan(scene, sensor), record, sensor, spp, seed)
+    taking = partial(steps, integrator.plan(scene, sensor), record, sensor)
+    recipe = partial(made_with, scene, sensor, integrator, {"film": str(film)})
+    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
     return film.take()[1]
 
 

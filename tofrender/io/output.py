@@ -10,7 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..runtime import checks
-from ..runtime.atomic import TEMPORARY_PREFIX, disk_full, nearest_folder, replacing
+from ..runtime.atomic import (
+    TEMPORARY_PREFIX,
+    check_writable,
+    disk_full,
+    nearest_folder,
+    replacing,
+)
 
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}
@@ -88,20 +94,6 @@ def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path
     if os.path.exists(target) and not overwrite:
         raise FileExistsError(f"path = {path}: exists; pass overwrite=True to replace it")
     return target
-
-
-def check_writable(path: str | os.PathLike) -> None:
-    """Refuse a place where nothing can be made, by trying (modes say nothing to root)."""
-    parent = nearest_folder(path)
-    probe = parent / f"{TEMPORARY_PREFIX}{os.getpid()}.probe"
-    try:
-        probe.mkdir()
-        probe.rmdir()
-    except OSError as error:
-        raise PermissionError(
-            f"path = {path}: cannot write in {parent} ({error.strerror}); "
-            "must lie in a folder that you may write to"
-        ) from None
 
 
 @contextmanager

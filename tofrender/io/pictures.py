@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.atomic import replacing
 from ..runtime.progress import progress_bar
 from ..vis import Transient, auto_exposure, tonemap
-from ..runtime.atomic import replacing
 from .output import check_file, check_writable, output_folder
 from .parallel import for_each
 

@@ -13,9 +13,11 @@ import numpy as np
 
 from ..films.image import time_bins, transient_film
 from ..integrators.own_sample import brings_sample
-from ..integrators.passes import run_plan
-from ..rendering.renderer import carry_out
+from ..integrators.passes import Part, best_sampler, steps
+from ..integrators.running import interrupted, made_with, run
+from ..rendering.job import carry_out, decide
 from ..runtime import backend, checks
+from ..runtime.checkpoints import Checkpoint, Kept
 from ..runtime.progress import progress_bar
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
@@ -28,6 +30,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+KEPT = ("pulse", "spp", "energy_outside_window", "complete")
+"""What of the attributes of a render a capture has."""
+
+
 def capture(
     scene: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,
@@ -37,6 +43,7 @@ def capture(
     seed: int = 0,
     sensor: int = 0,
     relay_wall: Any = None,
+    checkpoint: Checkpoint | str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Capture a hidden scene by its relay wall.
@@ -63,14 +70,17 @@ def capture(
         relay_wall: The wall, if the scene does not say which shape that is: a shape, its id, or a
             list of either. By default the shape that the sensor is a child of, or the one that is
             called "relay_wall", or the only one that the sensor's pixels look at.
+        checkpoint: As for `render`.
         progress: Whether long work shows a bar.
 
     Returns:
-        A capture, see `tofrender.nlos.make_capture`.
+        A capture, see `tofrender.nlos.make_capture`. Ctrl-C, SIGTERM and SIGHUP return what is
+        finished of a single or confocal one, with `complete` = 0 and `spp` as far as it got.
 
     Raises:
         ValueError: An argument is wrong, the scene has no laser or relay wall, the laser misses it,
             or no pixel looks at it; one line.
+        KeyboardInterrupt: An exhaustive capture was stopped; one line that says how to go on.
 
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
@@ -109,25 +119,23 @@ def capture(
     if mode == "exhaustive":
         lit = np.where(on_wall[..., None], points, np.nan)
         with kept_aim(find_laser(scene)):
-            values = _exhaustive(scene, integrator, camera, wall, lit, samples, seed, progress)
+            values = _exhaustive(
+                *(scene, integrator, camera, wall, lit, samples, seed),
+                *(Checkpoint.of(checkpoint), progress),
+            )
         _, start, width = time_bins(camera.film()) or _no_bins(camera.film())
         geometry |= {"laser_grid": points, "laser_normals": normals}
     else:
         with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
             warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
-            dataset = carry_out(
-                integrator.capture_plan(scene, camera, wall, mode),
-                integrator,
-                scene,
-                name=name,
-                spp=samples,
-                seed=seed,
-                sensor=number,
-                progress=progress,
+            plan = integrator.capture_plan(scene, camera, wall, mode)
+            job = decide(
+                *(plan, integrator, scene), name=name, spp=samples, seed=seed, sensor=number
             )
+            dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
         values = dataset["transient"].values
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
-        attrs |= {k: dataset.attrs[k] for k in ("pulse", "energy_outside_window", "complete")}
+        attrs |= {k: dataset.attrs[k] for k in KEPT}
         if mode == "single":
             geometry |= _laser_point(scene, wall)
     data = make_capture(
@@ -298,30 +306,71 @@ def _exhaustive(
     points: np.ndarray,
     spp: int,
     seed: int,
+    checkpoint: Checkpoint | None,
     progress: bool,
 ) -> np.ndarray:
     """One render for each laser point: (laser rows, laser columns, rows, columns, bins, C)."""
-    rows, columns = points.shape[:2]
     window = time_bins(camera.film()) or _no_bins(camera.film())
-    values = None
-    bar = progress_bar("laser points", rows * columns, unit="point", enabled=progress)
-    with bar:
-        for row in range(rows):
-            for column in range(columns):
-                bar.update()
-                if np.isnan(points[row, column]).any():
-                    continue
-                focus_laser(scene, point=points[row, column])
-                film = transient_film(camera.film(), *window)
-                step = seed + row * columns + column
-                plan = integrator.capture_plan(scene, camera, wall, "exhaustive")
-                run_plan(plan, integrator.recording(film), camera, spp, step % checks.MAX_SEED)
-                part = film.take()[1]
-                if values is None:
-                    values = np.zeros((rows, columns, *part.shape), np.float32)
-                values[row, column] = part
-    assert values is not None
+    own = transient_film(camera.film(), *window)
+    values = np.zeros((*points.shape[:2], *own.shape), np.float32)
+    lit = [place for place in np.ndindex(*points.shape[:2]) if not np.isnan(points[place]).any()]
+    kept, done = None, 0
+    if checkpoint is not None:
+        made = {"seed": seed, "spp": spp, "variant": mi.variant(), "film": str(own)}
+        kept = checkpoint.begin(
+            made_with(scene, camera, integrator, made), len(lit) * spp, "samples per pixel"
+        )
+    if kept is not None:
+        values, done = kept.arrays.pop("values"), kept.done
+
+    with progress_bar("laser points", len(lit), unit="point", enabled=progress) as bar:
+        for number, place in enumerate(lit):
+            bar.update()
+            if done > (number + 1) * spp:  # Where equal, the film of this point was kept
+                continue
+            focus_laser(scene, point=points[place])
+            film = transient_film(camera.film(), *window)
+            step = (seed + place[0] * points.shape[1] + place[1]) % checks.MAX_SEED
+            plan = integrator.capture_plan(scene, camera, wall, "exhaustive")
+            record, begun = integrator.recording(film), max(0, done - number * spp)
+            part = Part(kept=Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None)
+            sampler = best_sampler(spp)
+            within = checkpoint and _Within(checkpoint, number * spp, len(lit) * spp, values)
+            begun = run(
+                *(steps(plan, record, camera, sampler, step, part), record, spp),
+                done=part.done,
+                checkpoint=within,
+                progress=False,
+            )
+            if begun < spp:
+                whole = interrupted(number, len(lit), "laser points", checkpoint)
+                raise KeyboardInterrupt(whole)
+            record.report()
+            values[place], done = film.take()[1], (number + 1) * spp
     return values
+
+
+class _Within:
+    """A checkpoint of many renders, as one of them uses it.
+
+    Args:
+        checkpoint: That of all.
+        before: Samples per pixel of the renders before.
+        of: Those of all.
+        values: What the renders before came to.
+    """
+
+    def __init__(self, checkpoint: Checkpoint, before: int, of: int, values: np.ndarray) -> None:
+        self.checkpoint, self.before, self.of, self.values = checkpoint, before, of, values
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to save."""
+        return self.checkpoint.due
+
+    def save(self, done: int, of: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Put what was done into the file of all."""
+        self.checkpoint.save(self.before + done, self.of, {**arrays, "values": self.values})
 
 
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:

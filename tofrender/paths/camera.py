@@ -28,6 +28,28 @@ class CameraSample:
     position: mi.Point2f
 
 
+@dataclass(frozen=True)
+class Tile:
+    """A part of a film's pixels, on a film of its own that has no crop.
+
+    Attributes:
+        x: Its first column in the crop window of the whole film.
+        y: Its first row there.
+        whole: The film that it is a part of.
+    """
+
+    x: int
+    y: int
+    whole: mi.Film
+
+    def numbers(self, film: mi.Film, pixel: mi.UInt32) -> mi.UInt32:
+        """Numbers of pixels in the sampled area of the whole film, from those in the tile's."""
+        own, width = sampled_size(film)[0], sampled_size(self.whole)[0]
+        row = pixel // own
+        x, y, width = (dr.opaque(mi.UInt32, n) for n in (self.x, self.y, width))
+        return (row + y) * width + (pixel - row * own) + x
+
+
 def sampled_size(film: mi.Film) -> tuple[int, int]:
     """Width and height [pixels] of the area that camera rays must cover."""
     border = 2 * film.rfilter().border_size() if film.sample_border() else 0
@@ -36,7 +58,11 @@ def sampled_size(film: mi.Film) -> tuple[int, int]:
 
 
 def sample_camera(
-    sensor: mi.Sensor, film: mi.Film, sampler: mi.Sampler, pixel: mi.UInt32
+    sensor: mi.Sensor,
+    film: mi.Film,
+    sampler: mi.Sampler,
+    pixel: mi.UInt32,
+    tile: Tile | None = None,
 ) -> CameraSample:
     """Sample one ray through each of the given pixels.
 
@@ -45,6 +71,7 @@ def sample_camera(
         film: The film that is rendered to: the sensor's own, or one of the same size.
         sampler: Random numbers.
         pixel: Index into the sampled area, row by row.
+        tile: Where the film is in the sensor's, if that has more pixels.
 
     Returns:
         Rays, their origins, weights and film positions.
@@ -52,17 +79,18 @@ def sample_camera(
     corner = pixel_corner(film, pixel)
     centred = getattr(sensor, "looks_at_pixel_centres", False)
     position = corner + (mi.Point2f(0.5) if centred else sampler.next_2d())
-    crop_size = mi.ScalarVector2f(film.crop_size())
-    crop_offset = mi.ScalarPoint2f(film.crop_offset())
+    crop_size = mi.ScalarVector2f((film if tile is None else tile.whole).crop_size())
+    if tile is None:
+        in_crop = position - mi.ScalarPoint2f(film.crop_offset())
+    else:  # One kernel for all tiles
+        in_crop = position + mi.Vector2f(*(dr.opaque(mi.Float, n) for n in (tile.x, tile.y)))
     aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
     time = sensor.shutter_open()
     if sensor.shutter_open_time() > 0:
         time += sampler.next_1d() * sensor.shutter_open_time()
     wavelength = sampler.next_1d() if mi.is_spectral else mi.Float(0)
 
-    ray, weight = sensor.sample_ray_differential(
-        time, wavelength, (position - crop_offset) / crop_size, aperture
-    )
+    ray, weight = sensor.sample_ray_differential(time, wavelength, in_crop / crop_size, aperture)
     return CameraSample(
         ray=ray,
         origin=ray_origin(sensor, ray),

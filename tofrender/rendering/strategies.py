@@ -15,7 +15,8 @@ from ..runtime import checks, memory
 from ..runtime.progress import progress_bar
 from ..scenes.loading import load_plugin, require_light
 from .dataset import coordinates
-from .renderer import film_of_light, opened, sampler_for, scene_name
+from .job import film_of_light, sampler_for
+from .renderer import opened, scene_name
 from .window import check_window, windowed_film
 
 if TYPE_CHECKING:

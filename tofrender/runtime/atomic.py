@@ -87,8 +87,8 @@ def remove_leftovers(path: str | os.PathLike) -> None:
 
 
 @contextmanager
-def locked(path: str | os.PathLike) -> Iterator[None]:
-    """Be the only one that writes `path`, which need not exist.
+def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
+    """Be the only one that writes `path`, which need not exist; an error calls it `name`.
 
     Where a file system or system has no locks, nobody is kept out.
 
@@ -102,7 +102,7 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
     """
     lock = hidden(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
-    file = _lock(path, lock)
+    file = _lock(path, name, lock)
     try:
         yield
     finally:
@@ -110,7 +110,7 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
         os.close(file)
 
 
-def _lock(path: str | os.PathLike, lock: Path) -> int:
+def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
     while True:
         file = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
         try:
@@ -125,9 +125,23 @@ def _lock(path: str | os.PathLike, lock: Path) -> int:
                 return file
             os.close(file)
             raise FileExistsError(
-                f"path = {path}: another process writes it; wait until it is done"
+                f"{name} = {path}: another process writes it; wait until it is done"
             ) from None
         os.close(file)
+
+
+def check_writable(path: str | os.PathLike) -> None:
+    """Refuse a place where nothing can be made, by trying (modes say nothing to root)."""
+    parent = nearest_folder(path)
+    probe = parent / f"{TEMPORARY_PREFIX}{os.getpid()}.probe"
+    try:
+        probe.mkdir()
+        probe.rmdir()
+    except OSError as error:
+        raise PermissionError(
+            f"path = {path}: cannot write in {parent} ({error.strerror}); "
+            "must lie in a folder that you may write to"
+        ) from None
 
 
 def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:

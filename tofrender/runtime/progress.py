@@ -43,23 +43,35 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
     )
 
 
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""What asks a process to end: Ctrl-C, a scheduler or `kill`, and a terminal that is closed."""
+
+
 @dataclass
 class Stop:
-    """Whether the user wants to stop.
+    """Whether somebody wants the work to stop.
 
     Attributes:
-        requested: Ctrl-C was pressed.
+        by: The signal that asked, 0 if none did.
     """
 
-    requested: bool = False
+    by: int = 0
+
+    @property
+    def requested(self) -> bool:
+        """Whether any did."""
+        return bool(self.by)
 
 
 @contextmanager
 def deferred_stop() -> Iterator[Stop]:
-    """Turn the first Ctrl-C into a request to stop after the step under way.
+    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop after the step under way.
 
-    A second Ctrl-C interrupts at once. Nothing changes in a thread other than the main one, nor
-    where Ctrl-C is ignored, as in a shell script's background jobs.
+    A second one does what it does elsewhere: it ends the work at once. Nothing changes in a thread
+    other than the main one, nor for signals that are ignored, as Ctrl-C is in a shell script's
+    background jobs and SIGHUP under nohup.
 
     Example:
         >>> with deferred_stop() as stop:
@@ -67,17 +79,53 @@ def deferred_stop() -> Iterator[Stop]:
         False
     """
     stop = Stop()
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
+    if threading.current_thread() is not threading.main_thread():
         yield stop
         return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    heard = {n: handler for n, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+
+    def as_before():
+        for number, handler in heard.items():
+            signal.signal(number, handler)
 
     def request(number, frame):
-        stop.requested = True
-        signal.signal(signal.SIGINT, before)
+        stop.by = number
+        as_before()
 
-    signal.signal(signal.SIGINT, request)
+    for number in heard:
+        signal.signal(number, request)
     try:
         yield stop
     finally:
-        signal.signal(signal.SIGINT, before)
+        as_before()
+
+
+class Terminated(KeyboardInterrupt):
+    """A signal that ends the process, as an error, so that what is half-written is removed.
+
+    Attributes:
+        status: What the process's exit status is then.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.status = 128 + number
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise `Terminated` where they would end the process without a word."""
+
+    def end(number, frame):
+        raise Terminated(number)
+
+    main = threading.current_thread() is threading.main_thread()
+    default = [n for n in SIGNALS if main and signal.getsignal(n) is signal.SIG_DFL]
+    for number in default:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in default:
+            signal.signal(number, signal.SIG_DFL)

@@ -87,7 +87,7 @@ class PaddedSobolSampler(mi.Sampler):
         self.stride = 1  # From a point of a lane to its next one
         self.index = mi.UInt32(0)  # Number of the point
         self.dimension = mi.UInt32(0)  # Number of the pair within the point
-        self.pixel_hash = mi.UInt32(0)
+        self.pixel_hash = self.seed_value = mi.UInt32(0)
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
         """Start at the first point of every pixel.
@@ -101,8 +101,12 @@ class PaddedSobolSampler(mi.Sampler):
         pixel = lane // dr.opaque(mi.UInt32, self.stride)
         self.index = lane - pixel * self.stride
         self.dimension = mi.UInt32(0)
-        seed = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
-        self.pixel_hash = mix(mix(pixel, seed), mi.UInt32(self.base_seed))
+        self.seed_value = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
+        self.place(pixel)
+
+    def place(self, pixel: mi.UInt32) -> None:
+        """Take the points of pixels, given by a number for each lane that tells them apart."""
+        self.pixel_hash = mix(mix(pixel, self.seed_value), mi.UInt32(self.base_seed))
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
         """Let this many neighbouring lanes share a pixel and its point set."""
@@ -133,7 +137,7 @@ class PaddedSobolSampler(mi.Sampler):
     def clone(self) -> PaddedSobolSampler:
         """A copy that goes on from the same point."""
         twin = self.fork()
-        for name in ("lanes_per_pixel", "stride", "index", "dimension", "pixel_hash"):
+        for name in ("lanes_per_pixel", "stride", "index", "dimension", "pixel_hash", "seed_value"):
             setattr(twin, name, getattr(self, name))
         return twin
 

@@ -1,0 +1,112 @@
+"""Rendering from start to end: shown, kept in a checkpoint, and stopped between two steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from os import PathLike
+from typing import Any
+
+import mitsuba as mi
+
+from ..films.recording import Recording
+from ..runtime import checks
+from ..runtime.checkpoints import Checkpoint
+from ..runtime.progress import deferred_stop, progress_bar
+from ..scenes.fingerprint import fingerprint
+from .passes import Part, best_sampler
+
+UNIT = "samples per pixel"
+
+
+def run(
+    taking: Iterator[int],
+    record: Recording,
+    spp: int,
+    *,
+    done: int = 0,
+    before: int = 0,
+    checkpoint: Checkpoint | None = None,
+    progress: bool = True,
+) -> int:
+    """Take the steps of a render.
+
+    Args:
+        taking: The steps, as `passes.steps` gives them.
+        record: What they are recorded on.
+        spp: Samples per pixel in all steps.
+        done: Those that the record has from the start.
+        before: Those that an earlier render took, for the bar.
+        checkpoint: What is kept up to date; it was begun.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Returns:
+        Samples per pixel that the record has: fewer than `spp` after Ctrl-C, SIGTERM or SIGHUP,
+        which let the step under way finish and the checkpoint be saved.
+    """
+    with (
+        progress_bar("Rendering", before + spp, unit="spp", enabled=progress) as bar,
+        deferred_stop() as stop,
+    ):
+        bar.update(before + done)
+        for done in taking:
+            bar.update(before + done - bar.n)
+            if checkpoint is not None and (checkpoint.due or stop.requested):
+                checkpoint.save(done, spp, record.state())
+            if stop.requested:
+                break
+    return done
+
+
+def run_whole(
+    taking: Callable[[mi.Sampler, int, Part], Iterator[int]],
+    record: Recording,
+    spp: Any,
+    seed: Any,
+    recipe: Callable[[], Mapping[str, Any]],
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> None:
+    """Render all samples; what is stopped is an error, since nobody would see that it is not whole.
+
+    Args:
+        taking: `passes.steps` or `expose` for a sampler, a seed and a part.
+        record: What they are recorded on.
+        spp: Samples per pixel.
+        seed: Seed of the random numbers.
+        recipe: All that the result depends on, but for `spp` and `seed`.
+        checkpoint: What is kept up to date.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Raises:
+        ValueError: `spp` or `seed` is out of range, or the checkpoint is of another render.
+        KeyboardInterrupt: The render was stopped; one line that says where it can go on.
+    """
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    sampler, checkpoint = best_sampler(spp), Checkpoint.of(checkpoint)
+    kept = None
+    if checkpoint is not None:
+        made = {"seed": seed, "variant": mi.variant(), **recipe()}
+        kept = checkpoint.begin(made, spp, UNIT)
+    part = Part(kept=kept)
+    done = run(
+        *(taking(sampler, seed, part), record, spp),
+        done=part.done,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    if done < spp:
+        raise KeyboardInterrupt(interrupted(done, spp, UNIT, checkpoint))
+    record.report()
+
+
+def made_with(
+    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, more: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What a checkpoint compares: scene, sensor and integrator, and what else there is."""
+    return {"fingerprint": fingerprint(scene, sensor, integrator), **more}
+
+
+def interrupted(done: int, of: int, unit: str, checkpoint: Checkpoint | None) -> str:
+    """One line on work that was stopped."""
+    on = "" if checkpoint is None else f"; {checkpoint.again}"
+    return f"interrupted after {done} of {of} {unit}{on}"
