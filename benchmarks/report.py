@@ -83,7 +83,8 @@ def page(results: Results) -> str:
     machine = results["machine"]
     versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
     made = f"""Made by `make bench-full` in {results["minutes"]:.0f} minutes:
-        {machine["processor"]}, {machine["threads"]} threads, `{machine["variant"]}`; {versions}."""
+        {machine["processor"]}, {machine["threads"]} threads, `{machine["variant"]}`; {versions}.
+        All numbers are in `benchmarks/results.json`."""
     errors = """Variance times CPU time of mitransient's `transient_path`, with its defaults, over
         that of `tofrender.render`: how many times longer it takes to the same error. 64 x 64
         pixels, 300 bins of 2 cm, 256 samples per pixel, `max_depth` 6."""

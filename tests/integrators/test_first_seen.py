@@ -119,6 +119,7 @@ def seen(described: dict, seeds) -> np.ndarray:
     return over_seeds(estimate, seeds)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_light(name, monkeypatch):

@@ -286,6 +286,7 @@ def reflection(scene: mi.Scene, plate: str, light: str) -> np.ndarray:
     return np.array(seen).reshape(128, 192)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_veach_separates_the_ways_to_sample():
     """Noise of Mitsuba's `direct` with either or both ways, where mirror and light are extremes.
