@@ -8,6 +8,7 @@ deposits need not be atomic. Memory does not depend on the number of samples.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -25,8 +26,11 @@ from ..samplers.padded_sobol import mix
 from .first_seen import FirstSeen
 from .plan import Plan
 
-STEP_SAMPLES = 1 << 22
-"""Camera rays of one kernel launch: about a second's work on two cores."""
+STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20
+"""Camera rays of one kernel launch, at most and in the first."""
+
+STEP_S = 1.0
+"""Time that a step should take [s]: a render shows its progress, stops and is kept between two."""
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
@@ -141,7 +145,7 @@ def expose(
     film, tile = record.film, part.tile
     width, height = sampled_size(film)
     spp, done = sampler.sample_count(), part.done
-    lanes, per_step, private = _lanes(sampler, width * height, spp - done)
+    lanes, most, private = _lanes(sampler, width * height, spp - done)
     record.begin(spp, private, splats)
     if part.kept is not None:
         record.restore(part.kept.arrays, part.kept.done, part.kept.of, spp)
@@ -155,9 +159,9 @@ def expose(
         return Shot(camera.position, *record.channels(camera, measured, covered), not_finite)
 
     look = None if seen is None else _looking(seen, record, sensor, spp, seed, part)
-    folded = done
+    folded, per_step = done, _first_count(width * height * lanes, most)
     while done < spp:
-        count = min(per_step, (spp - done) // lanes)
+        start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.write(private)
         record.not_finite += _step(record, sampler, shot, pixel, count)
         if look is not None:
@@ -167,7 +171,21 @@ def expose(
         if spp > done >= folded + MAX_ADDED:
             record.fold()
             folded = done
+        if done > part.done + count * lanes:  # The first step compiled as well
+            per_step = _next_count(count, time.perf_counter() - start, most)
         yield done
+
+
+def _first_count(lanes: int, most: int) -> int:
+    """Samples that each of all lanes takes in the first step."""
+    return min(most, max(1, FIRST_SAMPLES // lanes))
+
+
+def _next_count(count: int, seconds: float, most: int) -> int:
+    """Samples of each lane in the next step, where the last took `count` and some time."""
+    if seconds > 2 * STEP_S:
+        return max(1, count // 2)
+    return min(most, 2 * count) if seconds < 0.5 * STEP_S else count
 
 
 def _seed(sampler: mi.Sampler, seed: Any, lanes: int, pixel: mi.UInt32, part: Part) -> None:
