@@ -81,8 +81,11 @@ from .paths.endpoints import (
     SceneLights as SceneLights,
 )
 from .rendering.renderer import render as render
+from .rendering.store import load_zarr as load_zarr
 from .rendering.strategies import strategy_pyramid as strategy_pyramid
+from .rendering.workers import local_workers as local_workers
 from .runtime import backend as backend, doctor as doctor
+from .runtime.checkpoints import Checkpoint as Checkpoint
 from .samplers.padded_sobol import PaddedSobolSampler as PaddedSobolSampler
 from .scenes import (
     bust_ao as bust_ao,

@@ -49,6 +49,16 @@ def recording(film: Any, exposure: Exposure) -> Recording:
     return found(film, exposure)
 
 
+def tell_not_finite(count: int) -> None:
+    """Warn of contributions that were left out, who called whatever has rendered."""
+    if count:
+        warnings.warn(
+            f"{count} contributions of paths were not finite and left out; a light, a material or "
+            "a texture of the scene is",
+            stacklevel=4,
+        )
+
+
 class Recording:
     """A film under exposure.
 
@@ -203,15 +213,6 @@ class Recording:
         if self.splats is not None:
             self._landed, self._in_picture = state["landed"] * (of / spp), state["in_picture"]
         self.reach(taken, spp)
-
-    def report(self) -> None:
-        """Warn of contributions that were left out, who called whatever has rendered."""
-        if self.not_finite:
-            warnings.warn(
-                f"{self.not_finite} contributions of paths were not finite and left out; a light, "
-                "a material or a texture of the scene is",
-                stacklevel=4,
-            )
 
 
 class PictureRecording(Recording):

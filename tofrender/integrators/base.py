@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.exposure import Exposure, Weight
-from ..films.recording import Recording, recording
+from ..films.recording import Recording, recording, tell_not_finite
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.protocols import Endpoint, Scattering
@@ -166,7 +166,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         with dr.suspend_grad():
             for _ in self.steps(scene, sensor, record, sampler, seed):
                 pass
-            record.report()
+            tell_not_finite(record.not_finite)
             return film.develop() if develop else None
 
     def render_forward(self, *args, **kwargs):

@@ -8,7 +8,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..films.recording import Recording
+from ..films.recording import Recording, tell_not_finite
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import deferred_stop, progress_bar
@@ -95,8 +95,10 @@ def run_whole(
         progress=progress,
     )
     if done < spp:
-        raise KeyboardInterrupt(interrupted(done, spp, UNIT, checkpoint))
-    record.report()
+        raise KeyboardInterrupt(
+            interrupted(done, spp, UNIT, checkpoint.again if checkpoint else "")
+        )
+    tell_not_finite(record.not_finite)
 
 
 def made_with(
@@ -106,7 +108,6 @@ def made_with(
     return {"fingerprint": fingerprint(scene, sensor, integrator), **more}
 
 
-def interrupted(done: int, of: int, unit: str, checkpoint: Checkpoint | None) -> str:
-    """One line on work that was stopped."""
-    on = "" if checkpoint is None else f"; {checkpoint.again}"
-    return f"interrupted after {done} of {of} {unit}{on}"
+def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
+    """One line on work that was stopped, and on how to go on."""
+    return f"interrupted after {done} of {of} {unit}" + (f"; {again}" if again else "")

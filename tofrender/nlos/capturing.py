@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins, transient_film
+from ..films.recording import tell_not_finite
 from ..integrators.own_sample import brings_sample
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
@@ -343,9 +344,9 @@ def _exhaustive(
                 progress=False,
             )
             if begun < spp:
-                whole = interrupted(number, len(lit), "laser points", checkpoint)
-                raise KeyboardInterrupt(whole)
-            record.report()
+                again = checkpoint.again if checkpoint else ""
+                raise KeyboardInterrupt(interrupted(number, len(lit), "laser points", again))
+            tell_not_finite(record.not_finite)
             values[place], done = film.take()[1], (number + 1) * spp
     return values
 

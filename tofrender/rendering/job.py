@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -15,21 +15,24 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.cells import MAX_ADDED
-from ..films.recording import Recording, profile as seen_pulse, recording
+from ..films.image import transient_film
+from ..films.recording import Recording, profile as seen_pulse, recording, tell_not_finite
 from ..integrators.own_sample import brings_sample
-from ..integrators.passes import Part, steps
 from ..integrators.plan import Plan
-from ..integrators.running import UNIT, run
 from ..runtime import checks, memory, plugins
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.progress import progress_bar
 from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import Arrivals, find_arrivals
 from .dataset import check_dataset, coordinates, require_finite, transient_dataset
+from .pieces import TILE_BYTES, Taken, ranges, take, tile_size, tiles, whole
 from .window import check_window, is_auto, warn_of_losses, windowed_film
+from .workers import check_client, order_of, pieces_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
     from ..signals.pulses import Pulse
 
@@ -48,10 +51,11 @@ class Job:
         sensor: Number of the sensor.
         film: The film with its window, empty.
         profile: The pulse that it sees light with.
-        arrivals: When light arrives.
+        arrivals: When light arrives, None if nobody looked.
         sampler: The sampler that was asked for, see `sampler_for`.
         spp: Samples per pixel that were asked for, None for the scene's.
         seed: Seed of all random numbers.
+        origin: The function that has decided it, and its arguments but for the window.
     """
 
     plan: Plan
@@ -61,10 +65,11 @@ class Job:
     sensor: int
     film: Any
     profile: Pulse | None
-    arrivals: Arrivals
+    arrivals: Arrivals | None
     sampler: str | mi.Sampler | None
     spp: int | None
     seed: int
+    origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None
 
     @property
     def camera(self) -> mi.Sensor:
@@ -105,7 +110,7 @@ class Job:
             "sampler": _sampler_name(self.points()),
             "seed": self.seed,
             "variant": mi.variant(),
-            "versions": _versions(),
+            "versions": versions(),
         }
 
     def require_memory(self, spp: int) -> None:
@@ -130,6 +135,8 @@ def decide(
     sampler: str | mi.Sampler | None = None,
     window: str | tuple[float, float] | None = None,
     temporal_bins: int | None = None,
+    bins: tuple[int, float, float] | None = None,
+    origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None,
 ) -> Job:
     """Find the window, and refuse what makes no sense in it.
 
@@ -137,9 +144,13 @@ def decide(
         ValueError: No light can reach the window; one line.
     """
     camera = scene.sensors()[sensor]
-    film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
-    check_window(film, arrivals, profile)
-    return Job(plan, tracer, scene, name, sensor, film, profile, arrivals, sampler, spp, seed)
+    if bins is not None:
+        film, profile, arrivals = transient_film(camera.film(), *bins), None, None
+    else:
+        film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
+        check_window(film, arrivals, profile)
+    found = film, profile, arrivals
+    return Job(plan, tracer, scene, name, sensor, *found, sampler, spp, seed, origin)
 
 
 def carry_out(
@@ -149,55 +160,78 @@ def carry_out(
     progress: bool = True,
 ) -> xr.Dataset:
     """Take all samples of a job; arguments, result and errors are as for `render`."""
-    film, checkpoint = job.film, Checkpoint.of(checkpoint)
     first = 0 if resume is None else _samples_of(resume)
-    points = job.points(first)
-    spp = points.sample_count()
-    job.require_memory(spp)
+    piece = whole(job, first)
+    job.require_memory(piece.count)
     if resume is not None:
-        _check_resume(resume, job.recipe, film)
-    record = job.recording()
-    kept = None
-    if checkpoint is not None:
-        made = job.recipe | {"film": str(film), "resume": first}
-        kept = checkpoint.begin(made, spp, UNIT, first)
+        _check_resume(resume, job.recipe, job.film)
+    taken = take(job, piece, checkpoint=Checkpoint.of(checkpoint), resumed=first, progress=progress)
+    if taken.done < piece.count:
+        said = f"returning {taken.done} of {piece.count} samples per pixel"
+        warnings.warn(f"interrupted: {said}", stacklevel=3)
+    return told(job, labelled(job, taken, taken.done == piece.count, resume))
 
-    part = Part(first=first, kept=kept)
-    start = time.perf_counter()
-    done = run(
-        steps(job.plan, record, job.camera, points, job.seed, part),
-        *(record, spp),
-        done=part.done,
-        before=first,
-        checkpoint=checkpoint,
-        progress=progress,
-    )
-    seconds = time.perf_counter() - start + (kept.seconds if kept else 0.0)
-    if done < spp:
-        warnings.warn(f"interrupted: returning {done} of {spp} samples per pixel", stacklevel=3)
 
-    record.report()
-    before = 0 if resume is None else int(resume.attrs.get("contributions_not_finite", 0))
-    steady, transient = film.take()
+def collect(job: Job, client: Client, progress: bool = True) -> xr.Dataset:
+    """Have a job done by workers, and its film put together here."""
+    workers = check_client(client, job.recipe["versions"])
+    all_of_it = whole(job)
+    job.require_memory(all_of_it.count)
+    if job.plan.splats:
+        pieces = ranges(job, workers)
+    else:
+        pieces = tiles(job, tile_size(job.film.shape, TILE_BYTES, workers))
+    height, width, _, channels = job.film.shape
+    steady = np.zeros((height, width, channels), np.float32)
+    transient = np.zeros(job.film.shape, np.float32)
+    start, not_finite = time.perf_counter(), 0
+    with progress_bar("Rendering", len(pieces), unit="piece", enabled=progress) as bar:
+        for piece, taken in pieces_by_workers(client, order_of(job), pieces):
+            share = np.float32(piece.count / all_of_it.count)
+            for film, part in ((steady, taken.steady), (transient, taken.transient)):
+                place = piece.of(film)
+                place += part if share == 1 else share * part
+            not_finite += taken.not_finite
+            bar.update()
+    seconds = time.perf_counter() - start
+    taken = Taken(steady, transient, all_of_it.count, not_finite, seconds)
+    return told(job, labelled(job, taken, True))
+
+
+def told(job: Job, dataset: xr.Dataset) -> xr.Dataset:
+    """The same, with a warning of what is missing in it."""
+    tell_not_finite(dataset.attrs["contributions_not_finite"])
+    if dataset.attrs["complete"] and job.arrivals is not None:
+        outside = dataset.attrs["energy_outside_window"]
+        warn_of_losses(job.film, job.arrivals, job.profile, outside)
+    return dataset
+
+
+def labelled(
+    job: Job, taken: Taken, complete: bool, resume: xr.Dataset | None = None
+) -> xr.Dataset:
+    """The Dataset of what was taken of a whole film, and of what an earlier render had."""
+    first = 0 if resume is None else _samples_of(resume)
+    steady, transient = taken.steady, taken.transient
+    seconds, not_finite = taken.seconds, taken.not_finite
     if resume is not None:
-        share = first / (first + done)
+        share = first / (first + taken.done)
         steady += share * (resume["steady"].values - steady)
         transient += share * (resume["transient"].values - transient)
         seconds += resume.attrs["render_seconds"]
+        not_finite += int(resume.attrs.get("contributions_not_finite", 0))
     total = float(np.sum(steady, dtype=np.float64))
     outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
     outside = min(max(outside, 0.0), 1.0)
-    if done == spp:
-        warn_of_losses(film, job.arrivals, job.profile, outside)
     attrs = job.recipe | {
         "scene": job.name,
-        "spp": first + done,
+        "spp": first + taken.done,
         "energy_outside_window": outside,
-        "complete": int(done == spp),
-        "contributions_not_finite": record.not_finite + before,
+        "complete": int(complete),
+        "contributions_not_finite": not_finite,
         "render_seconds": seconds,
     }
-    return transient_dataset(steady, transient, film, attrs)
+    return transient_dataset(steady, transient, job.film, attrs)
 
 
 # ------------------------------------------------------------------------------- its parts
@@ -264,7 +298,7 @@ def _check_resume(resume: xr.Dataset, recipe: Mapping[str, Any], film: Any) -> N
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
 
 
-def _versions() -> str:
+def versions() -> str:
     """Versions of what made the picture, as JSON."""
     from importlib.metadata import version
 

@@ -14,12 +14,15 @@ from ..runtime.checkpoints import Checkpoint
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
+from ..scenes.packing import packed, unpacked
 from ..scenes.settings import INTEGRATORS
-from .job import carry_out, decide
+from .job import Job, carry_out, collect, decide
+from .streaming import check_film, stream
 from .window import is_auto, start_and_width, windowed_film
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
 
 def render(
@@ -33,7 +36,10 @@ def render(
     window: str | tuple[float, float] | None = None,
     temporal_bins: int | None = None,
     resume: xr.Dataset | None = None,
+    settings: Mapping[str, Any] | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    out: str | PathLike[str] | None = None,
+    client: Client | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Render a scene in time.
@@ -57,9 +63,15 @@ def render(
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
             point set.
+        settings: What to change of the scene while it is loaded, keyword arguments of `load_scene`
+            by name, for example {"width": 64, "max_depth": 4}.
         checkpoint: A `Checkpoint`, or the name of its file: the film so far is kept there every
             30 s and when the render is stopped. A call with equal arguments, `spp` apart, goes on
             from it to the same result.
+        out: Name of a folder that ends in .zarr. The film streams to it, tile by tile, and may be
+            larger than memory. The same call goes on with the tiles of a render that was stopped.
+        client: A `distributed.Client`, whose workers render tiles or, for light that lands
+            anywhere, shares of the samples. The scene must be a name, a file or a dict.
         progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
@@ -73,6 +85,7 @@ def render(
         ValueError: An argument or the scene is wrong, or no light can reach the window.
         MemoryError: The bins do not fit; the message says what would.
         BackendError: The active variant cannot render in time.
+        KeyboardInterrupt: A render with `out` or a client was stopped; one line.
 
     Warns:
         UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.
@@ -82,26 +95,80 @@ def render(
         >>> dict(dataset.sizes)
         {'y': 256, 'x': 256, 'opl': 300, 'channel': 3}
     """
-    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    if out is not None:
+        check_film(out)
+    if (out is not None or client is not None) and not (resume is None and checkpoint is None):
+        given = "checkpoint" if resume is None else "resume"
+        raise ValueError(f"{given}: must be left out with `out` or a client; `out` keeps all tiles")
     name = scene_name(scene)
-    scene, sensor, integrator = opened(scene, sensor, integrator, window, temporal_bins)
-    camera = scene.sensors()[sensor]
-    tracer = _integrator(scene, integrator)
-    if tracer.needs_lights:
-        require_light(scene)
-    job = decide(
-        tracer.plan(scene, camera),
-        tracer,
+    if client is not None:  # Numbers change in their last digits on the way to workers
+        scene = unpacked(packed("scene", scene))
+    job = make_job(
         scene,
-        name=name,
+        spp=spp,
+        seed=checks.integer("seed", seed, 0, checks.MAX_SEED),
+        integrator=integrator,
         sensor=sensor,
+        sampler=sampler,
+        settings=settings,
+        window=window,
+        temporal_bins=temporal_bins,
+    )
+    job.name = name
+    if out is not None:
+        return stream(job, out, client=client, progress=progress)
+    if client is not None:
+        return collect(job, client, progress)
+    return carry_out(job, resume, checkpoint, progress)
+
+
+def make_job(
+    scene: Any,
+    *,
+    spp: int | None,
+    seed: int,
+    integrator: Any,
+    sensor: int,
+    sampler: Any,
+    settings: Mapping[str, Any] | None,
+    window: Any = None,
+    temporal_bins: int | None = None,
+    bins: tuple[int, float, float] | None = None,
+) -> Job:
+    """Decide what is rendered.
+
+    The arguments are those of `render`; `bins`, if they were decided elsewhere, are their number,
+    start and width [m].
+    """
+    arguments = {
+        "scene": scene,
+        "spp": spp,
+        "seed": seed,
+        "integrator": integrator,
+        "sensor": sensor,
+        "sampler": sampler,
+        "settings": settings,
+    }
+    if bins is not None:
+        window, temporal_bins = (bins[1], bins[1] + bins[0] * bins[2]), bins[0]
+    loaded, number, apart = opened(scene, sensor, integrator, window, temporal_bins, settings)
+    tracer = _integrator(loaded, apart)
+    if tracer.needs_lights:
+        require_light(loaded)
+    return decide(
+        tracer.plan(loaded, loaded.sensors()[number]),
+        tracer,
+        loaded,
+        name=scene_name(scene),
+        sensor=number,
         spp=spp,
         seed=seed,
         sampler=sampler,
         window=window,
         temporal_bins=temporal_bins,
+        bins=bins,
+        origin=(make_job, arguments),
     )
-    return carry_out(job, resume, checkpoint, progress)
 
 
 # ------------------------------------------------------------------------ before rendering
@@ -113,7 +180,12 @@ def scene_name(scene: Any) -> str:
 
 
 def opened(
-    scene: Any, sensor: Any, integrator: Any, window: Any, temporal_bins: int | None
+    scene: Any,
+    sensor: Any,
+    integrator: Any,
+    window: Any,
+    temporal_bins: int | None,
+    settings: Mapping[str, Any] | None = None,
 ) -> tuple[mi.Scene, int, Any]:
     """Load and check a scene: gives it, the sensor's number, and the integrator if it is apart.
 
@@ -121,9 +193,12 @@ def opened(
     """
     backend.require_vectorised()
     if not isinstance(scene, mi.Scene):
-        scene = load_scene(scene, **_settings(integrator, window, temporal_bins))
+        more = _settings(integrator, window, temporal_bins)
+        scene = load_scene(scene, **(dict(settings or {}) | more))
         if isinstance(integrator, str | Mapping):
             integrator = None  # It is the scene's now
+    elif settings:
+        raise ValueError("settings: must be left out with a loaded scene, which cannot be changed")
     require_sensor(scene)
     sensors = scene.sensors()
     sensor = checks.integer("sensor", sensor, 0, len(sensors) - 1)

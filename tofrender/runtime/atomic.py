@@ -19,7 +19,7 @@ except ImportError:  # Windows has no such locks
     fcntl = None
 
 TEMPORARY_PREFIX = ".tofrender-"
-_DISK_FULL = {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)}
+DISK_FULL = {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
 @contextmanager
@@ -59,10 +59,10 @@ def replacing(
         if folder:
             temporary.mkdir()
         yield temporary
-        _to_disk(temporary)
+        to_disk(temporary)
         _take_place(temporary, target)
     except OSError as error:
-        if error.errno not in _DISK_FULL:
+        if error.errno not in DISK_FULL:
             raise
         remove(temporary)  # before measuring what is free
         raise disk_full(path, needed_bytes) from None
@@ -178,18 +178,19 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _to_disk(path: Path) -> None:
-    """Wait until a file, or a folder with all that is in it, is on the disk."""
-    if path.is_dir():
+def to_disk(path: Path, deep: bool = True) -> None:
+    """Wait until a file, or a folder with all that is in it if `deep`, is on the disk."""
+    is_folder = path.is_dir()
+    if is_folder and deep:
         for child in path.iterdir():
-            _to_disk(child)
-    flags = os.O_RDONLY if path.is_dir() or os.name != "nt" else os.O_RDWR
-    with suppress(PermissionError):  # Windows opens no folders
-        file = os.open(path, flags)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
+            to_disk(child)
+    if is_folder and os.name == "nt":  # It opens none
+        return
+    file = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 def _take_place(temporary: Path, target: Path) -> None:
@@ -202,16 +203,7 @@ def _take_place(temporary: Path, target: Path) -> None:
         if not _exchange(temporary, target):
             _move_aside(temporary, target)
     with suppress(OSError):
-        _folder_to_disk(target.parent)
-
-
-def _folder_to_disk(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
-    file = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
+        to_disk(target.parent, deep=False)
 
 
 def _exchange(one: Path, other: Path) -> bool:

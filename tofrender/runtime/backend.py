@@ -18,6 +18,11 @@ LEAST_THREADS = 2
 """With one, Mitsuba waits forever for pictures that it reads or writes: the waiter blocks it."""
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class BackendError(RuntimeError):
     """No variant can render here; the message is one line with the command that mends it."""
 

@@ -19,7 +19,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import llvm, memory
+from . import backend, llvm, memory
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -170,9 +170,8 @@ def _check_cuda(works: bool) -> Check:
 
 
 def _check_threads(threads: int | None) -> Check:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     used = f", Dr.Jit uses {threads}" if threads else ""
-    return Check("Threads", True, f"{cores} for this process{used}")
+    return Check("Threads", True, f"{backend.cores()} for this process{used}")
 
 
 def _check_memory() -> Check:

@@ -1,0 +1,195 @@
+"""Pieces of a render: tiles of pixels, and ranges of samples, each rendered by itself.
+
+With the sampler `padded_sobol`, a piece has the points that the whole has there, so that pieces add
+up to the whole but for rounding, however they are cut. Other samplers give each piece its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..films.image import pixels_of, transient_film
+from ..integrators.passes import Part, steps
+from ..integrators.running import UNIT, run
+from ..paths.camera import Tile
+from ..runtime import memory
+
+if TYPE_CHECKING:
+    from ..runtime.checkpoints import Checkpoint
+    from .job import Job
+
+TILE_BYTES = 512 << 20
+"""Memory of the bins of a tile, if the whole film does not fit [bytes]."""
+
+LEAST_PIECES = 4
+"""Pieces for each worker, so that none waits long for the last one."""
+
+
+@dataclass(frozen=True, order=True)
+class Piece:
+    """A part of the samples of a render.
+
+    Attributes:
+        y: First row of its pixels in the film's crop window.
+        x: First column there.
+        height: Rows.
+        width: Columns.
+        first: Samples per pixel that come before its own.
+        count: Samples per pixel.
+    """
+
+    y: int
+    x: int
+    height: int
+    width: int
+    first: int
+    count: int
+
+    def of(self, array: np.ndarray) -> np.ndarray:
+        """The piece's pixels of an array of the whole film, (height, width, ...)."""
+        return array[self.y : self.y + self.height, self.x : self.x + self.width]
+
+
+@dataclass
+class Taken:
+    """What became of a piece.
+
+    Attributes:
+        steady: Picture, shape (height, width, channels).
+        transient: Bins, shape (height, width, temporal_bins, channels).
+        done: Samples per pixel that were taken.
+        not_finite: Contributions that were left out.
+        seconds: Time that it took [s].
+    """
+
+    steady: np.ndarray
+    transient: np.ndarray
+    done: int
+    not_finite: int
+    seconds: float
+
+
+def whole(job: Job, first: int = 0) -> Piece:
+    """All pixels, and all samples after the `first` ones."""
+    height, width, _, _ = job.film.shape
+    return Piece(0, 0, height, width, first, job.points(first).sample_count())
+
+
+def tiles(job: Job, size: tuple[int, int]) -> list[Piece]:
+    """Tiles of so many rows and columns, the last ones smaller, that cover the film."""
+    height, width, _, _ = job.film.shape
+    rows, columns = size
+    count = job.points().sample_count()
+    return [
+        Piece(y, x, min(rows, height - y), min(columns, width - x), 0, count)
+        for y in range(0, height, rows)
+        for x in range(0, width, columns)
+    ]
+
+
+def tile_size(
+    shape: tuple[int, int, int, int], tile_bytes: float, workers: int = 1
+) -> tuple[int, int]:
+    """Rows and columns of tiles that cover a film.
+
+    Args:
+        shape: (height, width, temporal_bins, channels).
+        tile_bytes: Memory that the bins of a tile may take [bytes].
+        workers: How many will share the tiles.
+    """
+    height, width, bins, channels = shape
+    wanted = LEAST_PIECES * workers if workers > 1 else 1
+    row_bytes = memory.film_bytes(1, width, bins, channels)
+    rows = max(1, min(int(tile_bytes // row_bytes), height // wanted))
+    rows = math.ceil(height / math.ceil(height / rows))
+    if row_bytes <= tile_bytes:
+        return rows, width
+    columns = max(1, int(tile_bytes // memory.film_bytes(1, 1, bins, channels)))
+    return 1, math.ceil(width / math.ceil(width / columns))
+
+
+def ranges(job: Job, workers: int) -> list[Piece]:
+    """Ranges of samples of the whole film, for light that lands anywhere on it."""
+    all_of_it = whole(job)
+    count = min(workers, all_of_it.count)
+    edges = [all_of_it.count * k // count for k in range(count + 1)]
+    return [
+        Piece(0, 0, all_of_it.height, all_of_it.width, low, high - low)
+        for low, high in itertools.pairwise(edges)
+    ]
+
+
+def take(
+    job: Job,
+    piece: Piece,
+    *,
+    checkpoint: Checkpoint | None = None,
+    resumed: int = 0,
+    progress: bool = True,
+) -> Taken:
+    """Render a piece.
+
+    Args:
+        job: The render.
+        piece: What of it.
+        checkpoint: What is kept up to date.
+        resumed: Samples per pixel that an earlier render has, for the checkpoint and the bar.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Returns:
+        What was taken: less than all if it was stopped.
+    """
+    film, tile, margin = _film_of(job, piece)
+    record, points = job.recording(film), job.points()
+    points.set_sample_count(piece.count)
+    kept = None
+    if checkpoint is not None:
+        made = job.recipe | {"film": str(job.film), "resume": resumed}
+        if piece != whole(job, resumed):
+            made |= {"piece": str(asdict(piece))}
+        kept = checkpoint.begin(made, piece.count, UNIT, resumed)
+    part = Part(first=piece.first, tile=tile, kept=kept)
+    start = time.perf_counter()
+    done = run(
+        steps(job.plan, record, job.camera, points, job.seed, part),
+        *(record, piece.count),
+        done=part.done,
+        before=resumed,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    seconds = time.perf_counter() - start + (kept.seconds if kept else 0.0)
+    y, x = margin
+    inside = np.s_[y : y + piece.height, x : x + piece.width]
+    steady, transient = (array[inside] for array in film.take())
+    return Taken(steady, transient, done, record.not_finite, seconds)
+
+
+def _film_of(job: Job, piece: Piece) -> tuple[Any, Tile | None, tuple[int, int]]:
+    """A film for a piece, where it is in the job's, and rows and columns to leave out before it.
+
+    A filter reaches over the edges of a tile: what it takes from pixels there is rendered as well.
+    """
+    film = job.film
+    height, width, bins, _ = film.shape
+    if (piece.height, piece.width) == (height, width):
+        return film, None, (0, 0)
+    rfilter = film.rfilter()
+    reach = 0 if rfilter.is_box_filter() or film.sample_border() else rfilter.border_size()
+    y, x = max(0, piece.y - reach), max(0, piece.x - reach)
+    own: Any = pixels_of(film) | {
+        "height": min(height, piece.y + piece.height + reach) - y,
+        "width": min(width, piece.x + piece.width + reach) - x,
+    }
+    for name in ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y"):
+        del own[name]
+    small = mi.load_dict({"type": "hdrfilm"} | own)
+    tile_film = transient_film(small, bins, film.start_opl, film.bin_width_opl)
+    return tile_film, Tile(x, y, film), (piece.y - y, piece.x - x)

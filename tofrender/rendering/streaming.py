@@ -1,0 +1,171 @@
+"""Films that stream to disk, tile by tile, by this process or by workers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..films.recording import tell_not_finite
+from ..integrators.running import interrupted
+from ..runtime import atomic, checks
+from ..runtime.checkpoints import EVERY_S, Checkpoint
+from ..runtime.progress import progress_bar
+from .dataset import coordinates
+from .pieces import TILE_BYTES, Piece, take, tile_size, tiles, whole
+from .store import Receipt, Store, is_film, load_zarr
+from .window import warn_of_losses
+from .workers import check_client, order_of, pieces_by_workers
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from distributed import Client
+
+    from .job import Job
+
+SUFFIX = ".zarr"
+
+
+def check_film(out: Any, overwrite: bool = False) -> Path:
+    """Refuse a place where no film can stream to.
+
+    Raises:
+        ValueError: No name of a folder that ends in .zarr; one line.
+        FileExistsError: There is something that may not be replaced; one line.
+        PermissionError: The place is not writable; one line.
+    """
+    target = checks.path("out", out)
+    if target.suffix != SUFFIX:
+        raise ValueError(f"out = {out}: must be the name of a folder that ends in {SUFFIX}")
+    if os.path.lexists(target) and not (overwrite and is_film(target)):
+        raise FileExistsError(f"out = {out}: exists; must be a new folder")
+    atomic.check_writable(target)
+    return target
+
+
+def under_way(out: str | os.PathLike[str]) -> Path:
+    """Where a film that streams to `out` is until it is finished."""
+    return atomic.hidden(out, f".film{SUFFIX}")
+
+
+def stream(
+    job: Job,
+    out: str | os.PathLike[str],
+    *,
+    client: Client | None = None,
+    seconds: float = EVERY_S,
+    tile_bytes: float | None = None,
+    tell: Any = print,
+    again: str = "",
+    progress: bool = True,
+) -> xr.Dataset:
+    """Render a job to disk, tile by tile.
+
+    Args:
+        job: The render.
+        out: Name of the folder, which appears when all is done. A call for the same job goes on
+            with the tiles of one that was stopped or killed.
+        client: Workers, which see the folder too; this process alone by default.
+        seconds: Time between savings of a tile under way, where no worker renders it [s].
+        tile_bytes: Memory that the bins of a tile may take [bytes].
+        tell: Is called with a line that says what is gone on with.
+        again: How to go on, for the message of a render that was stopped.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Returns:
+        The film, read from disk when its values are used.
+
+    Raises:
+        KeyboardInterrupt: The render was stopped; one line that says how to go on.
+        OSError: The disk is full; finished tiles stay.
+    """
+    target, folder = check_film(out), under_way(out)
+    shape = job.film.shape
+    workers = 1 if client is None else check_client(client, job.recipe["versions"])
+    with atomic.locked(target, "out"):
+        store = _begun(job, folder, tile_bytes, workers)
+        _require_room(folder, shape)
+        planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
+        receipts = {piece: store.receipt(piece) for piece in planned}
+        left = [piece for piece in planned if receipts[piece] is None]
+        if len(left) < len(planned):
+            tell(f"resuming from {len(planned) - len(left)} of {len(planned)} tiles")
+        if client is not None and job.plan.splats:
+            raise ValueError("client: must be left out, light lands on all tiles; see `render`")
+        done = (
+            _here(job, store, left, seconds)
+            if client is None
+            else pieces_by_workers(client, order_of(job), left, str(folder.resolve()))
+        )
+        with progress_bar("Rendering", len(planned), unit="tile", enabled=progress) as bar:
+            bar.update(len(planned) - len(left))
+            try:
+                for piece, receipt in done:
+                    receipts[piece] = receipt
+                    bar.update()
+            except KeyboardInterrupt:
+                count = sum(receipt is not None for receipt in receipts.values())
+                on = again or f"the same call goes on with {folder}"
+                raise KeyboardInterrupt(interrupted(count, len(planned), "tiles", on)) from None
+        attrs = _attributes(job, [receipt for receipt in receipts.values() if receipt])
+        store.finish(coordinates(job.film), attrs)
+        os.rename(folder, target)
+        atomic.to_disk(target.parent, deep=False)
+    tell_not_finite(attrs["contributions_not_finite"])
+    if job.arrivals is not None:
+        warn_of_losses(job.film, job.arrivals, job.profile, attrs["energy_outside_window"])
+    return load_zarr(target)
+
+
+def _begun(job: Job, folder: Path, tile_bytes: float | None, workers: int) -> Store:
+    """The film under way, or a new one."""
+    count = whole(job).count
+    plan = job.recipe | {"film": str(job.film), "spp": count}
+    tile = Store.planned(folder).get("tile")
+    if tile is None or tile_bytes is not None:
+        tile = tile_size(job.film.shape, tile_bytes or TILE_BYTES, workers)
+    return Store.begin(folder, plan, job.film.shape, tuple(tile))
+
+
+def _require_room(folder: Path, shape: tuple[int, int, int, int]) -> None:
+    """Refuse a disk that a film does not fit on."""
+    height, width, bins, channels = shape
+    needed = 4 * height * width * (bins + 1) * channels
+    there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    if shutil.disk_usage(folder).free < needed - there:
+        raise atomic.disk_full(folder, needed)
+
+
+def _here(
+    job: Job, store: Store, pieces: list[Piece], seconds: float
+) -> Iterator[tuple[Piece, Receipt]]:
+    """Render pieces in this process."""
+    for piece in pieces:
+        checkpoint = None
+        if seconds:
+            path = store.checkpoint_path(piece)
+            checkpoint = Checkpoint(path, seconds, tell=lambda line: None)
+        taken = take(job, piece, checkpoint=checkpoint, progress=False)
+        if taken.done < piece.count:
+            raise KeyboardInterrupt
+        yield piece, store.put(piece, taken)
+        if checkpoint is not None:
+            checkpoint.remove()
+
+
+def _attributes(job: Job, receipts: list[Receipt]) -> dict[str, Any]:
+    """Attributes of a finished film."""
+    steady = sum(receipt.steady for receipt in receipts)
+    outside = 1 - sum(receipt.transient for receipt in receipts) / steady if steady else 0.0
+    return job.recipe | {
+        "scene": job.name,
+        "spp": whole(job).count,
+        "energy_outside_window": min(max(outside, 0.0), 1.0),
+        "complete": 1,
+        "contributions_not_finite": sum(receipt.not_finite for receipt in receipts),
+        "render_seconds": sum(receipt.seconds for receipt in receipts),
+        "film_width": int(job.film.size().x),
+        "film_height": int(job.film.size().y),
+    }

@@ -1,0 +1,70 @@
+"""Scenes that can be sent to another process: Mitsuba's objects in a dict as plain numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Packed:
+    """An object of Mitsuba as numbers.
+
+    Attributes:
+        kind: "transform" or "bitmap".
+        values: Its matrix, or its pixels.
+        srgb: Whether pixels are gamma-encoded.
+    """
+
+    kind: str
+    values: np.ndarray
+    srgb: bool = False
+
+
+def packed(name: str, value: Any) -> Any:
+    """An argument that pickles; names of files become whole paths.
+
+    Raises:
+        ValueError: It is loaded, or holds what is; one line.
+    """
+    if name == "scene" and isinstance(value, str | os.PathLike):
+        return str(Path(value).resolve()) if os.path.exists(value) else value
+    return _packed(value, name)
+
+
+def _packed(value: Any, where: str) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _packed(part, f"{where}.{name}") for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_packed(part, where) for part in value)
+    if isinstance(value, mi.ScalarTransform4f):
+        return Packed("transform", np.array(value.matrix, dtype=np.float64).reshape(4, 4))
+    if isinstance(value, mi.Bitmap):
+        return Packed("bitmap", np.array(value), value.srgb_gamma())
+    if isinstance(value, mi.Object):
+        kind = type(value).__name__
+        raise ValueError(
+            f"{where} = {kind}: is loaded and cannot be sent to workers; must be a name or a dict"
+        )
+    return value
+
+
+def unpacked(scene: Any) -> Any:
+    """The scene that `packed` took."""
+    if isinstance(scene, Mapping):
+        return {name: unpacked(part) for name, part in scene.items()}
+    if isinstance(scene, list | tuple):
+        return type(scene)(map(unpacked, scene))
+    if not isinstance(scene, Packed):
+        return scene
+    if scene.kind == "transform":
+        return mi.ScalarTransform4f(scene.values.tolist())
+    bitmap = mi.Bitmap(scene.values)
+    bitmap.set_srgb_gamma(scene.srgb)
+    return bitmap
