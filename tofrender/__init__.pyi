@@ -80,6 +80,7 @@ from .paths.endpoints import (
     PointSource as PointSource,
     SceneLights as SceneLights,
 )
+from .rendering.merging import merge as merge
 from .rendering.renderer import render as render
 from .rendering.store import load_zarr as load_zarr
 from .rendering.strategies import strategy_pyramid as strategy_pyramid

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..films.recording import Recording, tell_not_finite
 from ..runtime import checks
-from ..runtime.checkpoints import Checkpoint
+from ..runtime.checkpoints import Checkpoint, Within
 from ..runtime.progress import deferred_stop, progress_bar
 from ..scenes.fingerprint import fingerprint
 from .passes import Part, best_sampler
@@ -25,7 +25,7 @@ def run(
     *,
     done: int = 0,
     before: int = 0,
-    checkpoint: Checkpoint | None = None,
+    checkpoint: Checkpoint | Within | None = None,
     progress: bool = True,
 ) -> int:
     """Take the steps of a render.

@@ -18,7 +18,7 @@ from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
 from ..rendering.job import carry_out, decide
 from ..runtime import backend, checks
-from ..runtime.checkpoints import Checkpoint, Kept
+from ..runtime.checkpoints import Checkpoint, Kept, Within
 from ..runtime.progress import progress_bar
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
@@ -336,7 +336,9 @@ def _exhaustive(
             record, begun = integrator.recording(film), max(0, done - number * spp)
             part = Part(kept=Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None)
             sampler = best_sampler(spp)
-            within = checkpoint and _Within(checkpoint, number * spp, len(lit) * spp, values)
+            within = checkpoint and Within(
+                checkpoint, number * spp, len(lit) * spp, {"values": values}
+            )
             begun = run(
                 *(steps(plan, record, camera, sampler, step, part), record, spp),
                 done=part.done,
@@ -349,29 +351,6 @@ def _exhaustive(
             tell_not_finite(record.not_finite)
             values[place], done = film.take()[1], (number + 1) * spp
     return values
-
-
-class _Within:
-    """A checkpoint of many renders, as one of them uses it.
-
-    Args:
-        checkpoint: That of all.
-        before: Samples per pixel of the renders before.
-        of: Those of all.
-        values: What the renders before came to.
-    """
-
-    def __init__(self, checkpoint: Checkpoint, before: int, of: int, values: np.ndarray) -> None:
-        self.checkpoint, self.before, self.of, self.values = checkpoint, before, of, values
-
-    @property
-    def due(self) -> bool:
-        """Whether it is time to save."""
-        return self.checkpoint.due
-
-    def save(self, done: int, of: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Put what was done into the file of all."""
-        self.checkpoint.save(self.before + done, self.of, {**arrays, "values": self.values})
 
 
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ centres [m] and channel names; attributes are text, ints and floats.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,9 @@ LOST_ENERGY = 0.01
 
 DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel")}
 
+ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
+"""Standard errors, where a render has them."""
+
 
 def coordinates(film: Any) -> dict[str, np.ndarray]:
     """Pixels, bin centres [m] and channels of a film's crop window."""
@@ -37,18 +41,21 @@ def coordinates(film: Any) -> dict[str, np.ndarray]:
 
 
 def transient_dataset(
-    steady: np.ndarray, transient: np.ndarray, film: Any, attrs: dict[str, str | int | float]
+    arrays: Mapping[str, np.ndarray], film: Any, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """Make the Dataset of what a film has collected, with attributes that say how it was made.
 
-    The film says the coordinates of steady (height, width, channels) and transient (height, width,
-    temporal_bins, channels).
+    Args:
+        arrays: `transient` (height, width, temporal_bins, channels), `steady` (height, width,
+            channels), and perhaps their standard errors, `transient_error` and `steady_error`.
+        film: Says the coordinates.
+        attrs: The attributes.
     """
     import xarray as xr
 
     size = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
     dataset = xr.Dataset(
-        {"transient": (DIMS["transient"], transient), "steady": (DIMS["steady"], steady)},
+        {name: ((DIMS | ERRORS)[name], array) for name, array in arrays.items()},
         coords=coordinates(film),
         attrs=attrs | size,
     )
@@ -67,8 +74,12 @@ def check_dataset(dataset: Any) -> None:
     if not isinstance(dataset, xr.Dataset):
         raise ValueError(f"dataset = {type(dataset).__name__}: must be an xarray.Dataset")
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-    if found != DIMS or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
-        raise ValueError(f"dataset with {found}: must hold the float32 variables {DIMS}, no other")
+    known = found in (DIMS, DIMS | ERRORS)
+    if not known or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
+        raise ValueError(
+            f"dataset with {found}: must hold the float32 variables {DIMS}, their errors or no "
+            "other"
+        )
     if set(dataset.coords) != set(DIMS["transient"]) or not all(dataset.sizes.values()):
         raise ValueError(f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes")
     first_pixel(dataset)
@@ -99,7 +110,7 @@ def require_finite(dataset: xr.Dataset) -> None:
     Raises:
         ValueError: One line that says how many values there are of these, and where the first is.
     """
-    for name in DIMS:
+    for name in DIMS | ERRORS:
         if name in dataset:
             checks.finite(name, dataset[name].values)
 

@@ -26,6 +26,7 @@ from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import Arrivals, find_arrivals
 from .dataset import check_dataset, coordinates, require_finite, transient_dataset
+from .errors import parts_of
 from .pieces import TILE_BYTES, Taken, ranges, take, tile_size, tiles, whole
 from .window import check_window, is_auto, warn_of_losses, windowed_film
 from .workers import check_client, order_of, pieces_by_workers
@@ -55,6 +56,7 @@ class Job:
         sampler: The sampler that was asked for, see `sampler_for`.
         spp: Samples per pixel that were asked for, None for the scene's.
         seed: Seed of all random numbers.
+        errors: Whether error bars are wanted.
         origin: The function that has decided it, and its arguments but for the window.
     """
 
@@ -69,6 +71,7 @@ class Job:
     sampler: str | mi.Sampler | None
     spp: int | None
     seed: int
+    errors: bool = False
     origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None
 
     @property
@@ -119,8 +122,11 @@ class Job:
         Raises:
             MemoryError: One line with its size and what would fit.
         """
+        channels = self.film.shape[3]
         folds = 2 if spp > MAX_ADDED else 1
-        memory.require_film(*self.film.shape, copies=folds * (2 if self.plan.splats else 1))
+        copies = folds * (2 if self.plan.splats else 1)
+        scatter = 2 * channels / memory.stride(channels) if self.errors else 0
+        memory.require_film(*self.film.shape, copies=copies + scatter)
 
 
 def decide(
@@ -136,6 +142,7 @@ def decide(
     window: str | tuple[float, float] | None = None,
     temporal_bins: int | None = None,
     bins: tuple[int, float, float] | None = None,
+    errors: bool = False,
     origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None,
 ) -> Job:
     """Find the window, and refuse what makes no sense in it.
@@ -150,7 +157,10 @@ def decide(
         film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
         check_window(film, arrivals, profile)
     found = film, profile, arrivals
-    return Job(plan, tracer, scene, name, sensor, *found, sampler, spp, seed, origin)
+    job = Job(plan, tracer, scene, name, sensor, *found, sampler, spp, seed, errors, origin)
+    if errors:
+        parts_of(whole(job).count)
+    return job
 
 
 def carry_out(
@@ -164,7 +174,7 @@ def carry_out(
     piece = whole(job, first)
     job.require_memory(piece.count)
     if resume is not None:
-        _check_resume(resume, job.recipe, job.film)
+        _check_resume(resume, job)
     taken = take(job, piece, checkpoint=Checkpoint.of(checkpoint), resumed=first, progress=progress)
     if taken.done < piece.count:
         said = f"returning {taken.done} of {piece.count} samples per pixel"
@@ -181,20 +191,25 @@ def collect(job: Job, client: Client, progress: bool = True) -> xr.Dataset:
         pieces = ranges(job, workers)
     else:
         pieces = tiles(job, tile_size(job.film.shape, TILE_BYTES, workers))
+    if job.plan.splats and job.errors:
+        raise ValueError("errors = True: must be False with a client for light that lands anywhere")
     height, width, _, channels = job.film.shape
-    steady = np.zeros((height, width, channels), np.float32)
-    transient = np.zeros(job.film.shape, np.float32)
+    shapes = {"transient": job.film.shape, "steady": (height, width, channels)}
+    names = [*shapes, *(f"{name}_error" for name in shapes)] if job.errors else list(shapes)
+    films = {n: np.zeros(shapes[n.removesuffix("_error")], np.float32) for n in names}
     start, not_finite = time.perf_counter(), 0
     with progress_bar("Rendering", len(pieces), unit="piece", enabled=progress) as bar:
         for piece, taken in pieces_by_workers(client, order_of(job), pieces):
             share = np.float32(piece.count / all_of_it.count)
-            for film, part in ((steady, taken.steady), (transient, taken.transient)):
-                place = piece.of(film)
+            for name, part in taken.arrays.items():
+                place = piece.of(films[name])
                 place += part if share == 1 else share * part
             not_finite += taken.not_finite
             bar.update()
     seconds = time.perf_counter() - start
-    taken = Taken(steady, transient, all_of_it.count, not_finite, seconds)
+    errors = {name: films[f"{name}_error"] for name in shapes} if job.errors else {}
+    found = films["steady"], films["transient"]
+    taken = Taken(*found, all_of_it.count, not_finite, seconds, errors)
     return told(job, labelled(job, taken, True))
 
 
@@ -212,14 +227,19 @@ def labelled(
 ) -> xr.Dataset:
     """The Dataset of what was taken of a whole film, and of what an earlier render had."""
     first = 0 if resume is None else _samples_of(resume)
-    steady, transient = taken.steady, taken.transient
+    arrays = taken.arrays
     seconds, not_finite = taken.seconds, taken.not_finite
     if resume is not None:
-        share = first / (first + taken.done)
-        steady += share * (resume["steady"].values - steady)
-        transient += share * (resume["transient"].values - transient)
+        share = np.float32(first / (first + taken.done))
+        for name, array in arrays.items():
+            earlier = resume[name].values
+            if name.endswith("_error"):
+                array[:] = np.hypot(share * earlier, (1 - share) * array)
+            else:
+                array += share * (earlier - array)
         seconds += resume.attrs["render_seconds"]
         not_finite += int(resume.attrs.get("contributions_not_finite", 0))
+    steady, transient = arrays["steady"], arrays["transient"]
     total = float(np.sum(steady, dtype=np.float64))
     outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
     outside = min(max(outside, 0.0), 1.0)
@@ -231,7 +251,7 @@ def labelled(
         "contributions_not_finite": not_finite,
         "render_seconds": seconds,
     }
-    return transient_dataset(steady, transient, job.film, attrs)
+    return transient_dataset(arrays, job.film, attrs)
 
 
 # ------------------------------------------------------------------------------- its parts
@@ -287,15 +307,18 @@ def _samples_of(resume: Any) -> int:
         raise ValueError(f"resume: {error}") from None
 
 
-def _check_resume(resume: xr.Dataset, recipe: Mapping[str, Any], film: Any) -> None:
+def _check_resume(resume: xr.Dataset, job: Job) -> None:
     """Refuse to go on with a render that was made in another way."""
-    for name, value in recipe.items():
+    for name, value in job.recipe.items():
         its = resume.attrs.get(name)
         if its != value:
             raise ValueError(f"resume: was rendered with {name} = {its!r}; must be {value!r}")
-    for name, value in coordinates(film).items():
+    for name, value in coordinates(job.film).items():
         if not np.array_equal(resume[name].values, value):
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
+    if job.errors != ("transient_error" in resume):
+        has = "no errors" if job.errors else "errors"
+        raise ValueError(f"resume: has {has}; must be as asked for, errors = {job.errors}")
 
 
 def versions() -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
@@ -17,12 +17,13 @@ import numpy as np
 
 from ..films.image import pixels_of, transient_film
 from ..integrators.passes import Part, steps
-from ..integrators.running import UNIT, run
+from ..integrators.running import UNIT, interrupted, run
 from ..paths.camera import Tile
 from ..runtime import memory
+from ..runtime.checkpoints import Checkpoint, Kept, Within
+from .errors import Scatter, parts_of, seed_of
 
 if TYPE_CHECKING:
-    from ..runtime.checkpoints import Checkpoint
     from .job import Job
 
 TILE_BYTES = 512 << 20
@@ -67,6 +68,7 @@ class Taken:
         done: Samples per pixel that were taken.
         not_finite: Contributions that were left out.
         seconds: Time that it took [s].
+        errors: Standard errors of `transient` and `steady`, if these were asked for.
     """
 
     steady: np.ndarray
@@ -74,6 +76,13 @@ class Taken:
     done: int
     not_finite: int
     seconds: float
+    errors: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All arrays, by the name of the Dataset's variable."""
+        errors = {f"{name}_error": array for name, array in self.errors.items()}
+        return {"transient": self.transient, "steady": self.steady} | errors
 
 
 def whole(job: Job, first: int = 0) -> Piece:
@@ -146,30 +155,89 @@ def take(
     Returns:
         What was taken: less than all if it was stopped.
     """
-    film, tile, margin = _film_of(job, piece)
-    record, points = job.recording(film), job.points()
-    points.set_sample_count(piece.count)
     kept = None
     if checkpoint is not None:
-        made = job.recipe | {"film": str(job.film), "resume": resumed}
+        parts = piece.count if job.errors else 0  # Of parts none may change
+        made = job.recipe | {"film": str(job.film), "resume": resumed, "errors": parts}
         if piece != whole(job, resumed):
             made |= {"piece": str(asdict(piece))}
         kept = checkpoint.begin(made, piece.count, UNIT, resumed)
-    part = Part(first=piece.first, tile=tile, kept=kept)
     start = time.perf_counter()
+    taking = _in_parts if job.errors else _at_once
+    taken = taking(job, piece, checkpoint, kept, resumed, progress)
+    taken.seconds = time.perf_counter() - start + (kept.seconds if kept else 0.0)
+    return taken
+
+
+def _at_once(
+    job: Job,
+    piece: Piece,
+    checkpoint: Checkpoint | Within | None,
+    kept: Kept | None,
+    before: int,
+    progress: bool,
+    seed: Any = None,
+) -> Taken:
+    """Render a piece from one point set."""
+    film, tile, (y, x) = _film_of(job, piece)
+    record, points = job.recording(film), job.points()
+    points.set_sample_count(piece.count)
+    part = Part(first=piece.first, tile=tile, kept=kept)
     done = run(
-        steps(job.plan, record, job.camera, points, job.seed, part),
+        steps(job.plan, record, job.camera, points, job.seed if seed is None else seed, part),
         *(record, piece.count),
         done=part.done,
-        before=resumed,
+        before=before,
         checkpoint=checkpoint,
         progress=progress,
     )
-    seconds = time.perf_counter() - start + (kept.seconds if kept else 0.0)
-    y, x = margin
     inside = np.s_[y : y + piece.height, x : x + piece.width]
     steady, transient = (array[inside] for array in film.take())
-    return Taken(steady, transient, done, record.not_finite, seconds)
+    return Taken(steady, transient, done, record.not_finite, 0.0)
+
+
+def _in_parts(
+    job: Job,
+    piece: Piece,
+    checkpoint: Checkpoint | None,
+    kept: Kept | None,
+    before: int,
+    progress: bool,
+) -> Taken:
+    """Render a piece in parts with points of their own, and tell by their scatter what is noise."""
+    parts = parts_of(piece.count)
+    count = piece.count // parts
+    scatter = Scatter.restored(kept.arrays) if kept else None
+    done = kept.done if kept else 0
+    not_finite = int(kept.arrays["not_finite_before"]) if kept else 0
+    first = scatter.count if scatter else 0
+    for part in range(first, parts):
+        within = None
+        if checkpoint is not None:
+            state = scatter.state() if scatter else {}
+            state["not_finite_before"] = np.array(not_finite)
+            within = Within(checkpoint, part * count, piece.count, state)
+        own = replace(piece, first=0, count=count)
+        begun = Kept(done - part * count, count, 0.0, kept.arrays) if kept else None
+        seed = seed_of(job.seed, piece.first, part)
+        taken = _at_once(
+            *(job, own, within, begun if part == first else None),
+            *(before + part * count, progress, seed),
+        )
+        if taken.done < count:
+            break
+        not_finite += taken.not_finite
+        arrays = {"transient": taken.transient, "steady": taken.steady}
+        if scatter is None:
+            scatter = Scatter(arrays)
+        else:
+            scatter.add(arrays)
+    if scatter is None or scatter.count < 2:
+        again = checkpoint.again if checkpoint else ""
+        raise KeyboardInterrupt(interrupted(0, parts, "parts", again))
+    means = scatter.means
+    done = scatter.count * count
+    return Taken(means["steady"], means["transient"], done, not_finite, 0.0, scatter.errors())
 
 
 def _film_of(job: Job, piece: Piece) -> tuple[Any, Tile | None, tuple[int, int]]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import atomic, checks
-from .dataset import DIMS
+from .dataset import DIMS, ERRORS
 from .pieces import Piece, Taken
 
 RECEIPTS, PLAN = ".receipts", "plan.json"
@@ -58,7 +58,8 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, self.planned(folder)
         self.shape, self.tile = tuple(self.plan["shape"]), tuple(self.plan["tile"])
-        self._transient, self._steady = (self._group()[name] for name in DIMS)
+        group = self._group()
+        self._arrays = {name: group[name] for name in DIMS | ERRORS if name in group}
 
     @classmethod
     def begin(
@@ -67,6 +68,7 @@ class Store:
         plan: Mapping[str, Any],
         shape: tuple[int, int, int, int],
         tile: tuple[int, int],
+        errors: bool = False,
     ) -> Store:
         """Go on with a film, or begin one.
 
@@ -75,12 +77,13 @@ class Store:
             plan: All that it depends on, as JSON can hold it.
             shape: (height, width, temporal_bins, channels).
             tile: Rows and columns of a tile.
+            errors: Whether there are error bars.
 
         Raises:
             ValueError: The folder is of another render; one line that names what differs.
             ImportError: The package zarr is missing; one line.
         """
-        plan = json.loads(json.dumps(dict(plan) | {"shape": shape, "tile": tile}))
+        plan = json.loads(json.dumps(dict(plan) | {"shape": shape, "tile": tile, "errors": errors}))
         found = cls.planned(folder)
         if found:
             for name, value in plan.items():
@@ -90,7 +93,7 @@ class Store:
                         f"{value!r}, or the folder removed"
                     )
         else:
-            _create(folder, shape, tile)
+            _create(folder, shape, tile, errors)
             with atomic.replacing(folder / RECEIPTS / PLAN) as file:
                 file.write_text(json.dumps(plan))
         return cls(folder)
@@ -116,8 +119,8 @@ class Store:
         """
         place = np.s_[piece.y : piece.y + piece.height, piece.x : piece.x + piece.width]
         try:
-            self._transient[place] = taken.transient
-            self._steady[place] = taken.steady
+            for name, array in taken.arrays.items():
+                self._arrays[name][place] = array
         except OSError as error:
             if error.errno not in atomic.DISK_FULL:
                 raise
@@ -174,7 +177,8 @@ class Store:
         names = [
             f"{array}/c/{y}/{x}/{rest}"
             for y, x in tiles
-            for array, rest in (("transient", "0/0"), ("steady", "0"))
+            for array in self._arrays
+            for rest in ("/".join("0" for _ in (DIMS | ERRORS)[array][2:]),)
         ]
         return [name for name in names if (self.folder / name).exists()]
 
@@ -202,7 +206,9 @@ class Store:
         atomic.to_disk(self.folder)
 
 
-def _create(folder: Path, shape: tuple[int, int, int, int], tile: tuple[int, int]) -> None:
+def _create(
+    folder: Path, shape: tuple[int, int, int, int], tile: tuple[int, int], errors: bool
+) -> None:
     """Make an empty film."""
     atomic.remove(folder)
     zarr = require_zarr()
@@ -218,21 +224,22 @@ def _create(folder: Path, shape: tuple[int, int, int, int], tile: tuple[int, int
         "compressors": [Crc32cCodec()],
         "fill_value": 0.0,
     }
-    group.create_array(
-        "transient",
-        shape=shape,
-        chunks=(rows, columns, block, channels),
-        shards=(rows, columns, along, channels),
-        dimension_names=DIMS["transient"],
-        **common,
-    )
-    group.create_array(
-        "steady",
-        shape=(height, width, channels),
-        chunks=(rows, columns, channels),
-        dimension_names=DIMS["steady"],
-        **common,
-    )
+    for suffix in ("", "_error") if errors else ("",):
+        group.create_array(
+            f"transient{suffix}",
+            shape=shape,
+            chunks=(rows, columns, block, channels),
+            shards=(rows, columns, along, channels),
+            dimension_names=DIMS["transient"],
+            **common,
+        )
+        group.create_array(
+            f"steady{suffix}",
+            shape=(height, width, channels),
+            chunks=(rows, columns, channels),
+            dimension_names=DIMS["steady"],
+            **common,
+        )
     (folder / RECEIPTS).mkdir()
 
 

@@ -86,7 +86,7 @@ def stream(
     workers = 1 if client is None else check_client(client, job.recipe["versions"])
     with atomic.locked(target, "out"):
         store = _begun(job, folder, tile_bytes, workers)
-        _require_room(folder, shape)
+        _require_room(folder, shape, 2 if job.errors else 1)
         planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
         receipts = {piece: store.receipt(piece) for piece in planned}
         left = [piece for piece in planned if receipts[piece] is None]
@@ -126,13 +126,13 @@ def _begun(job: Job, folder: Path, tile_bytes: float | None, workers: int) -> St
     tile = Store.planned(folder).get("tile")
     if tile is None or tile_bytes is not None:
         tile = tile_size(job.film.shape, tile_bytes or TILE_BYTES, workers)
-    return Store.begin(folder, plan, job.film.shape, tuple(tile))
+    return Store.begin(folder, plan, job.film.shape, tuple(tile), job.errors)
 
 
-def _require_room(folder: Path, shape: tuple[int, int, int, int]) -> None:
+def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:
     """Refuse a disk that a film does not fit on."""
     height, width, bins, channels = shape
-    needed = 4 * height * width * (bins + 1) * channels
+    needed = 4 * films * height * width * (bins + 1) * channels
     there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     if shutil.disk_usage(folder).free < needed - there:
         raise atomic.disk_full(folder, needed)

@@ -188,3 +188,28 @@ class Checkpoint:
             raise TypeError
         seconds = checks.number("seconds", about["seconds"], unit="seconds")
         return about, Kept(done, of, seconds, arrays)
+
+
+class Within:
+    """A checkpoint of work of many parts, as one of them uses it.
+
+    Args:
+        checkpoint: That of all.
+        before: Units of the parts before.
+        of: Units of all.
+        more: What the parts before came to.
+    """
+
+    def __init__(
+        self, checkpoint: Checkpoint, before: int, of: int, more: Mapping[str, np.ndarray]
+    ) -> None:
+        self.checkpoint, self.before, self.of, self.more = checkpoint, before, of, more
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to save."""
+        return self.checkpoint.due
+
+    def save(self, done: int, of: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Put what was done into the file of all."""
+        self.checkpoint.save(self.before + done, self.of, {**arrays, **self.more})

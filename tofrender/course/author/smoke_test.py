@@ -113,7 +113,8 @@ def _dataset() -> Any:
     transient = np.random.default_rng(0).random(film.shape, np.float32)
     attrs: dict = {"quantity": "radiance per bin", "start_opl": 0.0, "bin_width_opl": 0.1}
     attrs |= {"units": "W m^-2 sr^-1", "scene": "none", "energy_outside_window": 0.0, "spp": 1}
-    return transient_dataset(transient.sum(2), transient, film, attrs | {"complete": 1})
+    arrays = {"transient": transient, "steady": transient.sum(2)}
+    return transient_dataset(arrays, film, attrs | {"complete": 1})
 
 
 def _files() -> None:

@@ -1,0 +1,106 @@
+"""Error bars: a render in parts of equal size, each with points of its own, whose scatter tells.
+
+The parts of one even point set are no independent draws: together they are evener than apart, and
+their scatter would tell too large an error. So each part has its own seed. That costs some of the
+evenness: the error bar is that of what is returned, which is a little noisier than the same number
+of samples in one point set.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..samplers.padded_sobol import mix
+
+PARTS, LEAST_PARTS = 16, 4
+"""Parts of a render, if its number of samples can be divided by so many, and at least."""
+
+ROWS = 1 << 22
+"""Values that are worked on at a time."""
+
+
+def parts_of(spp: int) -> int:
+    """Number of parts of so many samples per pixel.
+
+    Raises:
+        ValueError: They cannot be divided; one line.
+    """
+    found = math.gcd(spp, PARTS)
+    if found < LEAST_PARTS:
+        raise ValueError(f"spp = {spp}: must be a multiple of {LEAST_PARTS} with errors")
+    return found
+
+
+def seed_of(seed: int, first: int, part: int) -> mi.UInt32:
+    """Seed of a part of the samples that come after the `first` ones."""
+    import drjit as dr
+
+    own = mix(mix(mi.UInt32(seed), mi.UInt32(first)), mi.UInt32(part + 1))
+    dr.make_opaque(own)  # One kernel for all seeds
+    return own
+
+
+class Scatter:
+    """Mean and scatter of arrays of one shape, of which each is seen once (B. P. Welford, 1962).
+
+    Args:
+        arrays: The first ones, by name; they are taken over.
+
+    Attributes:
+        count: How many of each name were added.
+        means: Their means.
+        squares: Sums of squared distances to the means.
+    """
+
+    def __init__(self, arrays: dict[str, np.ndarray]) -> None:
+        self.count, self.means = 1, arrays
+        self.squares = {name: np.zeros_like(array) for name, array in arrays.items()}
+
+    def add(self, arrays: dict[str, np.ndarray]) -> None:
+        """Add one of each name; the arrays are used up."""
+        self.count += 1
+        for name, array in arrays.items():
+            mean, square = self.means[name], self.squares[name]
+            for lines in _lines(array):
+                off = array[lines] - mean[lines]
+                mean[lines] += off / np.float32(self.count)
+                square[lines] += off * (array[lines] - mean[lines])
+
+    def errors(self) -> dict[str, np.ndarray]:
+        """Standard errors of the means, in the memory of the scatter, which is gone afterwards."""
+        scale = np.float32(1 / (self.count * (self.count - 1)))
+        for square in self.squares.values():
+            np.sqrt(np.multiply(square, scale, out=square), out=square)
+        return self.squares
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that was seen, for `restored`."""
+        return {"parts": np.array(self.count)} | {
+            f"{what}.{name}": array
+            for what, arrays in (("mean", self.means), ("square", self.squares))
+            for name, array in arrays.items()
+        }
+
+    @classmethod
+    def restored(cls, state: dict[str, np.ndarray]) -> Scatter | None:
+        """What `state` gave; None if nothing was seen."""
+        if "parts" not in state:
+            return None
+        both: dict[str, dict[str, np.ndarray]] = {"mean": {}, "square": {}}
+        for key, array in state.items():
+            what, _, name = key.partition(".")
+            if what in both:
+                both[what][name] = array
+        found = cls(both["mean"])
+        found.count, found.squares = int(state["parts"]), both["square"]
+        return found
+
+
+def _lines(array: np.ndarray) -> list[Any]:
+    """Slices of the first axis that hold a few values each."""
+    step = max(1, ROWS // max(1, array[:1].size))
+    return [slice(k, k + step) for k in range(0, len(array), step)]

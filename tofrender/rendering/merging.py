@@ -1,0 +1,105 @@
+"""Joining renders of one scene that have different seeds, from any machines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .dataset import DIMS, ERRORS, check_dataset, require_finite
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+OWN = {
+    *("seed", "spp", "render_seconds", "energy_outside_window", "complete"),
+    *("contributions_not_finite", "scene", "versions"),
+}
+"""Attributes in which renders that are joined may differ."""
+
+
+def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Join renders of one scene into one with all their samples.
+
+    Each counts by its samples per pixel. Standard errors are joined where all have them; four
+    renders or more without any tell them by their scatter.
+
+    Args:
+        renders: Datasets of `render`, two or more, that differ in seed and samples alone. Films on
+            disk stay there: the result is computed when it is used.
+
+    Returns:
+        A Dataset as `render` returns it. `spp` is the sum, `seed` a list as text.
+
+    Raises:
+        ValueError: There are fewer than two, two have the same seed, or they are not of the same
+            scene, film and settings; one line that names what differs.
+
+    Example:
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=60, bin_width_opl=0.2)
+        >>> parts = [tofrender.render(scene, spp=16, seed=seed) for seed in range(3)]
+        >>> merge(parts).attrs["spp"]
+        48
+    """
+    renders = list(renders)
+    if len(renders) < 2:
+        raise ValueError(f"renders: has {len(renders)}; must have two or more")
+    for render in renders:
+        check_dataset(render)
+        require_finite(render)
+    _check_alike(renders)
+    counts = np.array([int(render.attrs["spp"]) for render in renders])
+    shares = (counts / counts.sum()).astype(np.float32)
+    variables: dict[str, Any] = {}
+    for name, dims in DIMS.items():
+        parts = [render[name].data for render in renders]
+        mean = sum(share * part for share, part in zip(shares, parts, strict=True))
+        variables[name] = (dims, mean)
+        error = _error(name, renders, parts, mean, shares)
+        if error is not None:
+            variables[f"{name}_error"] = (dims, error)
+    first, attrs = renders[0], dict(renders[0].attrs)
+    outside = [render.attrs["energy_outside_window"] for render in renders]
+    attrs |= {
+        "spp": int(counts.sum()),
+        "seed": ", ".join(str(render.attrs["seed"]) for render in renders),
+        "complete": int(all(render.attrs["complete"] for render in renders)),
+        "energy_outside_window": float(np.dot(shares, outside)),
+    }
+    for name in ("render_seconds", "contributions_not_finite"):
+        attrs[name] = sum(render.attrs[name] for render in renders)
+    merged = first.assign(variables).assign_attrs(attrs)
+    return merged if len(variables) > len(DIMS) else merged.drop_vars(list(ERRORS), errors="ignore")
+
+
+def _error(
+    name: str, renders: list[Any], parts: list[Any], mean: Any, shares: np.ndarray
+) -> Any | None:
+    """Standard error of a mean: from those of the parts, or from their scatter."""
+    if all(f"{name}_error" in render for render in renders):
+        errors = [render[f"{name}_error"].data for render in renders]
+        return np.sqrt(sum((w * e) ** 2 for w, e in zip(shares, errors, strict=True)))
+    if len(parts) < 4:
+        return None
+    # Each part's variance goes as 1 / share: all weighted squares estimate the same
+    scatter = sum(w * (part - mean) ** 2 for w, part in zip(shares, parts, strict=True))
+    return np.sqrt(scatter / np.float32(len(parts) - 1))
+
+
+def _check_alike(renders: list[Any]) -> None:
+    """Refuse renders that are not of one scene, or share random numbers."""
+    first = renders[0]
+    for number, render in enumerate(renders[1:], 2):
+        for name in sorted({*first.attrs, *render.attrs} - OWN):
+            mine, its = first.attrs.get(name), render.attrs.get(name)
+            if mine != its:
+                raise ValueError(f"render {number}: has {name} = {its!r}; must be {mine!r}")
+        for axis in DIMS["transient"]:
+            if not np.array_equal(first[axis].values, render[axis].values):
+                raise ValueError(f"render {number}: has another {axis}; must be as the first")
+    seeds = [seed for r in renders for seed in str(r.attrs["seed"]).split(", ")]
+    twice = {seed for seed in seeds if seeds.count(seed) > 1}
+    if twice:
+        raise ValueError(f"seed = {min(twice)}: is that of two renders; must all be different")
