@@ -33,7 +33,7 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
     What a killed run has left beside `out` is removed; so is the checkpoint when the block ends
     without an error or `typer.Exit`.
     """
-    from tofrender.runtime.atomic import hidden, locked, remove_leftovers
+    from tofrender.runtime.atomic import hidden, locked, remove, remove_leftovers
     from tofrender.runtime.checkpoints import Checkpoint
     from tofrender.runtime.progress import ended_by_signals
 
@@ -48,9 +48,24 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         else:
             yield None
         path.unlink(missing_ok=True)
+        remove(on_disk(out))
 
 
-def require_something(resume: bool, checkpoint: Checkpoint | None, out: Path) -> None:
+def require_something(resume: bool, kept: Path | None, out: Path) -> None:
     """Refuse to go on where there is nothing to go on from."""
-    if resume and (checkpoint is None or not checkpoint.path.exists()):
+    if resume and (kept is None or not is_begun(kept)):
         raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")
+
+
+def on_disk(out: Path) -> Path:
+    """Where the film of `out` is on the disk, beside it."""
+    from tofrender.runtime.atomic import hidden
+
+    return hidden(out, ".zarr")
+
+
+def is_begun(kept: Path) -> bool:
+    """Whether there is a checkpoint, or a film on the disk, finished or not."""
+    from tofrender.runtime.atomic import hidden
+
+    return kept.exists() or hidden(kept, ".film").exists()

@@ -52,7 +52,7 @@ def capture(
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
     with keeping(out, checkpoint, resume) as kept:
-        require_something(resume, kept, out)
+        require_something(resume, kept and kept.path, out)
         captured = render_capture(
             source, mode=mode, grid=grid, spp=spp, seed=seed, relay_wall=names, checkpoint=kept
         )

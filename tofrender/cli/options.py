@@ -8,7 +8,8 @@ are replaced, as they do not say the value: each is refused in one line, `--opti
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args
@@ -23,7 +24,12 @@ if TYPE_CHECKING:
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
 """What the command's exit status is, if not 0."""
 
-FILES = {"frames": "", "multipart": "stack.exr", "npz": "transient.npz"}
+FILES = {
+    "frames": "",
+    "multipart": "stack.exr",
+    "npz": "transient.npz",
+    "zarr": "transient.zarr",
+}
 """What holds the transient in the output folder, by --format."""
 
 
@@ -155,6 +161,29 @@ Seed = Annotated[int, integer(0, checks.MAX_SEED, "Random seed.")]
 Variant = Annotated[
     str | None, typer.Option(metavar="NAME", help="Mitsuba variant, e.g. llvm_ad_rgb.")
 ]
+Workers = Annotated[int | None, integer(1, 1024, "Render by so many processes here.")]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Render by the workers of a Dask scheduler.")
+]
+
+
+@contextmanager
+def client_of(workers: int | None, scheduler: str | None) -> Iterator[Any]:
+    """The workers that are asked for, None if none are."""
+    if workers is not None and scheduler is not None:
+        raise ValueError("--scheduler: must be left out with --workers")
+    if workers is not None:
+        from tofrender.rendering.workers import local_workers
+
+        with local_workers(workers) as client:
+            yield client
+    elif scheduler is not None:
+        from tofrender.rendering.workers import workers_of
+
+        with workers_of(scheduler) as client:
+            yield client
+    else:
+        yield None
 
 
 # ------------------------------------------------------------------------------------- the folder
@@ -175,9 +204,11 @@ def check_out(
 def load_render(out: Path, option: str) -> xr.Dataset:
     """What `tofrender render` has left in `out`; `option` is what asks for it."""
     from tofrender import io
+    from tofrender.rendering.films_on_disk import load_zarr
 
     for path, load in (
         (out / FILES["npz"], io.load_npz),
+        (out / FILES["zarr"], load_zarr),
         (out / FILES["multipart"], io.load_exr_stack),
         (out / "steady.exr", lambda _: io.load_exr_stack(out)),
     ):

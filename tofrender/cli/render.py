@@ -10,7 +10,17 @@ import typer
 
 from ..runtime import checks
 from . import options as opt
-from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping
+from .keeping import (
+    AGAIN,
+    EVERY_S,
+    Resume,
+    Seconds,
+    is_begun,
+    keeping,
+    on_disk,
+    require_something,
+)
+from .streaming import fits, moved, streamed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +40,7 @@ Sampler = Literal[
     "padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler"
 ]
 Window = Literal["auto"]
-Format = Literal["frames", "multipart", "npz"]
+Format = Literal["frames", "multipart", "npz", "zarr"]
 Precision = Literal["half", "float"]
 
 
@@ -68,6 +78,11 @@ def render(
         opt.checked(opt.definition, "XML parameter; repeatable.", "-D", metavar="NAME=VALUE"),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+    errors: Annotated[
+        bool, typer.Option("--errors", help="Measure the noise of each bin (npz, zarr).")
+    ] = False,
+    workers: opt.Workers = None,
+    scheduler: opt.Scheduler = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
 ) -> None:
@@ -78,6 +93,9 @@ def render(
     earlier run made is replaced. What is done is kept beside DIR while it renders; Ctrl-C, SIGTERM
     and SIGHUP write it as far as it is. With --resume, a run goes on from a stopped one, or from a
     render in DIR that has fewer samples.
+
+    A film that does not fit into memory is rendered tile by tile on the disk, as are those with
+    --format zarr and by workers.
     """
     from tofrender.runtime import backend
 
@@ -88,50 +106,53 @@ def render(
                 raise ValueError(f"{option} = {value:g}: must be left out, --window auto finds it")
         if bins is not None:  # lets a steady scene turn transient; the window found replaces it
             start_opl, bin_width = 0.0, 1.0
-    if format == "npz" and precision != "float":
-        raise ValueError(f"--precision = {precision}: must be float with --format npz")
+    if format in ("npz", "zarr") and precision != "float":
+        raise ValueError(f"--precision = {precision}: must be float with --format {format}")
+    if errors and format not in ("npz", "zarr"):
+        raise ValueError(
+            f"--errors: must be left out with --format {format}, npz and zarr hold them"
+        )
     opt.check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
 
-    from tofrender.films.image import developed_shape
-    from tofrender.rendering.renderer import render as render_scene
-    from tofrender.runtime import memory
+    from tofrender.rendering.job import carry_out
+    from tofrender.rendering.renderer import make_job
     from tofrender.runtime.progress import deferred_stop
-    from tofrender.scenes.loading import find_scene, load_scene, require_sensor
+    from tofrender.scenes.loading import find_scene
 
     found = find_scene(scene)
-    loaded = load_scene(
+    job = make_job(
         found,
-        parameters=dict(defines or ()),
-        width=size and size.width,
-        height=size and size.height,
-        temporal_bins=bins,
-        start_opl=start_opl,
-        bin_width_opl=bin_width,
-        max_depth=max_depth,
+        spp=spp,
+        seed=seed,
+        sampler=sampler,
         integrator=integrator,
-        pulse_width_opl=pulse_width,
+        window=window,
+        errors=errors,
+        settings={
+            "parameters": dict(defines or ()),
+            "width": size and size.width,
+            "height": size and size.height,
+            "temporal_bins": bins,
+            "start_opl": start_opl,
+            "bin_width_opl": bin_width,
+            "max_depth": max_depth,
+            "pulse_width_opl": pulse_width,
+        },
     )
-    require_sensor(loaded)
-    shape = developed_shape(loaded.sensors()[0].film())
-    if shape is not None:
-        memory.require_film(*shape)
-    opt.check_out(out, shape, "float" if format == "npz" else precision)
+    shape = job.film.shape
+    opt.check_out(out, shape, precision)
 
     # ---------------------------------------------------------------------- render and write
-    with keeping(out, checkpoint, resume) as kept:
-        earlier = _earlier(out, kept) if resume else None
-        dataset = render_scene(
-            loaded,
-            spp=spp,
-            sampler=sampler,
-            seed=seed,
-            window=window,
-            resume=earlier,
-            checkpoint=kept,
-        )
-        dataset.attrs["scene"] = str(found)
+    with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
+        film = on_disk(out)
+        if client is None and format != "zarr" and not is_begun(film) and fits(job):
+            earlier = _earlier(out, kept) if resume else None
+            dataset = carry_out(job, earlier, kept)
+        else:
+            require_something(resume, film, out)
+            dataset = streamed(job, film, client, checkpoint, resume)
         with deferred_stop() as stop:
             files = _write(dataset, out, format, precision, video)
         _report(dataset, out, files)
@@ -163,6 +184,9 @@ def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: b
     with io.output_folder(out, overwrite=True) as folder:
         if format == "npz":
             io.save_npz(dataset, folder / opt.FILES[format])
+        elif format == "zarr":
+            dataset = moved(dataset, folder / opt.FILES[format])
+            io.save_exr_layers(folder / "steady.exr", {"": dataset["steady"].values}, dataset.attrs)
         else:
             io.save_exr_stack(
                 dataset,

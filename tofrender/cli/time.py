@@ -62,7 +62,7 @@ def phasor(
         traits["type"] = "amcw_transient_path"
         integrator = load_plugin("integrator", traits)
         with keeping(out, checkpoint, resume) as kept:
-            require_something(resume, kept, out)
+            require_something(resume, kept and kept.path, out)
             parts = render_amcw_phasor(
                 loaded, sensor, freq, samples, seed, integrator, checkpoint=kept
             )
@@ -102,7 +102,7 @@ def gate(
     traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
     integrator = load_plugin("integrator", traits)
     with keeping(out, checkpoint, resume) as kept:
-        require_something(resume, kept, out)
+        require_something(resume, kept and kept.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")

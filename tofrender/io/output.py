@@ -23,6 +23,7 @@ BYTES_PER_VALUE = {"half": 2, "float": 4}
 #: Files that carry our mark in their first bytes; an output folder of ours holds at least one ...
 _MARKED = re.compile(
     r"(frame_\d{4,}|steady|phasor_\w+|gate|brightness|depth)\.(exr|png)|stack\.exr|transient\.npz"
+    r"|transient\.zarr"
 )
 #: ... and beside them only these. Nothing but such a folder is ever replaced.
 _UNMARKED = re.compile(
@@ -149,6 +150,8 @@ def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
 
 
 def _has_mark(file: Path) -> bool:
+    if file.suffix == ".zarr":
+        file /= "zarr.json"
     if not file.is_file():
         return False
     with open(file, "rb") as stream:

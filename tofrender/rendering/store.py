@@ -1,9 +1,9 @@
 """Films on disk: a Zarr 3 group that grows by pieces, each written once and checked.
 
 A tile of pixels is a shard of the array `transient`, one file, in which blocks of bins can be read
-alone; every block has a CRC-32C. While a film is incomplete, a folder of receipts says which tiles
-are there, with the CRC-32 of their files; at the end the metadata are consolidated and the receipts
-go.
+alone; every block has a CRC-32C. While a film is incomplete, receipts beside it say which tiles are
+there, with the CRC-32 of their files; at the end the metadata are consolidated, and the film moves
+out of the folder that holds both.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime import atomic, checks
+from ..runtime import atomic
 from .dataset import DIMS, ERRORS
+from .films_on_disk import require_zarr
 from .pieces import Piece, Taken
 
-RECEIPTS, PLAN = ".receipts", "plan.json"
+FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
 BLOCK_BYTES = 4 << 20
 """Most bytes of a block that is read and checked by itself."""
 
@@ -52,11 +53,11 @@ class Store:
     """A film on disk that is being rendered, begun by `Store.begin`.
 
     Args:
-        folder: Where it is.
+        folder: Where it is, with its receipts.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.plan = folder, self.planned(folder)
+        self.folder, self.film, self.plan = folder, folder / FILM, self.planned(folder)
         self.shape, self.tile = tuple(self.plan["shape"]), tuple(self.plan["tile"])
         group = self._group()
         self._arrays = {name: group[name] for name in DIMS | ERRORS if name in group}
@@ -107,7 +108,7 @@ class Store:
             return {}
 
     def _group(self) -> Any:
-        return require_zarr().open_group(self.folder, mode="r+", zarr_format=3)
+        return require_zarr().open_group(self.film, mode="r+", zarr_format=3)
 
     # ------------------------------------------------------------------------------- pieces
 
@@ -127,8 +128,8 @@ class Store:
             raise atomic.disk_full(self.folder, taken.transient.nbytes) from None
         files = {}
         for name in self._files(piece):
-            atomic.to_disk(self.folder / name)
-            files[name] = checksum(self.folder / name)
+            atomic.to_disk(self.film / name)
+            files[name] = checksum(self.film / name)
         receipt = Receipt(
             files,
             float(taken.steady.sum(dtype=np.float64)),
@@ -151,7 +152,7 @@ class Store:
             return None
         try:
             receipt = Receipt(**json.loads(path.read_text()))
-            whole = all(checksum(self.folder / n) == crc for n, crc in receipt.files.items())
+            whole = all(checksum(self.film / n) == crc for n, crc in receipt.files.items())
         except (OSError, ValueError, TypeError):
             whole, receipt = False, None
         if not whole:
@@ -180,12 +181,14 @@ class Store:
             for array in self._arrays
             for rest in ("/".join("0" for _ in (DIMS | ERRORS)[array][2:]),)
         ]
-        return [name for name in names if (self.folder / name).exists()]
+        return [name for name in names if (self.film / name).exists()]
 
     # ---------------------------------------------------------------------------- the end
 
-    def finish(self, coordinates: Mapping[str, np.ndarray], attrs: Mapping[str, Any]) -> None:
-        """Write coordinates and attributes, and what makes the folder a finished film."""
+    def finish(
+        self, coordinates: Mapping[str, np.ndarray], attrs: Mapping[str, Any], target: Path
+    ) -> None:
+        """Write coordinates and attributes, and move the film to its place."""
         group = self._group()
         for name, values in coordinates.items():
             text = values.dtype.kind == "U"
@@ -201,9 +204,11 @@ class Store:
         group.attrs.update(dict(attrs))
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
-            require_zarr().consolidate_metadata(self.folder)
-        atomic.remove(self.folder / RECEIPTS)
-        atomic.to_disk(self.folder)
+            require_zarr().consolidate_metadata(self.film)
+        atomic.to_disk(self.film)
+        os.rename(self.film, target)
+        atomic.to_disk(target.parent, deep=False)
+        atomic.remove(self.folder)
 
 
 def _create(
@@ -218,7 +223,7 @@ def _create(
     rows, columns = tile
     block = max(1, min(bins, BLOCK_BYTES // (4 * rows * columns * channels)))
     along = -(-bins // block) * block
-    group = zarr.open_group(folder, mode="w", zarr_format=3)
+    group = zarr.open_group(folder / FILM, mode="w", zarr_format=3)
     common: dict[str, Any] = {
         "dtype": "float32",
         "compressors": [Crc32cCodec()],
@@ -243,21 +248,6 @@ def _create(
     (folder / RECEIPTS).mkdir()
 
 
-def require_zarr() -> Any:
-    """The package zarr.
-
-    Raises:
-        ImportError: It is missing; one line that says how to get it.
-    """
-    try:
-        import zarr
-    except ImportError:
-        raise ImportError(
-            "films on disk need zarr and dask: pip install 'tofrender[cluster]'"
-        ) from None
-    return zarr
-
-
 def checksum(path: Path) -> int:
     """CRC-32 of a file."""
     value = 0
@@ -265,51 +255,3 @@ def checksum(path: Path) -> int:
         while part := file.read(READ_BYTES):
             value = zlib.crc32(part, value)
     return value
-
-
-def is_film(path: str | os.PathLike) -> bool:
-    """Whether a folder is a finished film on disk."""
-    folder = Path(path)
-    return (folder / "zarr.json").is_file() and not (folder / RECEIPTS).exists()
-
-
-def load_zarr(path: str | os.PathLike) -> Any:
-    """Open a film that `render(out=...)` has written, without reading it.
-
-    Args:
-        path: The folder.
-
-    Returns:
-        A Dataset as `render` returns it, whose variables are read from disk when they are used
-        (dask arrays). All functions of this package read it by pieces where it may be large.
-
-    Raises:
-        FileNotFoundError: There is nothing at `path`.
-        ValueError: It is not a finished film of this package; one line.
-        ImportError: The packages zarr and dask are missing; one line.
-
-    Example:
-        >>> import tempfile, tofrender
-        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=50, bin_width_opl=0.2)
-        >>> film = tofrender.render(scene, spp=4, out=tempfile.mkdtemp() + "/box.zarr")
-        >>> tofrender.load_zarr(film.encoding["source"]).sizes["opl"]
-        50
-    """
-    import xarray as xr
-
-    folder = checks.path("path", path)
-    if not folder.exists():
-        raise FileNotFoundError(f"path = {path}: does not exist; must be a film on disk")
-    require_zarr()
-    if not is_film(folder):
-        raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
-    try:
-        dataset = xr.open_zarr(folder, chunks={}, consolidated=True)
-        dataset = dataset.assign_coords(channel=list(map(str, dataset["channel"].values)))
-        missing = set(DIMS) - set(dataset.data_vars)
-        if missing or "start_opl" not in dataset.attrs:
-            raise ValueError
-    except (OSError, ValueError, KeyError, TypeError):
-        raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
-    dataset.encoding["source"] = str(folder)
-    return dataset

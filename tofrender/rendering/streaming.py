@@ -14,8 +14,9 @@ from ..runtime import atomic, checks
 from ..runtime.checkpoints import EVERY_S, Checkpoint
 from ..runtime.progress import progress_bar
 from .dataset import coordinates
+from .films_on_disk import is_film, load_zarr
 from .pieces import TILE_BYTES, Piece, take, tile_size, tiles, whole
-from .store import Receipt, Store, is_film, load_zarr
+from .store import Receipt, Store
 from .window import warn_of_losses
 from .workers import check_client, order_of, pieces_by_workers
 
@@ -47,7 +48,7 @@ def check_film(out: Any, overwrite: bool = False) -> Path:
 
 def under_way(out: str | os.PathLike[str]) -> Path:
     """Where a film that streams to `out` is until it is finished."""
-    return atomic.hidden(out, f".film{SUFFIX}")
+    return atomic.hidden(out, ".film")
 
 
 def stream(
@@ -85,8 +86,8 @@ def stream(
     shape = job.film.shape
     workers = 1 if client is None else check_client(client, job.recipe["versions"])
     with atomic.locked(target, "out"):
-        store = _begun(job, folder, tile_bytes, workers)
         _require_room(folder, shape, 2 if job.errors else 1)
+        store = _begun(job, folder, tile_bytes, workers)
         planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
         receipts = {piece: store.receipt(piece) for piece in planned}
         left = [piece for piece in planned if receipts[piece] is None]
@@ -110,9 +111,7 @@ def stream(
                 on = again or f"the same call goes on with {folder}"
                 raise KeyboardInterrupt(interrupted(count, len(planned), "tiles", on)) from None
         attrs = _attributes(job, [receipt for receipt in receipts.values() if receipt])
-        store.finish(coordinates(job.film), attrs)
-        os.rename(folder, target)
-        atomic.to_disk(target.parent, deep=False)
+        store.finish(coordinates(job.film), attrs, target)
     tell_not_finite(attrs["contributions_not_finite"])
     if job.arrivals is not None:
         warn_of_losses(job.film, job.arrivals, job.profile, attrs["energy_outside_window"])
@@ -134,7 +133,7 @@ def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) ->
     height, width, bins, channels = shape
     needed = 4 * films * height * width * (bins + 1) * channels
     there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(folder).free < needed - there:
+    if shutil.disk_usage(atomic.nearest_folder(folder)).free < needed - there:
         raise atomic.disk_full(folder, needed)
 
 

@@ -104,6 +104,25 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
         yield client
 
 
+@contextmanager
+def workers_of(scheduler: str) -> Iterator[Client]:
+    """A client of the workers of a scheduler, by its address.
+
+    Raises:
+        ValueError: None answers there; one line.
+        ImportError: The package distributed is missing; one line.
+    """
+    distributed = require_distributed()
+    try:
+        client = distributed.Client(scheduler, timeout=10)
+    except (OSError, ValueError, TimeoutError):
+        raise ValueError(
+            f"scheduler = {scheduler}: does not answer; must be an address like tcp://10.0.0.1:8786"
+        ) from None
+    with client:
+        yield client
+
+
 def require_distributed() -> Any:
     """The package distributed.
 

@@ -1,0 +1,57 @@
+"""Films on the disk while `tofrender render` makes them, and what becomes of them."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from .keeping import AGAIN
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from ..rendering.job import Job
+
+
+def fits(job: Job) -> bool:
+    """Whether a job's film fits into memory; if not, says so."""
+    from tofrender.rendering.pieces import whole
+
+    try:
+        job.require_memory(whole(job).count)
+    except MemoryError as error:
+        typer.echo(f"note: {error}; it is rendered tile by tile on the disk", err=True)
+        return False
+    return True
+
+
+def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) -> xr.Dataset:
+    """Render a job on the disk, or take what a killed run had finished there."""
+    from tofrender.rendering.films_on_disk import is_film, load_zarr
+    from tofrender.rendering.streaming import stream, under_way
+    from tofrender.runtime import atomic
+
+    if not resume:
+        for left in (film, under_way(film)):
+            atomic.remove(left)
+    if is_film(film):
+        dataset = load_zarr(film)
+        for name, value in job.recipe.items():
+            its = dataset.attrs.get(name)
+            if its != value:
+                raise ValueError(f"--resume: was rendered with {name} = {its!r}; must be {value!r}")
+        return dataset
+    tell = partial(typer.echo, err=True)
+    return stream(job, film, client=client, seconds=seconds, tell=tell, again=AGAIN)
+
+
+def moved(dataset: xr.Dataset, place: Path) -> xr.Dataset:
+    """Move a film on the disk to its place."""
+    from tofrender.rendering.films_on_disk import load_zarr
+
+    os.rename(dataset.encoding["source"], place)
+    return load_zarr(place)

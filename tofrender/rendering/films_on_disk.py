@@ -1,0 +1,76 @@
+"""Reading films from disk: Zarr 3 groups that `render(out=...)` has written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..runtime import checks
+from .dataset import DIMS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def require_zarr() -> Any:
+    """The package zarr.
+
+    Raises:
+        ImportError: It is missing; one line that says how to get it.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise ImportError(
+            "films on disk need zarr and dask: pip install 'tofrender[cluster]'"
+        ) from None
+    return zarr
+
+
+def is_film(path: str | os.PathLike) -> bool:
+    """Whether a folder is a finished film on disk."""
+    folder = Path(path)
+    return (folder / "zarr.json").is_file()
+
+
+def load_zarr(path: str | os.PathLike) -> xr.Dataset:
+    """Open a film that `render(out=...)` has written, without reading it.
+
+    Args:
+        path: The folder.
+
+    Returns:
+        A Dataset as `render` returns it, whose variables are read from disk when they are used
+        (dask arrays). All functions of this package read it by pieces where it may be large.
+
+    Raises:
+        FileNotFoundError: There is nothing at `path`.
+        ValueError: It is not a finished film of this package; one line.
+        ImportError: The packages zarr and dask are missing; one line.
+
+    Example:
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=50, bin_width_opl=0.2)
+        >>> film = tofrender.render(scene, spp=4, out=tempfile.mkdtemp() + "/box.zarr")
+        >>> tofrender.load_zarr(film.encoding["source"]).sizes["opl"]
+        50
+    """
+    import xarray as xr
+
+    folder = checks.path("path", path)
+    if not folder.exists():
+        raise FileNotFoundError(f"path = {path}: does not exist; must be a film on disk")
+    require_zarr()
+    if not is_film(folder):
+        raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
+    try:
+        dataset = xr.open_zarr(folder, chunks={}, consolidated=True)
+        dataset = dataset.assign_coords(channel=list(map(str, dataset["channel"].values)))
+        missing = set(DIMS) - set(dataset.data_vars)
+        if missing or "start_opl" not in dataset.attrs:
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
+    dataset.encoding["source"] = str(folder)
+    return dataset
