@@ -22,8 +22,7 @@ from nlos_oracles import (
 )
 from support import agree, camera, film, over_seeds
 
-from tofrender.nlos import check_capture
-from tofrender.nlos.capturing import capture, focus_laser
+from tofrender.nlos import capture, check_capture, focus_laser
 from tofrender.nlos.device.relay_wall import find_relay_wall
 from tofrender.nlos.device.wall_points import wall_points
 

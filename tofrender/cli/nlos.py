@@ -8,7 +8,20 @@ from typing import Annotated, Any, Literal
 import typer
 
 from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping, require_something
-from .options import INTERRUPTED, Out, Seed, Size, Spp, Variant, check_out, choice, size
+from .options import (
+    INTERRUPTED,
+    Out,
+    Scheduler,
+    Seed,
+    Size,
+    Spp,
+    Variant,
+    Workers,
+    check_out,
+    choice,
+    client_of,
+    size,
+)
 
 Mode = Literal["confocal", "single", "exhaustive"]
 Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
@@ -25,6 +38,8 @@ def capture(
     spp: Spp = None,
     seed: Seed = 0,
     variant: Variant = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
 ) -> None:
@@ -51,10 +66,17 @@ def capture(
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    with keeping(out, checkpoint, resume) as kept:
+    with keeping(out, checkpoint, resume) as kept, client_of(workers, scheduler) as client:
         require_something(resume, kept and kept.path, out)
         captured = render_capture(
-            source, mode=mode, grid=grid, spp=spp, seed=seed, relay_wall=names, checkpoint=kept
+            source,
+            mode=mode,
+            grid=grid,
+            spp=spp,
+            seed=seed,
+            relay_wall=names,
+            checkpoint=kept,
+            client=client,
         )
         io.save_capture(captured, out, overwrite=resume)
         if not captured.attrs.get("complete", 1):
@@ -70,6 +92,8 @@ def reconstruct(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="What `capture` has written.")],
     out: Out,
     method: Annotated[Method, choice(Method, "How to reconstruct.")] = "lct",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Reconstruct the hidden scene of a capture.
 
@@ -83,7 +107,8 @@ def reconstruct(
 
     captured = io.load_capture(source)
     backend.activate()
-    volume = nlos.reconstruct(captured, method)
+    with client_of(workers, scheduler) as client:
+        volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
     with io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {

@@ -201,6 +201,12 @@ def check_out(
         raise ValueError(str(error).replace("path =", "--out =", 1)) from None
 
 
+def check_format(format: str, precision: str) -> None:
+    """Refuse half precision where files hold single."""
+    if format in ("npz", "zarr") and precision != "float":
+        raise ValueError(f"--precision = {precision}: must be float with --format {format}")
+
+
 def load_render(out: Path, option: str) -> xr.Dataset:
     """What `tofrender render` has left in `out`; `option` is what asks for it."""
     from tofrender import io

@@ -20,7 +20,7 @@ from .keeping import (
     on_disk,
     require_something,
 )
-from .streaming import fits, moved, streamed
+from .streaming import fits, placed, streamed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -106,8 +106,7 @@ def render(
                 raise ValueError(f"{option} = {value:g}: must be left out, --window auto finds it")
         if bins is not None:  # lets a steady scene turn transient; the window found replaces it
             start_opl, bin_width = 0.0, 1.0
-    if format in ("npz", "zarr") and precision != "float":
-        raise ValueError(f"--precision = {precision}: must be float with --format {format}")
+    opt.check_format(format, precision)
     if errors and format not in ("npz", "zarr"):
         raise ValueError(
             f"--errors: must be left out with --format {format}, npz and zarr hold them"
@@ -154,7 +153,7 @@ def render(
             require_something(resume, film, out)
             dataset = streamed(job, film, client, checkpoint, resume)
         with deferred_stop() as stop:
-            files = _write(dataset, out, format, precision, video)
+            files = write(dataset, out, format, precision, video)
         _report(dataset, out, files)
         if not dataset.attrs["complete"]:
             done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
@@ -177,7 +176,7 @@ def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
     return earlier
 
 
-def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:
+def write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:
     """Write all files into `out`, which appears whole; returns their names."""
     from tofrender import io, vis
 
@@ -185,7 +184,7 @@ def _write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: b
         if format == "npz":
             io.save_npz(dataset, folder / opt.FILES[format])
         elif format == "zarr":
-            dataset = moved(dataset, folder / opt.FILES[format])
+            dataset = placed(dataset, folder / opt.FILES[format])
             io.save_exr_layers(folder / "steady.exr", {"": dataset["steady"].values}, dataset.attrs)
         else:
             io.save_exr_stack(

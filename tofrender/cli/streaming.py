@@ -49,9 +49,13 @@ def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) ->
     return stream(job, film, client=client, seconds=seconds, tell=tell, again=AGAIN)
 
 
-def moved(dataset: xr.Dataset, place: Path) -> xr.Dataset:
-    """Move a film on the disk to its place."""
+def placed(dataset: xr.Dataset, place: Path) -> xr.Dataset:
+    """Put a film on the disk: move one that is there, write one that is not."""
     from tofrender.rendering.films_on_disk import load_zarr
+    from tofrender.rendering.store import save_zarr
 
-    os.rename(dataset.encoding["source"], place)
+    source = dataset.encoding.get("source")
+    if source is None:
+        return save_zarr(dataset, place)
+    os.rename(source, place)
     return load_zarr(place)

@@ -4,7 +4,8 @@ from .captures import (
     make_capture as make_capture,
     without_first_and_last_legs as without_first_and_last_legs,
 )
-from .capturing import capture as capture, focus_laser as focus_laser
+from .capturing import capture as capture
+from .device.focus import focus_laser as focus_laser
 from .reconstruction import (
     METHODS as METHODS,
     DepthError as DepthError,

@@ -5,30 +5,25 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import time_bins, transient_film
-from ..films.recording import tell_not_finite
-from ..integrators.own_sample import brings_sample
-from ..integrators.passes import Part, best_sampler, steps
-from ..integrators.running import interrupted, made_with, run
-from ..rendering.job import carry_out, decide
+from ..rendering.job import Job, carry_out, collect, decide
 from ..runtime import backend, checks
-from ..runtime.checkpoints import Checkpoint, Kept, Within
-from ..runtime.progress import progress_bar
-from ..scenes.checking import check_scene
-from ..scenes.loading import load_scene, require_sensor
+from ..runtime.checkpoints import Checkpoint
+from ..scenes.packing import packed, unpacked
 from .captures import MODES, make_capture, without_first_leg
-from .device.laser import axis, find_laser, follow_meters, forget_meters, kept_aim, place_of, turn
-from .device.relay_wall import DEFAULT_ID as WALL, find_shapes, ids, is_on_relay_wall, seen_shapes
-from .device.wall_points import wall_points
+from .device.laser import axis, find_laser, kept_aim, place_of
+from .device.relay_wall import is_on_relay_wall
+from .exhaustive import LaserPoints
+from .place import Place, place_of_capture
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
 
 KEPT = ("pulse", "spp", "energy_outside_window", "complete")
@@ -45,6 +40,7 @@ def capture(
     sensor: int = 0,
     relay_wall: Any = None,
     checkpoint: Checkpoint | str | os.PathLike[str] | None = None,
+    client: Client | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Capture a hidden scene by its relay wall.
@@ -72,6 +68,8 @@ def capture(
             list of either. By default the shape that the sensor is a child of, or the one that is
             called "relay_wall", or the only one that the sensor's pixels look at.
         checkpoint: As for `render`.
+        client: A `distributed.Client`, whose workers take tiles of the grid or, of an exhaustive
+            capture, laser points. The scene must be a name, a file or a dict.
         progress: Whether long work shows a bar.
 
     Returns:
@@ -92,53 +90,43 @@ def capture(
     checks.one_of("mode", mode, MODES)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
-    if not isinstance(scene, mi.Scene):
-        scene = load_scene(scene, optimize=False, **_size(grid))
-    elif grid is not None:
-        raise ValueError("grid: must be None for a loaded scene, whose film has its size already")
-    require_sensor(scene)
-    number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
-    camera: Any = scene.sensors()[number]
-    check_scene(scene, camera)
-    integrator = _integrator(scene)
-    integrator.require_mode(mode)
-    if brings_sample(integrator):
-        raise TypeError(
-            f"integrator = {type(integrator).__name__}: has a sample of its own, which tells no "
-            "path lengths; must have none for a capture"
-        )
-    samples = camera.sampler().sample_count() if spp is None else spp
-    samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
-    follow_meters(scene, camera)
-    wall = _wall(scene, integrator, camera, relay_wall)
-    points, normals, on_wall = wall_points(scene, camera, wall)
+    if client is not None:  # Numbers change in their last digits on the way to workers
+        scene = unpacked(packed("scene", scene))
+    place = place_of_capture(
+        scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
+    )
+    scene, camera, integrator = place.scene, place.camera, place.integrator
+    points, normals, on_wall = place.points
     _tell_misses(on_wall)
     geometry: dict[str, Any] = {"sensor_grid": points, "sensor_normals": normals}
     geometry["sensor_origin"] = place_of(camera)
     geometry["laser_origin"] = integrator.laser_origin(scene, camera)
-    attrs = {"scene": name, "spp": samples, "seed": seed, "variant": mi.variant()}
+    attrs = {"scene": name, "spp": place.spp, "seed": seed, "variant": mi.variant()}
     if mode == "exhaustive":
-        lit = np.where(on_wall[..., None], points, np.nan)
         with kept_aim(find_laser(scene)):
-            values = _exhaustive(
-                *(scene, integrator, camera, wall, lit, samples, seed),
-                *(Checkpoint.of(checkpoint), progress),
+            laser = LaserPoints(place, _laser_points_again)
+            kept = Checkpoint.of(checkpoint)
+            values = (
+                laser.here(kept, progress)
+                if client is None
+                else laser.by_workers(client, kept, progress)
             )
-        _, start, width = time_bins(camera.film()) or _no_bins(camera.film())
+        start, width = laser.film.start_opl, laser.film.bin_width_opl
         geometry |= {"laser_grid": points, "laser_normals": normals}
     else:
         with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
             warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
-            plan = integrator.capture_plan(scene, camera, wall, mode)
-            job = decide(
-                *(plan, integrator, scene), name=name, spp=samples, seed=seed, sensor=number
-            )
-            dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
+            job = _job(place)
+            job.name = name
+            if client is None:
+                dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
+            else:
+                dataset = collect(job, client, checkpoint, progress)
         values = dataset["transient"].values
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
         attrs |= {k: dataset.attrs[k] for k in KEPT}
         if mode == "single":
-            geometry |= _laser_point(scene, wall)
+            geometry |= _laser_point(scene, place.wall)
     data = make_capture(
         np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
@@ -153,139 +141,22 @@ def capture(
     return without_first_leg(data) if one_leg else data
 
 
-def focus_laser(
-    scene: mi.Scene,
-    *,
-    point: Any = None,
-    uv: Any = None,
-    pixel: Any = None,
-    sensor: int = 0,
-) -> np.ndarray:
-    """Turn the scene's laser to a point of the relay wall.
-
-    Args:
-        scene: A scene with one emitter, a projector or spot.
-        point: The point [m], or
-        uv: its place in the uv square of the shape that the sensor is a child of, or
-        pixel: (x, y) of the sensor's whole film, whatever its crop window; its centre is meant.
-        sensor: Number of the sensor.
-
-    Returns:
-        The point [m], shape (3,).
-
-    Raises:
-        ValueError: Not exactly one of the three is given, it is out of range, or the pixel sees
-            nothing; one line.
-
-    Example:
-        >>> from tofrender import load_scene
-        >>> scene = load_scene("nlos_z", width=4, height=4, optimize=False)
-        >>> focus_laser(scene, pixel=(3, 0)).round(2).tolist()
-        [0.75, -0.75, 0.0]
-    """
-    given = {"point": point, "uv": uv, "pixel": pixel}
-    named = [name for name, value in given.items() if value is not None]
-    if len(named) != 1:
-        raise ValueError(f"focus_laser: got {named or 'nothing'}; must be one of point, uv, pixel")
-    if not isinstance(scene, mi.Scene):
-        raise ValueError(f"scene = {scene!r}: must be a loaded scene; load_scene loads one")
-    laser = find_laser(scene)
-    follow_meters(scene)
-    forget_meters(scene)
-    sensors = scene.sensors()
-    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
-    if pixel is not None:
-        _require_two("pixel", pixel, "its column and row")
-        film = camera.film()
-        size = film.size()
-        x, y = (
-            checks.integer(f"pixel {axis}", k, 0, n - 1) + 0.5
-            for axis, k, n in zip("xy", pixel, size, strict=True)
-        )
-        if camera.get_shape() is None:
-            # A camera's rays are asked for by their place in the crop window
-            crop, offset = film.crop_size(), film.crop_offset()
-            place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
-            ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
-            si = scene.ray_intersect(mi.Ray3f(ray))
-            if not dr.all(si.is_valid()):
-                raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
-            target = si.p
-        else:
-            target = _at_uv(camera, (x / size.x, y / size.y))
-    elif uv is not None:
-        _require_two("uv", uv, "two numbers from 0 to 1")
-        u, v = (checks.number("uv", x, unit="the side") for x in uv)
-        if not (0 <= u <= 1 and 0 <= v <= 1):
-            raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
-        target = _at_uv(camera, (u, v))
-    else:
-        target = mi.Point3f(*checks.place("point", point))
-    turn(laser, target)
-    return np.array(target).ravel()
+def _job(place: Place, bins: Any = None) -> Job:
+    """A single or confocal capture as a render."""
+    return decide(
+        *(place.plan(), place.integrator, place.scene),
+        name="scene",
+        spp=place.spp,
+        seed=place.seed,
+        sensor=place.sensor,
+        bins=bins,
+        origin=(_job_again, place.arguments),
+    )
 
 
-def _require_two(name: str, value: Any, what: str) -> None:
-    """Refuse anything but two values."""
-    if np.shape(value) != (2,):
-        raise ValueError(f"{name} = {value!r}: must be {what}")
-
-
-def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
-    shape: Any = camera.get_shape()
-    if shape is None:
-        raise ValueError("uv: the sensor is no child of a wall; must be a point or a pixel")
-    return shape.sample_position(0.0, mi.Point2f(*uv), True).p
-
-
-def _size(grid: Any) -> dict[str, Any]:
-    """Settings for a film of this size."""
-    if grid is None:
-        return {}
-    try:
-        width, height = grid
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"grid = {grid!r}: must be a width and a height, for example (64, 64)"
-        ) from None
-    return {
-        name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)
-        for name, n in (("width", width), ("height", height))
-    }
-
-
-def _integrator(scene: mi.Scene) -> Any:
-    """The scene's integrator, if it can capture."""
-    integrator: Any = scene.integrator()
-    if not hasattr(integrator, "capture_plan"):
-        kind = "none" if integrator is None else type(integrator).__name__
-        raise ValueError(
-            f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
-        )
-    return integrator
-
-
-def _no_bins(film: mi.Film) -> NoReturn:
-    """Refuse a film without time bins."""
-    raise ValueError(f"film = {film.class_name()}: has no time bins; must be transient_hdr_film")
-
-
-def _wall(scene: mi.Scene, integrator: Any, camera: mi.Sensor, given: Any) -> list[mi.Shape]:
-    """The relay wall, as `capture` describes it."""
-    wall = integrator.wall(scene, camera) if given is None else find_shapes(scene, given, WALL)
-    if not wall:
-        wall = seen_shapes(scene, camera)
-        if len(wall) != 1:
-            seen = ", ".join(repr(shape.id()) for shape in wall) or "nothing"
-            raise ValueError(
-                f"relay_wall: is not known, and the sensor sees {seen}; must be one of {ids(scene)}"
-            )
-    if all(shape in wall or shape.is_emitter() for shape in scene.shapes()):
-        raise ValueError(
-            f"scene: has no hidden geometry, its shapes are {ids(scene)}; must have another than "
-            "the relay wall (a load with optimize=False keeps meshes of equal material apart)"
-        )
-    return wall
+def _job_again(bins: Any, **arguments: Any) -> Job:
+    """The same in a worker."""
+    return _job(place_of_capture(**arguments), bins)
 
 
 def _tell_misses(on_wall: np.ndarray) -> None:
@@ -299,58 +170,9 @@ def _tell_misses(on_wall: np.ndarray) -> None:
         )
 
 
-def _exhaustive(
-    scene: mi.Scene,
-    integrator: Any,
-    camera: mi.Sensor,
-    wall: list[mi.Shape],
-    points: np.ndarray,
-    spp: int,
-    seed: int,
-    checkpoint: Checkpoint | None,
-    progress: bool,
-) -> np.ndarray:
-    """One render for each laser point: (laser rows, laser columns, rows, columns, bins, C)."""
-    window = time_bins(camera.film()) or _no_bins(camera.film())
-    own = transient_film(camera.film(), *window)
-    values = np.zeros((*points.shape[:2], *own.shape), np.float32)
-    lit = [place for place in np.ndindex(*points.shape[:2]) if not np.isnan(points[place]).any()]
-    kept, done = None, 0
-    if checkpoint is not None:
-        made = {"seed": seed, "spp": spp, "variant": mi.variant(), "film": str(own)}
-        kept = checkpoint.begin(
-            made_with(scene, camera, integrator, made), len(lit) * spp, "samples per pixel"
-        )
-    if kept is not None:
-        values, done = kept.arrays.pop("values"), kept.done
-
-    with progress_bar("laser points", len(lit), unit="point", enabled=progress) as bar:
-        for number, place in enumerate(lit):
-            bar.update()
-            if done > (number + 1) * spp:  # Where equal, the film of this point was kept
-                continue
-            focus_laser(scene, point=points[place])
-            film = transient_film(camera.film(), *window)
-            step = (seed + place[0] * points.shape[1] + place[1]) % checks.MAX_SEED
-            plan = integrator.capture_plan(scene, camera, wall, "exhaustive")
-            record, begun = integrator.recording(film), max(0, done - number * spp)
-            part = Part(kept=Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None)
-            sampler = best_sampler(spp)
-            within = checkpoint and Within(
-                checkpoint, number * spp, len(lit) * spp, {"values": values}
-            )
-            begun = run(
-                *(steps(plan, record, camera, sampler, step, part), record, spp),
-                done=part.done,
-                checkpoint=within,
-                progress=False,
-            )
-            if begun < spp:
-                again = checkpoint.again if checkpoint else ""
-                raise KeyboardInterrupt(interrupted(number, len(lit), "laser points", again))
-            tell_not_finite(record.not_finite)
-            values[place], done = film.take()[1], (number + 1) * spp
-    return values
+def _laser_points_again(bins: Any, **arguments: Any) -> LaserPoints:
+    """The same in a worker."""
+    return LaserPoints(place_of_capture(**arguments), _laser_points_again)
 
 
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -21,15 +21,14 @@ from ..integrators.own_sample import brings_sample
 from ..integrators.plan import Plan
 from ..runtime import checks, memory, plugins
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import progress_bar
 from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import Arrivals, find_arrivals
 from .dataset import check_dataset, coordinates, require_finite, transient_dataset
 from .errors import parts_of
-from .pieces import TILE_BYTES, Taken, ranges, take, tile_size, tiles, whole
+from .pieces import TILE_BYTES, Piece, Taken, ranges, take, tile_size, tiles, whole
 from .window import check_window, is_auto, warn_of_losses, windowed_film
-from .workers import check_client, order_of, pieces_by_workers
+from .workers import check_client, collect_pieces, pieces_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,6 +115,10 @@ class Job:
             "versions": versions(),
         }
 
+    def take(self, piece: Piece, **options: Any) -> Taken:
+        """Render a piece, see `pieces.take`."""
+        return take(self, piece, **options)
+
     def require_memory(self, spp: int) -> None:
         """Refuse a film that does not fit.
 
@@ -182,34 +185,56 @@ def carry_out(
     return told(job, labelled(job, taken, taken.done == piece.count, resume))
 
 
-def collect(job: Job, client: Client, progress: bool = True) -> xr.Dataset:
-    """Have a job done by workers, and its film put together here."""
+def collect(
+    job: Job,
+    client: Client,
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Have a job done by workers, and its film put together here.
+
+    Raises:
+        KeyboardInterrupt: It was stopped; one line.
+    """
     workers = check_client(client, job.recipe["versions"])
-    all_of_it = whole(job)
+    if job.plan.splats and job.errors:
+        raise ValueError("errors = True: must be False with a client for light that lands anywhere")
+    all_of_it, checkpoint = whole(job), Checkpoint.of(checkpoint)
     job.require_memory(all_of_it.count)
+    if checkpoint is not None:  # The pieces are those that were begun with
+        workers = int(checkpoint.recipe().get("workers", workers))
     if job.plan.splats:
         pieces = ranges(job, workers)
     else:
         pieces = tiles(job, tile_size(job.film.shape, TILE_BYTES, workers))
-    if job.plan.splats and job.errors:
-        raise ValueError("errors = True: must be False with a client for light that lands anywhere")
     height, width, _, channels = job.film.shape
     shapes = {"transient": job.film.shape, "steady": (height, width, channels)}
     names = [*shapes, *(f"{name}_error" for name in shapes)] if job.errors else list(shapes)
     films = {n: np.zeros(shapes[n.removesuffix("_error")], np.float32) for n in names}
-    start, not_finite = time.perf_counter(), 0
-    with progress_bar("Rendering", len(pieces), unit="piece", enabled=progress) as bar:
-        for piece, taken in pieces_by_workers(client, order_of(job), pieces):
-            share = np.float32(piece.count / all_of_it.count)
-            for name, part in taken.arrays.items():
-                place = piece.of(films[name])
-                place += part if share == 1 else share * part
-            not_finite += taken.not_finite
-            bar.update()
+    films["not_finite"] = np.zeros((), int)
+    start = time.perf_counter()
+
+    def place(piece: Piece, taken: Taken) -> None:
+        share = np.float32(piece.count / all_of_it.count)
+        for name, part in taken.arrays.items():
+            its = piece.of(films[name])
+            its += part if share == 1 else share * part
+        films["not_finite"] += taken.not_finite
+
+    collect_pieces(
+        partial(pieces_by_workers, client, job),
+        pieces,
+        place,
+        films,
+        recipe=job.recipe | {"film": str(job.film), "spp": all_of_it.count, "workers": workers},
+        unit="pieces",
+        checkpoint=checkpoint,
+        progress=progress,
+    )
     seconds = time.perf_counter() - start
     errors = {name: films[f"{name}_error"] for name in shapes} if job.errors else {}
     found = films["steady"], films["transient"]
-    taken = Taken(*found, all_of_it.count, not_finite, seconds, errors)
+    taken = Taken(*found, all_of_it.count, int(films["not_finite"]), seconds, errors)
     return told(job, labelled(job, taken, True))
 
 

@@ -17,7 +17,8 @@ from ..scenes.loading import load_plugin, load_scene, require_light, require_sen
 from ..scenes.packing import packed, unpacked
 from ..scenes.settings import INTEGRATORS
 from .job import Job, carry_out, collect, decide
-from .streaming import check_film, stream
+from .store import check_film
+from .streaming import stream
 from .window import is_auto, start_and_width, windowed_film
 
 if TYPE_CHECKING:
@@ -102,9 +103,10 @@ def render(
     """
     if out is not None:
         check_film(out)
-    if (out is not None or client is not None) and not (resume is None and checkpoint is None):
-        given = "checkpoint" if resume is None else "resume"
-        raise ValueError(f"{given}: must be left out with `out` or a client; `out` keeps all tiles")
+    if out is not None and checkpoint is not None:
+        raise ValueError("checkpoint: must be left out with `out`, which keeps all tiles")
+    if resume is not None and (out is not None or client is not None):
+        raise ValueError("resume: must be left out with `out` and with a client; see `merge`")
     name = scene_name(scene)
     if client is not None:  # Numbers change in their last digits on the way to workers
         scene = unpacked(packed("scene", scene))
@@ -124,7 +126,7 @@ def render(
     if out is not None:
         return stream(job, out, client=client, progress=progress)
     if client is not None:
-        return collect(job, client, progress)
+        return collect(job, client, checkpoint, progress)
     return carry_out(job, resume, checkpoint, progress)
 
 

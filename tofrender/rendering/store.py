@@ -15,15 +15,19 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..runtime import atomic
-from .dataset import DIMS, ERRORS
-from .films_on_disk import require_zarr
-from .pieces import Piece, Taken
+from ..runtime import atomic, checks
+from .dataset import DIMS, ERRORS, check_dataset, plain_attributes
+from .films_on_disk import load_zarr, require_zarr
+from .pieces import TILE_BYTES, Piece, Taken, tile_size
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+SUFFIX = ".zarr"
 FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
 BLOCK_BYTES = 4 << 20
 """Most bytes of a block that is read and checked by itself."""
@@ -209,6 +213,72 @@ class Store:
         os.rename(self.film, target)
         atomic.to_disk(target.parent, deep=False)
         atomic.remove(self.folder)
+
+
+def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
+    """Write a Dataset of `render` as a film on disk, tile by tile.
+
+    Args:
+        dataset: The Dataset, in memory or on disk.
+        path: Name of a new folder that ends in .zarr; it appears whole.
+
+    Returns:
+        The film as `load_zarr` opens it.
+
+    Raises:
+        ValueError: Not such a Dataset, or not such a name; one line.
+        FileExistsError: The folder exists; one line.
+        ImportError: The packages zarr and dask are missing; one line.
+
+    Example:
+        >>> import tempfile, tofrender
+        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=50, bin_width_opl=0.2)
+        >>> film = save_zarr(tofrender.render(scene, spp=4), tempfile.mkdtemp() + "/box.zarr")
+        >>> film.sizes["opl"]
+        50
+    """
+    check_dataset(dataset)
+    target = check_film(path, "path")
+    height, width, bins, channels = dataset["transient"].shape
+    rows, columns = tile = tile_size((height, width, bins, channels), TILE_BYTES)
+    errors = "transient_error" in dataset
+    with atomic.locked(target):
+        folder = under_way(target)
+        atomic.remove(folder)
+        store = Store.begin(folder, {}, (height, width, bins, channels), tile, errors)
+        for y in range(0, height, rows):
+            for x in range(0, width, columns):
+                part = dataset.isel(y=slice(y, y + rows), x=slice(x, x + columns))
+                values = {str(name): part[name].values for name in part.data_vars}
+                piece = Piece(y, x, part.sizes["y"], part.sizes["x"], 0, 1)
+                found = {n: values[f"{n}_error"] for n in DIMS} if errors else {}
+                taken = Taken(values["steady"], values["transient"], 1, 0, 0.0, found)
+                store.put(piece, taken)
+        coordinates = {axis: dataset[axis].values for axis in DIMS["transient"]}
+        store.finish(coordinates, plain_attributes(dataset), target)
+    return load_zarr(target)
+
+
+def check_film(out: Any, name: str = "out") -> Path:
+    """Refuse a place where no film can stream to.
+
+    Raises:
+        ValueError: No name of a folder that ends in .zarr; one line.
+        FileExistsError: There is something; one line.
+        PermissionError: The place is not writable; one line.
+    """
+    target = checks.path(name, out)
+    if target.suffix != SUFFIX:
+        raise ValueError(f"{name} = {out}: must be the name of a folder that ends in {SUFFIX}")
+    if os.path.lexists(target):
+        raise FileExistsError(f"{name} = {out}: exists; must be a new folder")
+    atomic.check_writable(target)
+    return target
+
+
+def under_way(out: str | os.PathLike[str]) -> Path:
+    """Where a film that streams to `out` is until it is finished."""
+    return atomic.hidden(out, ".film")
 
 
 def _create(

@@ -10,45 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 from ..films.recording import tell_not_finite
 from ..integrators.running import interrupted
-from ..runtime import atomic, checks
+from ..runtime import atomic
 from ..runtime.checkpoints import EVERY_S, Checkpoint
 from ..runtime.progress import progress_bar
 from .dataset import coordinates
-from .films_on_disk import is_film, load_zarr
-from .pieces import TILE_BYTES, Piece, take, tile_size, tiles, whole
-from .store import Receipt, Store
+from .films_on_disk import load_zarr
+from .pieces import TILE_BYTES, Piece, tile_size, tiles, whole
+from .store import Receipt, Store, check_film, under_way
 from .window import warn_of_losses
-from .workers import check_client, order_of, pieces_by_workers
+from .workers import check_client, pieces_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
     from .job import Job
-
-SUFFIX = ".zarr"
-
-
-def check_film(out: Any, overwrite: bool = False) -> Path:
-    """Refuse a place where no film can stream to.
-
-    Raises:
-        ValueError: No name of a folder that ends in .zarr; one line.
-        FileExistsError: There is something that may not be replaced; one line.
-        PermissionError: The place is not writable; one line.
-    """
-    target = checks.path("out", out)
-    if target.suffix != SUFFIX:
-        raise ValueError(f"out = {out}: must be the name of a folder that ends in {SUFFIX}")
-    if os.path.lexists(target) and not (overwrite and is_film(target)):
-        raise FileExistsError(f"out = {out}: exists; must be a new folder")
-    atomic.check_writable(target)
-    return target
-
-
-def under_way(out: str | os.PathLike[str]) -> Path:
-    """Where a film that streams to `out` is until it is finished."""
-    return atomic.hidden(out, ".film")
 
 
 def stream(
@@ -98,7 +74,7 @@ def stream(
         done = (
             _here(job, store, left, seconds)
             if client is None
-            else pieces_by_workers(client, order_of(job), left, str(folder.resolve()))
+            else pieces_by_workers(client, job, left, folder)
         )
         with progress_bar("Rendering", len(planned), unit="tile", enabled=progress) as bar:
             bar.update(len(planned) - len(left))
@@ -146,7 +122,7 @@ def _here(
         if seconds:
             path = store.checkpoint_path(piece)
             checkpoint = Checkpoint(path, seconds, tell=lambda line: None)
-        taken = take(job, piece, checkpoint=checkpoint, progress=False)
+        taken = job.take(piece, checkpoint=checkpoint, progress=False)
         if taken.done < piece.count:
             raise KeyboardInterrupt
         yield piece, store.put(piece, taken)

@@ -10,24 +10,27 @@ import math
 import os
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
+from ..integrators.running import interrupted
 from ..runtime import backend, checks
+from ..runtime.progress import progress_bar
 from ..scenes.packing import packed, unpacked
-from .pieces import Piece, Taken, take
-from .store import Receipt, Store
+from .store import Store
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-    from .job import Job
+    from ..runtime.checkpoints import Checkpoint
 
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """A piece is given to a second worker after so many times the usual time, but not before [s]."""
@@ -49,7 +52,7 @@ class Order:
         key: Tells orders apart.
     """
 
-    make: Callable[..., Job]
+    make: Callable[..., Any]
     arguments: Mapping[str, Any]
     variant: str
     bins: tuple[int, float, float]
@@ -57,7 +60,7 @@ class Order:
     key: str
 
 
-def order_of(job: Job) -> Order:
+def order_of(job: Any) -> Order:
     """A job as workers are told of it.
 
     Raises:
@@ -161,44 +164,110 @@ def _versions_here() -> str:
 
 
 def pieces_by_workers(
-    client: Client, order: Order, pieces: list[Piece], folder: str | None = None
-) -> Iterator[tuple[Piece, Taken | Receipt]]:
-    """Have pieces rendered; gives each as it is done.
+    client: Client, job: Any, pieces: Sequence[Any], folder: Path | None = None
+) -> Iterator[tuple[Any, Any]]:
+    """Have pieces of a job taken; gives each with what became of it as it is done.
 
     Args:
         client: The workers.
-        order: The job.
+        job: The job, with `take(piece)`.
         pieces: What of it.
         folder: A film on disk that workers see too, and write to; without, pieces are sent back.
 
     Raises:
-        RuntimeError: A piece cannot be rendered; one line that says why.
+        RuntimeError: A piece cannot be taken; one line that says why.
+    """
+    place = None if folder is None else str(folder.resolve())
+    return shared_out(client, partial(_take, order_of(job), place), pieces)
+
+
+def shared_out(
+    client: Client, work: partial[Any], items: Sequence[Any]
+) -> Iterator[tuple[Any, Any]]:
+    """Have work done on some items, each by one worker; gives item and result as they are done.
+
+    Raises:
+        RuntimeError: A worker fails; one line that says why.
     """
     distributed, workers = require_distributed(), len(client.scheduler_info()["workers"])
 
-    def ask(piece: Piece, again: int = 0) -> Future:
-        return client.submit(_render, order, piece, folder, priority=again, pure=False)
+    def ask(item: Any, again: int = 0) -> Future:
+        return client.submit(work.func, *work.args, item, priority=again, pure=False)
 
-    asked = {ask(piece): piece for piece in pieces}
-    started, left, usual_s = time.monotonic(), set(pieces), math.inf
+    asked = {ask(item): item for item in items}
+    started, left, usual_s = time.monotonic(), set(items), math.inf
     try:
         while left:
             wait = max(LEAST_WAIT_S, PATIENCE * usual_s) if usual_s < math.inf else None
             done = _next(distributed, list(asked), wait)
             if not done:  # All that are out take much longer than the others did
-                asked |= {ask(piece, 1): piece for piece in left}
+                asked |= {ask(item, 1): item for item in left}
                 continue
             for future in done:
-                piece = asked.pop(future)
+                item = asked.pop(future)
                 if future.status != "finished":
                     _raise(future)
-                if piece in left:
-                    left.remove(piece)
-                    gone = time.monotonic() - started
-                    usual_s = gone * workers / (len(pieces) - len(left))
-                    yield piece, future.result()
+                if item in left:
+                    left.remove(item)
+                    usual_s = (time.monotonic() - started) * workers / (len(items) - len(left))
+                    yield item, future.result()
     finally:
         client.cancel(list(asked), force=True)
+
+
+def collect_pieces(
+    found: Callable[[list[Any]], Iterator[tuple[Any, Any]]],
+    pieces: Sequence[Any],
+    place: Callable[[Any, Any], None],
+    arrays: dict[str, np.ndarray],
+    *,
+    recipe: Mapping[str, Any],
+    unit: str,
+    checkpoint: Checkpoint | None = None,
+    progress: bool = True,
+) -> None:
+    """Put pieces into arrays as they are done, and keep these in a checkpoint.
+
+    Args:
+        found: Gives pieces and what they came to, of those that are left.
+        pieces: All pieces.
+        place: Puts what a piece came to into the arrays.
+        arrays: The arrays; those of a checkpoint are copied into them.
+        recipe: All that the result depends on, for the checkpoint.
+        unit: What pieces are called.
+        checkpoint: What is kept up to date.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Raises:
+        KeyboardInterrupt: The work was stopped; one line that says how to go on.
+    """
+    done = np.zeros(len(pieces), dtype=bool)
+    kept = None if checkpoint is None else checkpoint.begin(recipe, len(pieces), unit)
+    if kept is not None:
+        done = kept.arrays.pop("done")
+        for name, array in kept.arrays.items():
+            arrays[name][...] = array
+    numbers = {piece: number for number, piece in enumerate(pieces)}
+    left = [piece for piece, number in numbers.items() if not done[number]]
+
+    def keep() -> None:
+        if checkpoint is not None:
+            checkpoint.save(int(done.sum()), len(pieces), {**arrays, "done": done})
+
+    with progress_bar("Rendering", len(pieces), unit="piece", enabled=progress) as bar:
+        bar.update(int(done.sum()))
+        try:
+            for piece, result in found(left):
+                place(piece, result)
+                done[numbers[piece]] = True
+                bar.update()
+                if checkpoint is not None and checkpoint.due:
+                    keep()
+        except KeyboardInterrupt:
+            keep()
+            again = checkpoint.again if checkpoint else ""
+            said = interrupted(int(done.sum()), len(pieces), unit, again)
+            raise KeyboardInterrupt(said) from None
 
 
 def _next(distributed: Any, futures: list[Future], wait_s: float | None) -> set[Future]:
@@ -222,20 +291,20 @@ def _raise(future: Future) -> None:
 # ------------------------------------------------------------------------------- in a worker
 
 
-def _render(order: Order, piece: Piece, folder: str | None) -> Taken | Receipt:
-    """Render a piece here."""
+def _take(order: Order, folder: str | None, piece: Any) -> Any:
+    """Take a piece here."""
     mi.set_variant(order.variant)
     job = _job(order)
     if folder is None:
-        return take(job, piece, progress=False)
+        return job.take(piece, progress=False)
     store = Store(Path(folder))
-    return store.receipt(piece) or store.put(piece, take(job, piece, progress=False))
+    return store.receipt(piece) or store.put(piece, job.take(piece, progress=False))
 
 
-_jobs: dict[str, Job] = {}
+_jobs: dict[str, Any] = {}
 
 
-def _job(order: Order) -> Job:
+def _job(order: Order) -> Any:
     """The job of an order, kept for its next piece."""
     if order.key not in _jobs:
         _jobs.clear()

@@ -11,29 +11,43 @@ imaging, Nature Communications 3 (2012).
 from __future__ import annotations
 
 import math
-from typing import Any
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...rendering.job import versions
+from ...rendering.workers import check_client, shared_out
 from ...runtime import checks
-from ...runtime.backend import require_vectorised
+from ...runtime.backend import activate, require_vectorised
 from ...runtime.progress import progress_bar
 from .measured import Measured
 from .volume import VolumeGrid
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 WEIGHTINGS = ("uniform", "r2")
 """w = 1, or |v - l| |v - s|, which makes up for a part of the falloff with distance."""
+
+PIECES = 4
+"""Ranges of voxels for each worker."""
 
 _PAIRS_A_STEP = 1 << 28
 """Pairs of voxel and wall point that one kernel launch goes through: a fraction of a second."""
 
 
 def backproject(
-    measured: Measured, grid: VolumeGrid, weighting: str = "uniform", progress: bool = True
+    measured: Measured,
+    grid: VolumeGrid,
+    weighting: str = "uniform",
+    progress: bool = True,
+    client: Client | None = None,
 ) -> np.ndarray:
-    """Intensities (z, y, x) by backprojection with one of WEIGHTINGS.
+    """Intensities (z, y, x) by backprojection with one of WEIGHTINGS, by workers if there are some.
 
     The voxels are Dr.Jit's lanes, and a loop goes over the points that are looked at, so memory
     holds the capture, the volume and nothing of the size of their product.
@@ -49,6 +63,9 @@ def backproject(
     slabs = [(first, min(step, voxels - first)) for first in range(0, voxels, step)]
     result = np.zeros(voxels, np.float32)
     lasers = len(measured.light)
+    if client is not None:
+        _by_workers(result, client, measured, grid, weighting, progress)
+        return (result / (lasers * len(points))).reshape(grid.shape)
     with progress_bar("backprojection", lasers * len(slabs), unit="step", enabled=progress) as bar:
         for index in range(lasers):
             wall = _Wall(measured, index, weighting)
@@ -56,6 +73,36 @@ def backproject(
                 result[first : first + count] += wall.light_through(grid, first, count)
                 bar.update()
     return (result / (lasers * len(points))).reshape(grid.shape)
+
+
+def _by_workers(
+    result: np.ndarray,
+    client: Client,
+    measured: Measured,
+    grid: VolumeGrid,
+    weighting: str,
+    progress: bool,
+) -> None:
+    """Fill `result`, each worker a few ranges of voxels at a time."""
+    count = min(PIECES * check_client(client, versions()), result.size)
+    edges = [result.size * k // count for k in range(count + 1)]
+    ranges = list(pairwise(edges))
+    everywhere = client.scatter(measured, broadcast=True)
+    work = partial(_light_in, mi.variant(), everywhere, grid, weighting)
+    with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
+        for (first, last), found in shared_out(client, work, ranges):
+            result[first:last] = found
+            bar.update()
+
+
+def _light_in(
+    variant: str, measured: Measured, grid: VolumeGrid, weighting: str, voxels: tuple[int, int]
+) -> np.ndarray:
+    """The light through a range of voxels, in a worker."""
+    activate(variant)
+    first, last = voxels
+    walls = (_Wall(measured, index, weighting) for index in range(len(measured.light)))
+    return np.sum([wall.light_through(grid, first, last - first) for wall in walls], axis=0)
 
 
 class _Wall:

@@ -16,6 +16,7 @@ from .volume import VolumeGrid, default_volume, resample, volume_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
 METHODS = ("bp", "fbp", "lct", "fk", "phasor")
 
@@ -39,6 +40,7 @@ def reconstruct(
     snr: float | None = None,
     wavelength: float | None = None,
     cycles: float | None = None,
+    client: Client | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Reconstruct the hidden scene of a capture.
@@ -82,6 +84,8 @@ def reconstruct(
         wavelength: phasor: of the virtual pulse [m]; by default the larger one of four bins and
             twice the grid's spacing, four times if confocal.
         cycles: phasor: wavelengths in the virtual pulse, above 0; 5 by default.
+        client: bp, fbp: a `distributed.Client`, whose workers share the voxels. The others take
+            seconds in one process.
         progress: Show a bar if it takes longer than two seconds.
 
     Returns:
@@ -122,6 +126,8 @@ def reconstruct(
         "cycles": cycles,
     }
     options = _options(method, given)
+    if client is not None and method not in ("bp", "fbp"):
+        raise ValueError(f"client: must be None, as method = {method!r} is done in one process")
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
     checks.finite("capture: transient", capture["transient"].values)
@@ -137,7 +143,7 @@ def reconstruct(
             options.setdefault("wavelength", phasor_field.default_wavelength(measured))
             values = phasor_field.phasor_field(measured, grid, **options, progress=progress)
         else:
-            values = backproject(measured, grid, **options, progress=progress)
+            values = backproject(measured, grid, **options, progress=progress, client=client)
             values = sharpen(values, grid) if method == "fbp" else values
     attrs = {"method": method, "units": "arbitrary", **options}
     if "scene" in capture.attrs:

@@ -1,0 +1,46 @@
+"""The command `tofrender merge`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import options as opt
+from .render import Format, Precision, write
+
+
+def merge(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="What `tofrender render` has written.")
+    ],
+    out: opt.Out,
+    format: Annotated[Format, opt.choice(Format, "How to store the transient.")] = "frames",
+    precision: Annotated[Precision, opt.choice(Precision, "Numbers in the EXR files.")] = "float",
+    video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+) -> None:
+    """Join renders of one scene with other seeds, from any machines.
+
+    Each counts by its samples per pixel. Error bars are joined where all have them, and measured
+    where there are four renders or more.
+    """
+    opt.check_format(format, precision)
+    opt.check_out(out)
+    from tofrender.runtime import backend
+
+    backend.activate()
+    from tofrender.rendering.merging import merge as join
+    from tofrender.runtime.progress import deferred_stop
+
+    renders = []
+    for source in sources:
+        if source.resolve() == out.resolve():
+            raise ValueError(f"--out = {out}: is among what is joined; must be another folder")
+        renders.append(opt.load_render(source, "DIR"))
+    merged = join(renders)
+    opt.check_out(out, merged["transient"].shape, precision)
+    with deferred_stop():
+        files = write(merged, out, format, precision, video)
+    names = [name for name in files if not name.startswith("frame_")]
+    typer.echo(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")

@@ -1,0 +1,97 @@
+"""Turning the laser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...runtime import checks
+from .laser import find_laser, follow_meters, forget_meters, turn
+
+
+def focus_laser(
+    scene: mi.Scene,
+    *,
+    point: Any = None,
+    uv: Any = None,
+    pixel: Any = None,
+    sensor: int = 0,
+) -> np.ndarray:
+    """Turn the scene's laser to a point of the relay wall.
+
+    Args:
+        scene: A scene with one emitter, a projector or spot.
+        point: The point [m], or
+        uv: its place in the uv square of the shape that the sensor is a child of, or
+        pixel: (x, y) of the sensor's whole film, whatever its crop window; its centre is meant.
+        sensor: Number of the sensor.
+
+    Returns:
+        The point [m], shape (3,).
+
+    Raises:
+        ValueError: Not exactly one of the three is given, it is out of range, or the pixel sees
+            nothing; one line.
+
+    Example:
+        >>> from tofrender import load_scene
+        >>> scene = load_scene("nlos_z", width=4, height=4, optimize=False)
+        >>> focus_laser(scene, pixel=(3, 0)).round(2).tolist()
+        [0.75, -0.75, 0.0]
+    """
+    given = {"point": point, "uv": uv, "pixel": pixel}
+    named = [name for name, value in given.items() if value is not None]
+    if len(named) != 1:
+        raise ValueError(f"focus_laser: got {named or 'nothing'}; must be one of point, uv, pixel")
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(f"scene = {scene!r}: must be a loaded scene; load_scene loads one")
+    laser = find_laser(scene)
+    follow_meters(scene)
+    forget_meters(scene)
+    sensors = scene.sensors()
+    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    if pixel is not None:
+        _require_two("pixel", pixel, "its column and row")
+        film = camera.film()
+        size = film.size()
+        x, y = (
+            checks.integer(f"pixel {axis}", k, 0, n - 1) + 0.5
+            for axis, k, n in zip("xy", pixel, size, strict=True)
+        )
+        if camera.get_shape() is None:
+            # A camera's rays are asked for by their place in the crop window
+            crop, offset = film.crop_size(), film.crop_offset()
+            place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
+            ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+            si = scene.ray_intersect(mi.Ray3f(ray))
+            if not dr.all(si.is_valid()):
+                raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
+            target = si.p
+        else:
+            target = _at_uv(camera, (x / size.x, y / size.y))
+    elif uv is not None:
+        _require_two("uv", uv, "two numbers from 0 to 1")
+        u, v = (checks.number("uv", x, unit="the side") for x in uv)
+        if not (0 <= u <= 1 and 0 <= v <= 1):
+            raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
+        target = _at_uv(camera, (u, v))
+    else:
+        target = mi.Point3f(*checks.place("point", point))
+    turn(laser, target)
+    return np.array(target).ravel()
+
+
+def _require_two(name: str, value: Any, what: str) -> None:
+    """Refuse anything but two values."""
+    if np.shape(value) != (2,):
+        raise ValueError(f"{name} = {value!r}: must be {what}")
+
+
+def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
+    shape: Any = camera.get_shape()
+    if shape is None:
+        raise ValueError("uv: the sensor is no child of a wall; must be a point or a pixel")
+    return shape.sample_position(0.0, mi.Point2f(*uv), True).p

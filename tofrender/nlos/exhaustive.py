@@ -1,0 +1,132 @@
+"""Exhaustive captures: each point of the grid is lit in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, NoReturn
+
+import mitsuba as mi
+import numpy as np
+
+from ..films.image import time_bins, transient_film
+from ..films.recording import tell_not_finite
+from ..integrators.passes import Part, best_sampler, steps
+from ..integrators.running import interrupted, made_with, run
+from ..rendering.job import versions
+from ..rendering.workers import check_client, collect_pieces, pieces_by_workers
+from ..runtime import checks
+from ..runtime.checkpoints import Checkpoint, Kept, Within
+from ..runtime.progress import progress_bar
+from .device.focus import focus_laser
+from .place import Place
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+POINTS = "laser points"
+
+
+class LaserPoints:
+    """An exhaustive capture: a render for each laser point.
+
+    Args:
+        place: The capture.
+        again: Makes the same in a worker.
+
+    Attributes:
+        film: A film of one render, empty.
+        lit: Rows and columns of the points that are on the wall.
+    """
+
+    def __init__(self, place: Place, again: Callable[..., LaserPoints]) -> None:
+        self.place = place
+        self.window = time_bins(place.camera.film()) or _no_bins(place.camera.film())
+        self.film = transient_film(place.camera.film(), *self.window)
+        points, _, on_wall = place.points
+        self.points = points
+        self.lit = [(int(row), int(column)) for row, column in np.argwhere(on_wall)]
+        made = {"seed": place.seed, "spp": place.spp, "variant": mi.variant()}
+        self.recipe = made_with(place.scene, place.camera, place.integrator, made)
+        self.recipe |= {"film": str(self.film), "versions": versions()}
+        self.origin = again, place.arguments
+
+    def take(
+        self,
+        point: tuple[int, int],
+        kept: Kept | None = None,
+        checkpoint: Within | None = None,
+        progress: bool = False,
+    ) -> np.ndarray | None:
+        """Render with one point lit: bins (rows, columns, bins, C), None if it was stopped."""
+        place = self.place
+        focus_laser(place.scene, point=self.points[point])
+        film = transient_film(place.camera.film(), *self.window)
+        record = place.integrator.recording(film)
+        seed = (place.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
+        part, sampler = Part(kept=kept), best_sampler(place.spp)
+        done = run(
+            steps(place.plan(), record, place.camera, sampler, seed, part),
+            *(record, place.spp),
+            done=part.done,
+            checkpoint=checkpoint,
+            progress=progress,
+        )
+        if done < place.spp:
+            return None
+        tell_not_finite(record.not_finite)
+        return film.take()[1]
+
+    def empty(self) -> np.ndarray:
+        """Zeros, (laser rows, laser columns, rows, columns, bins, C)."""
+        return np.zeros((*self.points.shape[:2], *self.film.shape), np.float32)
+
+    def here(self, checkpoint: Checkpoint | None, progress: bool) -> np.ndarray:
+        """Render with each point lit, in this process."""
+        spp, kept, done, values = self.place.spp, None, 0, self.empty()
+        whole = len(self.lit) * spp
+        if checkpoint is not None:
+            kept = checkpoint.begin(self.recipe, whole, "samples per pixel")
+        if kept is not None:
+            values, done = kept.arrays.pop("values"), kept.done
+        with progress_bar("laser points", len(self.lit), unit="point", enabled=progress) as bar:
+            for number, point in enumerate(self.lit):
+                bar.update()
+                if done > (number + 1) * spp:  # Where equal, the film of this point was kept
+                    continue
+                begun = max(0, done - number * spp)
+                state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
+                within = checkpoint and Within(checkpoint, number * spp, whole, {"values": values})
+                found = self.take(point, state, within)
+                if found is None:
+                    again = checkpoint.again if checkpoint else ""
+                    raise KeyboardInterrupt(interrupted(number, len(self.lit), POINTS, again))
+                values[point], done = found, (number + 1) * spp
+        return values
+
+    def by_workers(
+        self, client: Client, checkpoint: Checkpoint | None, progress: bool
+    ) -> np.ndarray:
+        """Render with each point lit, by workers."""
+        check_client(client, self.recipe["versions"])
+        arrays = {"values": self.empty()}
+
+        def place(point: tuple[int, int], found: np.ndarray) -> None:
+            arrays["values"][point] = found
+
+        collect_pieces(
+            partial(pieces_by_workers, client, self),
+            self.lit,
+            place,
+            arrays,
+            recipe=self.recipe,
+            unit=POINTS,
+            checkpoint=checkpoint,
+            progress=progress,
+        )
+        return arrays["values"]
+
+
+def _no_bins(film: mi.Film) -> NoReturn:
+    """Refuse a film without time bins."""
+    raise ValueError(f"film = {film.class_name()}: has no time bins; must be transient_hdr_film")

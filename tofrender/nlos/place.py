@@ -1,0 +1,131 @@
+"""What a capture needs, loaded and checked: scene, sensor, wall and its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..integrators.own_sample import brings_sample
+from ..runtime import checks
+from ..scenes.checking import check_scene
+from ..scenes.loading import load_scene, require_sensor
+from .device.laser import follow_meters
+from .device.relay_wall import DEFAULT_ID as WALL, find_shapes, ids, seen_shapes
+from .device.wall_points import wall_points
+
+
+@dataclass
+class Place:
+    """A capture, decided.
+
+    Attributes:
+        scene: The scene.
+        camera: The sensor, `sensor` its number.
+        integrator: The scene's.
+        wall: The relay wall.
+        mode: What is lit.
+        points: Points of the wall, normals there, and which pixels look at it.
+        spp: Samples per pixel.
+        seed: Seed of the random numbers.
+        arguments: What it was made of, for workers.
+    """
+
+    scene: mi.Scene
+    camera: Any
+    sensor: int
+    integrator: Any
+    wall: list[mi.Shape]
+    mode: str
+    points: tuple[np.ndarray, np.ndarray, np.ndarray]
+    spp: int
+    seed: int
+    arguments: dict[str, Any]
+
+    def plan(self) -> Any:
+        """What is done with the rays of the sensor."""
+        return self.integrator.capture_plan(self.scene, self.camera, self.wall, self.mode)
+
+
+def place_of_capture(
+    scene: Any, *, mode: str, grid: Any, spp: int | None, seed: int, sensor: Any, wall: Any
+) -> Place:
+    """Load and check all that a capture needs."""
+    arguments = {
+        "scene": scene,
+        "mode": mode,
+        "grid": grid,
+        "spp": spp,
+        "seed": seed,
+        "sensor": sensor,
+        "wall": wall,
+    }
+    if not isinstance(scene, mi.Scene):
+        scene = load_scene(scene, optimize=False, **_size(grid))
+    elif grid is not None:
+        raise ValueError("grid: must be None for a loaded scene, whose film has its size already")
+    require_sensor(scene)
+    number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
+    camera: Any = scene.sensors()[number]
+    check_scene(scene, camera)
+    integrator = _integrator(scene)
+    integrator.require_mode(mode)
+    if brings_sample(integrator):
+        raise TypeError(
+            f"integrator = {type(integrator).__name__}: has a sample of its own, which tells no "
+            "path lengths; must have none for a capture"
+        )
+    samples = camera.sampler().sample_count() if spp is None else spp
+    samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
+    follow_meters(scene, camera)
+    shapes = _wall(scene, integrator, camera, wall)
+    points = wall_points(scene, camera, shapes)
+    found = scene, camera, number, integrator, shapes
+    return Place(*found, mode, points, samples, seed, arguments)
+
+
+def _size(grid: Any) -> dict[str, Any]:
+    """Settings for a film of this size."""
+    if grid is None:
+        return {}
+    try:
+        width, height = grid
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"grid = {grid!r}: must be a width and a height, for example (64, 64)"
+        ) from None
+    return {
+        name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)
+        for name, n in (("width", width), ("height", height))
+    }
+
+
+def _integrator(scene: mi.Scene) -> Any:
+    """The scene's integrator, if it can capture."""
+    integrator: Any = scene.integrator()
+    if not hasattr(integrator, "capture_plan"):
+        kind = "none" if integrator is None else type(integrator).__name__
+        raise ValueError(
+            f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
+        )
+    return integrator
+
+
+def _wall(scene: mi.Scene, integrator: Any, camera: mi.Sensor, given: Any) -> list[mi.Shape]:
+    """The relay wall, as `capture` describes it."""
+    wall = integrator.wall(scene, camera) if given is None else find_shapes(scene, given, WALL)
+    if not wall:
+        wall = seen_shapes(scene, camera)
+        if len(wall) != 1:
+            seen = ", ".join(repr(shape.id()) for shape in wall) or "nothing"
+            raise ValueError(
+                f"relay_wall: is not known, and the sensor sees {seen}; must be one of {ids(scene)}"
+            )
+    if all(shape in wall or shape.is_emitter() for shape in scene.shapes()):
+        raise ValueError(
+            f"scene: has no hidden geometry, its shapes are {ids(scene)}; must have another than "
+            "the relay wall (a load with optimize=False keeps meshes of equal material apart)"
+        )
+    return wall
