@@ -13,11 +13,11 @@ from ..films.image import time_bins, transient_film
 from ..films.recording import tell_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
-from ..rendering.job import versions
 from ..rendering.workers import check_client, collect_pieces, pieces_by_workers
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Kept, Within
 from ..runtime.progress import progress_bar
+from ..runtime.versions import versions
 from .device.focus import focus_laser
 from .place import Place
 
@@ -108,7 +108,7 @@ class LaserPoints:
         self, client: Client, checkpoint: Checkpoint | None, progress: bool
     ) -> np.ndarray:
         """Render with each point lit, by workers."""
-        check_client(client, self.recipe["versions"])
+        check_client(client)
         arrays = {"values": self.empty()}
 
         def place(point: tuple[int, int], found: np.ndarray) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 import warnings
 from collections.abc import Callable, Mapping
@@ -21,6 +20,7 @@ from ..integrators.own_sample import brings_sample
 from ..integrators.plan import Plan
 from ..runtime import checks, memory, plugins
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import Arrivals, find_arrivals
@@ -94,7 +94,7 @@ class Job:
         return record
 
     @cached_property
-    def recipe(self) -> dict[str, str | int | float]:
+    def recipe(self) -> dict[str, Any]:
         """All that the picture depends on, but for the number of samples."""
         film, tracer = self.film, self.tracer
         return {
@@ -196,7 +196,7 @@ def collect(
     Raises:
         KeyboardInterrupt: It was stopped; one line.
     """
-    workers = check_client(client, job.recipe["versions"])
+    workers = check_client(client)
     if job.plan.splats and job.errors:
         raise ValueError("errors = True: must be False with a client for light that lands anywhere")
     all_of_it, checkpoint = whole(job), Checkpoint.of(checkpoint)
@@ -210,8 +210,10 @@ def collect(
     height, width, _, channels = job.film.shape
     shapes = {"transient": job.film.shape, "steady": (height, width, channels)}
     names = [*shapes, *(f"{name}_error" for name in shapes)] if job.errors else list(shapes)
-    films = {n: np.zeros(shapes[n.removesuffix("_error")], np.float32) for n in names}
-    films["not_finite"] = np.zeros((), int)
+    films: dict[str, np.ndarray] = {
+        n: np.zeros(shapes[n.removesuffix("_error")], np.float32) for n in names
+    }
+    films["not_finite"] = np.zeros(1, int)
     start = time.perf_counter()
 
     def place(piece: Piece, taken: Taken) -> None:
@@ -234,7 +236,7 @@ def collect(
     seconds = time.perf_counter() - start
     errors = {name: films[f"{name}_error"] for name in shapes} if job.errors else {}
     found = films["steady"], films["transient"]
-    taken = Taken(*found, all_of_it.count, int(films["not_finite"]), seconds, errors)
+    taken = Taken(*found, all_of_it.count, int(films["not_finite"][0]), seconds, errors)
     return told(job, labelled(job, taken, True))
 
 
@@ -344,13 +346,3 @@ def _check_resume(resume: xr.Dataset, job: Job) -> None:
     if job.errors != ("transient_error" in resume):
         has = "no errors" if job.errors else "errors"
         raise ValueError(f"resume: has {has}; must be as asked for, errors = {job.errors}")
-
-
-def versions() -> str:
-    """Versions of what made the picture, as JSON."""
-    from importlib.metadata import version
-
-    from .. import __version__
-
-    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
-    return json.dumps(found)

@@ -60,7 +60,7 @@ def stream(
     """
     target, folder = check_film(out), under_way(out)
     shape = job.film.shape
-    workers = 1 if client is None else check_client(client, job.recipe["versions"])
+    workers = 1 if client is None else check_client(client)
     with atomic.locked(target, "out"):
         _require_room(folder, shape, 2 if job.errors else 1)
         store = _begun(job, folder, tile_bytes, workers)

@@ -24,6 +24,7 @@ import numpy as np
 from ..integrators.running import interrupted
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
+from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
 from .store import Store
 
@@ -139,8 +140,8 @@ def require_distributed() -> Any:
     return distributed
 
 
-def check_client(client: Any, versions: str) -> int:
-    """The number of a client's workers, all of which have these versions.
+def check_client(client: Any) -> int:
+    """The number of a client's workers, all of which have the versions of this process.
 
     Raises:
         ValueError: There is no worker, or one has other versions; one line.
@@ -148,19 +149,13 @@ def check_client(client: Any, versions: str) -> int:
     if not hasattr(client, "scheduler_info"):
         kind = type(client).__name__
         raise ValueError(f"client = {kind}: must be a distributed.Client")
-    found = client.run(_versions_here)
+    found, own = client.run(versions), versions()
     if not found:
         raise ValueError("client: has no workers; must have one")
     for worker, its in found.items():
-        if its != versions:
-            raise ValueError(f"client: worker {worker} has {its}; must have {versions}")
+        if its != own:
+            raise ValueError(f"client: worker {worker} has {its}; must have {own}")
     return len(found)
-
-
-def _versions_here() -> str:
-    from .job import versions
-
-    return versions()
 
 
 def pieces_by_workers(

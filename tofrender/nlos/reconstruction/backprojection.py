@@ -19,7 +19,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...rendering.job import versions
 from ...rendering.workers import check_client, shared_out
 from ...runtime import checks
 from ...runtime.backend import activate, require_vectorised
@@ -84,7 +83,7 @@ def _by_workers(
     progress: bool,
 ) -> None:
     """Fill `result`, each worker a few ranges of voxels at a time."""
-    count = min(PIECES * check_client(client, versions()), result.size)
+    count = min(PIECES * check_client(client), result.size)
     edges = [result.size * k // count for k in range(count + 1)]
     ranges = list(pairwise(edges))
     everywhere = client.scatter(measured, broadcast=True)
