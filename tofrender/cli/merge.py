@@ -39,7 +39,8 @@ def merge(
             raise ValueError(f"--out = {out}: is among what is joined; must be another folder")
         renders.append(opt.load_render(source, "DIR"))
     merged = join(renders)
-    opt.check_out(out, merged["transient"].shape, precision)
+    height, width, bins, channels = merged["transient"].shape
+    opt.check_out(out, (height, width, bins, channels), precision)
     with deferred_stop():
         files = write(merged, out, format, precision, video)
     names = [name for name in files if not name.startswith("frame_")]

@@ -120,15 +120,14 @@ class Cells:
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
         """Go on from what `state` gave, all sums times a factor."""
 
-        def scaled(name: str) -> mi.Float | None:
-            if name not in state:
-                return None
+        def scaled(name: str) -> mi.Float:
             values = mi.Float(state[name])
             values = values if factor == 1 else values * factor
             dr.make_opaque(values)
             return values
 
-        self._sums, self._folded = scaled("sums"), scaled("folded")
+        self._sums = scaled("sums")
+        self._folded = scaled("folded") if "folded" in state else None
         if "places" in state:
             places = mi.UInt32(state["places"])
             dr.make_opaque(places)

@@ -195,13 +195,14 @@ def _seed(sampler: mi.Sampler, seed: Any, lanes: int, pixel: mi.UInt32, part: Pa
     """
     sampler.set_samples_per_wavefront(lanes)
     first, skip = part.first + part.done, getattr(sampler, "skip", None)
+    place = getattr(sampler, "place", None)
     if skip is None:
-        place = () if part.tile is None else (1 + part.tile.x, 1 + part.tile.y)
-        for number in (first, *place):
+        corner = () if part.tile is None else (1 + part.tile.x, 1 + part.tile.y)
+        for number in (first, *corner):
             seed = mix(mi.UInt32(seed), mi.UInt32(number)) if number else seed
     sampler.seed(seed, dr.width(pixel))
-    if part.tile is not None and skip is not None:
-        sampler.place(pixel)
+    if part.tile is not None and place is not None:
+        place(pixel)
     if first and skip is not None:
         skip(first)
 

@@ -101,7 +101,8 @@ def _begun(job: Job, folder: Path, tile_bytes: float | None, workers: int) -> St
     tile = Store.planned(folder).get("tile")
     if tile is None or tile_bytes is not None:
         tile = tile_size(job.film.shape, tile_bytes or TILE_BYTES, workers)
-    return Store.begin(folder, plan, job.film.shape, tuple(tile), job.errors)
+    rows, columns = tile
+    return Store.begin(folder, plan, job.film.shape, (rows, columns), job.errors)
 
 
 def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:

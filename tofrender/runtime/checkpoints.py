@@ -98,7 +98,7 @@ class Checkpoint:
     @classmethod
     def of(cls, given: Checkpoint | str | os.PathLike | None) -> Checkpoint | None:
         """What a function takes as a checkpoint: the name of a file will do."""
-        return given if isinstance(given, cls | None) else cls(given)
+        return given if given is None or isinstance(given, Checkpoint) else cls(given)
 
     def begin(self, recipe: Mapping[str, Any], of: int, unit: str, before: int = 0) -> Kept | None:
         """Say what the work is, and find what was done of it.
@@ -168,7 +168,8 @@ class Checkpoint:
         size = sum(array.nbytes for array in arrays.values())
         try:
             with replacing(self.path, needed_bytes=size) as temporary, open(temporary, "wb") as out:
-                np.savez(out, **{_ABOUT: np.array(about)}, **arrays)
+                all_of_it: dict[str, Any] = {_ABOUT: np.array(about), **arrays}
+                np.savez(out, **all_of_it)
         except OSError as error:
             warnings.warn(f"no checkpoint was saved: {error}", stacklevel=4)
         self._saved = time.monotonic()

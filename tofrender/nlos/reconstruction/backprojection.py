@@ -86,8 +86,8 @@ def _by_workers(
     count = min(PIECES * check_client(client), result.size)
     edges = [result.size * k // count for k in range(count + 1)]
     ranges = list(pairwise(edges))
-    everywhere = client.scatter(measured, broadcast=True)
-    work = partial(_light_in, mi.variant(), everywhere, grid, weighting)
+    everywhere: Any = client.scatter(measured, broadcast=True)
+    work = partial(_light_in, mi.variant() or "", everywhere, grid, weighting)
     with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
         for (first, last), found in shared_out(client, work, ranges):
             result[first:last] = found
