@@ -442,6 +442,19 @@ def test_a_walk_needs_no_film():
 # ------------------------------------------------------------------------------- clear refusals
 
 
+def test_folding_some_pixels_copies_nothing():
+    """A copy of all bins would take as much memory again, and its time in each step."""
+    target = empty(bins=64, bin_width=1.0)
+    target.one_writer_per_pixel = True
+    pixels, places = mi.UInt32([0]), []
+    for _ in range(5):
+        deposit(target, [0.5, 1.5])
+        before = target.bins._sums.index
+        target.fold(pixels)
+        places.append(target.bins._sums.index == before)
+    assert all(places[1:]), places
+
+
 @pytest.mark.parametrize("call", ["develop", "take", "time_slice", "scale", "fold"])
 def test_an_empty_film_says_so(call):
     made = mi.load_dict(film(), parallel=False)

@@ -78,10 +78,10 @@ class Cells:
         index = dr.arange(mi.UInt32, len(pixels) * per_pixel)
         line = index // per_pixel
         place = dr.gather(mi.UInt32, pixels, line) * per_pixel + (index - line * per_pixel)
-        found = dr.gather(mi.Float, self._sums, place)
-        before = 0.0 if self._aside is None else self._aside[1]
-        aside = found + before
-        dr.eval(aside, place)
+        aside = dr.gather(mi.Float, self._sums, place)
+        if self._aside is not None:
+            aside += self._aside[1]
+        dr.eval(aside, place)  # What was gathered must not wait: scattering would copy all sums
         dr.scatter(self._sums, mi.Float(0), place, mode=dr.ReduceMode.NoConflicts)
         dr.eval(self._sums)
         self._aside = place, aside

@@ -26,7 +26,7 @@ from .errors import Scatter, parts_of, seed_of
 if TYPE_CHECKING:
     from .job import Job
 
-TILE_BYTES = 512 << 20
+TILE_BYTES = 256 << 20
 """Memory of the bins of a tile, if the whole film does not fit [bytes]."""
 
 LEAST_PIECES = 4
