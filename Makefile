@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render test lint bench bench-full clean
+.PHONY: help setup render test lint bench bench-full bench-lost clean
 
 OUT ?= out/cornell_box
 
@@ -27,6 +27,9 @@ bench: setup ## time the renderer against Mitsuba's steady path tracer and mitra
 
 bench-full: setup ## error at equal time, scene by scene, in about ten minutes; writes docs/how_fast.md
 	.venv/bin/python -m benchmarks.full $(ARGS)
+
+bench-lost: setup ## cost of checkpoints, films on disk, workers, in about ten minutes; writes docs/nothing_lost.md
+	.venv/bin/python -m benchmarks.lost $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache

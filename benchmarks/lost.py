@@ -1,0 +1,218 @@
+"""`make bench-lost`: what it costs that nothing is lost, films beyond memory, and workers.
+
+Each figure comes from processes of its own, run in turn; writes `benchmarks/lost.json` and the
+table of `docs/nothing_lost.md`. `python -m benchmarks.lost --write` writes the table alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+RESULTS = Path(__file__).with_name("lost.json")
+LARGE = {"width": 512, "height": 512, "temporal_bins": 2000}
+USUAL = {"width": 256, "height": 256, "temporal_bins": 300}
+LARGE_SPP, USUAL_SPP = 16, 64
+INTERVAL_S = 30.0
+BEGIN, END = "<!-- made by make bench-lost -->", "<!-- end -->"
+
+Found = dict[str, float]
+
+
+def box(size: dict[str, int]) -> dict[str, Any]:
+    """The Cornell box, bins from 3.5 m to 19.5 m."""
+    import tofrender
+
+    return tofrender.cornell_box(**size, start_opl=3.5, bin_width_opl=16 / size["temporal_bins"])
+
+
+def peak_mb() -> float:
+    """Most memory that this process has had [MB]."""
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 * 1.048576
+
+
+# ----------------------------------------------------------- each in a process of its own
+
+
+def in_memory(size: dict[str, int], spp: int) -> Found:
+    """A render in memory."""
+    import tofrender
+
+    scene = box(size)
+    start = time.perf_counter()
+    tofrender.render(scene, spp=spp, progress=False)
+    return {"seconds": time.perf_counter() - start, "peak_mb": peak_mb()}
+
+
+def on_disk(size: dict[str, int], spp: int) -> Found:
+    """A render that streams to disk."""
+    import tofrender
+
+    scene, folder = box(size), tempfile.mkdtemp(dir=".")
+    try:
+        start = time.perf_counter()
+        tofrender.render(scene, spp=spp, out=f"{folder}/film.zarr", progress=False)
+        return {"seconds": time.perf_counter() - start, "peak_mb": peak_mb()}
+    finally:
+        shutil.rmtree(folder)
+
+
+def saving() -> Found:
+    """Saving a checkpoint of a usual film, and the render's own pace."""
+    import tofrender
+
+    spent: list[float] = []
+
+    class Timed(tofrender.Checkpoint):
+        def save(self, *arguments: Any) -> None:
+            start = time.perf_counter()
+            super().save(*arguments)
+            spent.append(time.perf_counter() - start)
+
+    folder = tempfile.mkdtemp(dir=".")
+    try:
+        checkpoint = Timed(f"{folder}/film.npz", seconds=1e-6)
+        tofrender.render(box(USUAL), spp=256, checkpoint=checkpoint, progress=False)
+        return {"save_s": median(spent), "saves": len(spent)}
+    finally:
+        shutil.rmtree(folder)
+
+
+def by_workers() -> Found:
+    """Two workers of one thread each, against this process with one thread."""
+    import drjit as dr
+
+    import tofrender
+
+    scene, window = box(USUAL), (3.5, 19.5)
+    alone: list[float] = []
+    shared: list[float] = []
+    dr.set_thread_count(1)
+    with tofrender.local_workers(2, threads=1) as client:
+        for run in range(6):
+            for times, more in ((alone, {}), (shared, {"client": client})):
+                start = time.perf_counter()
+                tofrender.render(
+                    scene, spp=USUAL_SPP, seed=run, window=window, progress=False, **more
+                )
+                times.append(time.perf_counter() - start)
+    ratios = [a / b for a, b in zip(alone[1:], shared[1:], strict=True)]  # The first ones compile
+    return {"speed": median(ratios), "alone_s": median(alone[1:]), "shared_s": median(shared[1:])}
+
+
+CASES: dict[str, Callable[[], Found]] = {
+    "usual film in memory": lambda: in_memory(USUAL, USUAL_SPP),
+    "large film in memory": lambda: in_memory(LARGE, LARGE_SPP),
+    "large film on disk": lambda: on_disk(LARGE, LARGE_SPP),
+    "saving": saving,
+    "workers": by_workers,
+}
+
+
+# ------------------------------------------------------------------------------ the table
+
+
+def film_mb(size: dict[str, int]) -> float:
+    """What the bins of a film take as float32 RGB [MB]."""
+    return size["width"] * size["height"] * size["temporal_bins"] * 12 / 1e6
+
+
+def table(results: dict[str, Any]) -> str:
+    """The rows of the page."""
+    from .report import digits, rows_of
+
+    found = results["found"]
+    usual, disk, memory = (
+        found[f"{name}"]
+        for name in ("usual film in memory", "large film on disk", "large film in memory")
+    )
+    saved = found["saving"]
+    rows = [
+        ["figure", "target", "measured"],
+        [
+            "saving a checkpoint of 256 x 256 x 300 RGB, each 30 s",
+            "<= 2 %",
+            f"{digits(100 * saved['save_s'] / INTERVAL_S)} % ({digits(saved['save_s'])} s)",
+        ],
+        [
+            f"512 x 512 x 2000 RGB ({film_mb(LARGE) / 1000:.1f} GB) on disk: peak memory",
+            "< 2 GB",
+            f"{disk['peak_mb'] / 1000:.1f} GB (in memory {memory['peak_mb'] / 1000:.1f} GB)",
+        ],
+        [
+            "the same: time over that in memory",
+            "<= 1.3",
+            f"{digits(disk['seconds'] / memory['seconds'])} "
+            f"({disk['seconds']:.0f} s, {memory['seconds']:.0f} s)",
+        ],
+        [
+            "two workers of one thread over one process of one thread",
+            ">= 1.9",
+            digits(found["workers"]["speed"]),
+        ],
+        [
+            "peak memory of 256 x 256 x 300 RGB over its result",
+            "<= 350 MB",
+            f"{usual['peak_mb'] - film_mb(USUAL):.0f} MB",
+        ],
+    ]
+    return rows_of(rows)
+
+
+def with_table(text: str, results: dict[str, Any]) -> str:
+    """The page with its table."""
+    block = f"{BEGIN}\n{table(results)}\n{END}"
+    return re.sub(f"{BEGIN}.*?{END}", lambda _: block, text, flags=re.DOTALL)
+
+
+def write(results: dict[str, Any]) -> None:
+    """Put the table into the page."""
+    page = RESULTS.parents[1] / "docs" / "nothing_lost.md"
+    page.write_text(with_table(page.read_text(encoding="utf-8"), results), encoding="utf-8")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.lost", description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write the table from lost.json")
+    parser.add_argument("--runs", type=int, default=3, help="processes of each (3)")
+    parser.add_argument("--one", choices=CASES, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        warnings.simplefilter("ignore")  # Light outside of the window
+        print(json.dumps(CASES[options.one]()))
+        return
+    if not options.write:
+        from .full import machine
+
+        runs: dict[str, list[Found]] = {name: [] for name in CASES}
+        for _ in range(options.runs):
+            for name in CASES:
+                command = [sys.executable, "-m", "benchmarks.lost", "--one", name]
+                done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+                runs[name].append(json.loads(done.stdout.splitlines()[-1]))
+                print(name, runs[name][-1], flush=True)
+        found = {
+            name: {key: median(run[key] for run in its) for key in its[0]}
+            for name, its in runs.items()
+        }
+        text = json.dumps({"machine": machine(), "found": found}, indent=1)
+        RESULTS.write_text(text + "\n", encoding="utf-8")
+    write(json.loads(RESULTS.read_text(encoding="utf-8")))
+
+
+if __name__ == "__main__":
+    main()
