@@ -302,6 +302,17 @@ def test_every_flipped_byte_is_noticed_or_does_not_matter(path, bits):
     assert noticed > len(places) / 2
 
 
+def test_half_an_array_is_no_array(path):
+    """NumPy would read what the header says, and never come to the checksum."""
+    checkpoint = made(path)
+    checkpoint.begin(WORK, 64, "samples")
+    checkpoint.save(16, 64, {"light": np.ones(50_000)})
+    content = path.read_bytes()
+    assert content.count(b"(50000,)") == 1
+    path.write_bytes(content.replace(b"(50000,)", b"(40000,)"))
+    assert outcome(checkpoint) == "anew"
+
+
 @pytest.mark.slow
 def test_every_truncation_is_noticed(path):
     content = saved(path).read_bytes()
