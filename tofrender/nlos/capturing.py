@@ -18,7 +18,7 @@ from ..integrators.running import interrupted, made_with, run
 from ..rendering.job import carry_out, decide
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint, Kept
-from ..runtime.progress import progress_bar
+from ..runtime.progress import deferred_stop, progress_bar
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
 from .captures import MODES, make_capture, without_first_leg
@@ -132,7 +132,8 @@ def capture(
             job = decide(
                 *(plan, integrator, scene), name=name, spp=samples, seed=seed, sensor=number
             )
-            dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
+            made = _made(wall, mode)
+            dataset = carry_out(job, checkpoint=checkpoint, progress=progress, made=made)
         values = dataset["transient"].values
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
         attrs |= {k: dataset.attrs[k] for k in KEPT}
@@ -317,13 +318,17 @@ def _exhaustive(
     kept, done = None, 0
     if checkpoint is not None:
         made = {"seed": seed, "spp": spp, "variant": mi.variant(), "film": str(own)}
+        made |= _made(wall, "exhaustive")
         kept = checkpoint.begin(
             made_with(scene, camera, integrator, made), len(lit) * spp, "samples per pixel"
         )
     if kept is not None:
         values, done = kept.arrays.pop("values"), kept.done
 
-    with progress_bar("laser points", len(lit), unit="point", enabled=progress) as bar:
+    with (
+        progress_bar("laser points", len(lit), unit="point", enabled=progress) as bar,
+        deferred_stop() as stop,
+    ):
         for number, place in enumerate(lit):
             bar.update()
             if done > (number + 1) * spp:  # Where equal, the film of this point was kept
@@ -341,13 +346,19 @@ def _exhaustive(
                 done=part.done,
                 checkpoint=within,
                 progress=False,
+                stop=stop,
             )
-            if begun < spp:
+            if begun < spp or (stop.requested and number + 1 < len(lit)):
                 whole = interrupted(number, len(lit), "laser points", checkpoint)
                 raise KeyboardInterrupt(whole)
             record.report()
             values[place], done = film.take()[1], (number + 1) * spp
     return values
+
+
+def _made(wall: list[mi.Shape], mode: str) -> dict[str, Any]:
+    """What else a checkpoint of a capture compares."""
+    return {"mode": mode, "relay_wall": [shape.id() for shape in wall]}
 
 
 class _Within:

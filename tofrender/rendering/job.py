@@ -98,13 +98,13 @@ class Job:
             "pulse": str(tracer.pulse or "none"),
             "temporal_filter": tracer.temporal_filter or "as rfilter",
             "sensor": self.sensor,
-            "fingerprint": fingerprint(self.scene, self.camera, tracer),
             "integrator": type(tracer).__name__,
             "max_depth": tracer.max_depth,
             "camera_unwarp": int(tracer.camera_unwarp),
             "sampler": _sampler_name(self.points()),
             "seed": self.seed,
             "variant": mi.variant(),
+            "fingerprint": fingerprint(self.scene, self.camera, tracer),
             "versions": _versions(),
         }
 
@@ -147,8 +147,12 @@ def carry_out(
     resume: xr.Dataset | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
+    made: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Take all samples of a job; arguments, result and errors are as for `render`."""
+    """Take all samples of a job; arguments, result and errors are as for `render`.
+
+    `made` is what else a checkpoint compares.
+    """
     film, checkpoint = job.film, Checkpoint.of(checkpoint)
     first = 0 if resume is None else _samples_of(resume)
     points = job.points(first)
@@ -159,7 +163,7 @@ def carry_out(
     record = job.recording()
     kept = None
     if checkpoint is not None:
-        made = job.recipe | {"film": str(film), "resume": first}
+        made = {**job.recipe, "film": str(film), "resume": first, **(made or {})}
         kept = checkpoint.begin(made, spp, UNIT, first)
 
     part = Part(first=first, kept=kept)
