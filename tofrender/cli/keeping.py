@@ -14,6 +14,7 @@ from . import options as opt
 
 if TYPE_CHECKING:
     from tofrender.runtime.checkpoints import Checkpoint
+    from tofrender.runtime.progress import Stop
 
 Seconds = Annotated[
     float, opt.real(0, "Keep what is done at least so often, seconds of work; 0: never.")
@@ -48,6 +49,12 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         else:
             yield None
         path.unlink(missing_ok=True)
+
+
+def tell(stop: Stop) -> None:
+    """End the command if it was stopped while its files were written."""
+    if stop.requested:
+        raise KeyboardInterrupt("interrupted while files were written, which are whole")
 
 
 def require_something(resume: bool, checkpoint: Checkpoint | None, out: Path) -> None:

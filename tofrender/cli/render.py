@@ -10,7 +10,7 @@ import typer
 
 from ..runtime import checks
 from . import options as opt
-from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping
+from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping, tell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -139,9 +139,7 @@ def render(
             done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
             typer.echo(f"error: interrupted after {done}", err=True)
             raise typer.Exit(opt.INTERRUPTED)
-    if stop.requested:
-        typer.echo("error: interrupted while files were written, which are whole", err=True)
-        raise typer.Exit(opt.INTERRUPTED)
+    tell(stop)
 
 
 def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
