@@ -1,11 +1,12 @@
 """Commands that are stopped or killed: nothing half-written, and `--resume` goes on from there.
 
-The processes are real; what goes on runs in this one. The moments are random, with fixed seeds: some
-of each kind here, `make test-kills` has twenty.
+The processes are real; what goes on runs in this one. The moments are random, with fixed seeds:
+three for each signal here, twenty in `make test-kills`.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -65,7 +66,7 @@ def arguments(name: str, out: Path, *options: object, spp: int = 0) -> list[str]
 
 def place(folder: Path, name: str) -> Path:
     """What a command writes there."""
-    return folder / ("out.h5" if COMMANDS[name] is not RENDER and name in SAMPLES else "out")
+    return folder / ("out.h5" if name in SAMPLES else "out")
 
 
 def started(given: list[str], every: float = 0.001) -> subprocess.Popen:
@@ -272,10 +273,8 @@ def test_killed_at_a_random_moment(capsys, tmp_path, whole, lasts, by, number):
         assert "Traceback" not in err
         if out.exists():
             assert values(out)
-            if content(out) != before:
-                assert name in WRITES_PARTS or status in (0, *allowed)
-                if is_complete(out, name):
-                    require_equal(out, expected)
+            if content(out) != before and is_complete(out, name):
+                require_equal(out, expected)
         else:
             assert not before
         resume = ["--resume"] if kept(out).exists() else []
@@ -292,19 +291,17 @@ def test_killed_at_a_random_moment(capsys, tmp_path, whole, lasts, by, number):
 
 
 @pytest.mark.slow
-def test_a_kill_loses_at_most_the_interval(capsys, tmp_path):
+def test_a_kill_loses_at_most_the_interval(tmp_path):
     out = tmp_path / "out"
     process = started(arguments("render", out, spp=1 << 20), every=0.3)
     wait_for(process, kept(out))
     time.sleep(1.5)
     ended(process, signal.SIGKILL)
-    done, age = Checkpoint(kept(out)), time.time() - kept(out).stat().st_mtime
-    assert age < 0.3 + 2  # A busy machine's steps
-    kept_seconds = float(
-        np.load(kept(out))["tofrender"].item().split('"seconds": ')[1].split(",")[0]
-    )
-    assert kept_seconds > 1
-    assert done.recipe()["seed"] == 0
+    assert time.time() - kept(out).stat().st_mtime < 0.3 + 2  # A busy machine's step
+    with np.load(kept(out)) as archive:
+        about = json.loads(archive["tofrender"].item())
+    assert about["seconds"] > 1
+    assert about["done"] > 0
     assert not out.exists()
 
 
@@ -315,7 +312,7 @@ def test_a_kill_loses_at_most_the_interval(capsys, tmp_path):
 def test_leftovers_go(capsys, tmp_path):
     """Of killed writers of this output, not of others."""
     out = tmp_path / "out"
-    mine = [atomic.hidden(out, "-0123abcd"), atomic.hidden(out, "-89abcdef.npz")]
+    mine = [atomic.hidden(out, "-0123abcd"), atomic.hidden(kept(out), "-89abcdef.npz")]
     other = atomic.hidden(tmp_path / "other", "-0123abcd")
     mine[0].mkdir()
     (mine[0] / "half").write_text("x")

@@ -72,9 +72,14 @@ def test_an_error_leaves_what_was_there(tmp_path, folder, earlier, error):
     target = tmp_path / "film"
     if earlier:
         write(target, "one", folder)
-    with pytest.raises(error), replacing(target, folder=folder) as temporary:
-        (temporary / "a" if folder else temporary).write_text("half")
-        raise error
+
+    def fail():
+        with replacing(target, folder=folder) as temporary:
+            (temporary / "a" if folder else temporary).write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
     assert read(target) == ("one" if earlier else "")
     assert names(tmp_path) == ["film"] * earlier
 

@@ -39,8 +39,9 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
     from tofrender.runtime.progress import ended_by_signals
 
     with locked(out, "--out"), ended_by_signals():
-        remove_leftovers(out)
         path = hidden(out, ".checkpoint.npz")
+        for each in (out, path):
+            remove_leftovers(each)
         if path.exists() and not resume:
             typer.echo(f"note: {AGAIN} from where an earlier one was stopped", err=True)
         if seconds or (resume and path.exists()):

@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from . import checks
-from .atomic import check_writable, replacing
+from .atomic import check_writable, remove_leftovers, replacing
 
 EVERY_S = 30.0
 """Work between two savings [s], unless saving takes long."""
@@ -175,8 +175,9 @@ class Checkpoint:
         self._cost = self._saved - start
 
     def remove(self) -> None:
-        """Take the file away: its work is done and kept elsewhere."""
+        """Take the file away, and what killed runs left of it: its work is done and kept elsewhere."""
         self.path.unlink(missing_ok=True)
+        remove_leftovers(self.path)
 
     def _load(self) -> tuple[dict[str, Any], Kept]:
         """What the file says, if all checksums are right."""
