@@ -175,7 +175,7 @@ class Checkpoint:
         self._cost = self._saved - start
 
     def remove(self) -> None:
-        """Take the file away, and what killed runs left of it: its work is done and kept elsewhere."""
+        """Take the file away, and what killed runs left of it: the work is kept elsewhere."""
         self.path.unlink(missing_ok=True)
         remove_leftovers(self.path)
 
