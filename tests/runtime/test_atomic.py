@@ -163,21 +163,24 @@ def test_the_parent_is_synced_after(tmp_path, monkeypatch):
 
 _WATCH = """
 path, until = Path(sys.argv[1]), time.monotonic() + 30
-missing = seen = 0
+bad = seen = 0
 print("ready", flush=True)
 while not (path.parent / "stop").exists() and time.monotonic() < until:
     seen += 1
-    missing += not path.exists()
-print(missing, seen)
+    try:
+        bad += not path.is_dir() and len(path.read_text()) != 30000
+    except FileNotFoundError:
+        bad += 1
+print(bad, seen)
 """
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", [False, True])
 def test_it_is_never_away(tmp_path, folder):
-    """Another process that looks all the time always finds it."""
+    """Another process that looks all the time always finds it, and finds it whole."""
     target = tmp_path / "film"
-    write(target, "0", folder)
+    write(target, "000" * 10_000, folder)
     if folder:
         probe = [tmp_path / "probe", tmp_path / "other"]
         for each in probe:
@@ -187,10 +190,10 @@ def test_it_is_never_away(tmp_path, folder):
     watcher = child(_WATCH, target)
     assert watcher.stdout.readline() == "ready\n"
     for count in range(200):
-        write(target, str(count), folder)
+        write(target, f"{count:03d}" * 10_000, folder)
     (tmp_path / "stop").touch()
-    missing, seen = map(int, watcher.communicate(timeout=30)[0].split())
-    assert missing == 0
+    bad, seen = map(int, watcher.communicate(timeout=30)[0].split())
+    assert bad == 0
     assert seen > 20
 
 
@@ -381,6 +384,23 @@ def test_a_lock_is_given_back_after_an_error(tmp_path):
     for _ in range(2):
         with pytest.raises(RuntimeError), locked(tmp_path / "film"):
             raise RuntimeError
+    assert names(tmp_path) == []
+
+
+def test_a_lock_that_its_holder_removes_meanwhile(tmp_path, monkeypatch):
+    """Between opening its file and locking that: it would lock a file that nobody else sees."""
+    path, flock, removed = tmp_path / "film", atomic.fcntl.flock, []
+
+    def late(*arguments):
+        if not removed:
+            removed.append(os.unlink(hidden(path, ".lock")))
+        return flock(*arguments)
+
+    monkeypatch.setattr(atomic.fcntl, "flock", late)
+    with locked(path):
+        assert removed
+        with pytest.raises(FileExistsError), locked(path):
+            pytest.fail("two have the lock")
     assert names(tmp_path) == []
 
 
