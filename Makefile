@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render test lint bench bench-full bench-lost clean
+.PHONY: help setup render test test-kills lint bench bench-full bench-lost clean
 
 OUT ?= out/cornell_box
 
@@ -15,6 +15,9 @@ render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); 
 
 test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
 	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)
+
+test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes
+	TOFRENDER_KILLS=20 .venv/bin/python -m pytest -k random_moment tests/cli/test_cli_stopped.py $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .

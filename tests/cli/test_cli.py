@@ -20,6 +20,7 @@ import tofrender
 from tofrender.cli import nlos as cli_nlos, render as cli_render, warp as cli_warp
 from tofrender.cli.app import main
 from tofrender.cli.options import FILES
+from tofrender.runtime.atomic import hidden
 from tofrender.sampling.points import POINT_SETS
 from tofrender.sampling.warps import WARPS
 from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
@@ -365,7 +366,7 @@ def test_ctrl_c(tmp_path):
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "error: interrupted after" in err
-    assert names(tmp_path) == {"box"}
+    assert names(tmp_path) == {"box", hidden(folder, ".checkpoint.npz").name}
     dataset = tofrender.load_exr_stack(folder)
     assert 0.9 < float(dataset.transient.sum() / dataset.steady.sum()) < 1.0
 

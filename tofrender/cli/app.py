@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from typing import Annotated, Any
 
 import typer
@@ -80,6 +81,19 @@ def _complain(message: str, status: int) -> int:
 # ---------------------------------------------------------------------------------- commands
 
 
+def _telling(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose Ctrl-C reaches `_explain`: Typer would end it without a word."""
+
+    @wraps(command)
+    def told(**options: Any) -> None:
+        try:
+            command(**options)
+        except KeyboardInterrupt as stopped:
+            raise RuntimeError from stopped
+
+    return told
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         from tofrender import __version__
@@ -121,4 +135,4 @@ for command in (
     *(course.start, course.submit, course.release, course.verify),
     *(grade.grade, render.render, merge.merge),
 ):
-    app.command()(command)
+    app.command()(_telling(command))

@@ -14,6 +14,7 @@ from . import options as opt
 
 if TYPE_CHECKING:
     from tofrender.runtime.checkpoints import Checkpoint
+    from tofrender.runtime.progress import Stop
 
 Seconds = Annotated[
     float, opt.real(0, "Keep what is done at least so often, seconds of work; 0: never.")
@@ -38,8 +39,9 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
     from tofrender.runtime.progress import ended_by_signals
 
     with locked(out, "--out"), ended_by_signals():
-        remove_leftovers(out)
         path = hidden(out, ".checkpoint.npz")
+        for each in (out, path):
+            remove_leftovers(each)
         if path.exists() and not resume:
             typer.echo(f"note: {AGAIN} from where an earlier one was stopped", err=True)
         if seconds or (resume and path.exists()):
@@ -49,6 +51,12 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
             yield None
         path.unlink(missing_ok=True)
         remove(on_disk(out))
+
+
+def tell(stop: Stop) -> None:
+    """End the command if it was stopped while its files were written."""
+    if stop.requested:
+        raise KeyboardInterrupt("interrupted while files were written, which are whole")
 
 
 def require_something(resume: bool, kept: Path | None, out: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping, require_something
+from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping, require_something, tell
 from .options import (
     INTERRUPTED,
     Out,
@@ -62,6 +62,7 @@ def capture(
 
     from tofrender import io
     from tofrender.nlos import capture as render_capture
+    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
 
     source = find_scene(scene)
@@ -78,7 +79,8 @@ def capture(
             checkpoint=kept,
             client=client,
         )
-        io.save_capture(captured, out, overwrite=resume)
+        with deferred_stop() as stop:
+            io.save_capture(captured, out, overwrite=resume)
         if not captured.attrs.get("complete", 1):
             done = f"{captured.attrs['spp']} samples per pixel; {AGAIN}"
             typer.echo(f"error: interrupted after {done}", err=True)
@@ -86,6 +88,7 @@ def capture(
     rows, columns = captured["sensor_grid"].shape[:2]
     bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
     typer.echo(f"{out}: {mode}, {columns}x{rows} points, {bins} bins of {1000 * step:g} mm")
+    tell(stop)
 
 
 def reconstruct(

@@ -19,6 +19,7 @@ from .keeping import (
     keeping,
     on_disk,
     require_something,
+    tell,
 )
 from .streaming import fits, placed, streamed
 
@@ -159,9 +160,7 @@ def render(
             done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
             typer.echo(f"error: interrupted after {done}", err=True)
             raise typer.Exit(opt.INTERRUPTED)
-    if stop.requested:
-        typer.echo("error: interrupted while files were written, which are whole", err=True)
-        raise typer.Exit(opt.INTERRUPTED)
+    tell(stop)
 
 
 def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:

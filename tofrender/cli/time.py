@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options as opt
-from .keeping import EVERY_S, Resume, Seconds, keeping, require_something
+from .keeping import EVERY_S, Resume, Seconds, keeping, require_something, tell
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,6 +57,7 @@ def phasor(
     else:
         loaded, sensor, samples, traits = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
+        from tofrender.runtime.progress import deferred_stop
         from tofrender.scenes.loading import load_plugin
 
         traits["type"] = "amcw_transient_path"
@@ -66,7 +67,9 @@ def phasor(
             parts = render_amcw_phasor(
                 loaded, sensor, freq, samples, seed, integrator, checkpoint=kept
             )
-            _write_phasors(out, freq, parts, source)
+            with deferred_stop() as stop:
+                _write_phasors(out, freq, parts, source)
+        tell(stop)
         return
     _write_phasors(out, freq, parts, source)
 
@@ -97,6 +100,7 @@ def gate(
 
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
+    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import load_plugin
 
     traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
@@ -107,10 +111,11 @@ def gate(
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
         attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
-        with io.output_folder(out, overwrite=True) as folder:
+        with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
             Image.fromarray(vis.tonemap(image)).save(folder / "picture.png")
     typer.echo(f"{out}: gate.exr, picture.png")
+    tell(stop)
 
 
 def _load(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from os import PathLike
 from typing import Any
 
@@ -11,7 +12,7 @@ import mitsuba as mi
 from ..films.recording import Recording, tell_not_finite
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Within
-from ..runtime.progress import deferred_stop, progress_bar
+from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..scenes.fingerprint import fingerprint
 from .passes import Part, best_sampler
 
@@ -27,6 +28,7 @@ def run(
     before: int = 0,
     checkpoint: Checkpoint | Within | None = None,
     progress: bool = True,
+    stop: Stop | None = None,
 ) -> int:
     """Take the steps of a render.
 
@@ -38,6 +40,7 @@ def run(
         before: Those that an earlier render took, for the bar.
         checkpoint: What is kept up to date; it was begun.
         progress: Whether to show a bar for work that takes more than two seconds.
+        stop: Whether to stop, if who calls listens to signals.
 
     Returns:
         Samples per pixel that the record has: fewer than `spp` after Ctrl-C, SIGTERM or SIGHUP,
@@ -45,7 +48,7 @@ def run(
     """
     with (
         progress_bar("Rendering", before + spp, unit="spp", enabled=progress) as bar,
-        deferred_stop() as stop,
+        deferred_stop() if stop is None else nullcontext(stop) as stop,
     ):
         bar.update(before + done)
         for done in taking:
@@ -105,7 +108,7 @@ def made_with(
     scene: mi.Scene, sensor: mi.Sensor, integrator: Any, more: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What a checkpoint compares: scene, sensor and integrator, and what else there is."""
-    return {"fingerprint": fingerprint(scene, sensor, integrator), **more}
+    return {**more, "fingerprint": fingerprint(scene, sensor, integrator)}
 
 
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:

@@ -143,7 +143,7 @@ def capture(
 
 def _job(place: Place, bins: Any = None) -> Job:
     """A single or confocal capture as a render."""
-    return decide(
+    job = decide(
         *(place.plan(), place.integrator, place.scene),
         name="scene",
         spp=place.spp,
@@ -152,6 +152,8 @@ def _job(place: Place, bins: Any = None) -> Job:
         bins=bins,
         origin=(_job_again, place.arguments),
     )
+    job.more = place.more
+    return job
 
 
 def _job_again(bins: Any, **arguments: Any) -> Job:

@@ -16,7 +16,7 @@ from ..integrators.running import interrupted, made_with, run
 from ..rendering.workers import check_client, collect_pieces, pieces_by_workers
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Kept, Within
-from ..runtime.progress import progress_bar
+from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..runtime.versions import versions
 from .device.focus import focus_laser
 from .place import Place
@@ -46,9 +46,9 @@ class LaserPoints:
         points, _, on_wall = place.points
         self.points = points
         self.lit = [(int(row), int(column)) for row, column in np.argwhere(on_wall)]
-        made = {"seed": place.seed, "spp": place.spp, "variant": mi.variant()}
+        made = {"seed": place.seed, "spp": place.spp, "variant": mi.variant(), **place.more}
+        made |= {"film": str(self.film), "versions": versions()}
         self.recipe = made_with(place.scene, place.camera, place.integrator, made)
-        self.recipe |= {"film": str(self.film), "versions": versions()}
         self.origin = again, place.arguments
 
     def take(
@@ -56,6 +56,7 @@ class LaserPoints:
         point: tuple[int, int],
         kept: Kept | None = None,
         checkpoint: Within | None = None,
+        stop: Stop | None = None,
         progress: bool = False,
     ) -> np.ndarray | None:
         """Render with one point lit: bins (rows, columns, bins, C), None if it was stopped."""
@@ -71,6 +72,7 @@ class LaserPoints:
             done=part.done,
             checkpoint=checkpoint,
             progress=progress,
+            stop=stop,
         )
         if done < place.spp:
             return None
@@ -89,7 +91,10 @@ class LaserPoints:
             kept = checkpoint.begin(self.recipe, whole, "samples per pixel")
         if kept is not None:
             values, done = kept.arrays.pop("values"), kept.done
-        with progress_bar("laser points", len(self.lit), unit="point", enabled=progress) as bar:
+        with (
+            progress_bar(POINTS, len(self.lit), unit="point", enabled=progress) as bar,
+            deferred_stop() as stop,
+        ):
             for number, point in enumerate(self.lit):
                 bar.update()
                 if done > (number + 1) * spp:  # Where equal, the film of this point was kept
@@ -97,8 +102,8 @@ class LaserPoints:
                 begun = max(0, done - number * spp)
                 state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
                 within = checkpoint and Within(checkpoint, number * spp, whole, {"values": values})
-                found = self.take(point, state, within)
-                if found is None:
+                found = self.take(point, state, within, stop)
+                if found is None or (stop.requested and number + 1 < len(self.lit)):
                     again = checkpoint.again if checkpoint else ""
                     raise KeyboardInterrupt(interrupted(number, len(self.lit), POINTS, again))
                 values[point], done = found, (number + 1) * spp

@@ -44,6 +44,11 @@ class Place:
     seed: int
     arguments: dict[str, Any]
 
+    @property
+    def more(self) -> dict[str, Any]:
+        """What a result depends on besides scene, sensor and integrator."""
+        return {"mode": self.mode, "relay_wall": [shape.id() for shape in self.wall]}
+
     def plan(self) -> Any:
         """What is done with the rays of the sensor."""
         return self.integrator.capture_plan(self.scene, self.camera, self.wall, self.mode)

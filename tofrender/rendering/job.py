@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -57,6 +57,7 @@ class Job:
         seed: Seed of all random numbers.
         errors: Whether error bars are wanted.
         origin: The function that has decided it, and its arguments but for the window.
+        more: What else the result depends on.
     """
 
     plan: Plan
@@ -72,6 +73,7 @@ class Job:
     seed: int
     errors: bool = False
     origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None
+    more: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def camera(self) -> mi.Sensor:
@@ -105,15 +107,20 @@ class Job:
             "pulse": str(tracer.pulse or "none"),
             "temporal_filter": tracer.temporal_filter or "as rfilter",
             "sensor": self.sensor,
-            "fingerprint": fingerprint(self.scene, self.camera, tracer),
             "integrator": type(tracer).__name__,
             "max_depth": tracer.max_depth,
             "camera_unwarp": int(tracer.camera_unwarp),
             "sampler": _sampler_name(self.points()),
             "seed": self.seed,
             "variant": mi.variant(),
+            "fingerprint": fingerprint(self.scene, self.camera, tracer),
             "versions": versions(),
         }
+
+    @property
+    def all_of_it(self) -> dict[str, Any]:
+        """All that the result depends on: the recipe, the film's pixels, and more."""
+        return {"film": str(self.film), **self.more, **self.recipe}
 
     def take(self, piece: Piece, **options: Any) -> Taken:
         """Render a piece, see `pieces.take`."""
@@ -228,7 +235,7 @@ def collect(
         pieces,
         place,
         films,
-        recipe=job.recipe | {"film": str(job.film), "spp": all_of_it.count, "workers": workers},
+        recipe=job.all_of_it | {"spp": all_of_it.count, "workers": workers},
         unit="pieces",
         checkpoint=checkpoint,
         progress=progress,

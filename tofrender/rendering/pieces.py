@@ -158,7 +158,7 @@ def take(
     kept = None
     if checkpoint is not None:
         parts = piece.count if job.errors else 0  # Of parts none may change
-        made = job.recipe | {"film": str(job.film), "resume": resumed, "errors": parts}
+        made = {"resume": resumed, "errors": parts, **job.all_of_it}
         if piece != whole(job, resumed):
             made |= {"piece": str(asdict(piece))}
         kept = checkpoint.begin(made, piece.count, UNIT, resumed)

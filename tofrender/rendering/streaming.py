@@ -97,7 +97,7 @@ def stream(
 def _begun(job: Job, folder: Path, tile_bytes: float | None, workers: int) -> Store:
     """The film under way, or a new one."""
     count = whole(job).count
-    plan = job.recipe | {"film": str(job.film), "spp": count}
+    plan = {"spp": count, **job.all_of_it}
     tile = Store.planned(folder).get("tile")
     if tile is None or tile_bytes is not None:
         tile = tile_size(job.film.shape, tile_bytes or TILE_BYTES, workers)

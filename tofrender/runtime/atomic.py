@@ -19,6 +19,7 @@ except ImportError:  # Windows has no such locks
     fcntl = None
 
 TEMPORARY_PREFIX = ".tofrender-"
+_ASIDE = "-earlier-"
 DISK_FULL = {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
@@ -80,10 +81,14 @@ def hidden(path: str | os.PathLike, ending: str) -> Path:
 def remove_leftovers(path: str | os.PathLike) -> None:
     """Remove what writers of `path` that were killed have left beside it.
 
-    None may be at work: hold its lock.
+    A folder that one of them had moved aside goes back. None may be at work: hold the lock.
     """
-    for left in hidden(path, "").parent.glob(f"{hidden(path, '').name}-*"):
-        remove(left)
+    target = Path(os.path.realpath(path))
+    for left in target.parent.glob(f"{hidden(path, '').name}-*"):
+        if left.name.startswith(hidden(path, _ASIDE).name) and not target.exists():
+            os.rename(left, target)
+        else:
+            remove(left)
 
 
 @contextmanager
@@ -218,7 +223,7 @@ def _exchange(one: Path, other: Path) -> bool:
 
 def _move_aside(temporary: Path, target: Path) -> None:
     """Replace a folder in two steps, with a way back."""
-    aside = temporary.with_name(f"{temporary.name}.old")
+    aside = hidden(target, f"{_ASIDE}{secrets.token_hex(4)}")
     try:
         os.rename(target, aside)
         os.rename(temporary, target)

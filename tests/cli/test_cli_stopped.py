@@ -1,0 +1,544 @@
+"""Commands that are stopped or killed: nothing half-written, and `--resume` goes on from there.
+
+The processes are real; what goes on runs in this one. The moments are random, with fixed seeds:
+three for each signal here, twenty in `make test-kills`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from support import largest
+from test_cli import run
+
+import tofrender
+from tofrender.cli import render as cli_render
+from tofrender.cli.app import main
+from tofrender.integrators import passes
+from tofrender.runtime import atomic
+from tofrender.runtime.checkpoints import Checkpoint
+
+ROOT = Path(__file__).parents[2]
+
+KILLS = int(os.environ.get("TOFRENDER_KILLS", "3"))
+"""Random moments for each signal."""
+
+SPP = 512
+SIZE = ["--size", "16x16"]
+RENDER = ["render", "cornell_box", *SIZE, "--bins", "30", "--bin-width", "0.4", "--no-video"]
+RENDER += ["--format", "npz"]
+CAPTURE = ["capture", "nlos-z", "--grid", "4x4", "--mode"]
+COMMANDS = {
+    "render": RENDER,
+    "gate": ["gate", "cornell_box", *SIZE, "--at", "5.9", "--pulse-width", "0.3"],
+    "phasor": ["phasor", "cornell_box_flash", *SIZE, "--freq", "2e7", "--freq", "5e7"],
+    "single": [*CAPTURE, "single"],
+    "exhaustive": [*CAPTURE, "exhaustive"],
+}
+SAMPLES = {"single": 8192, "exhaustive": 768}
+WRITES_PARTS = ("render", "single")
+
+SMALL_STEPS = """
+import sys
+from tofrender.integrators import passes
+from tofrender.runtime import checkpoints
+passes.STEP_SAMPLES = passes.FIRST_SAMPLES = 4096
+checkpoints.COST = 1e9  # As often as asked
+from tofrender.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def arguments(name: str, out: Path, *options: object, spp: int = 0) -> list[str]:
+    command = [*COMMANDS[name], "--out", out, "--spp", spp or SAMPLES.get(name, SPP), *options]
+    return [str(each) for each in command]
+
+
+def place(folder: Path, name: str) -> Path:
+    """What a command writes there."""
+    return folder / ("out.h5" if name in SAMPLES else "out")
+
+
+def started(given: list[str], every: float = 0.001) -> subprocess.Popen:
+    """A process that runs a command in small steps, each of which it keeps."""
+    command = [sys.executable, "-c", SMALL_STEPS, *given, "--checkpoint", str(every)]
+    return subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def wait_for(process: subprocess.Popen, path: Path) -> float:
+    """Until a file is there, or the process ends; the time then."""
+    until = time.monotonic() + 120
+    while not path.exists() and process.poll() is None:
+        assert time.monotonic() < until
+        time.sleep(0.002)
+    return time.monotonic()
+
+
+def lock(out: Path) -> Path:
+    return atomic.hidden(out, ".lock")
+
+
+def kept(out: Path) -> Path:
+    return atomic.hidden(out, ".checkpoint.npz")
+
+
+def ended(process: subprocess.Popen, by: int) -> tuple[int, str]:
+    """Exit status, and what was said on stderr, of a process that gets a signal."""
+    process.send_signal(by)
+    _, err = process.communicate(timeout=60)
+    return process.returncode, err
+
+
+def hidden(folder: Path) -> list[str]:
+    return [name for name in os.listdir(folder) if name.startswith(".tofrender-")]
+
+
+def values(out: Path) -> list[np.ndarray]:
+    """All light that a command has written."""
+    if out.suffix == ".h5":
+        return [tofrender.load_capture(out)["transient"].values]
+    if (out / "transient.npz").exists():
+        dataset = tofrender.load_npz(out / "transient.npz")
+        return [dataset[name].values for name in ("transient", "steady")]
+    if (out / "gate.exr").exists():
+        return [OpenEXR.File(str(out / "gate.exr")).channels()["RGB"].pixels]
+    files = sorted(out.glob("phasor_*.exr"))
+    assert len(files) == 2
+    parts = [OpenEXR.File(str(file)).channels() for file in files]
+    return [part[name].pixels for part in parts for name in ("I", "Q", "amplitude")]
+
+
+def content(out: Path) -> dict[str, bytes]:
+    files = out.iterdir() if out.is_dir() else [out]
+    return {each.name: each.read_bytes() for each in files}
+
+
+def is_complete(out: Path, name: str) -> bool:
+    if name not in WRITES_PARTS:
+        return True
+    loaded = tofrender.load_npz(out / "transient.npz") if out.is_dir() else None
+    return bool((loaded if loaded is not None else tofrender.load_capture(out)).attrs["complete"])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """What each command writes if nobody stops it."""
+    folder, made = tmp_path_factory.mktemp("whole"), {}
+
+    def of(name: str) -> list[np.ndarray]:
+        if name not in made:
+            out = place(folder / name, name)
+            out.parent.mkdir()
+            assert main(arguments(name, out)) == 0
+            assert os.listdir(out.parent) == [out.name]
+            made[name] = values(out)
+        return made[name]
+
+    return of
+
+
+def require_equal(out: Path, expected: list[np.ndarray]) -> None:
+    for found, wanted in zip(values(out), expected, strict=True):
+        assert found.shape == wanted.shape
+        assert largest(found, wanted) < 2e-5
+
+
+def one_line(err: str, start: str = "error: ") -> str:
+    """The only line that starts so; no line is a traceback's."""
+    assert "Traceback" not in err
+    lines = [line for line in err.splitlines() if line.startswith(start)]
+    assert len(lines) == 1, err
+    return lines[0]
+
+
+def goes_on(capsys, name: str, out: Path, expected: list[np.ndarray]) -> str:
+    """Run the command with --resume to its end; what it says on stderr."""
+    status, _, err = run(capsys, *arguments(name, out, "--resume"))
+    assert status == 0, err
+    require_equal(out, expected)
+    assert is_complete(out, name)
+    assert os.listdir(out.parent) == [out.name]
+    return err
+
+
+# ------------------------------------------------------------------------------------ stopped
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [
+        ("render", signal.SIGINT),
+        ("render", signal.SIGHUP),
+        ("gate", signal.SIGTERM),
+        ("phasor", signal.SIGINT),
+        ("single", signal.SIGTERM),
+        ("exhaustive", signal.SIGINT),
+    ],
+)
+def test_stopped(capsys, tmp_path, whole, name, by):
+    expected, out = whole(name), place(tmp_path, name)
+    process = started(arguments(name, out))
+    wait_for(process, kept(out))
+    start = time.monotonic()
+    status, err = ended(process, by)
+    assert time.monotonic() - start < 10
+    assert status == 130, err
+    said = one_line(err)
+    assert said.startswith("error: interrupted after ")
+    assert said.endswith("; the same command with --resume goes on")
+    assert hidden(tmp_path) == [kept(out).name]
+    assert out.exists() == (name in WRITES_PARTS)
+    if out.exists():
+        assert not is_complete(out, name)
+        spp = tofrender.load_npz(out / "transient.npz").attrs["spp"] if out.is_dir() else None
+        assert spp is None or f"interrupted after {spp} samples per pixel" in said
+    assert "resuming from " in goes_on(capsys, name, out, expected)
+
+
+@pytest.mark.slow
+def test_two_signals_end_at_once(tmp_path):
+    out = tmp_path / "out"
+    process = started(arguments("render", out, spp=1 << 20))
+    wait_for(process, kept(out))
+    process.send_signal(signal.SIGINT)
+    status, err = ended(process, signal.SIGINT)
+    assert status in (130, -signal.SIGINT)
+    assert "Traceback" not in err
+    if out.exists():
+        assert values(out)
+    assert set(hidden(tmp_path)) <= {kept(out).name}
+
+
+# ------------------------------------------------------------------------------------- killed
+
+
+@pytest.fixture(scope="module")
+def lasts(tmp_path_factory):
+    """Seconds from a command's lock to its end, in a process of its own."""
+    folder, known = tmp_path_factory.mktemp("lasts"), {}
+
+    def of(name: str) -> float:
+        if name not in known:
+            out = place(folder / name, name)
+            out.parent.mkdir()
+            process = started(arguments(name, out))
+            start = wait_for(process, lock(out))
+            process.communicate(timeout=120)
+            known[name] = time.monotonic() - start
+        return known[name]
+
+    return of
+
+
+KINDS = [(by, number) for by in ("SIGKILL", "SIGTERM", "SIGHUP") for number in range(KILLS)]
+ORDER = ["render", "gate", "exhaustive", "phasor", "single"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("by", "number"), KINDS)
+def test_killed_at_a_random_moment(capsys, tmp_path, whole, lasts, by, number):
+    """Twice in a row; where there is an earlier output, it stays or is replaced by a whole one."""
+    shift = ("SIGKILL", "SIGTERM", "SIGHUP").index(by)
+    name = ORDER[(number + 2 * shift) % len(ORDER)]
+    random = np.random.default_rng([number, shift])
+    expected, out, number_of = whole(name), place(tmp_path, name), getattr(signal, by)
+    before, resume = {}, []
+    if name not in SAMPLES and number % 2:
+        assert main(arguments(name, out, "--seed", "9", spp=4)) == 0
+        before = content(out)
+    for _ in range(2):
+        process = started(arguments(name, out, *resume))
+        wait_for(process, lock(out))
+        time.sleep(random.uniform(0, lasts(name)))
+        status, err = ended(process, number_of)
+        allowed = {0, -number_of} | ({130, 128 + number_of} if by != "SIGKILL" else set())
+        if status == 2:  # Complete already, or nothing is there yet
+            assert one_line(err)
+            assert resume or out.suffix == ".h5"
+            break
+        assert status in allowed, (status, err)
+        assert "Traceback" not in err
+        if out.exists():
+            assert values(out)
+            if content(out) != before and is_complete(out, name):
+                require_equal(out, expected)
+        else:
+            assert not before
+        resume = ["--resume"] if kept(out).exists() else []
+    status, _, err = run(capsys, *arguments(name, out, "--resume"))
+    if status:
+        assert status == 2, err
+        one_line(err)
+        if not (out.exists() and content(out) != before and is_complete(out, name)):
+            if out.suffix == ".h5":
+                out.unlink(missing_ok=True)
+            assert run(capsys, *arguments(name, out))[0] == 0
+    require_equal(out, expected)
+    assert set(os.listdir(tmp_path)) - {kept(out).name} == {out.name}
+
+
+@pytest.mark.slow
+def test_a_kill_loses_at_most_the_interval(tmp_path):
+    out = tmp_path / "out"
+    process = started(arguments("render", out, spp=1 << 20), every=0.3)
+    wait_for(process, kept(out))
+    time.sleep(1.5)
+    ended(process, signal.SIGKILL)
+    assert time.time() - kept(out).stat().st_mtime < 0.3 + 2  # A busy machine's step
+    with np.load(kept(out)) as archive:
+        about = json.loads(archive["tofrender"].item())
+    assert about["seconds"] > 1
+    assert about["done"] > 0
+    assert not out.exists()
+
+
+# ------------------------------------------------------------------- what is beside the output
+
+
+@pytest.mark.slow
+def test_leftovers_go(capsys, tmp_path):
+    """Of killed writers of this output, not of others."""
+    out = tmp_path / "out"
+    mine = [atomic.hidden(out, "-0123abcd"), atomic.hidden(kept(out), "-89abcdef.npz")]
+    other = atomic.hidden(tmp_path / "other", "-0123abcd")
+    mine[0].mkdir()
+    (mine[0] / "half").write_text("x")
+    for each in (mine[1], other):
+        each.write_text("x")
+    assert run(capsys, *arguments("render", out, spp=4))[0] == 0
+    assert set(os.listdir(tmp_path)) == {"out", other.name}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["render", "gate", "single"])
+def test_two_runs_with_one_output(capsys, tmp_path, name):
+    """The second is refused at once, and does no harm to the first."""
+    out = place(tmp_path, name)
+    with atomic.locked(out):
+        files = set(os.listdir(tmp_path))
+        start = time.monotonic()
+        status, told, err = run(capsys, *arguments(name, out))
+        assert time.monotonic() - start < 5
+        assert (status, told) == (2, "")
+        assert one_line(err).startswith(f"error: --out = {out}: another process")
+        assert err.count("\n") == 1
+        assert set(os.listdir(tmp_path)) == files
+    assert run(capsys, *arguments(name, out, spp=4))[0] == 0
+
+
+# ------------------------------------------------------------------------- going on, or not
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_nothing_to_go_on_from(capsys, tmp_path, name):
+    status, told, err = run(capsys, *arguments(name, place(tmp_path, name), "--resume"))
+    assert (status, told) == (2, "")
+    assert one_line(err).startswith("error: --resume: ")
+    assert err.count("\n") == 1
+    assert os.listdir(tmp_path) == []
+
+
+class Stopped:
+    """Makes commands of this process small-stepped, and stops them after some steps."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.patch = monkeypatch
+
+    def after(self, steps: int, by: int = signal.SIGINT) -> None:
+        number = count(1)
+
+        def due(checkpoint) -> bool:
+            if next(number) == steps:
+                signal.raise_signal(by)
+            return False
+
+        self.patch.setattr(passes, "STEP_SAMPLES", 4096)
+        self.patch.setattr(passes, "FIRST_SAMPLES", 4096)
+        self.patch.setattr(Checkpoint, "due", property(due))
+
+
+@pytest.fixture
+def stopped(monkeypatch):
+    with monkeypatch.context() as patch:
+        yield Stopped(patch)
+
+
+def stop(capsys, stopped, name, out, *options, steps: int = 3, spp: int = 0) -> str:
+    stopped.after(steps)
+    status, _, err = run(capsys, *arguments(name, out, *options, spp=spp))
+    assert status == 130, err
+    return err
+
+
+def test_without_resume_it_starts_anew(capsys, tmp_path, stopped, whole):
+    out, expected = tmp_path / "out", whole("gate")
+    stop(capsys, stopped, "gate", out)
+    assert hidden(tmp_path) == [kept(out).name]
+    stopped.after(0)
+    status, _, err = run(capsys, *arguments("gate", out))
+    assert status == 0
+    assert (
+        err
+        == "note: the same command with --resume goes on from where an earlier one was stopped\n"
+    )
+    require_equal(out, expected)
+    assert os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.slow
+def test_other_options_are_refused(capsys, tmp_path, stopped):
+    out = tmp_path / "out"
+    stop(capsys, stopped, "gate", out)
+    before = kept(out).read_bytes()
+    for options in (["--seed", "3"], ["--at", "6"], ["--size", "8x8"], ["--max-depth", "3"]):
+        status, _, err = run(capsys, *arguments("gate", out, "--resume", *options))
+        assert status == 2
+        assert "was made with" in one_line(err)
+    status, _, err = run(capsys, *arguments("gate", out, "--resume", spp=16))
+    assert status == 2
+    assert "must have at most 16" in one_line(err)
+    assert kept(out).read_bytes() == before
+    stopped.after(0)
+    assert run(capsys, *arguments("gate", out, "--resume", spp=1024))[0] == 0  # More is allowed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_checkpoint_on_top_of_an_earlier_render(capsys, tmp_path, stopped, whole, twice):
+    """DIR has 128 samples and a stopped run's file more; after Ctrl-C DIR has a part of all."""
+    out, expected = tmp_path / "out", whole("render")
+    assert run(capsys, *arguments("render", out, spp=128))[0] == 0
+    err = stop(capsys, stopped, "render", out, "--resume")
+    assert f"resuming from 128 samples per pixel in {out}" in err
+    assert "interrupted after 176 samples per pixel" in err
+    assert tofrender.load_npz(out / "transient.npz").attrs["spp"] == 176
+    if twice:
+        assert "interrupted after 224 samples" in stop(capsys, stopped, "render", out, "--resume")
+    stopped.after(0)
+    assert f"resuming from {224 if twice else 176} " in goes_on(capsys, "render", out, expected)
+
+
+@pytest.mark.slow
+def test_killed_on_top_of_an_earlier_render(capsys, tmp_path, whole):
+    out, expected = tmp_path / "out", whole("render")
+    assert run(capsys, *arguments("render", out, spp=128))[0] == 0
+    before = content(out)
+    process = started(arguments("render", out, "--resume"))
+    wait_for(process, kept(out))
+    ended(process, signal.SIGKILL)
+    assert content(out) == before
+    err = goes_on(capsys, "render", out, expected)
+    assert f"resuming from 128 samples per pixel in {out}\n" in err
+    assert f" of {SPP} samples per pixel\n" in err
+
+
+@pytest.mark.slow
+def test_a_folder_that_has_changed_since(capsys, tmp_path, stopped, whole):
+    """The checkpoint is of another render's rest: only the folder is gone on with."""
+    out, expected = tmp_path / "out", whole("render")
+    assert run(capsys, *arguments("render", out, spp=128))[0] == 0
+    process = started(arguments("render", out, "--resume"))
+    wait_for(process, kept(out))
+    ended(process, signal.SIGKILL)
+    rest = kept(out).read_bytes()
+    assert run(capsys, *arguments("render", out, spp=64))[0] == 0
+    kept(out).write_bytes(rest)
+    err = goes_on(capsys, "render", out, expected)
+    assert "resuming from 64 samples per pixel" in err
+
+
+@pytest.mark.slow
+def test_a_damaged_checkpoint(capsys, tmp_path, stopped, whole):
+    out, expected = tmp_path / "out", whole("gate")
+    stop(capsys, stopped, "gate", out)
+    stopped.after(0)
+    content = kept(out).read_bytes()
+    kept(out).write_bytes(content[: len(content) // 2])
+    err = goes_on(capsys, "gate", out, expected)
+    assert err.startswith("warning: ")
+    assert "damaged" in err
+    assert err.count("\n") == 1
+
+
+def test_without_checkpoints(capsys, tmp_path, monkeypatch):
+    """Nothing is kept, and no way to go on is promised."""
+    out = tmp_path / "out"
+    monkeypatch.setattr(passes, "STEP_SAMPLES", 4096)
+    monkeypatch.setattr(passes, "FIRST_SAMPLES", 4096)
+    step = passes._step
+
+    number = count()
+
+    def stopping(*arguments, **options):
+        assert not kept(out).exists()
+        if next(number) == 0:
+            signal.raise_signal(signal.SIGINT)
+        return step(*arguments, **options)
+
+    monkeypatch.setattr(passes, "_step", stopping)
+    status, _, err = run(capsys, *arguments("gate", out, "--checkpoint", 0))
+    assert status == 130
+    assert one_line(err) == f"error: interrupted after 16 of {SPP} samples per pixel"
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("value", ["-1", "nan", "inf", "often"])
+def test_bad_intervals(capsys, tmp_path, value):
+    status, _, err = run(capsys, *arguments("gate", tmp_path / "out", "--checkpoint", value))
+    assert status == 2
+    assert "--checkpoint = " in one_line(err)
+    assert os.listdir(tmp_path) == []
+
+
+# ---------------------------------------------------------------- Ctrl-C while files are written
+
+
+@pytest.mark.slow
+def test_files_become_whole(capsys, tmp_path, monkeypatch, whole):
+    out, expected, write = tmp_path / "out", whole("render"), cli_render._write
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return write(*arguments)
+
+    monkeypatch.setattr(cli_render, "_write", interrupted)
+    status, _, err = run(capsys, *arguments("render", out))
+    assert status == 130
+    assert one_line(err) == "error: interrupted while files were written, which are whole"
+    require_equal(out, expected)
+    assert os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "writer"),
+    [("gate", "save_exr_layers"), ("phasor", "save_exr_layers"), ("single", "save_capture")],
+)
+def test_other_files_become_whole(capsys, tmp_path, monkeypatch, whole, name, writer):
+    out, expected = place(tmp_path, name), whole(name)
+    write, number = getattr(tofrender.io, writer), count()
+
+    def interrupted(*arguments, **options):
+        if not next(number):
+            signal.raise_signal(signal.SIGINT)
+        return write(*arguments, **options)
+
+    monkeypatch.setattr(tofrender.io, writer, interrupted)
+    status, _, err = run(capsys, *arguments(name, out))
+    assert status == 130
+    assert one_line(err) == "error: interrupted while files were written, which are whole"
+    require_equal(out, expected)
+    assert os.listdir(tmp_path) == [out.name]

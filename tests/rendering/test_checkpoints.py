@@ -1,0 +1,788 @@
+"""Work that is stopped, and goes on from its file: the same result as in one go, or a refusal.
+
+"The same" is to float rounding, 1e-5 of the brightest value, for samplers that can skip what was
+drawn. For Mitsuba's it is another part of the random numbers: the same on average, and as noisy.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from support import agree, largest
+
+import tofrender
+from tofrender import nlos
+from tofrender.films import cells, recording
+from tofrender.integrators import passes
+from tofrender.rendering import job
+from tofrender.runtime.checkpoints import Checkpoint
+
+SIZE, SPP, STEP = 16, 128, 16
+"""Pixels on a side, samples per pixel, and those of a step, which the lanes of a step allow."""
+
+NOW = 1e-9
+"""Seconds between savings that mean: after every step, whatever that takes."""
+
+ROUNDING = 1e-5
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+
+class Cut(Checkpoint):
+    """Stops the work after some of its steps, as Ctrl-C does; counts the steps."""
+
+    def __init__(self, path, after: int = 0, by: int = signal.SIGINT, seconds: float = 1e6) -> None:
+        self.told: list[str] = []
+        super().__init__(path, seconds, self.told.append)
+        self.after, self.by, self.steps, self.savings = after, by, 0, 0
+
+    @property
+    def due(self) -> bool:
+        self.steps += 1
+        if self.steps == self.after:
+            signal.raise_signal(self.by)
+        return self.seconds == NOW or super().due
+
+    def save(self, *arguments) -> None:
+        self.savings += 1
+        super().save(*arguments)
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "work.npz"
+
+
+@pytest.fixture
+def small_steps(monkeypatch):
+    def use(samples: int = SIZE * SIZE * STEP) -> None:
+        monkeypatch.setattr(passes, "STEP_SAMPLES", samples)
+        monkeypatch.setattr(passes, "FIRST_SAMPLES", samples)
+
+    return use
+
+
+def arrays(result) -> list[np.ndarray]:
+    """What results are compared by; phases and depths may wrap."""
+    if isinstance(result, tuple):
+        return list(result[:3])
+    if isinstance(result, np.ndarray):
+        return [result]
+    return [result[name].values for name in ("transient", "steady") if name in result]
+
+
+def difference(result, expected) -> float:
+    both = zip(arrays(result), arrays(expected), strict=True)
+    return max(largest(a, b) for a, b in both)
+
+
+def stopped(work: Callable, checkpoint: Cut):
+    """What a call that is stopped returns, None if it raises."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "interrupted")
+        try:
+            result = work(checkpoint)
+        except KeyboardInterrupt as error:
+            message = str(error)
+            if not message.startswith("interrupted after ") or "\n" in message:
+                raise AssertionError(message) from error
+            return None
+    return result if getattr(result, "attrs", {}).get("complete", 1) else None
+
+
+def in_parts(work: Callable, path: Path, after: int = 1):
+    """The result of calls that are stopped after some steps each, and how many these were."""
+    for count in range(1, 40):
+        result = stopped(work, Cut(path, after))
+        if result is not None:
+            return result, count
+        assert os.listdir(path.parent) == [path.name]
+    raise AssertionError("it does not end")
+
+
+def is_the_whole(work: Callable, path: Path, small_steps, after: int = 3, least: int = 3, **steps):
+    whole = work(None)
+    assert any(np.any(each) for each in arrays(whole))
+    small_steps(**steps)
+    result, count = in_parts(work, path, after)
+    assert count >= least
+    assert difference(result, whole) < ROUNDING
+
+
+# ---------------------------------------------------------------------------------- the works
+
+
+def box(integrator: str = "transient_path", film=(), pulse=None, **options) -> dict:
+    """The Cornell box, with its lamp in view."""
+    scene = tofrender.cornell_box(
+        **{"width": SIZE, "height": SIZE, "temporal_bins": 60, "bin_width_opl": 0.2, **options}
+    )
+    scene["integrator"]["type"] = integrator
+    if pulse:
+        scene["integrator"]["pulse_width_opl"] = pulse
+    scene["sensor"]["film"] |= dict(film)
+    return scene
+
+
+def rendered(scene, spp: int = SPP, **options) -> Callable:
+    def work(checkpoint):
+        return tofrender.render(scene, spp=spp, checkpoint=checkpoint, progress=False, **options)
+
+    return work
+
+
+def loaded(**options):
+    scene = mi.load_dict(box(**options), parallel=False)
+    return scene, scene.sensors()[0]
+
+
+def plugin(kind: str, **parameters):
+    return mi.load_dict({"type": kind, **parameters}, parallel=False)
+
+
+class OwnSample(mi.SamplingIntegrator):
+    """A student's, of nothing of the package: one reflection through a Gaussian gate."""
+
+    def __init__(self, width: float = 0.5) -> None:
+        super().__init__(mi.Properties())
+        self.pulse = tofrender.GaussianPulse(width)
+
+    def sample(self, scene, sampler, ray, target_time, medium=None, active=True):
+        si = scene.ray_intersect(ray, active)
+        ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, si.is_valid())
+        value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(ds.d), si.is_valid())
+        there = dr.select(si.is_valid(), si.t + ds.dist, 0)
+        return value * weight * self.pulse.eval(target_time - there), si.is_valid(), []
+
+
+class OwnCorrelation(OwnSample):
+    def set_modulation(self, modulation):
+        self.modulation = modulation
+
+    def sample(self, scene, sampler, ray, medium=None, active=True):
+        return super().sample(scene, sampler, ray, 5.0, medium, active)
+
+
+def gate(integrator=None, at: float = 5.9, spp: int = SPP, seed: int = 0, **options) -> Callable:
+    scene, sensor = loaded(**options)
+    integrator = integrator or plugin("time_gated_transient_path", pulse_width_opl=0.3)
+    return lambda checkpoint: tofrender.render_at_time(
+        scene, integrator, sensor, at, spp, seed, checkpoint=checkpoint, progress=False
+    )
+
+
+def gates(spp: int = SPP, width: float = 0.1, integrator=None, **window) -> Callable:
+    scene, sensor = loaded()
+    window = {"temporal_bins": 30, "start_opl": 3.5, "bin_width_opl": 0.2, **window}
+    integrator = integrator or plugin("time_gated_transient_path", pulse_width_opl=width)
+    return lambda checkpoint: tofrender.render_transient(
+        scene, integrator, sensor, window, spp, checkpoint=checkpoint, progress=False
+    )
+
+
+def phasors(frequency=(20e6, 50e6), spp: int = SPP, **parameters) -> Callable:
+    scene, sensor = loaded(integrator="transient_path")
+    integrator = plugin("amcw_transient_path", **parameters)
+    return lambda checkpoint: tofrender.render_amcw_phasor(
+        scene, sensor, frequency, spp, 0, integrator, checkpoint=checkpoint, progress=False
+    )
+
+
+def correlation(pulse=(20e6, 0.0), integrator=None, spp: int = SPP) -> Callable:
+    scene, sensor = loaded()
+    integrator = integrator or plugin("amcw_transient_path")
+    integrator.set_modulation(tofrender.AMCWPulse(*pulse) if isinstance(pulse, tuple) else pulse)
+    return lambda checkpoint: tofrender.render_single_amcw(
+        scene, integrator, sensor, spp, checkpoint=checkpoint, progress=False
+    )
+
+
+GRIDS = {"confocal": (4, 4), "single": (4, 4), "exhaustive": (2, 2)}
+
+
+def captured(mode: str, spp: int = 2048, grid=None, seed: int = 0, change=None) -> Callable:
+    grid = grid or GRIDS[mode]
+    scene = tofrender.load_scene("nlos_z", optimize=False, width=grid[0], height=grid[1])
+    if change:
+        change(scene)
+    return lambda checkpoint: nlos.capture(
+        scene, mode=mode, spp=spp, seed=seed, checkpoint=checkpoint, progress=False
+    )
+
+
+CROP = {"crop_width": 9, "crop_height": 11, "crop_offset_x": 4, "crop_offset_y": 0}
+GAUSSIAN = {"rfilter": {"type": "gaussian"}}
+
+WORKS = {
+    "transient_path": lambda: rendered(box()),
+    "transient_bdpt": lambda: rendered(box("transient_bdpt", max_depth=4)),
+    "transient_light_tracer": lambda: rendered(box("transient_light_tracer")),
+    "gaussian": lambda: rendered(box(film=GAUSSIAN)),
+    "gaussian_splats": lambda: rendered(box("transient_light_tracer", GAUSSIAN, max_depth=3)),
+    "crop": lambda: rendered(box(film=CROP)),
+    "sample_border": lambda: rendered(box(film=CROP | GAUSSIAN | {"sample_border": True})),
+    "window_auto": lambda: rendered(box(), window="auto"),
+    "pulse": lambda: rendered(box(pulse=0.3)),
+    "another_seed": lambda: rendered(box(), seed=7),
+    "odd_number": lambda: rendered(box(), spp=117),
+    "gate": gate,
+    "gate_gaussian": lambda: gate(film=GAUSSIAN),
+    "gates": gates,
+    "phasors": phasors,
+    "one_phasor": lambda: phasors(20e6),
+    "correlation": correlation,
+    "own_sample": lambda: gate(OwnSample()),
+    "own_correlation": lambda: correlation(integrator=OwnCorrelation()),
+}
+
+
+# ------------------------------------------------------------------------- equal to the whole
+
+
+def test_the_lamp_is_in_view():
+    steady = tofrender.render(box(), spp=16, progress=False)["steady"].values
+    lamp = steady.max(axis=-1) > 5
+    assert 0 < lamp.sum() < 0.1 * lamp.size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WORKS)
+def test_parts_are_the_whole(path, small_steps, name):
+    is_the_whole(WORKS[name](), path, small_steps, 1 if name == "crop" else 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [1, 2, 5, 7])
+def test_wherever_it_is_cut(path, small_steps, after):
+    is_the_whole(rendered(box()), path, small_steps, after, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["llvm_ad_mono", "llvm_ad_spectral"])
+@pytest.mark.parametrize("work", [lambda: rendered(box()), phasors])
+def test_other_variants(path, small_steps, name, work):
+    mi.set_variant(name)
+    is_the_whole(work(), path, small_steps)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [1, 3])
+@pytest.mark.parametrize("name", ["transient_path", "transient_bdpt", "gates"])
+def test_more_samples_than_float32_adds(path, small_steps, monkeypatch, name, after):
+    """They are added in portions of at most 2^16, here of 32."""
+    whole = WORKS[name]()(None)
+    for module in (cells, recording, passes, job):
+        monkeypatch.setattr(module, "MAX_ADDED", 2 * STEP)
+    small_steps()
+    result, count = in_parts(WORKS[name](), path, after)
+    assert count > 1
+    assert difference(result, whole) < ROUNDING
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", GRIDS)
+@pytest.mark.parametrize("after", [1, 3])
+def test_captures(path, small_steps, mode, after):
+    """Exhaustive ones have two steps for each of four points."""
+    points = int(np.prod(GRIDS[mode]))
+    is_the_whole(captured(mode), path, small_steps, after, 3, samples=points * 256)
+
+
+@pytest.mark.slow
+def test_more_samples_the_second_time(path, small_steps):
+    """From a part, then from what is complete."""
+    whole = rendered(box(), spp=2 * SPP)(None)
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 3)) is None
+    assert stopped(rendered(box()), Cut(path, seconds=NOW)) is not None
+    last = Cut(path)
+    assert difference(rendered(box(), spp=2 * SPP)(last), whole) < ROUNDING
+    assert last.told == [f"resuming from {SPP} of {2 * SPP} samples per pixel"]
+
+
+def test_what_is_complete_is_not_done_again(path, small_steps):
+    small_steps()
+    whole = rendered(box())(Cut(path, seconds=NOW))
+    again = Cut(path)
+    assert difference(rendered(box())(again), whole) < 1e-7
+    assert again.steps == 0
+    assert again.told == [f"resuming from {SPP} of {SPP} samples per pixel"]
+
+
+@pytest.mark.slow
+def test_on_top_of_an_earlier_render(path, small_steps):
+    """`resume` and a checkpoint of what came after it; then of that one's result."""
+    whole = rendered(box(), spp=3 * SPP)(None)
+    small_steps()
+    earlier = rendered(box())(None)
+    work = rendered(box(), spp=3 * SPP, resume=earlier)
+    assert stopped(work, Cut(path, 3)) is None
+    last = Cut(path)
+    result = work(last)
+    assert last.told == [f"resuming from {SPP + 3 * STEP} of {3 * SPP} samples per pixel"]
+    assert difference(result, whole) < ROUNDING
+    assert result.attrs["spp"] == 3 * SPP
+
+
+@pytest.mark.slow
+def test_a_partial_result_is_gone_on_with(path, small_steps):
+    """Without the checkpoint: what Ctrl-C returns is a render of fewer samples."""
+    whole = rendered(box())(None)
+    small_steps()
+    with pytest.warns(UserWarning, match="interrupted"):
+        part = rendered(box())(Cut(path, 3))
+    assert part.attrs["complete"] == 0
+    result = rendered(box(), resume=part)(None)
+    assert difference(result, whole) < ROUNDING
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("sampler", ["independent", "multijitter"])
+def test_other_samplers(tmp_path, small_steps, sampler):
+    """Means over 16 seeds agree bin by bin (alpha as in `support`), and no part is there twice."""
+
+    def sums(seed: int, after: int) -> np.ndarray:
+        scene = box(width=8, height=8, temporal_bins=16, bin_width_opl=0.75)
+        work = rendered(scene, 256, sampler=sampler, seed=seed)
+        result, count = in_parts(work, tmp_path / f"{seed}-{after}.npz", after)
+        assert count == (4 if after else 1)
+        for each in tmp_path.iterdir():
+            each.unlink()
+        return result["transient"].values.astype(float).sum(axis=(0, 1)).ravel()
+
+    small_steps(64 * 64)
+    whole = np.stack([sums(seed, 0) for seed in range(16)])
+    parts = np.stack([sums(seed, 1) for seed in range(100, 116)])
+    lit = whole.min(axis=0) > 0
+    assert lit.sum() > 20
+    assert agree(parts[:, lit], whole[:, lit])
+    assert not agree(1.1 * parts[:, lit], whole[:, lit])
+
+
+def test_parts_of_other_samplers_differ(path, small_steps):
+    """Two halves of the same points would be no better than one."""
+    small_steps()
+    work = rendered(box(), sampler="independent")
+    with pytest.warns(UserWarning, match="interrupted"):
+        half = work(Cut(path, SPP // STEP // 2))
+    assert half.attrs["spp"] == SPP // 2
+    whole = work(path)
+    rest = 2 * whole["transient"].values - half["transient"].values
+    assert np.abs(rest - half["transient"].values).max() > 0.01 * half["transient"].values.max()
+
+
+# ------------------------------------------------------------------------------------ stopping
+
+ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+@pytest.mark.parametrize("by", ENDINGS)
+def test_a_stopped_render_is_a_render_of_fewer_samples(path, small_steps, by):
+    expected = rendered(box(), spp=2 * STEP)(None)
+    small_steps()
+    before = signal.getsignal(by)
+    with pytest.warns(UserWarning, match=rf"interrupted: .* {2 * STEP} of {SPP} samples per pixel"):
+        part = rendered(box())(Cut(path, 2, by))
+    assert signal.getsignal(by) is before
+    assert (part.attrs["complete"], part.attrs["spp"]) == (0, 2 * STEP)
+    assert difference(part, expected) < ROUNDING
+
+
+@pytest.mark.parametrize("mode", ["single", "confocal"])
+def test_a_stopped_capture(path, small_steps, mode):
+    small_steps(16 * 256)
+    with pytest.warns(UserWarning, match=r"interrupted: .* 512 of 2048 samples per pixel"):
+        part = captured(mode)(Cut(path, 2))
+    assert (part.attrs["complete"], part.attrs["spp"]) == (0, 512)
+    small_steps()
+    assert difference(part, captured(mode, 512)(None)) < ROUNDING
+
+
+@pytest.mark.parametrize("by", ENDINGS)
+@pytest.mark.parametrize("name", ["gate", "gates", "phasors", "correlation", "own_sample"])
+def test_arrays_are_whole_or_an_error(path, small_steps, name, by):
+    small_steps()
+    with pytest.raises(KeyboardInterrupt) as error:
+        WORKS[name]()(Cut(path, 2, by))
+    told = str(error.value)
+    assert told.startswith(f"interrupted after {2 * STEP} of {SPP} samples per pixel")
+    assert str(path) in told
+    assert "\n" not in told
+
+
+def test_an_exhaustive_capture_is_whole_or_an_error(path, small_steps):
+    small_steps(4 * 1024)
+    with pytest.raises(KeyboardInterrupt, match=r"^interrupted after \d+ of 4 ") as error:
+        captured("exhaustive")(Cut(path, 3))
+    assert "\n" not in str(error.value)
+
+
+def test_without_a_file_it_says_so_too(small_steps):
+    """No way to go on is promised then."""
+
+    class Interrupting(OwnSample):
+        def sample(self, *arguments):
+            signal.raise_signal(signal.SIGINT)
+            return super().sample(*arguments)
+
+    small_steps()
+    with pytest.raises(KeyboardInterrupt) as error:
+        gate(Interrupting())(None)
+    assert str(error.value) == f"interrupted after {STEP} of {SPP} samples per pixel"
+
+
+def test_ctrl_c_in_the_last_step_of_a_laser_point(path, small_steps):
+    """Where a point takes one step, each is the last."""
+    small_steps(4 * 2048)
+    for number in (1, 2, 3):
+        with pytest.raises(KeyboardInterrupt, match=r"^interrupted after"):
+            captured("exhaustive")(Cut(path, 1))
+        assert np.load(path)["values"].any(axis=(2, 3, 4, 5)).sum() == number - 1
+    result = captured("exhaustive")(Cut(path, 1))  # The last of all
+    assert difference(result, captured("exhaustive")(None)) < ROUNDING
+
+
+def test_a_second_ctrl_c_ends_at_once(path, small_steps):
+    """And the file is still whole."""
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 2)) is None
+
+    class Twice(Cut):
+        @property
+        def due(self):
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            return False
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt) as error:
+        rendered(box())(Twice(path))
+    assert str(error.value) == ""
+    assert signal.getsignal(signal.SIGINT) is before
+    last = Cut(path)
+    rendered(box())(last)
+    assert last.told == [f"resuming from {2 * STEP} of {SPP} samples per pixel"]
+
+
+@pytest.mark.parametrize("by", ENDINGS)
+def test_ignored_signals_stay_ignored(path, small_steps, by):
+    small_steps()
+    before = signal.signal(by, signal.SIG_IGN)
+    try:
+        assert rendered(box())(Cut(path, 2, by)).attrs["complete"] == 1
+        assert signal.getsignal(by) is signal.SIG_IGN
+    finally:
+        signal.signal(by, before)
+
+
+def test_in_another_thread(path, small_steps):
+    """Nothing there hears signals; the work is done."""
+    small_steps()
+    found = []
+    thread = threading.Thread(target=lambda: found.append(rendered(box())(Cut(path))))
+    thread.start()
+    thread.join(60)
+    assert found[0].attrs["complete"] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["many", "slow"])
+def test_steps_take_about_a_second(path, name):
+    """A stop takes that long; also where a sample takes long."""
+
+    class Slow(OwnSample):
+        def sample(self, scene, sampler, ray, target_time, medium=None, active=True):
+            value, valid, aovs = super().sample(scene, sampler, ray, target_time, medium, active)
+            for _ in range(24):
+                value += super().sample(scene, sampler, ray, target_time, medium, active)[0]
+            return value, valid, aovs
+
+    class Timed(Cut):
+        times: list[float] = []  # noqa: RUF012
+
+        @property
+        def due(self):
+            self.times.append(time.perf_counter())
+            return super().due
+
+    size = {"width": 256, "height": 256}
+    integrator = Slow() if name == "slow" else None
+    checkpoint = Timed(path, after=4)
+    Timed.times.clear()
+    with pytest.raises(KeyboardInterrupt):
+        gate(integrator, spp=1 << 20, **size)(checkpoint)
+    took = np.diff(Timed.times)
+    assert took.max() < 8, took
+
+
+# ---------------------------------------------------------------------------------- refusals
+
+
+def moved_laser(scene) -> None:
+    nlos.focus_laser(scene, uv=(0.3, 0.6))
+
+
+def changed_gate(**attributes):
+    integrator = plugin("time_gated_transient_path", pulse_width_opl=0.3)
+    for name, value in attributes.items():
+        setattr(integrator, name, value)
+    return integrator
+
+
+REFUSED = {
+    "seed": (rendered, (box(),), {"seed": 1}, "seed"),
+    "scene": (rendered, (box(light="flash", start_opl=3.5),), {}, "fingerprint"),
+    "depth": (rendered, (box(max_depth=4),), {}, ""),
+    "integrator": (rendered, (box("transient_bdpt"),), {}, ""),
+    "size": (rendered, (box(width=12),), {}, "film"),
+    "crop": (rendered, (box(film=CROP),), {}, "film"),
+    "filter": (rendered, (box(film=GAUSSIAN),), {}, "film"),
+    "border": (rendered, (box(film=CROP | GAUSSIAN | {"sample_border": True}),), {}, "film"),
+    "window": (rendered, (box(),), {"window": (3.5, 20.0)}, "bin_width_opl"),
+    "bins": (rendered, (box(temporal_bins=50),), {}, "film"),
+    "pulse": (rendered, (box(pulse=0.1),), {}, "pulse"),
+    "sampler": (rendered, (box(),), {"sampler": "independent"}, "sampler"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_another_render_is_refused(path, small_steps, name):
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 1)) is None
+    make, arguments, options, text = REFUSED[name]
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=f"checkpoint = .* was made with .*{text}") as error:
+        make(*arguments, **options)(path)
+    assert "\n" not in str(error.value)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("make", "change"),
+    [
+        (gate, {"at": 6.0}),
+        (gate, {"seed": 1}),
+        (gate, {"film": GAUSSIAN}),
+        (gate, {"light": "flash"}),
+        (gate, {"integrator": lambda: changed_gate(pulse=tofrender.GaussianPulse(0.1))}),
+        (gate, {"integrator": lambda: changed_gate(max_depth=3)}),
+        (gate, {"integrator": lambda: changed_gate(rr_depth=2)}),
+        (gate, {"integrator": lambda: changed_gate(hide_emitters=True)}),
+        (gate, {"integrator": OwnSample}),
+        (gates, {"temporal_bins": 29}),
+        (gates, {"start_opl": 3.6}),
+        (gates, {"bin_width_opl": 0.21}),
+        (gates, {"width": 0.2}),
+        (phasors, {"frequency": (20e6, 60e6)}),
+        (phasors, {"frequency": 20e6}),
+        (phasors, {"max_depth": 3}),
+        (correlation, {"pulse": (30e6, 0.0)}),
+        (correlation, {"pulse": (20e6, 1.0)}),
+        (correlation, {"pulse": tofrender.SquareWave(20e6)}),
+    ],
+)
+def test_other_arrays_are_refused(path, small_steps, make, change):
+    small_steps()
+    assert stopped(make(), Cut(path, 1)) is None
+    change = {k: v() if callable(v) else v for k, v in change.items()}
+    with pytest.raises(ValueError, match=r"checkpoint = .* was made with ") as error:
+        make(**change)(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_students_pulse_counts(path, small_steps):
+    """Whatever the package knows of the class."""
+    small_steps()
+    assert stopped(gate(OwnSample(0.5)), Cut(path, 1)) is None
+    with pytest.raises(ValueError, match=r"checkpoint = .* was made with "):
+        gate(OwnSample(0.1))(path)
+
+
+@pytest.mark.parametrize(
+    ("mode", "other"),
+    [
+        ("confocal", {"mode": "single"}),
+        ("single", {"mode": "confocal"}),
+        ("exhaustive", {"mode": "single", "grid": (2, 2)}),
+        ("single", {"change": moved_laser}),
+        ("single", {"grid": (3, 4)}),
+        ("confocal", {"seed": 5}),
+        ("exhaustive", {"seed": 5}),
+        ("exhaustive", {"spp": 1024}),
+    ],
+)
+def test_another_capture_is_refused(path, small_steps, mode, other):
+    small_steps(int(np.prod(GRIDS[mode])) * 256)
+    assert stopped(captured(mode), Cut(path, 1)) is None
+    with pytest.raises(ValueError, match="checkpoint = ") as error:
+        captured(**{"mode": mode, **other})(path)
+    assert "\n" not in str(error.value)
+
+
+KINDS = {"render": lambda: rendered(box()), "gate": gate, "gates": gates, "phasors": phasors}
+KINDS |= {"correlation": correlation}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", KINDS)
+def test_another_kind_of_work_is_refused(path, small_steps, first):
+    small_steps()
+    assert stopped(KINDS[first](), Cut(path, 1)) is None
+    for name in KINDS.keys() - {first}:
+        with pytest.raises(ValueError, match=r"checkpoint = .* was made with ") as error:
+            KINDS[name]()(path)
+        assert "\n" not in str(error.value)
+
+
+def test_another_variant_is_refused(path, small_steps):
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 1)) is None
+    mi.set_variant("llvm_ad_mono")
+    with pytest.raises(ValueError, match="was made with variant = 'llvm_ad_rgb'; must be 'llvm_ad"):
+        rendered(box())(path)
+
+
+def test_more_done_than_wanted_is_refused(path, small_steps):
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 4)) is None
+    with pytest.raises(ValueError, match=f"has {4 * STEP} samples per pixel.* at most 32") as error:
+        rendered(box(), spp=32)(path)
+    assert "\n" not in str(error.value)
+
+
+def test_another_earlier_render_is_refused(path, small_steps):
+    small_steps()
+    earlier = rendered(box(), spp=32)(None)
+    assert stopped(rendered(box(), resume=earlier), Cut(path, 1)) is None
+    for options in ({}, {"resume": rendered(box(), spp=64)(None)}):
+        with pytest.raises(ValueError, match="was made with resume = 32") as error:
+            rendered(box(), **options)(path)
+        assert "\n" not in str(error.value)
+
+
+# --------------------------------------------------------------------------------- the file
+
+
+def test_a_damaged_file_is_told_and_never_used(path, small_steps):
+    """A hundred flipped bytes of a real file, and all of the result is right."""
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 4)) is None
+    content = path.read_bytes()
+    checkpoint = Cut(path)
+    for index in np.random.default_rng(0).integers(0, len(content), 30):
+        path.write_bytes(content[:index] + bytes([content[index] ^ 4]) + content[index + 1 :])
+        with pytest.warns(UserWarning, match="damaged"):
+            found = checkpoint.begin(checkpoint.recipe() or {"x": 1}, SPP, "samples")
+        assert found is None
+    whole = rendered(box())(None)
+    with pytest.warns(UserWarning, match="damaged, starting anew") as caught:
+        result = rendered(box())(path)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    assert difference(result, whole) < ROUNDING
+
+
+def test_the_warning_is_at_the_callers_line(path, small_steps):
+    small_steps()
+    path.write_bytes(b"")
+    for work in (rendered(box()), gate()):
+        with pytest.warns(UserWarning, match="damaged") as caught:
+            work(path)
+        assert caught[0].filename == __file__
+        path.write_bytes(b"")
+
+
+def test_it_is_saved_as_often_as_asked(path, small_steps):
+    small_steps()
+    for seconds, savings in ((1e6, 0), (NOW, SPP // STEP)):
+        path.unlink(missing_ok=True)
+        checkpoint = Cut(path, seconds=seconds)
+        rendered(box())(checkpoint)
+        assert checkpoint.savings == savings
+        assert path.exists() == (savings > 0)  # It is there for whoever writes the result
+
+
+def test_no_room_is_a_warning_and_the_work_goes_on(path, small_steps, monkeypatch):
+    whole = rendered(box())(None)
+    small_steps()
+    assert stopped(rendered(box()), Cut(path, 2)) is None
+    before = path.read_bytes()
+
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", full)
+        with pytest.warns(UserWarning, match="no checkpoint was saved"):
+            result = rendered(box())(Cut(path, seconds=NOW))
+    assert difference(result, whole) < ROUNDING
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == [path.name]
+
+
+def test_seconds_add_up(path, small_steps):
+    small_steps()
+    with pytest.warns(UserWarning, match="interrupted"):
+        first = rendered(box())(Cut(path, 6)).attrs["render_seconds"]
+    time.sleep(0.5)  # Which is not counted
+    start = time.perf_counter()
+    second = rendered(box())(path).attrs["render_seconds"]
+    took = time.perf_counter() - start
+    assert first < second < first + took
+
+
+@pytest.mark.parametrize("name", ["a.npz", Path("b.npz")])
+def test_a_file_name_will_do(monkeypatch, tmp_path, small_steps, name, capsys):
+    monkeypatch.chdir(tmp_path)
+    small_steps()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Checkpoint, "due", True)
+        rendered(box(), spp=STEP)(name)
+    rendered(box(), spp=2 * STEP)(name)
+    assert os.listdir() == [str(name)]
+    assert capsys.readouterr().out == f"resuming from {STEP} of {2 * STEP} samples per pixel\n"
+
+
+def test_pulses_without_a_name_go_on(path, small_steps):
+    """A student's prints its address only, which another process does not have."""
+
+    class Pulse:
+        def __init__(self, width):
+            self._width = width
+
+        def eval(self, t):
+            return dr.exp(-dr.square(t / self._width))
+
+    class Own(OwnSample):
+        def __init__(self, width):
+            super().__init__()
+            self.pulse = Pulse(width)
+
+    small_steps()
+    assert stopped(gate(Own(0.5)), Cut(path, 1)) is None
+    with pytest.raises(ValueError, match="was made with fingerprint"):
+        gate(Own(0.6))(path)
+    last = Cut(path)
+    gate(Own(0.5))(last)
+    assert last.told
+
+
+def test_any_object_with_a_sample(path, small_steps):
+    class Plain:
+        sample = OwnSample.sample
+        pulse = tofrender.GaussianPulse(0.5)
+
+    small_steps()
+    assert stopped(gate(Plain()), Cut(path, 1)) is None
+    assert stopped(gate(Plain()), Cut(path)) is not None

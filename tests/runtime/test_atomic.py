@@ -1,0 +1,432 @@
+"""Files and folders appear whole or not at all, whenever their writer is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tofrender.runtime import atomic
+from tofrender.runtime.atomic import hidden, locked, remove_leftovers, replacing
+
+ROOT = Path(__file__).parents[2]
+
+LONG = "x" * 250
+"""As long as names may be, or nearly: 255 bytes."""
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(os.listdir(folder))
+
+
+def content(path: Path) -> dict[str, bytes]:
+    return {each.name: each.read_bytes() for each in path.iterdir()}
+
+
+def write(path: Path, text: str, folder: bool = False) -> None:
+    with replacing(path, folder=folder) as temporary:
+        for name in ("a", "b") if folder else ("",):
+            (temporary / name).write_text(text)
+
+
+def read(path: Path) -> str:
+    """What `write` has written, "" if it is not there; fails if it is not whole."""
+    if not path.is_dir():
+        return path.read_text() if path.exists() else ""
+    parts = content(path)
+    assert parts.keys() == {"a", "b"}
+    assert parts["a"] == parts["b"]
+    return parts["a"].decode()
+
+
+def child(code: str, *arguments: object) -> subprocess.Popen:
+    """A process that runs code with `atomic`, which need not be killed twice."""
+    lines = (
+        "import os, sys, time\nfrom pathlib import Path\nfrom tofrender.runtime.atomic import *\n"
+    )
+    command = [sys.executable, "-c", lines + code, *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+
+
+# ------------------------------------------------------------------------------- replacing
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_it_takes_the_place(tmp_path, folder):
+    target = tmp_path / "new" / "film.exr"
+    for text in ("one", "two"):
+        write(target, text, folder)
+        assert read(target) == text
+        assert names(target.parent) == ["film.exr"]
+
+
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_an_error_leaves_what_was_there(tmp_path, folder, earlier, error):
+    target = tmp_path / "film"
+    if earlier:
+        write(target, "one", folder)
+
+    def fail():
+        with replacing(target, folder=folder) as temporary:
+            (temporary / "a" if folder else temporary).write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert read(target) == ("one" if earlier else "")
+    assert names(tmp_path) == ["film"] * earlier
+
+
+def test_a_file_keeps_its_suffix(tmp_path):
+    with replacing(tmp_path / "film.exr") as temporary:
+        assert temporary.suffix == ".exr"
+        assert temporary.parent == tmp_path
+        assert temporary.name.startswith(atomic.TEMPORARY_PREFIX)
+        temporary.touch()
+
+
+def test_a_link_is_followed(tmp_path):
+    real = tmp_path / "elsewhere" / "film"
+    real.parent.mkdir()
+    real.write_text("one")
+    link = tmp_path / "link"
+    link.symlink_to(real)
+    write(link, "two")
+    assert link.is_symlink()
+    assert real.read_text() == "two"
+
+
+def test_a_relative_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(Path("film"), "one", folder=True)
+    write(Path("film"), "two", folder=True)
+    assert read(tmp_path / "film") == "two"
+    assert names(tmp_path) == ["film"]
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_names_as_long_as_may_be(tmp_path, folder):
+    target = tmp_path / LONG
+    with locked(target):
+        for text in ("one", "two"):
+            write(target, text, folder)
+    assert read(target) == "two"
+    assert names(tmp_path) == [LONG]
+
+
+def test_a_file_has_the_mode_that_others_have(tmp_path):
+    """A temporary's 0600 would lock out the group."""
+    before = os.umask(0o022)
+    try:
+        write(tmp_path / "file", "one")
+        write(tmp_path / "folder", "one", folder=True)
+    finally:
+        os.umask(before)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
+    assert (tmp_path / "folder").stat().st_mode & 0o777 == 0o755
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_it_is_on_the_disk_before_it_takes_the_place(tmp_path, monkeypatch, folder):
+    """What is renamed but not synced may be empty after a power cut."""
+    target, synced = tmp_path / "film", set()
+    write(target, "one", folder)
+    fsync = os.fsync
+
+    def sync(descriptor):
+        if read(target) == "one":
+            synced.add(os.fstat(descriptor).st_ino)
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    write(target, "two", folder)
+    files = [target / "a", target / "b", target] if folder else [target]
+    assert {each.stat().st_ino for each in files} <= synced
+
+
+def test_the_parent_is_synced_after(tmp_path, monkeypatch):
+    target, synced = tmp_path / "film", []
+    fsync = os.fsync
+    monkeypatch.setattr(
+        os, "fsync", lambda d: (synced.append((os.fstat(d).st_ino, target.exists())), fsync(d))
+    )
+    write(target, "one")
+    assert (tmp_path.stat().st_ino, True) in synced
+
+
+_WATCH = """
+path, until = Path(sys.argv[1]), time.monotonic() + 30
+bad = seen = 0
+print("ready", flush=True)
+while not (path.parent / "stop").exists() and time.monotonic() < until:
+    seen += 1
+    try:
+        bad += not path.is_dir() and len(path.read_text()) != 30000
+    except FileNotFoundError:
+        bad += 1
+print(bad, seen)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", [False, True])
+def test_it_is_never_away(tmp_path, folder):
+    """Another process that looks all the time always finds it, and finds it whole."""
+    target = tmp_path / "film"
+    write(target, "000" * 10_000, folder)
+    if folder:
+        probe = [tmp_path / "probe", tmp_path / "other"]
+        for each in probe:
+            each.mkdir()
+        if not atomic._exchange(*probe):
+            pytest.skip("folders cannot be exchanged in one step here")
+    watcher = child(_WATCH, target)
+    assert watcher.stdout.readline() == "ready\n"
+    for count in range(200):
+        write(target, f"{count:03d}" * 10_000, folder)
+    (tmp_path / "stop").touch()
+    bad, seen = map(int, watcher.communicate(timeout=30)[0].split())
+    assert bad == 0
+    assert seen > 20
+
+
+def test_where_folders_cannot_be_exchanged(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic, "_exchange", lambda *_: False)
+    for text in ("one", "two"):
+        write(tmp_path / "film", text, folder=True)
+        assert read(tmp_path / "film") == text
+    assert names(tmp_path) == ["film"]
+
+
+# --------------------------------------------------------------------- killed at any moment
+
+_WRITE = """
+path, folder = Path(sys.argv[1]), sys.argv[2] == "folder"
+if sys.argv[3] == "aside":
+    import tofrender.runtime.atomic as atomic
+    atomic._exchange = lambda *_: False
+print("ready", flush=True)
+count = 0
+with locked(path):
+    while True:
+        count += 1
+        with replacing(path, folder=folder) as temporary:
+            for name in ("a", "b") if folder else ("",):
+                (temporary / name).write_text(str(count) * 1000)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_killed_at_any_moment(tmp_path, kind):
+    """What is there is whole, and what a killed writer left goes with the next."""
+    target = tmp_path / "film"
+    write(target, "first", kind == "folder")
+    for after in (0.003, 0.011, 0.023, 0.05):
+        writer = child(_WRITE, target, kind, "exchange")
+        assert writer.stdout.readline() == "ready\n"
+        time.sleep(after)
+        writer.kill()
+        writer.wait(30)
+        writer.stdout.close()
+        text = read(target)
+        if text != "first":
+            assert text == text[: len(text) // 1000] * 1000
+        with locked(target):  # The dead hold no lock
+            remove_leftovers(target)
+        assert names(tmp_path) == ["film"]
+
+
+_KILLED_BETWEEN = """
+import tofrender.runtime.atomic as atomic
+atomic._exchange = lambda *_: False
+rename = os.rename
+def killed(source, destination):
+    rename(source, destination)
+    os.kill(os.getpid(), 9)
+os.rename = killed
+with replacing(sys.argv[1], folder=True) as temporary:
+    (temporary / "a").write_text("two")
+"""
+
+
+def test_killed_while_the_earlier_folder_is_aside(tmp_path):
+    """As on systems that cannot exchange folders: it comes back."""
+    target = tmp_path / "film"
+    write(target, "one", folder=True)
+    writer = child(_KILLED_BETWEEN, target)
+    writer.communicate(timeout=30)
+    assert writer.returncode == -signal.SIGKILL
+    assert not target.exists()
+    with locked(target):
+        remove_leftovers(target)
+    assert read(target) == "one"
+    assert names(tmp_path) == ["film"]
+
+
+# ------------------------------------------------------------------------- hidden, leftovers
+
+
+def test_hidden_names(tmp_path):
+    path = hidden(tmp_path / "film", ".checkpoint.npz")
+    assert path.parent == tmp_path
+    assert path.name.startswith(".tofrender-")
+    assert path.name.endswith(".checkpoint.npz")
+    assert path == hidden(tmp_path / "film", ".checkpoint.npz")
+    others = [hidden(tmp_path / n, ".checkpoint.npz") for n in ("film2", "fil", LONG, LONG + "y")]
+    assert len({path, *others}) == 5
+    assert all(len(each.name.encode()) <= 255 for each in others)
+
+
+def test_hidden_names_of_one_place(tmp_path, monkeypatch):
+    """However it is written: a second run must find the first one's checkpoint, and its lock."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "film")
+    ways = ["film", "./film", tmp_path / "film", "film/", "sub/../film", "link"]
+    assert len({Path(hidden(way, ".lock")).resolve() for way in ways}) == 1
+
+
+def test_leftovers_of_others_stay(tmp_path):
+    """Beside `film`, what belongs to `film2` or to nobody is not touched."""
+    write(tmp_path / "film", "one", folder=True)
+    kept = hidden(tmp_path / "film", ".checkpoint.npz")
+    others = [
+        kept,
+        hidden(tmp_path / "film2", ".checkpoint.npz"),
+        hidden(tmp_path / "fil", ".checkpoint.npz"),
+        tmp_path / ".hidden",
+        tmp_path / "film.txt",
+    ]
+    for each in others:
+        each.write_text("x")
+    with replacing(tmp_path / "film2", folder=True) as temporary:
+        (temporary / "a").write_text("x")
+        remove_leftovers(tmp_path / "film")
+        assert (temporary / "a").exists()
+    assert all(each.exists() for each in others)
+
+
+def test_leftovers_go(tmp_path):
+    made = []
+    for folder in (False, True):
+        code = (
+            "writer = replacing(Path(sys.argv[1]), folder=sys.argv[2] == 'True')\n"
+            "temporary = writer.__enter__()\n"
+            "(temporary / 'a' if temporary.is_dir() else temporary).write_text('half')\n"
+            "print(temporary.name, flush=True)\n"
+            "os.kill(os.getpid(), 9)"
+        )
+        killed = child(code, tmp_path / "film", folder)
+        made.append(killed.communicate(timeout=30)[0].strip())
+    assert names(tmp_path) == sorted(made)
+    with locked(tmp_path / "film"):
+        remove_leftovers(tmp_path / "film")
+    assert names(tmp_path) == []
+
+
+# ---------------------------------------------------------------------------------- the lock
+
+_LOCK = """
+with locked(sys.argv[1]):
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+def holder(path: Path) -> subprocess.Popen:
+    code = f"import sys\nfrom tofrender.runtime.atomic import locked\n{_LOCK}"
+    command = [sys.executable, "-c", code, str(path)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen(command, cwd=ROOT, text=True, **pipes)
+    assert process.stdout.readline() == "locked\n"
+    return process
+
+
+def test_one_writer_at_a_time(tmp_path):
+    path = tmp_path / "film"
+    first = holder(path)
+    try:
+        start = time.monotonic()
+        with (
+            pytest.raises(FileExistsError, match=r"^--out = .*film") as error,
+            locked(path, "--out"),
+        ):
+            pytest.fail("two have the lock")
+        assert time.monotonic() - start < 1
+        assert "\n" not in str(error.value)
+        with locked(tmp_path / "other"):
+            pass
+    finally:
+        first.communicate("")
+    with locked(path):
+        pass
+    assert names(tmp_path) == []
+
+
+def test_the_dead_hold_no_lock(tmp_path):
+    first = holder(tmp_path / "film")
+    first.kill()
+    first.communicate()
+    with locked(tmp_path / "film"):
+        pass
+    assert names(tmp_path) == []
+
+
+def test_a_lock_is_given_back_after_an_error(tmp_path):
+    for _ in range(2):
+        with pytest.raises(RuntimeError), locked(tmp_path / "film"):
+            raise RuntimeError
+    assert names(tmp_path) == []
+
+
+def test_a_lock_that_its_holder_removes_meanwhile(tmp_path, monkeypatch):
+    """Between opening its file and locking that: it would lock a file that nobody else sees."""
+    path, flock, removed = tmp_path / "film", atomic.fcntl.flock, []
+
+    def late(*arguments):
+        if not removed:
+            removed.append(os.unlink(hidden(path, ".lock")))
+        return flock(*arguments)
+
+    monkeypatch.setattr(atomic.fcntl, "flock", late)
+    with locked(path):
+        assert removed
+        with pytest.raises(FileExistsError), locked(path):
+            pytest.fail("two have the lock")
+    assert names(tmp_path) == []
+
+
+_MANY = """
+path = Path(sys.argv[1])
+count = path.parent / "count"
+for _ in range(60):
+    while True:
+        try:
+            with locked(path):
+                before = int(count.read_text())
+                time.sleep(0.0005)
+                count.write_text(str(before + 1))
+            break
+        except FileExistsError:
+            time.sleep(0.001)
+"""
+
+
+@pytest.mark.slow
+def test_locks_of_many(tmp_path):
+    """Removing the lock's file lets nobody in twice."""
+    (tmp_path / "count").write_text("0")
+    workers = [child(_MANY, tmp_path / "film") for _ in range(3)]
+    for each in workers:
+        each.communicate(timeout=120)
+        assert each.returncode == 0
+    assert (tmp_path / "count").read_text() == "180"
+    assert names(tmp_path) == ["count"]
