@@ -13,7 +13,7 @@ import pytest
 
 import tofrender
 from tofrender.integrators import passes as base
-from tofrender.rendering import job
+from tofrender.rendering import pieces
 from tofrender.runtime import progress
 from tofrender.runtime.progress import deferred_stop, progress_bar
 
@@ -63,14 +63,14 @@ def test_a_disabled_bar_shows_nothing(capsys, monkeypatch):
 
 @pytest.mark.parametrize("shown", [True, False])
 def test_render_shows_a_bar(capsys, monkeypatch, shown):
-    steps = job.steps
+    steps = pieces.steps
 
     def slow(*arguments):
         for done in steps(*arguments):
             time.sleep(0.12)  # The bar shows at most ten times a second
             yield done
 
-    monkeypatch.setattr(job, "steps", slow)
+    monkeypatch.setattr(pieces, "steps", slow)
     monkeypatch.setattr(progress, "DELAY_S", 0.0)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
