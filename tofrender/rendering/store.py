@@ -293,7 +293,7 @@ def load_zarr(path: str | os.PathLike) -> Any:
     folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a film on disk")
-    require_zarr()
+    zarr = require_zarr()
     if not is_film(folder):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
     try:
@@ -302,7 +302,35 @@ def load_zarr(path: str | os.PathLike) -> Any:
         missing = set(DIMS) - set(dataset.data_vars)
         if missing or "start_opl" not in dataset.attrs:
             raise ValueError
+        group = zarr.open_group(folder, mode="r")
+        for name in DIMS:
+            dataset[name] = dataset[name].copy(data=_checked(group[name], folder))
     except (OSError, ValueError, KeyError, TypeError):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
     dataset.encoding["source"] = str(folder)
     return dataset
+
+
+def _checked(array: Any, folder: Path) -> Any:
+    """A dask array of an array on disk, which says what film a damaged block is of."""
+    import dask.array
+
+    return dask.array.from_array(_Checked(array, folder), chunks=array.chunks, name=False)
+
+
+class _Checked:
+    """An array on disk that names its film where a block cannot be read."""
+
+    def __init__(self, array: Any, folder: Path) -> None:
+        self._array, self._folder = array, folder
+        self.shape, self.dtype, self.ndim = array.shape, array.dtype, array.ndim
+
+    def __getitem__(self, index: Any) -> np.ndarray:
+        try:
+            return self._array[index]
+        except (OSError, RuntimeError, ValueError) as error:
+            reason = str(error).split(". ")[0].splitlines()[0]
+            raise ValueError(
+                f"film {self._folder}: {self._array.basename} is damaged or cannot be read "
+                f"({reason}); must be copied or rendered again"
+            ) from None
