@@ -92,15 +92,21 @@ class Cube:
 
     def rows(self) -> Iterator[tuple[Place, np.ndarray]]:
         """All values in blocks that are the array in C order, one after the other."""
-        before: list[int] = []
-        most = self._most()
-        while len(before) < len(self.shape) - 3 and self._row_bytes(len(before)) > most:
-            before.append(self.shape[len(before)])
-        row = self._row_bytes(len(before))
-        for index in np.ndindex(*before):
-            outer = tuple(slice(i, i + 1) for i in index)
-            for block in _blocks(self._chunks()[len(before)], PIECE_BYTES // row, most // row):
-                yield (*outer, block), self.read((*outer, block))
+        for place in self.row_blocks():
+            yield place, self.read(place)
+
+    def row_blocks(self) -> list[Place]:
+        """Where the blocks of `rows` are; each has all bins."""
+        most, axis = self._most(), 0
+        while axis < len(self.shape) - 3 and self._row_bytes(axis) > most:
+            axis += 1
+        row = self._row_bytes(axis)
+        blocks = _blocks(self._chunks()[axis], PIECE_BYTES // row, most // row)
+        return [
+            (*(slice(i, i + 1) for i in index), block)
+            for index in np.ndindex(*self.shape[:axis])
+            for block in blocks
+        ]
 
     def frames(self) -> Iterator[tuple[slice, np.ndarray]]:
         """All values in blocks of bins, (..., bins, channels)."""
@@ -150,7 +156,7 @@ class Cube:
             parts = (([along.start for along in place], part) for place, part in self.pieces())
             checks.finite_parts(name, parts)
 
-    def luminance(self, name: str = "capture: transient") -> np.ndarray:
+    def luminance(self, name: str) -> np.ndarray:
         """Luminance of all values as an array (..., bins), a view if they have no colours.
 
         Raises:

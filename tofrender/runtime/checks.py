@@ -221,8 +221,6 @@ def finite(name: str, values: np.ndarray) -> np.ndarray:
         Traceback (most recent call last):
         ValueError: transient: 2 of 4 values are not finite, the first is inf at [0, 1]; must all be
     """
-    import numpy as np
-
     if values.dtype.kind == "f":
         finite_parts(name, [((0,) * values.ndim, values)])
     return values
@@ -247,7 +245,7 @@ def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -
     for start, values in parts:
         total += values.size
         with np.errstate(invalid="ignore"):
-            if not values.size or math.isfinite(values.min()) and math.isfinite(values.max()):
+            if not values.size or (math.isfinite(values.min()) and math.isfinite(values.max())):
                 continue
         for index, part in enumerate(values if values.ndim > 1 else values[None]):  # Saves memory
             bad = ~np.isfinite(part)
