@@ -14,7 +14,10 @@ from ..runtime import checks, memory
 from ..signals.colour import luminance
 
 PIECE_BYTES = 16 << 20
-"""About what a piece takes [bytes], unless chunks on disk are larger."""
+"""About what a piece takes that is read from disk [bytes], unless chunks are larger."""
+
+VIEW_BYTES = 1 << 20
+"""About what a piece takes that is in memory: it and what is made of it fit into caches."""
 
 SHARE = 8
 """Blocks that are read as a whole, rows and frames, take at most this part of free memory."""
@@ -83,7 +86,7 @@ class Cube:
     # ----------------------------------------------------------------------------- by pieces
 
     def pieces(self) -> Iterator[tuple[Place, np.ndarray]]:
-        """All values in pieces of about `PIECE_BYTES`.
+        """All values in pieces of a few megabytes.
 
         Those of the same pixels come one after the other in time; in memory each has all bins.
         """
@@ -101,7 +104,7 @@ class Cube:
         while axis < len(self.shape) - 3 and self._row_bytes(axis) > most:
             axis += 1
         row = self._row_bytes(axis)
-        blocks = _blocks(self._chunks()[axis], PIECE_BYTES // row, most // row)
+        blocks = _blocks(self._chunks()[axis], self._wanted() // row, most // row)
         return [
             (*(slice(i, i + 1) for i in index), block)
             for index in np.ndindex(*self.shape[:axis])
@@ -183,7 +186,7 @@ class Cube:
 
     def _cuts(self) -> list[list[slice]]:
         """Where pieces begin and end, along each axis."""
-        chunks, left = self._chunks(), PIECE_BYTES // self.dtype.itemsize
+        chunks, left = self._chunks(), self._wanted() // self.dtype.itemsize
         unit = math.prod(max(along, default=1) for along in chunks)  # Values of a chunk
         cuts: list[list[slice]] = []
         for along in reversed(chunks):
@@ -205,6 +208,10 @@ class Cube:
     def _piece_bytes(self) -> int:
         sizes = [max(cut.stop - cut.start for cut in along) for along in self._cuts()]
         return math.prod(sizes) * self.dtype.itemsize
+
+    def _wanted(self) -> int:
+        """Bytes of a piece."""
+        return VIEW_BYTES if self.in_memory else PIECE_BYTES
 
     def _most(self) -> int:
         """Bytes of a block that is read as a whole."""

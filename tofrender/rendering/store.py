@@ -274,7 +274,8 @@ def load_zarr(path: str | os.PathLike) -> Any:
 
     Returns:
         A Dataset as `render` returns it, whose variables are read from disk when they are used
-        (dask arrays). All functions of this package read it by pieces where it may be large.
+        (dask arrays), which raises an OSError that names the folder where a block is damaged. All
+        functions of this package read it by pieces.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
@@ -330,7 +331,7 @@ class _Checked:
             return self._array[index]
         except (OSError, RuntimeError, ValueError) as error:
             reason = str(error).split(". ")[0].splitlines()[0]
-            raise ValueError(
+            raise OSError(
                 f"film {self._folder}: {self._array.basename} is damaged or cannot be read "
                 f"({reason}); must be copied or rendered again"
             ) from None
