@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from hidden_scenes import Wall, capture_of, letter_z
 from limited import at_most, write_film
 from made_dataset import make_dataset
@@ -282,7 +283,7 @@ def test_backprojection_keeps_rows_and_others_say_what_they_need(monkeypatch):
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
     with (
         at_most(size, monkeypatch),
-        pytest.raises(MemoryError, match=r"^capture: takes .* GiB") as caught,
+        pytest.raises(MemoryError, match=r"takes .* GiB") as caught,
     ):
         nlos.reconstruct(lazy, "fk", progress=False)
     assert "\n" not in str(caught.value)
@@ -320,7 +321,10 @@ def test_films_of_renders_read_as_in_memory(tmp_path, one_thread, rendered, read
     assert len(rendered["transient"].chunks[2]) > 1
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-    same(READERS[reader](rendered, tmp_path / "b"), READERS[reader](rendered.compute(), tmp_path / "a"))
+    same(
+        READERS[reader](rendered, tmp_path / "b"),
+        READERS[reader](rendered.compute(), tmp_path / "a"),
+    )
 
 
 @pytest.mark.slow
@@ -333,7 +337,10 @@ def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
     content = bytearray(file.read_bytes())
     content[2345] ^= 8  # In a tile of rows 5 to 9
     file.write_bytes(content if harm == "a bit" else content[: len(content) // 2])
-    read = READERS | {"values": lambda d, _: d["transient"].values, "unwarp": lambda d, _: unwarped(d)}
+    read = READERS | {
+        "values": lambda d, _: d["transient"].values,
+        "unwarp": lambda d, _: unwarped(d),
+    }
     vis.plot_pixel_transient(lazy, 4, 1)
     with pytest.raises(OSError, match=r"box\.zarr: transient is damaged") as caught:
         read[reader](lazy, tmp_path)
@@ -351,7 +358,7 @@ def test_a_film_on_disk_keeps_labels_and_types(tmp_path):
 
 
 MEASURED = """
-import resource, sys
+import sys
 from pathlib import Path
 import numpy as np
 from made_dataset import make_dataset
@@ -364,29 +371,35 @@ from tofrender.rendering.store import load_zarr
 def read(film, folder):
     transient_to_phasor(film, 20e6)
     vis.summary_figure(film)
-    vis.light_in_flight(film, style="rainbow")
+    vis.light_in_flight(film)
     vis.auto_exposure(film["transient"])
     io.save_npz(film, folder / "film.npz", overwrite=True)
     cube = Cube(film["transient"])
     for index in range(film.sizes["opl"]):
         cube.frame(index)
 
-def peak():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+def peak():  # Not what getrusage says, which begins with the parent's
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) // 1024
 
 folder = Path(sys.argv[1])
-read(write_film(folder / "small.zarr", make_dataset(12, 16, 30, energy_outside_window=0.0), (8, 8)), folder)
+small = make_dataset(12, 16, 30, energy_outside_window=0.0)
+read(write_film(folder / "small.zarr", small, (8, 8)), folder)
 before = peak()
-read(load_zarr(folder / "large.zarr"), folder)
-print(peak() - before)
+film = load_zarr(folder / "large.zarr")
+read(film, folder)
+by_pieces = peak() - before
+film["transient"].values
+print(by_pieces, peak() - before)
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory as Linux counts it")
-def test_a_large_film_is_read_in_little_memory(tmp_path):
-    height, width, bins = 160, 160, 1000
-    large = make_dataset(height, width, bins, energy_outside_window=0.0)
+def test_a_large_film_is_read_in_little_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "BLOCK_BYTES", 1 << 20)
+    tile = make_dataset(20, 160, 800, energy_outside_window=0.0)
+    large = xr.concat([tile.assign_coords(y=20 * k + np.arange(20)) for k in range(12)], "y")
     size = large["transient"].nbytes >> 20
     write_film(tmp_path / "large.zarr", large, (20, 160))
     code = f"import sys; sys.path[:0] = {sys.path!r}\n" + MEASURED
@@ -394,5 +407,5 @@ def test_a_large_film_is_read_in_little_memory(tmp_path):
         [sys.executable, "-W", "ignore", "-c", code, str(tmp_path)], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    assert size > 290
-    assert int(done.stdout) < size / 2
+    by_pieces, as_a_whole = map(int, done.stdout.split())
+    assert by_pieces < 0.6 * size < size < as_a_whole, (size, done.stdout)

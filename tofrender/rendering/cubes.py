@@ -13,7 +13,7 @@ import numpy as np
 from ..runtime import checks, memory
 from ..signals.colour import luminance
 
-PIECE_BYTES = 16 << 20
+PIECE_BYTES = 8 << 20
 """About what a piece takes that is read from disk [bytes], unless chunks are larger."""
 
 VIEW_BYTES = 1 << 20
@@ -96,7 +96,7 @@ class Cube:
     def rows(self) -> Iterator[tuple[Place, np.ndarray]]:
         """All values in blocks that are the array in C order, one after the other."""
         for place in self.row_blocks():
-            yield place, self.read(place)
+            yield place, self._gather(place)
 
     def row_blocks(self) -> list[Place]:
         """Where the blocks of `rows` are; each has all bins."""
@@ -114,7 +114,7 @@ class Cube:
     def frames(self) -> Iterator[tuple[slice, np.ndarray]]:
         """All values in blocks of bins, (..., bins, channels)."""
         for bins in self._blocks_of_frames():
-            yield bins, self.read((..., bins, slice(None)))
+            yield bins, self._gather((..., bins, slice(None)))
 
     def frame(self, index: int) -> np.ndarray:
         """Bin `index`, (..., channels). Neighbours are kept, for whatever thread asks for them."""
@@ -125,27 +125,38 @@ class Cube:
             if bins.start not in self._kept:
                 for first in list(self._kept)[:-1]:  # The last one may be in use for a while
                     del self._kept[first]
-                self._kept[bins.start] = self.read((..., bins, slice(None)))
+                self._kept[bins.start] = self._gather((..., bins, slice(None)))
             return self._kept[bins.start][..., index - bins.start, :]
 
     def take(self, positions: np.ndarray) -> np.ndarray:
         """Values at these positions of the flattened array, in any order."""
         if self.in_memory:
             return self._held.reshape(-1)[positions]
-        cuts = self._cuts()
-        at = np.unravel_index(positions, self.shape)
-        number = np.zeros(len(positions), np.int64)  # Of the piece
-        for along, cut in zip(at, cuts, strict=True):
+        cuts, stride = self._cuts(), math.prod(self.shape)
+        number = np.zeros(len(positions), np.int32)  # Of the piece
+        for size, cut in zip(self.shape, cuts, strict=True):
+            stride //= size
             starts = [piece.start for piece in cut]
-            number = number * len(cut) + np.searchsorted(starts, along, side="right") - 1
-        order = np.argsort(number, kind="stable")
+            number *= len(cut)
+            number += np.searchsorted(starts, positions // stride % size, side="right") - 1
+        positions = positions[np.argsort(number, kind="stable")]
         found, last = [], 0
         for place, count in zip(itertools.product(*cuts), np.bincount(number), strict=False):
-            here, last = order[last : last + count], last + count
+            here, last = positions[last : last + count], last + count
             if count:
-                inner = (along[here] - s.start for along, s in zip(at, place, strict=True))
-                found.append(self.read(place)[tuple(inner)])
+                at = zip(np.unravel_index(here, self.shape), place, strict=True)
+                found.append(self.read(place)[tuple(along - s.start for along, s in at)])
         return np.concatenate(found)
+
+    def _gather(self, place: Any) -> np.ndarray:
+        """What `read` gives, of which no piece is in memory twice."""
+        if self.in_memory:
+            return self.read(place)
+        block = self.view(place)
+        values = np.empty(block.shape, self.dtype)
+        for here, part in block.pieces():
+            values[here] = part
+        return values
 
     # ------------------------------------------------------------------------------- as a whole
 
