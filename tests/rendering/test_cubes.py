@@ -90,7 +90,7 @@ def test_what_is_not_finite_is_told_as_of_an_array(monkeypatch, chunks):
     values[9, 0, 2, 1], values[3, 10, 16, 0], values[3, 10, 16, 2] = np.nan, -np.inf, np.nan
     lazy = film()
     lazy["transient"] = data if chunks is None else data.chunk(chunks)
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match="not finite") as caught:
         require_finite(lazy)
     assert str(caught.value) == (
         "transient: 3 of 7293 values are not finite, the first is -inf at [3, 10, 16, 0]; must "

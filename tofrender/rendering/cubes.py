@@ -181,7 +181,7 @@ class Cube:
             return luminance(self._held)
         if not self.in_memory:
             memory.require_free(name, self.nbytes // channels + self._piece_bytes())
-        result = np.empty(self.shape[:-1], self.dtype)
+        result = np.empty(self.shape[:-1], np.result_type(self.dtype, 0.0))
         for place, values in self.pieces():
             result[place[:-1]] = luminance(values)
         return result
@@ -193,7 +193,7 @@ class Cube:
         if not self.in_memory:
             return list(self._held.chunks)
         count = max(0, len(self.shape) - 2)
-        return [(1,) * size for size in self.shape[:count]] + [(n,) for n in self.shape[count:]]
+        return [*((1,) * size for size in self.shape[:count]), *((n,) for n in self.shape[count:])]
 
     def _cuts(self) -> list[list[slice]]:
         """Where pieces begin and end, along each axis."""

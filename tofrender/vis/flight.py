@@ -73,7 +73,7 @@ def light_in_flight(
     if exposure is not None:
         checks.number("exposure", exposure, positive=True)
     steady = _steady(data, sequence)
-    unfinished = np.isnan(steady).any(axis=2)
+    unfinished = np.asarray(np.isnan(steady).any(axis=2))
     for (rows, columns, *_), values in sequence.values.pieces():
         unfinished[rows, columns] |= np.isnan(values).any(axis=(2, 3))
     if style == "rainbow":
