@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
 from ..signals.phasors import check_frequencies, phasor_parts
@@ -80,15 +81,14 @@ def transient_to_phasor(
     if hasattr(transient_data, "data_vars"):
         given = {"start_opl": start_opl, "bin_width_opl": bin_width_opl, "quantity": quantity}
         start, width, quantity = _described(transient_data, given)
-        values = transient_data["transient"].values
+        values = transient_data["transient"]
         outside = transient_data.attrs["energy_outside_window"]
     else:
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
         quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
         values = transient_data
-    values = _check_shape(checks.real_array("transient_data", values))
-    checks.finite("transient_data", values)
+    cube = _check_shape(Cube.of("transient_data", values))
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
         raise ValueError(
@@ -102,12 +102,15 @@ def transient_to_phasor(
             stacklevel=2,
         )
 
-    centres = start + (np.arange(values.shape[2]) + 0.5) * width
+    centres = start + (np.arange(cube.shape[2]) + 0.5) * width
     angles = 2 * math.pi / SPEED_OF_LIGHT * np.outer(frequencies, centres)
     waves = np.concatenate((np.cos(angles), np.sin(angles)))
     if quantity == "radiance per metre":
         waves *= width
-    I, Q = np.split(_correlate(values, waves), 2)
+    sums = _correlate(cube, waves)
+    if not np.isfinite(sums).all():
+        cube.require_finite("transient_data")
+    I, Q = np.split(sums, 2)
     if not many:
         I, Q = I[0], Q[0]
     return I, Q, *phasor_parts(I, Q, frequency_hz)
@@ -148,19 +151,19 @@ def sum_channels(
 # ------------------------------------------------------------------------------------ checks
 
 
-def _check_shape(values: np.ndarray) -> np.ndarray:
+def _check_shape(cube: Cube) -> Cube:
     """Values as (height, width, bins, channels)."""
-    shape = values.shape
-    if values.ndim == 3 and shape[2] not in (1, 3):  # With 1 or 3 it is an image
-        values = values[..., None]
-    if values.ndim != 4 or values.shape[3] not in (1, 3) or 0 in shape:
-        swapped = values.ndim == 4 and shape[2] in (1, 3)
+    shape = cube.shape
+    if len(shape) == 3 and shape[2] not in (1, 3):  # With 1 or 3 it is an image
+        cube = cube.view((..., None))
+    if len(cube.shape) != 4 or cube.shape[3] not in (1, 3) or 0 in shape:
+        swapped = len(shape) == 4 and shape[2] in (1, 3)
         raise ValueError(
             f"transient_data with shape {shape}: must be (height, width, bins) or (height, width, "
             "bins, channels) with 1 or 3 channels last"
             + ("; np.moveaxis(transient_data, 2, 3) brings them there" if swapped else "")
         )
-    return values
+    return cube
 
 
 def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, str]:
@@ -191,17 +194,19 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
 # ---------------------------------------------------------------------------------- the sums
 
 
-def _correlate(values: np.ndarray, waves: np.ndarray) -> np.ndarray:
+def _correlate(cube: Cube, waves: np.ndarray) -> np.ndarray:
     """Sum over bins of (height, width, bins, channels) times each of (waves, bins), in double.
 
     A few pixels are converted at a time, so that no second copy of the data is made.
     """
-    height, width, bins, channels = values.shape
-    sums = np.empty((len(waves), height, width, channels))
-    step = max(1, _CHUNK // (bins * channels))
+    height, width, _, channels = cube.shape
+    sums = np.zeros((len(waves), height, width, channels))
     with np.errstate(invalid="ignore"):  # Of infinite values
-        for y in range(height):
-            for x in range(0, width, step):
-                part = values[y, x : x + step].astype(np.float64)
-                sums[:, y, x : x + step] = np.moveaxis(waves @ part, 1, 0)
+        for (rows, columns, bins, _), values in cube.pieces():
+            step = max(1, _CHUNK // (values.shape[2] * channels))
+            for y, row in enumerate(values, rows.start):
+                for x in range(0, len(row), step):
+                    part = waves[:, bins] @ row[x : x + step].astype(np.float64)
+                    here = slice(columns.start + x, columns.start + x + len(row[x : x + step]))
+                    sums[:, y, here] += np.moveaxis(part, 1, 0)
     return sums

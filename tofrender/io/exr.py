@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, plain_attributes
 from ..runtime import checks
 from ..runtime.atomic import replacing
@@ -146,7 +147,7 @@ class _Stack:
 
     def __init__(self, dataset: xr.Dataset, precision: str):
         check_dataset(dataset)
-        self.dataset = dataset
+        self.dataset, self.transient = dataset, Cube(dataset["transient"])
         self.dtype = np.float16 if precision == "half" else np.float32
         names = tuple(map(str, dataset["channel"].values))
         checks.one_of("channel", "".join(names), ["".join(key) for key in _EXR_CHANNELS])
@@ -174,7 +175,7 @@ class _Stack:
             values = self.dataset["steady"].values
             header["dataset"] = json.dumps(describe(self.dataset))
         else:
-            values = self.dataset["transient"].values[:, :, index]
+            values = self.transient.frame(index)
             start, width = (self.dataset.attrs[key] for key in ("start_opl", "bin_width_opl"))
             header["bin_index"] = index
             header["opl_center"] = _double(self.dataset["opl"].values[index])

@@ -8,6 +8,7 @@ the hidden scene at z > 0 where they do not take the grids as they are.
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ import h5py
 import numpy as np
 
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
+from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
 from ..runtime import checks
 from ..runtime.atomic import replacing
@@ -79,20 +81,27 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     target = check_file(path, *_SUFFIXES, overwrite=overwrite)
     check_writable(path)
     warn_of_not_finite(capture)
-    fields = _fields(capture)
+    fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
+    needed += 4 * math.prod(cube.shape[:-1])
     with replacing(path, needed_bytes=needed) as temporary, h5py.File(temporary, "w") as file:
+        _write_light(file, cube)
         for name, value in fields.items():
             file[name] = h5py.Empty("f8") if value is None else value
     return target
 
 
+def _write_light(file: h5py.File, cube: Cube) -> None:
+    """Write `H`, some bins at a time."""
+    order = (4, 1, 0, 3, 2) if len(cube.shape) == 6 else (2, 1, 0)
+    light = file.create_dataset("H", [cube.shape[axis] for axis in order], np.float32)
+    for bins, values in cube.frames():
+        light[bins] = luminance(values).transpose(order)
+
+
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
     exhaustive = capture.attrs["mode"] == "exhaustive"
-    values = luminance(capture["transient"].values)
-    order = (4, 1, 0, 3, 2) if exhaustive else (2, 1, 0)
     fields: dict[str, Any] = {
-        "H": values.transpose(order).astype(np.float32, copy=False),
         "H_format": np.array([2 if exhaustive else 1], np.int32),
         "delta_t": float(capture.attrs["bin_width_opl"]),
         "t_start": float(capture.attrs["start_opl"]),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
+from typing import TYPE_CHECKING
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
+from numpy.lib import format as npy
 
+from ..rendering.cubes import Cube
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.atomic import replacing
@@ -57,12 +59,21 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
     check_dataset(dataset)
     target = check_output(path, layout="npz", overwrite=overwrite)
     warn_of_not_finite(dataset)
-    about = np.array(json.dumps(describe(dataset)))
-    arrays: dict[str, Any] = {name: dataset[name].values for name in _ARRAYS}
     needed = stack_bytes(dataset["transient"].shape)
-    with replacing(path, needed_bytes=needed) as temporary, open(temporary, "wb") as file:
-        np.savez(file, tofrender=about, **arrays)
+    with replacing(path, needed_bytes=needed) as temporary, ZipFile(temporary, "w") as archive:
+        _write(archive, "tofrender", Cube(np.array(json.dumps(describe(dataset)))))
+        for name in _ARRAYS:
+            _write(archive, name, Cube(dataset[name]))
     return target
+
+
+def _write(archive: ZipFile, name: str, cube: Cube) -> None:
+    """Add an array as `numpy.savez` does, some rows at a time."""
+    form = {"descr": npy.dtype_to_descr(cube.dtype), "fortran_order": False, "shape": cube.shape}
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+        npy.write_array_header_1_0(member, form)
+        for values in (part for _, part in cube.rows()) if cube.shape else [cube.read()]:
+            member.write(np.ascontiguousarray(values).data)
 
 
 def load_npz(path: str | os.PathLike) -> xr.Dataset:

@@ -133,11 +133,11 @@ class _Frames:
 
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
         self.sequence = Transient.of(dataset)
-        values = self.sequence.values
-        self.exposure = auto_exposure(values)
-        if exposure is not None:
+        if exposure is None:
+            self.exposure = auto_exposure(self.sequence.values)
+        else:
             self.exposure = checks.number("exposure", exposure, positive=True)
-        height, width, self.count = values.shape[:3]
+        (height, width), self.count = self.sequence.size, self.sequence.bins
         wanted = -(-min_size // min(height, width))
         self.scale = max(1, min(wanted, _LONGEST_SIDE // max(height, width)))
         self.height, self.width = height * self.scale, width * self.scale
@@ -152,7 +152,7 @@ class _Frames:
         """Frame `index`, uint8 (height, width, 3), both sides even."""
         from PIL import Image, ImageDraw
 
-        picture = tonemap(self.sequence.values[:, :, index], exposure=self.exposure)
+        picture = tonemap(self.sequence.values.frame(index), exposure=self.exposure)
         picture = picture.repeat(self.scale, axis=0).repeat(self.scale, axis=1)
         image = Image.new("RGB", (self.canvas_width, self.canvas_height), _PAPER)
         image.paste(Image.fromarray(picture), ((self.canvas_width - self.width) // 2, 0))

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..rendering.cubes import Cube
 from ..rendering.dataset import check_attributes, plain_attributes, time_axis
-from ..runtime import checks
+from ..runtime import checks, memory
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -320,19 +321,22 @@ def _earlier(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
     shift = (legs.max() - legs) / width  # to later bins, in bins
     extra = math.ceil(shift.max())
     whole = np.minimum(np.floor(shift), max(extra - 1, 0)).astype(np.int64)
-    late = (shift - whole).astype(np.float32)[..., None, None]
-    old = capture["transient"].values
-    bins = old.shape[-2]
-    new = np.zeros((*old.shape[:-2], bins + extra, old.shape[-1]), np.float32)
-    for steps in np.unique(whole):
-        here = whole == steps
-        new[here, steps : steps + bins] += old[here] * (1 - late[here])
-        if extra:
-            new[here, steps + 1 : steps + 1 + bins] += old[here] * late[here]
+    share = (shift - whole).astype(np.float32)[..., None, None]
+    cube = Cube(capture["transient"])
+    *pixels, bins, channels = cube.shape
+    memory.require_free("capture", 4 * math.prod(pixels) * (bins + extra) * channels)
+    moved = np.zeros((*pixels, bins + extra, channels), np.float32)
+    for place, old in cube.rows():
+        new, late = moved[place], share[place]
+        for steps in np.unique(whole[place]):
+            here = whole[place] == steps
+            new[here, steps : steps + bins] += old[here] * (1 - late[here])
+            if extra:
+                new[here, steps + 1 : steps + 1 + bins] += old[here] * late[here]
     start -= float(legs.max())
     attrs = capture.attrs | {"start_opl": start, "counts_first_and_last_legs": 0}
     result = capture.drop_vars(["transient", "opl"]).assign_attrs(attrs)
-    result["transient"] = (capture["transient"].dims, new, capture["transient"].attrs)
+    result["transient"] = (capture["transient"].dims, moved, capture["transient"].attrs)
     result = result.assign_coords(opl=start + (np.arange(bins + extra) + 0.5) * width)
     result["opl"].attrs.update(capture["opl"].attrs)
     return result[list(capture.data_vars)]

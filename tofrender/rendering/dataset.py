@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from .cubes import Cube
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -112,7 +113,7 @@ def require_finite(dataset: xr.Dataset) -> None:
     """
     for name in DIMS | ERRORS:
         if name in dataset:
-            checks.finite(name, dataset[name].values)
+            Cube(dataset[name]).require_finite(name)
 
 
 def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:

@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..runtime import checks
 from .dataset import DIMS
 
@@ -42,7 +44,8 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
 
     Returns:
         A Dataset as `render` returns it, whose variables are read from disk when they are used
-        (dask arrays). All functions of this package read it by pieces where it may be large.
+        (dask arrays), which raises an OSError that names the folder where a block is damaged. All
+        functions of this package read it by pieces.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
@@ -61,7 +64,7 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a film on disk")
-    require_zarr()
+    zarr = require_zarr()
     if not is_film(folder):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
     try:
@@ -70,7 +73,35 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
         missing = set(DIMS) - set(dataset.data_vars)
         if missing or "start_opl" not in dataset.attrs:
             raise ValueError
+        group = zarr.open_group(folder, mode="r")
+        for name in dataset.data_vars:
+            dataset[name] = dataset[name].copy(data=_checked(group[name], folder))
     except (OSError, ValueError, KeyError, TypeError):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
     dataset.encoding["source"] = str(folder)
     return dataset
+
+
+def _checked(array: Any, folder: Path) -> Any:
+    """A dask array of an array on disk, which says what film a damaged block is of."""
+    import dask.array
+
+    return dask.array.from_array(_Checked(array, folder), chunks=array.chunks, name=False)
+
+
+class _Checked:
+    """An array on disk that names its film where a block cannot be read."""
+
+    def __init__(self, array: Any, folder: Path) -> None:
+        self._array, self._folder = array, folder
+        self.shape, self.dtype, self.ndim = array.shape, array.dtype, array.ndim
+
+    def __getitem__(self, index: Any) -> np.ndarray:
+        try:
+            return self._array[index]
+        except (OSError, RuntimeError, ValueError) as error:
+            reason = str(error).split(". ")[0].splitlines()[0]
+            raise OSError(
+                f"film {self._folder}: {self._array.basename} is damaged or cannot be read "
+                f"({reason}); must be copied or rendered again"
+            ) from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -221,26 +221,47 @@ def finite(name: str, values: np.ndarray) -> np.ndarray:
         Traceback (most recent call last):
         ValueError: transient: 2 of 4 values are not finite, the first is inf at [0, 1]; must all be
     """
+    if values.dtype.kind == "f":
+        finite_parts(name, [((0,) * values.ndim, values)])
+    return values
+
+
+def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -> None:
+    """`finite` of an array that comes in parts, each with the index of its first value.
+
+    Raises:
+        ValueError: As of `finite`.
+
+    Example:
+        >>> import numpy as np
+        >>> finite_parts("transient", [((0,), np.ones(2)), ((2,), np.array([np.nan, 1]))])
+        Traceback (most recent call last):
+        ValueError: transient: 1 of 4 values are not finite, the first is nan at [2]; must all be
+    """
     import numpy as np
 
-    if values.dtype.kind != "f" or not values.size:
-        return values
-    with np.errstate(invalid="ignore"):
-        if math.isfinite(values.min()) and math.isfinite(values.max()):
-            return values
-    count, first = 0, None
-    for index, part in enumerate(values if values.ndim > 1 else values[None]):  # A part at a time
-        bad = ~np.isfinite(part)
-        found = int(np.count_nonzero(bad))
-        if found and first is None:
-            inner = np.unravel_index(int(bad.argmax()), bad.shape)
-            first = [index] * (values.ndim > 1) + [int(i) for i in inner]
-        count += found
-    assert first is not None
-    raise ValueError(
-        f"{name}: {count} of {values.size} values are not finite, the first is "
-        f"{values[tuple(first)]:g} at {first}; must all be"
-    )
+    total = count = 0
+    first: tuple[list[int], float] | None = None
+    for start, values in parts:
+        total += values.size
+        with np.errstate(invalid="ignore"):
+            if not values.size or (math.isfinite(values.min()) and math.isfinite(values.max())):
+                continue
+        for index, part in enumerate(values if values.ndim > 1 else values[None]):  # Saves memory
+            bad = ~np.isfinite(part)
+            found = int(np.count_nonzero(bad))
+            count += found
+            if found:
+                inner = np.unravel_index(int(bad.argmax()), bad.shape)
+                at = [index] * (values.ndim > 1) + [int(i) for i in inner]
+                here = [a + b for a, b in zip(start, at, strict=True)]
+                if first is None or here < first[0]:
+                    first = here, float(part[inner])
+    if first is not None:
+        raise ValueError(
+            f"{name}: {count} of {total} values are not finite, the first is {first[1]:g} at "
+            f"{first[0]}; must all be"
+        )
 
 
 def path(name: str, value: Any) -> Path:

@@ -50,13 +50,12 @@ def visualize_transient(
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     sequence = Transient.of(data, start_opl, bin_width_opl)
-    height, width, bins = sequence.values.shape[:3]
     exposure = auto_exposure(sequence.values)
-    figure = new_figure(5.0, 5.0 * picture_aspect(height, width, 0.5, 2.0) + 0.35, layout=None)
+    figure = new_figure(5.0, 5.0 * picture_aspect(*sequence.size, 0.5, 2.0) + 0.35, layout=None)
     axes = figure.add_subplot()
 
     def picture(index: int) -> np.ndarray:
-        return tonemap(sequence.values[:, :, index], exposure=exposure)
+        return tonemap(sequence.values.frame(index), exposure=exposure)
 
     image = axes.imshow(picture(0), extent=sequence.extent, interpolation="nearest")
     title = axes.set_title(sequence.label(0))
@@ -68,7 +67,7 @@ def visualize_transient(
         title.set_text(sequence.label(index))
         return [image, title]
 
-    return _playback(figure, update, bins)
+    return _playback(figure, update, sequence.bins)
 
 
 def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:

@@ -72,15 +72,15 @@ def light_in_flight(
         _check_period(period_ns, style, sequence)
     if exposure is not None:
         checks.number("exposure", exposure, positive=True)
-    values = sequence.values
-    steady = data["steady"].values if hasattr(data, "data_vars") else values.sum(axis=2)
-    light = sequence.light()
-    unfinished = np.isnan(values).any(axis=(2, 3)) | np.isnan(steady).any(axis=2)
+    steady = _steady(data, sequence)
+    unfinished = np.asarray(np.isnan(steady).any(axis=2))
+    for (rows, columns, *_), values in sequence.values.pieces():
+        unfinished[rows, columns] |= np.isnan(values).any(axis=(2, 3))
     if style == "rainbow":
-        colour, scale, label = _rainbow(light, sequence, period_ns)
+        colour, scale, label = _rainbow(sequence, period_ns)
         beyond = "neither"
     else:
-        time_ns = sequence.peak_ns(light) if style == "peak" else _mean_ns(light, sequence)
+        time_ns = sequence.brightest()[1] if style == "peak" else _mean_ns(sequence)
         colour, scale, beyond = _by_time(time_ns)
         label = "time of the brightest bin [ns]" if style == "peak" else "mean arrival time [ns]"
 
@@ -105,10 +105,22 @@ def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
         raise ValueError(f"period_ns = {period_ns!r}: must be at least two bins, {shortest:.6g} ns")
 
 
-def _mean_ns(light: np.ndarray, sequence: Transient) -> np.ndarray:
+def _steady(data: Any, sequence: Transient) -> np.ndarray:
+    """The steady image, (height, width, channels): a Dataset's, or the sum over bins."""
+    if hasattr(data, "data_vars"):
+        return data["steady"].values
+    cube = sequence.values
+    steady = np.zeros((*sequence.size, cube.shape[3]), np.result_type(cube.dtype, np.float32))
+    for (rows, columns, *_), values in cube.pieces():
+        steady[rows, columns] += values.sum(axis=2)
+    return steady
+
+
+def _mean_ns(sequence: Transient) -> np.ndarray:
     """Mean arrival time [ns], (height, width); NaN where there is no light."""
+    energy, product = sequence.sums(opl_to_ns(sequence.opl))
     with np.errstate(invalid="ignore"):
-        return (light @ opl_to_ns(sequence.opl)) / light.sum(axis=2)
+        return product / energy
 
 
 def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
@@ -133,17 +145,14 @@ def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
     return colour, scale, ("neither", "max", "min", "both")[2 * early + late]
 
 
-def _rainbow(
-    light: np.ndarray, sequence: Transient, period_ns: float | None
-) -> tuple[np.ndarray, Any, str]:
+def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, Any, str]:
     """Colours (height, width, 3), and what the colour bar and its label need."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize, hsv_to_rgb
 
-    period = _period_ns(light, sequence) if period_ns is None else float(period_ns)
+    period = _period_ns(sequence) if period_ns is None else float(period_ns)
     turns = opl_to_ns(sequence.opl) / period
-    phasor = light @ np.exp(2j * math.pi * turns).astype(np.complex64)
-    energy = light.sum(axis=2)
+    energy, phasor = sequence.sums(np.exp(2j * math.pi * turns).astype(np.complex64))
     saturation = np.divide(abs(phasor), energy, out=np.zeros_like(energy), where=energy > 0)
     hue = np.mod(np.angle(phasor) / (2 * math.pi), 1)
     colour = hsv_to_rgb(
@@ -156,9 +165,9 @@ def _rainbow(
     return colour, scale, f"arrival time, modulo {period:.4g} ns [ns]"
 
 
-def _period_ns(light: np.ndarray, sequence: Transient) -> float:
+def _period_ns(sequence: Transient) -> float:
     """An eighth of the time in which pixels have their mean arrivals, to one or two digits."""
-    mean_ns = _mean_ns(light, sequence)
+    mean_ns = _mean_ns(sequence)
     known = mean_ns[np.isfinite(mean_ns)]
     span = np.ptp(np.percentile(known, (2, 98))) / 8 if known.size else 0.0
     period = max(float(span), opl_to_ns(4 * sequence.bin_width_opl))

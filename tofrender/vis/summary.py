@@ -40,13 +40,12 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         ['steady image', 'time of the brightest bin']
     """
     sequence = Transient.of(dataset)
-    light = sequence.light()
-    peak_ns = sequence.peak_ns(light)
+    energy, peak_ns = sequence.brightest()
     if pixels is None:
-        pixels = _telling_pixels(light.sum(axis=2), peak_ns, sequence)
+        pixels = _telling_pixels(energy, peak_ns, sequence)
     responses = [luminance(sequence.pixel(x, y)) for x, y in pixels]
 
-    aspect = picture_aspect(*light.shape[:2], low=0.4, high=2.0)
+    aspect = picture_aspect(*sequence.size, low=0.4, high=2.0)
     figure = new_figure(10.0, 4.0 * aspect + 4.4)
     grid = figure.add_gridspec(2, 2, height_ratios=[4.0 * aspect + 0.6, 3.2])
     steady, peak, plot = (

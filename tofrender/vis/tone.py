@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..rendering.cubes import Cube
 from ..runtime import checks
 
 _SAMPLES = 1 << 21
@@ -19,7 +20,7 @@ def auto_exposure(values: Any, *, percentile: float = 99.5) -> float:
     two million values a fixed random choice is used.
 
     Args:
-        values: Linear values of any shape: one image or a whole sequence.
+        values: Linear values of any shape: one image or a whole sequence, also a `Cube`.
         percentile: In (0, 100].
 
     Returns:
@@ -33,12 +34,13 @@ def auto_exposure(values: Any, *, percentile: float = 99.5) -> float:
         2.0
     """
     percentile = checks.number("percentile", percentile, positive=True, high=100)
-    flat = np.asarray(values).reshape(-1)
-    lit = flat[:0]
-    if flat.size > _SAMPLES:
-        lit = _lit(flat[np.random.default_rng(0).integers(0, flat.size, _SAMPLES)])
+    cube = Cube.of("values", values)
+    size = math.prod(cube.shape)
+    lit = np.zeros(0, cube.dtype)
+    if size > _SAMPLES:
+        lit = _lit(cube.take(np.random.default_rng(0).integers(0, size, _SAMPLES)))
     if lit.size < 1000:  # also for a large but nearly dark sequence
-        lit = _lit(flat)
+        lit = np.concatenate([lit[:0], *(_lit(piece) for _, piece in cube.pieces())])
     white = float(np.percentile(lit, percentile)) if lit.size else 1.0
     return 1 / white if math.isfinite(1 / white) else 1.0
 

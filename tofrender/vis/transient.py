@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..rendering.cubes import Cube, Place
 from ..rendering.dataset import QUANTITIES, first_pixel, time_axis
 from ..runtime import checks
 from ..signals.colour import luminance
@@ -19,13 +21,17 @@ from ..signals.units import opl_to_ns
 class Transient:
     """A transient image with its time axis and the index of its first pixel."""
 
-    values: np.ndarray
+    values: Cube
     """(height, width, bins, channels), 1 or 3 channels."""
     start_opl: float
     bin_width_opl: float
     x0: int = 0
     y0: int = 0
     quantity: str = "radiance per bin"
+
+    def __post_init__(self) -> None:
+        """Refuse what no picture can be drawn of."""
+        self.values = _cube("values", self.values)
 
     @classmethod
     def of(
@@ -47,25 +53,25 @@ class Transient:
             units = re.sub(r"\^(-?\d+)", r"$^{\1}$", data.attrs["units"])
             named = f"{data.attrs['quantity']} [{units}]"
             extra = {"quantity": named} | extra | {"x0": x0, "y0": y0}
-            data = data["transient"].values
+            data = data["transient"]
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-        values = np.asarray(data)
-        if values.ndim == 3:
-            values = values[..., None]
-        if values.ndim != 4 or values.shape[3] not in (1, 3) or 0 in values.shape:
-            raise ValueError(
-                f"data with shape {np.shape(data)}: must be (height, width, bins) or "
-                "(height, width, bins, channels) with 1 or 3 channels last"
-            )
-        if values.dtype.kind not in "fiu":
-            raise ValueError(f"data of type {values.dtype}: must hold real numbers")
-        return cls(values, start, width, **extra)
+        return cls(_cube("data", data), start, width, **extra)
+
+    @property
+    def bins(self) -> int:
+        """Count of bins."""
+        return self.values.shape[2]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.values.shape[0], self.values.shape[1]
 
     @property
     def opl(self) -> np.ndarray:
         """Bin centres [m]."""
-        return self.start_opl + (np.arange(self.values.shape[2]) + 0.5) * self.bin_width_opl
+        return self.start_opl + (np.arange(self.bins) + 0.5) * self.bin_width_opl
 
     def label(self, index: int) -> str:
         """Time and path length at the centre of bin `index`, with digits that tell bins apart."""
@@ -76,23 +82,63 @@ class Transient:
 
     def pixel(self, x: Any, y: Any) -> np.ndarray:
         """Response (bins, channels) of pixel (x, y)."""
-        height, width = self.values.shape[:2]
+        height, width = self.size
         column = checks.integer("x", x, self.x0, self.x0 + width - 1) - self.x0
         row = checks.integer("y", y, self.y0, self.y0 + height - 1) - self.y0
-        return self.values[row, column]
+        return self.values.read((row, column))
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom and top edge in pixels, for `imshow`."""
-        height, width = self.values.shape[:2]
+        height, width = self.size
         return (self.x0 - 0.5, self.x0 + width - 0.5, self.y0 + height - 0.5, self.y0 - 0.5)
 
-    def light(self) -> np.ndarray:
-        """Luminance (height, width, bins) where it is finite and above 0, and 0 elsewhere."""
-        light = luminance(self.values)
-        return np.where(np.isfinite(light) & (light > 0), light, np.float32(0))
+    def lights(self) -> Iterator[tuple[Place, np.ndarray]]:
+        """Luminance (rows, columns, bins) by pieces: where it is finite and above 0, 0 elsewhere.
 
-    def peak_ns(self, light: np.ndarray) -> np.ndarray:
-        """Centre of the brightest bin [ns], (height, width); NaN where there is no light."""
-        peak = opl_to_ns(self.opl)[light.argmax(axis=2)]
-        return np.where(light.max(axis=2) > 0, peak, np.nan)
+        Each comes with its place: slices of rows, columns and bins.
+        """
+        for place, values in self.values.pieces():
+            light = luminance(values)
+            lit = np.isfinite(light) & (light > 0)
+            yield place[:3], np.where(lit, light, np.float32(0))
+
+    def brightest(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sum over bins of the light, and the brightest bin's centre [ns], (height, width) both.
+
+        Where there is no light, the time is NaN.
+        """
+        energy, most = np.zeros(self.size), np.zeros(self.size)
+        peak_ns, centres = np.full(self.size, np.nan), opl_to_ns(self.opl)
+        for (*pixels, bins), light in self.lights():
+            here = tuple(pixels)
+            energy[here] += light.sum(axis=2)
+            brightest = light.argmax(axis=2)
+            value = np.take_along_axis(light, brightest[..., None], axis=2)[..., 0]
+            more = value > most[here]
+            most[here][more] = value[more]
+            peak_ns[here][more] = centres[bins][brightest[more]]
+        return energy, peak_ns
+
+    def sums(self, *waves: np.ndarray) -> list[np.ndarray]:
+        """Sum over bins of the light and of its product with each of `waves`, (height, width)."""
+        types = [np.result_type(wave, np.float64) for wave in (np.float64(0), *waves)]
+        sums = [np.zeros(self.size, dtype) for dtype in types]
+        for (*pixels, bins), light in self.lights():
+            sums[0][tuple(pixels)] += light.sum(axis=2)
+            for total, wave in zip(sums[1:], waves, strict=True):
+                total[tuple(pixels)] += light @ wave[bins]
+        return sums
+
+
+def _cube(name: str, data: Any) -> Cube:
+    """Real numbers as (height, width, bins, channels)."""
+    cube = Cube.of(name, data)
+    shape = cube.shape
+    cube = cube.view((..., None)) if len(shape) == 3 else cube
+    if len(cube.shape) != 4 or cube.shape[3] not in (1, 3) or 0 in cube.shape:
+        raise ValueError(
+            f"{name} with shape {shape}: must be (height, width, bins) or "
+            "(height, width, bins, channels) with 1 or 3 channels last"
+        )
+    return cube

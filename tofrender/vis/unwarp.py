@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, time_axis
-from ..runtime import checks
+from ..runtime import checks, memory
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,6 +39,7 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     Raises:
         ValueError: A Dataset that is unwarped already or not one of `render`, another shape, or a
             negative distance.
+        MemoryError: The result does not fit into memory.
 
     Example:
         >>> import tofrender
@@ -50,8 +52,8 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     check_dataset(dataset)
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError("dataset with camera_unwarp = 1: must be in camera time")
-    values = dataset["transient"].values
-    distances = _distances(distance_m, values.shape[:2])
+    cube = Cube(dataset["transient"])
+    distances = _distances(distance_m, cube.shape[:2])
     start, width = time_axis(dataset)
     seen = np.isfinite(distances)
     shift = np.where(seen, distances, 0) / width
@@ -59,10 +61,11 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     shift = np.where(abs(shift - np.rint(shift)) < 1e-6, np.rint(shift), shift)
     whole = np.floor(shift).astype(np.int64)
     part = (shift - whole).astype(np.float32)
-    first, stop = _occupied(values, seen, whole, part > 0)
-    unwarped = _moved(values, whole, part, np.arange(first, stop))
-    unwarped[np.isnan(values).any(axis=(2, 3))] = np.nan
-    unwarped[~seen] = np.where((values[~seen] != 0).any(axis=(1, 2), keepdims=True), np.nan, 0)
+    lit = _Lit(cube)
+    first, stop = lit.occupied(seen, whole, part > 0)
+    unwarped = _moved(cube, whole, part, np.arange(first, stop))
+    unwarped[lit.unfinished] = np.nan
+    unwarped[~seen] = np.where(lit.any[~seen][:, None, None], np.nan, 0)
 
     opl = start + (np.arange(first, stop) + 0.5) * width
     attrs = {name: value for name, value in dataset.attrs.items() if name != "fingerprint"}
@@ -75,40 +78,66 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     return result[["transient", "steady"]]
 
 
-def _moved(values: np.ndarray, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:
+def _moved(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:
     """Move each pixel back by `whole + part` bins; `bins` are those wanted, as numbers before."""
-    count = values.shape[2]
-    moved = np.empty((*values.shape[:2], len(bins), values.shape[3]), np.float32)
-    for y, row in enumerate(values):
-        padded = np.pad(row, ((0, 0), (1, 1), (0, 0)))
-        source = (bins + whole[y, :, None])[..., None]
-        here, after = (
-            np.take_along_axis(padded, np.clip(source + one, -1, count) + 1, axis=1)
-            for one in (0, 1)
-        )
-        share = part[y, :, None, None]
-        with np.errstate(invalid="ignore"):
-            moved[y] = (1 - share) * here + share * after
+    height, width, count, channels = cube.shape
+    memory.require_free("dataset", 4 * height * width * len(bins) * channels)
+    moved = np.empty((height, width, len(bins), channels), np.float32)
+    for place, values in cube.rows():
+        for row, new, steps, late in zip(
+            values, moved[place], whole[place], part[place], strict=True
+        ):
+            padded = np.pad(row, ((0, 0), (1, 1), (0, 0)))
+            source = (bins + steps[:, None])[..., None]
+            here, after = (
+                np.take_along_axis(padded, np.clip(source + one, -1, count) + 1, axis=1)
+                for one in (0, 1)
+            )
+            share = late[:, None, None]
+            with np.errstate(invalid="ignore"):
+                new[:] = (1 - share) * here + share * after
     return moved
 
 
-def _occupied(
-    values: np.ndarray, seen: np.ndarray, whole: np.ndarray, parted: np.ndarray
-) -> tuple[int, int]:
-    """First bin, and the one after the last, that get light from any pixel that is seen."""
-    count = values.shape[2]
-    lit = ((values != 0) & ~np.isnan(values)).any(axis=3)
-    used = lit.any(axis=2) & seen
-    if not used.any():
-        return 0, count
-    first = (lit.argmax(axis=2) - whole - parted)[used].min()
-    stop = (count - lit[..., ::-1].argmax(axis=2) - whole)[used].max()
-    if stop - first > checks.MAX_BINS:
-        raise ValueError(
-            f"distance_m spreads the light over {stop - first} bins: must be at most "
-            f"{checks.MAX_BINS}"
-        )
-    return int(first), int(stop)
+class _Lit:
+    """Where a film has light, (height, width).
+
+    Attributes:
+        first: First bin with light, the count of bins where there is none.
+        stop: The bin after the last one with light.
+        any: Whether there is light, or what is unknown.
+        unfinished: Whether values are NaN.
+    """
+
+    def __init__(self, cube: Cube) -> None:
+        size = cube.shape[:2]
+        self.count = cube.shape[2]
+        self.first, self.stop = np.full(size, self.count), np.zeros(size, np.int64)
+        self.any, self.unfinished = np.zeros(size, bool), np.zeros(size, bool)
+        for (rows, columns, bins, _), values in cube.pieces():
+            here = rows, columns
+            light, unknown = values != 0, np.isnan(values)
+            self.any[here] |= light.any(axis=(2, 3))
+            self.unfinished[here] |= unknown.any(axis=(2, 3))
+            lit = (light & ~unknown).any(axis=3)
+            used, last = lit.any(axis=2), bins.stop - lit[..., ::-1].argmax(axis=2)
+            begin = np.where(used, bins.start + lit.argmax(axis=2), self.count)
+            self.first[here] = np.minimum(self.first[here], begin)
+            self.stop[here] = np.maximum(self.stop[here], np.where(used, last, 0))
+
+    def occupied(self, seen: np.ndarray, whole: np.ndarray, parted: np.ndarray) -> tuple[int, int]:
+        """First bin, and the one after the last, that get light from any pixel that is seen."""
+        used = (self.stop > 0) & seen
+        if not used.any():
+            return 0, self.count
+        first = (self.first - whole - parted)[used].min()
+        stop = (self.stop - whole)[used].max()
+        if stop - first > checks.MAX_BINS:
+            raise ValueError(
+                f"distance_m spreads the light over {stop - first} bins: must be at most "
+                f"{checks.MAX_BINS}"
+            )
+        return int(first), int(stop)
 
 
 def _distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -10,9 +10,9 @@ imaging, Nature Communications 3 (2012).
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -49,29 +49,31 @@ def backproject(
     """Intensities (z, y, x) by backprojection with one of WEIGHTINGS, by workers if there are some.
 
     The voxels are Dr.Jit's lanes, and a loop goes over the points that are looked at, so memory
-    holds the capture, the volume and nothing of the size of their product.
+    holds the capture (of one on disk, some rows), the volume and nothing of the size of their
+    product.
     """
     require_vectorised()
     checks.one_of("weighting", weighting, WEIGHTINGS)
-    points = measured.sensors.reshape(-1, 3)
-    bins = measured.light.shape[-1]
-    if len(points) * (bins + 2) > np.iinfo(np.uint32).max:
-        raise ValueError(f"capture of {len(points)} x {bins} bins: must have less than 2^32 bins")
+    lasers, rows, columns, bins = measured.shape
+    points, blocks = rows * columns, measured.blocks()
+    most = max(measured.sensors[place].size // 3 for place in blocks)
+    if most * (bins + 2) > np.iinfo(np.uint32).max:
+        raise ValueError(f"capture of {most} x {bins} bins: must have less than 2^32 bins")
     voxels = math.prod(grid.shape)
-    step = max(1, _PAIRS_A_STEP // len(points))
+    step = max(1, _PAIRS_A_STEP // points)
     slabs = [(first, min(step, voxels - first)) for first in range(0, voxels, step)]
     result = np.zeros(voxels, np.float32)
-    lasers = len(measured.light)
     if client is not None:
         _by_workers(result, client, measured, grid, weighting, progress)
-        return (result / (lasers * len(points))).reshape(grid.shape)
-    with progress_bar("backprojection", lasers * len(slabs), unit="step", enabled=progress) as bar:
-        for index in range(lasers):
-            wall = _Wall(measured, index, weighting)
+        return (result / (lasers * points)).reshape(grid.shape)
+    total = lasers * len(blocks) * len(slabs)
+    with progress_bar("backprojection", total, unit="step", enabled=progress) as bar:
+        for index, place in itertools.product(range(lasers), blocks):
+            wall = _Wall(measured, index, place, weighting)
             for first, count in slabs:
                 result[first : first + count] += wall.light_through(grid, first, count)
                 bar.update()
-    return (result / (lasers * len(points))).reshape(grid.shape)
+    return (result / (lasers * points)).reshape(grid.shape)
 
 
 def _by_workers(
@@ -85,7 +87,7 @@ def _by_workers(
     """Fill `result`, each worker a few ranges of voxels at a time."""
     count = min(PIECES * check_client(client), result.size)
     edges = [result.size * k // count for k in range(count + 1)]
-    ranges = list(pairwise(edges))
+    ranges = list(itertools.pairwise(edges))
     everywhere: Any = client.scatter(measured, broadcast=True)
     work = partial(_light_in, mi.variant() or "", everywhere, grid, weighting)
     with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
@@ -100,16 +102,19 @@ def _light_in(
     """The light through a range of voxels, in a worker."""
     activate(variant)
     first, last = voxels
-    walls = (_Wall(measured, index, weighting) for index in range(len(measured.light)))
-    return np.sum([wall.light_through(grid, first, last - first) for wall in walls], axis=0)
+    result = np.zeros(last - first, np.float32)
+    for index, place in itertools.product(range(measured.shape[0]), measured.blocks()):
+        wall = _Wall(measured, index, place, weighting)
+        result += wall.light_through(grid, first, last - first)
+    return result
 
 
 class _Wall:
-    """One lit point (or each point by itself), all points that are looked at, and their bins."""
+    """One lit point (or each point by itself), points that are looked at, and their bins."""
 
-    def __init__(self, measured: Measured, index: int, weighting: str):
-        points = measured.sensors.reshape(-1, 3)
-        light = measured.light[index].reshape(len(points), -1)
+    def __init__(self, measured: Measured, index: int, place: tuple[slice, ...], weighting: str):
+        points = measured.sensors[place].reshape(-1, 3)
+        light = measured.light(index, place).reshape(len(points), -1)
         self.count, bins = light.shape
         self.bins = mi.Float32(bins)
         self.row = mi.UInt32(bins + 2)
@@ -117,7 +122,7 @@ class _Wall:
         padded[:, 1:-1] = light
         self.light = mi.Float32(padded.reshape(-1))
         # Position in bins, from the centre of the first: (path - start) / width - 1/2
-        offset = (measured.legs[index].reshape(-1) - measured.start) / measured.width - 0.5
+        offset = (measured.legs[index][place].reshape(-1) - measured.start) / measured.width - 0.5
         columns = [*points.T, offset]
         self.points = [mi.Float32(np.ascontiguousarray(c, dtype=np.float32)) for c in columns]
         self.per_width = mi.Float32(1 / measured.width)

@@ -32,12 +32,12 @@ def fk_migration(measured: Measured, surface: str, steps: Steps) -> tuple[np.nda
     grid = native_volume(measured)
     lattice = measured.lattice
     assert lattice is not None
-    rows, columns, bins = measured.light.shape[1:]
+    rows, columns, bins = measured.shape[1:]
     lines = _padded_bins(measured, grid)
     sides = fft.next_fast_len(2 * rows), fft.next_fast_len(2 * columns)
     require_memory("fk", (*sides, lines // 2 + 1), copies=2.4)
     depth = grid.centres("z")
-    light = np.maximum(measured.light[0], 0) * (depth ** SURFACES[surface]).astype(np.float32)
+    light = np.maximum(measured.light(0), 0) * (depth ** SURFACES[surface]).astype(np.float32)
     spectrum = forward(np.sqrt(light, out=light), (*sides, lines))
     steps.done()
     frequencies = fft.fftfreq(sides[0], lattice.dy), fft.fftfreq(sides[1], lattice.dx)

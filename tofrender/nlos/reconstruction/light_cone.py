@@ -41,13 +41,13 @@ def light_cone_transform(
     grid = native_volume(measured)
     lattice = measured.lattice
     assert lattice is not None
-    rows, columns, bins = measured.light.shape[1:]
+    rows, columns, bins = measured.shape[1:]
     lines, sides = 2 * bins, (2 * rows, 2 * columns)
     require_memory("lct", (*sides, bins + 1), copies=3.2)
     low, high = (edge * edge for edge in grid.z[:2])
     width = (high - low) / bins  # of a bin of v: half a bin of path length at mid-depth
 
-    light = _to_squared_depth(measured.light[0], grid, low + width * np.arange(bins + 1), surface)
+    light = _to_squared_depth(measured.light(0), grid, low + width * np.arange(bins + 1), surface)
     spectrum = forward(light, (*sides, lines))
     steps.done()
     kernel = _kernel_spectrum(lattice, rows, columns, bins, width)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...rendering.cubes import Cube
 from ...rendering.dataset import time_axis
-from ...signals.colour import luminance
 from ..captures import first_and_last_legs
 
 if TYPE_CHECKING:
@@ -81,8 +82,8 @@ class Measured:
 
     Attributes:
         mode: "single", "confocal" or "exhaustive".
-        light: Luminance per bin, (lasers, rows, columns, bins) float32; one laser unless
-            exhaustive.
+        cube: What the sensor saw, (rows, columns, bins, channels), exhaustive (laser rows, laser
+            columns, rows, columns, bins, channels).
         start: Where the first bin starts [m].
         width: Width of a bin [m].
         legs: What path lengths count outside the hidden scene [m], (lasers, rows, columns).
@@ -93,7 +94,7 @@ class Measured:
     """
 
     mode: str
-    light: np.ndarray
+    cube: Cube
     start: float
     width: float
     legs: np.ndarray
@@ -113,14 +114,10 @@ class Measured:
         frame = WallFrame.of(points, normals)
         sensors, lasers = frame(points), frame(lit)
         rows, columns = points.shape[:2]
-        light = luminance(capture["transient"].values).reshape(
-            -1, rows, columns, capture.sizes["opl"]
-        )
-        light = light.astype(np.float32, copy=False)
         start, width = time_axis(capture)
         return cls(
             mode,
-            light,
+            Cube(capture["transient"]),
             start,
             width,
             first_and_last_legs(capture).reshape(-1, rows, columns),
@@ -131,6 +128,29 @@ class Measured:
         )
 
     @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Lasers (one unless exhaustive), rows, columns and bins."""
+        *lasers, rows, columns, bins, _ = self.cube.shape
+        return math.prod(lasers), rows, columns, bins
+
+    def blocks(self) -> list[tuple[slice, ...]]:
+        """Where the blocks of pixels are that `light` can read by themselves; one in memory."""
+        return [()] if self.cube.in_memory else self._lit_by(0).row_blocks()
+
+    def light(self, laser: int, place: tuple[slice, ...] = ()) -> np.ndarray:
+        """Luminance per bin, (rows, columns, bins) float32, of some pixels or all.
+
+        Raises:
+            MemoryError: It does not fit; one line.
+        """
+        seen = self._lit_by(laser).view(place)
+        return seen.luminance("capture").astype(np.float32, copy=False)
+
+    def _lit_by(self, laser: int) -> Cube:
+        """What the sensor saw of a laser, (rows, columns, bins, channels)."""
+        return self.cube.view(np.unravel_index(laser, self.cube.shape[:-4]))
+
+    @property
     def spacing(self) -> float:
         """Typical distance between neighbouring points of the sensor's grid [m]; 0 of one point."""
         steps = [np.linalg.norm(np.diff(self.sensors, axis=a), axis=-1).ravel() for a in (0, 1)]
@@ -139,7 +159,7 @@ class Measured:
 
     def path_range(self) -> tuple[float, float]:
         """Shortest and longest path from wall to wall that the bins can hold [m]."""
-        stop = self.start + self.light.shape[-1] * self.width
+        stop = self.start + self.shape[-1] * self.width
         return self.start - float(self.legs.max()), stop - float(self.legs.min())
 
 

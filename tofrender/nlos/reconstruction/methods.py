@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...rendering.cubes import Cube
 from ...runtime import checks
 from ..captures import check_capture, without_first_and_last_legs
 from . import fk, light_cone, phasor_field
@@ -130,7 +132,7 @@ def reconstruct(
         raise ValueError(f"client: must be None, as method = {method!r} is done in one process")
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
-    checks.finite("capture: transient", capture["transient"].values)
+    Cube(capture["transient"]).require_finite("capture: transient")
     measured = Measured.of(capture)
     _check_method(method, measured)
     if method in ("lct", "fk"):
@@ -196,8 +198,8 @@ def _in_frequencies(
     early = int(np.ceil(-measured.start / measured.width - 1e-6))
     if early > 0:  # nothing comes back before 0
         start = measured.start + early * measured.width
-        trimmed = {"start": start, "light": measured.light[..., early:]}
-        measured = Measured(**{**vars(measured), **trimmed})
+        later = measured.cube.view(np.s_[..., early:, :])
+        measured = replace(measured, start=start, cube=later)
     with Steps(method, 4 if method == "lct" else 3, progress) as steps:
         if method == "lct":
             return light_cone.light_cone_transform(measured, steps=steps, **options)

@@ -53,7 +53,7 @@ def phasor_field(
     sigma = cycles * wavelength / 6  # of the pulse [m]
     depths = grid.centres("z")
     wavenumbers, weights = _pulse(measured, window, depths[0], wavelength, sigma)
-    require_memory("phasor", (len(measured.light), len(wavenumbers), *window.padded), copies=2)
+    require_memory("phasor", (measured.shape[0], len(wavenumbers), *window.padded), copies=2)
     spectra = _fields_at_the_wall(measured, wavenumbers, weights, window)
     planes = np.empty((len(depths), *window.shape), np.float32)
     with Steps("phasor field", len(planes), progress) as steps:
@@ -94,13 +94,13 @@ def _fields_at_the_wall(
     measured: Measured, wavenumbers: np.ndarray, weights: np.ndarray, window: _Window
 ) -> np.ndarray:
     """Spectra over the wall of P(k) F(l, s, k), (lasers, wavenumbers, padded rows, columns)."""
-    lasers, rows, columns, bins = measured.light.shape
+    lasers, rows, columns, bins = measured.shape
     opl = measured.start + (np.arange(bins) + 0.5) * measured.width
     turns: Any = np.exp(1j * np.outer(opl, wavenumbers)) * weights
     turns = np.concatenate([turns.real, turns.imag], axis=1).astype(np.float32)
     spectra = np.empty((lasers, len(wavenumbers), *window.padded), np.complex64)
     for index in range(lasers):
-        parts: Any = measured.light[index].reshape(-1, bins) @ turns
+        parts: Any = measured.light(index).reshape(-1, bins) @ turns
         field = (parts[:, : len(wavenumbers)] + 1j * parts[:, len(wavenumbers) :]).T
         field = field.reshape(-1, rows, columns)
         if measured.legs.any():

@@ -106,7 +106,7 @@ def default_volume(measured: Measured) -> VolumeGrid:
 def native_volume(measured: Measured) -> VolumeGrid:
     """Voxels opposite to the points of a lattice; along z one for each bin, half as deep."""
     shortest, _ = measured.path_range()
-    bins = measured.light.shape[-1]
+    bins = measured.shape[-1]
     low = max(0.0, shortest / 2)
     return VolumeGrid(*_lateral(measured), z=(low, low + bins * measured.width / 2, bins))
 
