@@ -85,7 +85,8 @@ def transient_to_phasor(
     else:
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-        quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
+        quantity = QUANTITIES[0] if quantity is None else quantity
+        quantity = checks.one_of("quantity", quantity, QUANTITIES)
         values = transient_data
     values = _check_shape(checks.real_array("transient_data", values))
     checks.finite("transient_data", values)
@@ -167,7 +168,9 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
     """Start and width [m] of a Dataset's bins, and its quantity; what is given must agree."""
     if "transient" not in dataset.data_vars or dataset["transient"].dims != DIMS["transient"]:
         found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-        raise ValueError(f"dataset with {found}: must hold transient {DIMS['transient']}")
+        raise ValueError(
+            f"transient_data = Dataset with {found}: must hold transient {DIMS['transient']}"
+        )
     if "opl" not in dataset.coords or dataset.sizes["opl"] == 0:
         raise ValueError("dataset: coordinate opl is missing; must be the centres of the bins in m")
     for name in ("quantity", "bin_width_opl", "energy_outside_window"):
@@ -183,7 +186,7 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
             continue
         if name == "quantity" or abs(checks.metres(name, its) - own) > 1e-3 * width:
             raise ValueError(
-                f"{name} = {its!r}: must be {own!r}, as the Dataset has it, or left out"
+                f"{name} = {checks.shown(its)}: must be {own!r}, as the Dataset has it, or left out"
             )
     return start, width, quantity
 

@@ -74,7 +74,9 @@ all further vertices connect to half as many, rounded up |
     @pulse.setter
     def pulse(self, pulse: Pulse | None) -> None:
         if pulse is not None and not (hasattr(pulse, "cdf") and hasattr(pulse, "support")):
-            raise TypeError(f"pulse = {pulse!r}: must be a pulse like GaussianPulse(0.03), or None")
+            raise TypeError(
+                f"pulse = {checks.shown(pulse)}: must be a pulse like GaussianPulse(0.03), or None"
+            )
         self._pulse = pulse
 
     def exposure(self) -> Exposure:

@@ -86,6 +86,7 @@ def save_exr_stack(
         (21, 'stack.exr')
     """
     checks.one_of("layout", layout, ("frames", "multipart"))
+    checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
     stack = _Stack(dataset, precision)
     target = check_output(path, layout=layout, overwrite=overwrite)

@@ -18,8 +18,8 @@ import numpy as np
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.dataset import plain_attributes
 from ..runtime import checks
-from ..signals.colour import luminance
 from ..runtime.atomic import replacing
+from ..signals.colour import luminance
 from .description import refuse_not_finite, warn_of_not_finite
 from .output import check_file, check_writable
 

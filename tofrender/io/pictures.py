@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 
+from ..rendering.dataset import check_dataset
 from ..runtime import checks
+from ..runtime.atomic import replacing
 from ..runtime.progress import progress_bar
 from ..vis import Transient, auto_exposure, tonemap
-from ..runtime.atomic import replacing
 from .output import check_file, check_writable, output_folder
 from .parallel import for_each
 
@@ -64,6 +65,7 @@ def save_png_frames(
     """
     from PIL import Image, PngImagePlugin
 
+    checks.boolean("progress", progress)
     frames = _Frames(dataset, exposure, min_size)
     mark = PngImagePlugin.PngInfo()
     mark.add_text("Software", "tofrender")
@@ -114,6 +116,7 @@ def save_video(
         ...     save_video(dataset, folder + "/light.mp4").name
         'light.mp4'
     """
+    checks.boolean("progress", progress)
     target = check_file(path, ".mp4", ".gif", overwrite=True)
     kind = target.suffix.lower()
     fastest = 50 if kind == ".gif" else 120
@@ -132,6 +135,7 @@ class _Frames:
         from PIL import ImageFont
 
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
+        check_dataset(dataset)
         self.sequence = Transient.of(dataset)
         values = self.sequence.values
         self.exposure = auto_exposure(values)

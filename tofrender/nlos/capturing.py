@@ -79,12 +79,16 @@ def capture(
     """
     backend.require_vectorised()
     checks.one_of("mode", mode, MODES)
+    checks.boolean("progress", progress)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False, **_size(grid))
     elif grid is not None:
-        raise ValueError("grid: must be None for a loaded scene, whose film has its size already")
+        raise ValueError(
+            f"grid = {checks.shown(grid)}: must be None for a loaded scene, whose film has "
+            "its size already"
+        )
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
@@ -175,11 +179,17 @@ def focus_laser(
         [0.75, -0.75, 0.0]
     """
     given = {"point": point, "uv": uv, "pixel": pixel}
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(
+            f"scene = {checks.shown(scene)}: must be a loaded scene; load_scene loads one"
+        )
     named = [name for name, value in given.items() if value is not None]
     if len(named) != 1:
         raise ValueError(f"focus_laser: got {named or 'nothing'}; must be one of point, uv, pixel")
     if not isinstance(scene, mi.Scene):
-        raise ValueError(f"scene = {scene!r}: must be a loaded scene; load_scene loads one")
+        raise ValueError(
+            f"scene = {checks.shown(scene)}: must be a loaded scene; load_scene loads one"
+        )
     laser = find_laser(scene)
     follow_meters(scene)
     forget_meters(scene)
@@ -208,7 +218,7 @@ def focus_laser(
         _require_two("uv", uv, "two numbers from 0 to 1")
         u, v = (checks.number("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
-            raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
+            raise ValueError(f"uv = {checks.shown(uv)}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
         target = mi.Point3f(*checks.place("point", point))
@@ -218,8 +228,12 @@ def focus_laser(
 
 def _require_two(name: str, value: Any, what: str) -> None:
     """Refuse anything but two values."""
-    if np.shape(value) != (2,):
-        raise ValueError(f"{name} = {value!r}: must be {what}")
+    try:
+        count = len(value)
+    except TypeError:
+        count = 0
+    if count != 2:
+        raise ValueError(f"{name} = {checks.shown(value)}: must be {what}")
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
@@ -237,7 +251,7 @@ def _size(grid: Any) -> dict[str, Any]:
         width, height = grid
     except (TypeError, ValueError):
         raise ValueError(
-            f"grid = {grid!r}: must be a width and a height, for example (64, 64)"
+            f"grid = {checks.shown(grid)}: must be a width and a height, for example (64, 64)"
         ) from None
     return {
         name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)

@@ -11,6 +11,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
+
 LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_scale|data)(\.\w+)?")
 """Parameters of emitters that say how bright they are."""
 
@@ -47,6 +49,9 @@ def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
             an emitter or the sensor is in a medium; one line.
     """
     active = mi.variant() or "none"
+    checks.instance("scene", scene, mi.Scene, f"a loaded scene of the active variant {active}")
+    if sensor is not None:
+        checks.instance("sensor", sensor, mi.Sensor, "a sensor of the scene, as scene.sensors()[0]")
     if scene.variant_name() != active:
         raise ValueError(
             f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "

@@ -69,15 +69,19 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
         return  # Mitsuba says what is wrong, and where
 
 
-def require_shallow_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict whose dicts are nested too deeply.
+def require_readable_dict(description: Mapping[str, Any]) -> None:
+    """Refuse a dict whose dicts are nested too deeply, or with a value that is None.
 
     Raises:
         ValueError: One line.
     """
-    level: list[Any] = [description]
+    level: list[Any] = [("", description)]
     for _ in range(MAX_NESTING):
-        level = [v for each in level for v in each.values() if isinstance(v, Mapping)]
+        values = [(f"{at}{name}", v) for at, each in level for name, v in each.items()]
+        for name, value in values:
+            if value is None:
+                raise ValueError(f"{name} = None: must have a value, or be left out")
+        level = [(f"{name}.", v) for name, v in values if isinstance(v, Mapping)]
         if not level:
             return
     raise ValueError(f"scene: has more than {MAX_NESTING} dicts within each other")

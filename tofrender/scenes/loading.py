@@ -16,10 +16,10 @@ from typing import Any, Unpack
 
 import mitsuba as mi
 
-from ..runtime import plugins
+from ..runtime import checks, plugins
 from . import BUILT_IN
 from .editing import change, name_shapes, use_own_plugins
-from .files import require_indices, require_shallow_dict, require_shallow_xml
+from .files import require_indices, require_readable_dict, require_shallow_xml
 from .peers import use_own_names
 from .settings import Settings, check_settings
 
@@ -66,11 +66,13 @@ def load_scene(
         [32, 16]
     """
     given = check_settings(settings)
+    parameters = checks.mapping("parameters", parameters)
+    optimize = checks.boolean("optimize", optimize)
     if isinstance(source, mi.Scene):
-        changed = [*given, *(parameters or {})]
+        changed = [*given, *parameters]
         if changed:
             raise ValueError(
-                f"{changed[0]} = {(given | dict(parameters or {}))[changed[0]]!r}: a loaded scene "
+                f"{changed[0]} = {checks.shown((given | parameters)[changed[0]])}: a loaded scene "
                 "cannot be changed; give the dict or the XML file that it comes from"
             )
         return source
@@ -81,7 +83,7 @@ def load_scene(
         source = find_scene(source)
     try:
         with _files_beside(source):
-            state = _parse(config, source, parameters or {})
+            state = _parse(config, source, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
             use_own_names(state)
@@ -106,7 +108,9 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
     """
     name = description.get("type")
     if not isinstance(name, str):
-        raise ValueError(f"{what} = {dict(description)!r}: must have a plugin's name as its type")
+        given = checks.shown(dict(description))
+        raise ValueError(f"{what} = {given}: must have a plugin's name as its type")
+    require_readable_dict(description)
     try:
         return mi.load_dict({**description, "type": plugins.own_name(name)})
     except RuntimeError as error:
@@ -171,7 +175,9 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
         return _parse_file(config, Path(source), parameters)
     if parameters:
         name, value = next(iter(parameters.items()))
-        raise ValueError(f"parameter {name} = {value!r}: only XML files have parameters")
+        raise ValueError(
+            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files have any"
+        )
     if isinstance(source, str):
         source = BUILT_IN[source]()
     if not isinstance(source, Mapping):
@@ -182,8 +188,8 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
             f"or a scene of the active variant {mi.variant()}"
         )
     if source.get("type") != "scene":
-        raise ValueError(f"scene: type = {source.get('type')!r}, must be 'scene'")
-    require_shallow_dict(source)
+        raise ValueError(f"scene: type = {checks.shown(source.get('type'))}, must be 'scene'")
+    require_readable_dict(source)
     return parser.parse_dict(config, dict(source))
 
 
@@ -245,5 +251,9 @@ def _one_line(message: str) -> str:
     if "Traceback (most recent call last)" in message:
         return re.sub(r"^\w+: ", "", message.strip().splitlines()[-1])
     message = re.sub(r"\[[\w.]+:\d+\] ", "", message)
+    of_no_kind = re.search(r"could not assign an object of type '(.*?)' to key '(.*?)'", message)
+    if of_no_kind:
+        kind, key = of_no_kind.groups()
+        return f"{key} of type {kind}: must be a number, text, a tuple, a dict or Mitsuba's"
     lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
     return " ".join(line for line in lines if line)

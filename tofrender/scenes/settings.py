@@ -52,7 +52,8 @@ def _integrator(name: str, value: Any) -> Any:
     if not isinstance(value, Mapping):
         return checks.one_of(name, value, INTEGRATORS)
     if not isinstance(value.get("type"), str):
-        raise ValueError(f"{name} = {dict(value)!r}: must have a plugin's name as its type")
+        given = checks.shown(dict(value))
+        raise ValueError(f"{name} = {given}: must have a plugin's name as its type")
     return value
 
 

@@ -33,7 +33,7 @@ def auto_exposure(values: Any, *, percentile: float = 99.5) -> float:
         2.0
     """
     percentile = checks.number("percentile", percentile, positive=True, high=100)
-    flat = np.asarray(values).reshape(-1)
+    flat = checks.real_array("values", values).reshape(-1)
     lit = flat[:0]
     if flat.size > _SAMPLES:
         lit = _lit(flat[np.random.default_rng(0).integers(0, flat.size, _SAMPLES)])
@@ -68,7 +68,7 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
     """
-    linear = np.asarray(values)
+    linear = checks.real_array("values", values)
     if linear.ndim == 2:
         linear = linear[..., None]
     if linear.ndim != 3 or linear.shape[2] not in (1, 3):

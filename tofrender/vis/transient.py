@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..rendering.dataset import QUANTITIES, first_pixel, time_axis
+from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, time_axis
 from ..runtime import checks
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
@@ -27,6 +27,15 @@ class Transient:
     y0: int = 0
     quantity: str = "radiance per bin"
 
+    def __post_init__(self) -> None:
+        """Refuse what no picture can be drawn of."""
+        self.values = _cube("values", self.values)
+        self.start_opl = checks.metres("start_opl", self.start_opl)
+        self.bin_width_opl = checks.metres("bin_width_opl", self.bin_width_opl, positive=True)
+        for name in ("x0", "y0"):
+            checks.integer(name, getattr(self, name), -checks.MAX_SIZE, checks.MAX_SIZE)
+        checks.instance("quantity", self.quantity, str, "text")
+
     @classmethod
     def of(
         cls,
@@ -40,6 +49,7 @@ class Transient:
         if quantity is not None:
             extra["quantity"] = checks.one_of("quantity", quantity, QUANTITIES)
         if hasattr(data, "data_vars"):
+            _require_labels(data)
             start, width = time_axis(data)
             start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
@@ -50,17 +60,7 @@ class Transient:
             data = data["transient"].values
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-        values = np.asarray(data)
-        if values.ndim == 3:
-            values = values[..., None]
-        if values.ndim != 4 or values.shape[3] not in (1, 3) or 0 in values.shape:
-            raise ValueError(
-                f"data with shape {np.shape(data)}: must be (height, width, bins) or "
-                "(height, width, bins, channels) with 1 or 3 channels last"
-            )
-        if values.dtype.kind not in "fiu":
-            raise ValueError(f"data of type {values.dtype}: must hold real numbers")
-        return cls(values, start, width, **extra)
+        return cls(_cube("data", data), start, width, **extra)
 
     @property
     def opl(self) -> np.ndarray:
@@ -96,3 +96,26 @@ class Transient:
         """Centre of the brightest bin [ns], (height, width); NaN where there is no light."""
         peak = opl_to_ns(self.opl)[light.argmax(axis=2)]
         return np.where(light.max(axis=2) > 0, peak, np.nan)
+
+
+def _cube(name: str, data: Any) -> np.ndarray:
+    """Real numbers as (height, width, bins, channels)."""
+    values = checks.real_array(name, data)
+    values = values[..., None] if values.ndim == 3 else values
+    if values.ndim != 4 or values.shape[3] not in (1, 3) or 0 in values.shape:
+        raise ValueError(
+            f"{name} with shape {np.shape(data)}: must be (height, width, bins) or "
+            "(height, width, bins, channels) with 1 or 3 channels last"
+        )
+    return values
+
+
+def _require_labels(data: Any) -> None:
+    """Refuse a Dataset without what `render` writes into it."""
+    found = {str(name): variable.dims for name, variable in data.data_vars.items()}
+    axes = DIMS["transient"]
+    if found.get("transient") != axes or not set(axes) <= set(data.coords):
+        raise ValueError(f"data = Dataset with {found}: must hold transient {axes}")
+    for name in ("quantity", "units"):
+        if not isinstance(data.attrs.get(name), str):
+            raise ValueError(f"data: attribute {name} = {data.attrs.get(name)!r}: must be text")

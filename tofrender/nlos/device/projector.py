@@ -312,5 +312,5 @@ def numbers(name: str, value: Any) -> np.ndarray:
     except (TypeError, ValueError):
         array = np.array([])
     if array.size == 0 or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} = {value!r}: must be finite numbers")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be finite numbers")
     return array

@@ -153,7 +153,9 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
             continue
         if method not in _USED_BY[name]:
             allowed = " and ".join(_USED_BY[name])
-            raise ValueError(f"{name} = {value!r}: must be None, as it is for {allowed} only")
+            raise ValueError(
+                f"{name} = {checks.shown(value)}: must be None, as it is for {allowed} only"
+            )
         options[name] = value
     if "weighting" in options:
         checks.one_of("weighting", options["weighting"], WEIGHTINGS)

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
 from ..camera import behind_emitters
 from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
 
@@ -25,7 +26,8 @@ class Unseen:
     importance = False
 
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
-        self.scene, self.hide_emitters = scene, hide_emitters
+        self.scene = checks.instance("scene", scene, mi.Scene, "a loaded scene")
+        self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
 
     def resolving(self, width_opl: float) -> Any:
         """The same: how finely lengths are told apart makes no difference."""
