@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -112,15 +113,15 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "dataset": (set(), {"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3))}),
     "scene": (set(), {"path": Path("x.xml"), "built-in": "cornell_box"}),
     "source": (set(), {"no-file": "no_such_file.xml", "misspelt": "cornel_box", "folder": Path()}),
-    "mapping": ({"dict"}, {"pairs": [("a", 1)]}),
+    "mapping": ({"dict", "dict-1", "dataset"}, {"pairs": [("a", 1)], "numbers": {1: 2}}),
     "object": (set(), {}),
     "function": ({"type"}, {}),
     "depth": ({"-1"}, {"-2": -2, "2.0": 2.0}),
     "pyramid-depth": (set(), {"1": 1, "65": 65}),
     "bounces": ({"-1", "0"}, {"-2": -2, "2.0": 2.0}),
-    "width": ({"1.5"}, {"-0.0": -0.0}),
+    "width": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
     "radius": (set(), {"-0.0": -0.0}),
-    "distance": ({"1.5"}, {"-0.0": -0.0}),
+    "distance": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
     "roughness": ({"0", "1.5"}, {"1e7": 1e7}),
     "cosine": ({"-1", "0"}, {"1.1": 1.1}),
     "side": (set(), {"5000": 5000}),
@@ -132,7 +133,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "light-samples": (set(), {"65": 65, "2.0": 2.0}),
     "sensor": ({"0"}, {"1": 1, "0.0": 0.0}),
     "pixel": ({"0"}, {"9": 9, "0.0": 0.0}),
-    "pixels": ({"list"}, {"outside": [(99, 0)], "fraction": [(0.5, 0)]}),
+    "pixels": ({"list", "array-empty", "dataset"}, {"outside": [(99, 0)], "fraction": [(0.5, 0)]}),
     "window": (set(), {"backwards": (5.0, 3.0), "empty": (3.0, 3.0), "one": (1,), "all": "all"}),
     "config": (
         set(),
@@ -167,8 +168,8 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "voxels": (set(), {"2 axes": [(0.5, 1.0, 2)] * 2, "nan": [(0.5, np.nan, 2)] * 3}),
     "shapes": (set(), {"unknown": ["wand"]}),
     "opl": (set(), {"outside": 1e3}),
-    "file": (set(), {"folder": ".", "long": "x" * 5000 + ".npz", "nothing": "a.npz"}),
-    "figure": (set(), {"no folder": "no/a.png"}),
+    "file": (set(), {"folder": ".", "long": "x" * 5000 + ".npz", "nothing": "none.npz"}),
+    "figure": ({"text", "digits"}, {"no folder": "no/a.png"}),
     "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
 }
 
@@ -182,6 +183,11 @@ def bad(kind: str) -> Iterator[tuple[str, Any]]:
         skipped = {each for text in left_out for each in text.split(", ")}
         if name not in good | skipped and not (optional and name == "None"):
             yield name, value
+
+
+def sample(kind: str, everything: bool, start: int) -> dict[str, Any]:
+    """Bad values of a kind, all or a sixth of them; the start says which sixth."""
+    return dict(bad(kind) if everything else islice(bad(kind), start % 6, None, 6))
 
 
 def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
@@ -212,15 +218,17 @@ def _words(value: Any) -> list[str]:
         text = ["an integer of 1329 bits", "inf"]
     words = [*text, text[0][:20], type(value).__name__]
     if isinstance(value, dict | xr.Dataset):
-        words += ["type = None", "dataset with", "Dataset"]
+        words += ["= None", "dataset with", "Dataset", "= {}"]
     if isinstance(value, int | float) and abs(value) < 1e300:
         words += [f"{value:g}", f"{float(value)!r}"]
     if isinstance(value, np.ndarray):
         words += [str(value.shape), str(value.dtype), *(f"{x}" for x in value.ravel()[:1])]
     if isinstance(value, list | tuple | set | dict | str):
         words += [str(len(value)), repr(value)[:20], *map(repr, value)]
+        words += [f"{x:g}" for x in value if isinstance(x, int | float)]
+        words += re.findall(r"[\w.]+", repr(value)) if len(value) < 9 else []
     try:
-        words.append(f"shape {np.shape(value)}")
+        words += [str(np.shape(value)), "row 0", "all pixels"]
     except (TypeError, ValueError):  # Ragged, or a Dataset
         words.append("list")
     return words

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
-import tempfile
+import shutil
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
-from bad_inputs import bad, listing, outcome
+from bad_inputs import listing, outcome, sample
 from hidden_scenes import Wall, capture_of, rectangle
 from made_dataset import make_dataset
 
@@ -110,7 +110,7 @@ CUBE = np.ones((2, 3, 4, 1))
 PHASOR = {"I": np.ones((2, 3)), "Q": np.ones((2, 3))}
 BUCKETS = {name: np.ones((2, 3)) for name in ("B0", "B90", "B180", "B270")}
 FILM = {"temporal_bins": 4, "start_opl": 3.5, "bin_width_opl": 2.0}
-POINTS = np.zeros((2, 2, 3)) + [[[0, 0, 0], [1, 0, 0]], [[0, 1, 0], [1, 1, 0]]]
+POINTS = np.array([[[0.0, 0, 0], [1, 0, 0]], [[0, 1, 0], [1, 1, 0]]])
 NORMALS = np.broadcast_to([0.0, 0, 1], POINTS.shape)
 MADE = {
     "transient": np.ones((2, 2, 4)),
@@ -131,7 +131,7 @@ SAVED = {"overwrite": "boolean", "progress": "boolean"}
 
 def warp(name: str, given: str, **more: Any) -> Row:
     value = {"sample": mi.Point2f, "p": mi.Point2f}.get(given, mi.Vector3f)(0.5)
-    kinds = {given: "lanes"} | {key: "roughness" for key in more}
+    kinds = {given: "lanes"} | dict.fromkeys(more, "roughness")
     return Row(f"sampling.{name}", lambda _: {given: value} | more, kinds)
 
 
@@ -167,6 +167,7 @@ TABLE = [
             "window": "window?",
             "temporal_bins": "count?",
             "resume": "dataset?",
+            "progress": "boolean",
         },
     ),
     Row(
@@ -235,7 +236,7 @@ TABLE = [
         {
             "scene": "scene",
             "sensor": "object",
-            "frequency_hz": "frequencies",
+            "frequency_hz": "frequencies but digits",
             "integrator": "object?",
         }
         | SEEDED,
@@ -317,7 +318,7 @@ TABLE = [
         {"path": "path", "overwrite": "boolean", "needed_bytes": "seed? but 2**40, 2**32"},
     ),
     Row(
-        "runtime.atomic.replacing",
+        "io.replacing",
         lambda out: {"path": out / "a"},
         {"path": "path", "folder": "boolean", "needed_bytes": "seed? but 2**40, 2**32"},
     ),
@@ -402,7 +403,7 @@ TABLE = [
     Row(
         "vis.warp_figure",
         lambda _: {"points": np.zeros((2, 4)), "verdict": verdict()},
-        {"points": "picture", "verdict": "object", "title": "label"},
+        {"points": "picture but array-nan", "verdict": "object", "title": "label"},
     ),
     # -------------------------------------------------------------------------------- analysis
     Row(
@@ -458,7 +459,7 @@ TABLE = [
         "analysis.unwrap",
         lambda _: {"phases": np.ones((2, 2, 3)), "frequencies_hz": [20e6, 30e6]},
         {
-            "phases": "panel",
+            "phases": "panel but array-nan",
             "frequencies_hz": "frequencies",
             "max_depth": "positive?",
             "amplitudes": "panel?",
@@ -484,8 +485,8 @@ TABLE = [
         lambda _: {"scene": wall(), "pixel": (0, 0)},
         {"scene": "scene", "pixel": "pair", "sensor": "sensor"},
     ),
-    Row("nlos.focus_laser", lambda _: {"scene": wall(), "point": (0, 0, 0)}, {"point": "point"}),
-    Row("nlos.focus_laser", lambda _: {"scene": wall(), "uv": (0.5, 0.5)}, {"uv": "pair"}),
+    Row("nlos.focus_laser", lambda _: {"scene": wall(), "point": (0, 0, 0)}, {"point": "point?"}),
+    Row("nlos.focus_laser", lambda _: {"scene": wall(), "uv": (0.5, 0.5)}, {"uv": "pair?"}),
     Row(
         "nlos.make_capture",
         lambda _: MADE,
@@ -516,7 +517,7 @@ TABLE = [
         {
             "capture": "dataset",
             "method": "choice",
-            "volume": "voxels?",
+            "volume": "voxels? but nan",
             "weighting": "choice?",
             "progress": "boolean",
         },
@@ -549,10 +550,12 @@ TABLE = [
     ),
     Row(
         "nlos.VolumeGrid",
-        lambda _: {axis: (0.5, 1.0, 2) for axis in "xyz"},
+        lambda _: dict.fromkeys("xyz", (0.5, 1.0, 2)),
         dict.fromkeys("xyz", "axis"),
     ),
-    Row("nlos.VolumeGrid.of", lambda _: {"value": [(0.5, 1.0, 2)] * 3}, {"value": "voxels"}),
+    Row(
+        "nlos.VolumeGrid.of", lambda _: {"value": [(0.5, 1.0, 2)] * 3}, {"value": "voxels but nan"}
+    ),
     Row("find_relay_wall", lambda _: {"scene": wall()}, {"scene": "scene", "wall": "shapes"}),
     Row(
         "is_on_relay_wall",
@@ -640,7 +643,7 @@ TABLE = [
             "tests": "count",
             "name": "label",
             "sample_dimension": "count",
-            "expected_moments": "mapping?",
+            "expected_moments": "mapping? but dict-1",
             "figure": "figure?",
         },
     ),
@@ -657,10 +660,10 @@ TABLE = [
             "domain": "choice",
             "name": "label",
             "sample_dimension": "count",
-            "expected_moments": "mapping?",
+            "expected_moments": "mapping? but dict-1",
         },
     ),
-    Row("sampling.EnvironmentWarp", lambda _: {"image": np.ones((2, 4))}, {"image": "image"}),
+    Row("sampling.EnvironmentWarp", lambda _: {"image": np.ones((4, 4))}, {"image": "image"}),
     Row("sampling.HierarchicalWarp", lambda _: {"image": np.ones((2, 2))}, {"image": "image"}),
     Row(
         "sampling.Quad",
@@ -743,13 +746,16 @@ TABLE = [
     built_in("mirror_and_glass", **BOX, integrator="choice", lamp_radius="radius"),
     built_in("small_box", **SIZE, integrator="choice", max_bounces="bounces", spheres="choice"),
     built_in("veach", **SIZE, integrator="choice", max_bounces="bounces"),
-    *(built_in(f"cornell_box_{kind}", **BOX) for kind in ("flash", "glass", "mirror")),
+    *(
+        built_in(f"cornell_box_{kind}", temporal_bins="count", start_opl="metres?")
+        for kind in ("flash", "glass", "mirror")
+    ),
     built_in("nlos_bunny", **SIZE, distance="distance", occluder="boolean"),
     built_in("nlos_z", **SIZE, distance="distance", occluder="boolean"),
     built_in("nlos_plane", distance="distance", half_width="distance", occluder="boolean"),
     built_in("nlos_patch", side="distance", position="point", tilt="number", occluder="boolean"),
     *(
-        built_in(name, **SIZE)
+        built_in(name, width="count")
         for name in (
             *("ourbox_confocal", "wall_box_behind", "wall_box_hi_nlos"),
             *("wall_box_sphere_nlos", "wall_box_spheres_nlos"),
@@ -847,7 +853,7 @@ def function(name: str) -> Any:
 def called(row: Row, out: Path, /, **changes: Any) -> Any:
     """The result of a call; what is a context is entered."""
     result = function(row.name)(**row.good(out) | changes)
-    if row.name in ("io.output_folder", "runtime.atomic.replacing"):
+    if row.name in ("io.output_folder", "io.replacing"):
         with result as inner:
             return inner.exists() or inner.touch()
     return result
@@ -878,35 +884,59 @@ def test_good_arguments(row, tmp_path):
         called(row, tmp_path)
 
 
-XFAIL: dict[tuple[str, str, str], str] = {}
-"""What is not refused as it should be: function, parameter, value (or "*"), and why."""
-
-
-def cases() -> list[Any]:
-    found = []
-    for row in TABLE:
-        for name, kind in row.kinds.items():
-            for label, value in bad(kind):
-                keys = (row.name, name, label), (row.name, name, "*")
-                reasons = [XFAIL[key] for key in keys if key in XFAIL]
-                marks = [pytest.mark.xfail(strict=True, reason=r) for r in reasons]
-                found.append(
-                    pytest.param(row, name, value, id=f"{row.name}-{name}-{label}", marks=marks)
-                )
-    return found
+ALL = "all"
+ELSEWHERE = "the module changes at this time"
+LONG = {"odd", "array", "array-nan", "dataset"}
+XFAIL: dict[str, tuple[set[str] | str, str]] = {
+    "render window": (LONG - {"array-nan"}, ELSEWHERE),
+    "render progress": (ALL, ELSEWHERE),
+    "strategy_pyramid window": (LONG - {"array-nan"}, ELSEWHERE),
+    "strategy_pyramid parameters": (ALL, ELSEWHERE),
+    "strategy_pyramid progress": (ALL, ELSEWHERE),
+    "render_at_time sensor": ({"None"}, ELSEWHERE),
+    "render_transient sensor": ({"None"}, ELSEWHERE),
+    "render_single_amcw sensor": ({"None"}, ELSEWHERE),
+    "render_amcw_phasor sensor": ({"None"}, ELSEWHERE),
+    "render_transient film_config": (set(), ELSEWHERE),
+    "io.replacing path": (ALL, ELSEWHERE),
+    "io.replacing folder": (ALL, ELSEWHERE),
+    "io.replacing needed_bytes": (ALL, ELSEWHERE),
+}
+"""Calls and parameters that are not refused as they should be: which values, and why."""
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize(("row", "name", "value"), cases())
-def test_bad_value(row, name, value, monkeypatch):
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder)
-        monkeypatch.chdir(out)
-        row.good(out)
-        before = listing(out)
-        assert not outcome(lambda: called(row, out, **{name: value}), name, value)
-        assert listing(out) == before
+@pytest.mark.parametrize(
+    ("row", "name", "start"),
+    [
+        pytest.param(row, name, number, id=f"{row.name}-{name}")
+        for number, (row, name) in enumerate((row, name) for row in TABLE for name in row.kinds)
+    ],
+)
+def test_bad_values(row, name, start, tmp_path, monkeypatch, pytestconfig):
+    """Each is refused in one clear line, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    row.good(tmp_path)
+    before = listing(tmp_path)
+    key = f"{row.name} {name}"
+    said = SAID.get(key, SAID.get(name, name))
+    values = sample(row.kinds[name], pytestconfig.getoption("--all-inputs"), start)
+    wrong = {}
+    for label, value in values.items():
+        what = outcome(lambda value=value: called(row, tmp_path, **{name: value}), said, value)
+        if listing(tmp_path) != before:
+            what = f"{what}; files have changed"
+            shutil.rmtree(tmp_path)
+            tmp_path.mkdir()
+            row.good(tmp_path)
+        if what:
+            wrong[label] = what
+    labels, reason = XFAIL.get(key, (set(), ""))
+    expected = set(values) if labels == ALL else set(labels) & set(values)
+    assert wrong.keys() == expected, wrong
+    if expected:
+        pytest.xfail(reason)
 
 
 def public() -> set[str]:

@@ -14,9 +14,9 @@ import xarray as xr
 from hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
 from made_dataset import assert_same
 
-from tofrender.runtime import atomic
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
+from tofrender.runtime import atomic
 
 modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 ATTRS = {"scene": "bördér: [Z]", "spp": 64, "seed": 2**32 - 1, "fraction": 1e-5, "third": 1 / 3}

@@ -140,8 +140,12 @@ def sum_channels(
         ((2, 2, 1), 3.1083)
     """
     parts = [checks.real_array(name, values) for name, values in (("I", I), ("Q", Q))]
-    if parts[0].ndim == 0:
-        raise ValueError("I with shape (): must have channels in its last axis")
+    shapes = [values.shape for values in parts]
+    if shapes[0] != shapes[1] or not shapes[0]:
+        raise ValueError(
+            f"I, Q with shapes {shapes[0]}, {shapes[1]}: must be equal, with channels in the last "
+            "axis"
+        )
     I, Q = (values.sum(axis=-1, keepdims=True, dtype=np.float64) for values in parts)
     return I, Q, *phasor_parts(I, Q, frequency_hz)
 

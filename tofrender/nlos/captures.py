@@ -135,8 +135,11 @@ def make_capture(
             raise ValueError(f"{name} with shape {array.shape}: must be {axes}, xyz of size 3")
         variables[name] = (axes, array)
     if on_wall is not None:
-        mask = np.asarray(on_wall) if isinstance(on_wall, np.ndarray | list | bool) else None
-        if mask is None or mask.dtype != bool or mask.ndim not in (0, 2):
+        try:
+            mask = np.asarray(on_wall)
+        except (TypeError, ValueError):
+            mask = np.array(None)
+        if mask.dtype != bool or mask.ndim not in (0, 2):
             given = checks.shown(on_wall)
             raise ValueError(f"on_wall = {given}: must be bool (rows, columns)")
         if not mask.all():

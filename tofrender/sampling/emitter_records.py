@@ -176,5 +176,5 @@ def affine(transform: Any) -> np.ndarray:
     matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix  # mi.Transform4f of one lane
     right = matrix.shape == (4, 4) and np.all(np.isfinite(matrix))
     if not right or not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(f"transform = {matrix.tolist()}: {allowed}")
+        raise ValueError(f"transform = {checks.shown(transform)}: {allowed}")
     return matrix

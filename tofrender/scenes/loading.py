@@ -251,6 +251,9 @@ def _one_line(message: str) -> str:
     if "Traceback (most recent call last)" in message:
         return re.sub(r"^\w+: ", "", message.strip().splitlines()[-1])
     message = re.sub(r"\[[\w.]+:\d+\] ", "", message)
+    untyped = re.search(r"\[([\w.]+)\] missing 'type' attribute", message)
+    if untyped:
+        return f"{untyped[1]}: is a dict without a type; must have a plugin's name as its type"
     of_no_kind = re.search(r"could not assign an object of type '(.*?)' to key '(.*?)'", message)
     if of_no_kind:
         kind, key = of_no_kind.groups()

@@ -112,7 +112,8 @@ def nlos_patch(
     corners = _corners(to_world)
     if not corners[:, 2].min() > 0:
         raise ValueError(
-            f"position = {checks.shown(position)}: must leave all of the patch before the wall"
+            f"position = {checks.shown(position)}, side = {checks.shown(side)}: must leave all of "
+            "the patch before the wall"
         )
     patch = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
     options = {"bin_width_opl": 0.012} | options

@@ -51,7 +51,10 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     if pixels is None:
         pixels = _telling_pixels(light.sum(axis=2), peak_ns, sequence)
     pairs = _pairs(pixels)
-    responses = [luminance(sequence.pixel(x, y)) for x, y in pairs]
+    try:
+        responses = [luminance(sequence.pixel(x, y)) for x, y in pairs]
+    except ValueError as error:
+        raise ValueError(f"pixels: {error}") from None
 
     aspect = picture_aspect(*light.shape[:2], low=0.4, high=2.0)
     figure = new_figure(10.0, 4.0 * aspect + 4.4)

@@ -124,6 +124,7 @@ def reconstruct(
     options = _options(method, given)
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
+    checks.boolean("progress", progress)
     checks.finite("capture: transient", capture["transient"].values)
     measured = Measured.of(capture)
     _check_method(method, measured)
