@@ -99,9 +99,9 @@ def check_writable(path: str | os.PathLike) -> None:
     """Refuse a place where nothing can be made, by trying (modes say nothing to root)."""
     try:
         os.stat(path)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):  # Nothing there, or see below
         pass
-    except OSError as error:  # A loop of links, a file in place of a folder, a name too long
+    except OSError as error:  # A loop of links, say
         raise PermissionError(
             f"path = {path}: cannot be written ({error.strerror}); must lie in a folder that you "
             "may write to"

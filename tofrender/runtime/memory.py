@@ -63,6 +63,20 @@ def address_space() -> tuple[int, int]:
     return limit, limit - psutil.Process().memory_info().vms
 
 
+def require_free(what: str, size: int) -> None:
+    """Refuse what takes more memory of the machine than there is [bytes].
+
+    Raises:
+        MemoryError: One line that starts with `what`.
+    """
+    free = free_on_host()
+    if size > free:
+        raise MemoryError(
+            f"{what}: takes {size / 2**30:.1f} GiB, must be at most {free / 2**30:.1f} GiB, which "
+            "is free"
+        )
+
+
 def require_film(
     height: int, width: int, temporal_bins: int, channels: int, copies: float = 1.0
 ) -> None:
