@@ -203,7 +203,7 @@ def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
         return f"Python's words, not ours: {said!r}"
     if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said):
         return f"does not name {name}: {said!r}"
-    if not re.search(r"[mM]ust |does not exist|expected <", said):
+    if not re.search(r"[mM]ust |does not exist|expected <|needs up to ", said):
         return f"does not say what is allowed: {said!r}"
     if value is not ... and not any(word in said for word in _words(value)):
         return f"does not name the value: {said!r}"

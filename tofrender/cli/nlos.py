@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Out, Seed, Size, Spp, Variant, check_out, choice, size
+from .options import (
+    Out,
+    Seed,
+    Size,
+    Spp,
+    Variant,
+    check_apart,
+    check_file_out,
+    check_out,
+    check_room,
+    choice,
+    size,
+)
 
 Mode = Literal["confocal", "single", "exhaustive"]
 Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
@@ -31,22 +44,28 @@ def capture(
     """
     from tofrender.runtime import backend
 
+    check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists():
         raise ValueError(f"--out = {out}: exists already; must be a new file")
-    if out.suffix.lower() not in (".h5", ".hdf5"):
-        raise ValueError(f"--out = {out}: must end in .h5 or .hdf5")
     if not out.absolute().parent.is_dir():
         raise ValueError(f"--out = {out}: its folder does not exist; must be in one that does")
     backend.activate(variant)
     backend.require_vectorised()
 
     from tofrender import io
+    from tofrender.films.image import developed_shape
     from tofrender.nlos import capture as render_capture
-    from tofrender.scenes.loading import find_scene
+    from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    captured = render_capture(source, mode=mode, grid=grid, spp=spp, seed=seed, relay_wall=names)
+    loaded = load_scene(source, optimize=False, **grid._asdict() if grid else {})
+    require_sensor(loaded)
+    shape = developed_shape(loaded.sensors()[0].film())
+    if shape is not None:
+        check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
+    captured = render_capture(loaded, mode=mode, spp=spp, seed=seed, relay_wall=names)
+    captured.attrs["scene"] = str(source)
     io.save_capture(captured, out)
     rows, columns = captured["sensor_grid"].shape[:2]
     bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
@@ -63,12 +82,14 @@ def reconstruct(
     DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
     """
     check_out(out)
+    check_apart(out, source)
     import numpy as np
 
     from tofrender import io, nlos, vis
     from tofrender.runtime import backend
 
     captured = io.load_capture(source)
+    check_room(out, captured["transient"].size)
     backend.activate()
     volume = nlos.reconstruct(captured, method)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)

@@ -12,6 +12,9 @@ from . import options as opt
 if TYPE_CHECKING:
     import numpy as np
 
+PARTS = 5
+"""I, Q, amplitude, phase and depth."""
+
 TRAITS = (
     *("max_depth", "rr_depth", "hide_emitters"),
     *("camera_unwarp", "discard_direct_light", "emitter_sampling"),
@@ -43,18 +46,22 @@ def phasor(
     """
     opt.check_out(out)
     if Path(source).is_dir():
+        opt.check_apart(out, Path(source))
         given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
         for option, value in given.items():
             if value is not None:
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
 
-        parts = transient_to_phasor(opt.load_render(Path(source), "RENDER_DIR"), freq)
+        rendered = opt.load_render(Path(source), "RENDER_DIR")
+        opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
+        parts = transient_to_phasor(rendered, freq)
     else:
         loaded, sensor, samples, traits = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
         from tofrender.scenes.loading import load_plugin
 
+        opt.check_room(out, PARTS * len(freq) * _values(sensor))
         traits["type"] = "amcw_transient_path"
         integrator = load_plugin("integrator", traits)
         parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, integrator)
@@ -87,6 +94,7 @@ def gate(
     from tofrender.integrators.time_gated import render_at_time
     from tofrender.scenes.loading import load_plugin
 
+    opt.check_room(out, _values(sensor))
     traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
     integrator = load_plugin("integrator", traits)
     image = render_at_time(loaded, integrator, sensor, at, samples, seed)
@@ -122,6 +130,12 @@ def _load(
     sensor, integrator = loaded.sensors()[0], loaded.integrator()
     traits = {name: getattr(integrator, name) for name in TRAITS}
     return loaded, sensor, spp or sensor.sampler().sample_count(), traits
+
+
+def _values(sensor: Any) -> int:
+    """Values of a picture of the sensor's, of three channels at the most."""
+    width, height = sensor.film().crop_size()
+    return 3 * int(width) * int(height)
 
 
 def _write_phasors(

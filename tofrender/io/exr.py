@@ -92,9 +92,10 @@ def save_exr_stack(
     checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
     stack = _Stack(dataset, precision)
-    target = check_output(path, layout=layout, overwrite=overwrite)
+    shape = dataset["transient"].shape
+    target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
     warn_of_not_finite(dataset)
-    needed = stack_bytes(dataset["transient"].shape, precision)
+    needed = stack_bytes(shape, precision)
     if layout == "multipart":
         with replacing(path, needed_bytes=needed) as temporary:
             stack.write_parts(temporary, progress)
@@ -257,6 +258,8 @@ def _read(file: Path) -> list[Any]:
     """The parts of an EXR file."""
     import OpenEXR
 
+    if not file.is_file():  # A pipe would be waited for
+        raise ValueError(f"path = {file}: is no file; must be an EXR file")
     require_unbroken(file)
     try:
         parts = OpenEXR.File(str(file), header_only=True).parts

@@ -22,7 +22,7 @@ from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.colour import luminance
 from .description import refuse_not_finite, warn_of_not_finite
-from .output import check_file, check_writable
+from .output import check_file, check_room, check_writable
 from .seals import require_unbroken, seal_file
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     warn_of_not_finite(capture)
     fields = _fields(capture)
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
+    check_room(path, needed)
     with replacing(path, needed_bytes=needed) as temporary:
         with h5py.File(temporary, "w") as file:
             for name, value in fields.items():
@@ -193,14 +194,15 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
 
 def _read(file: h5py.File) -> dict[str, Any]:
     """Values of the fields that are there, None of an empty one."""
-    items = {name: _field_of(file, name) for name in _NAMES if name in file}
+    there = set(file)
+    items = {name: _field_of(file, name) for name in _NAMES if name in there}
     sizes = {k: item.size * item.dtype.itemsize for k, item in items.items() if item is not None}
     largest = max(sizes, key=sizes.__getitem__, default="")
     if sizes:
         what = f"{largest} with shape {items[largest].shape}"
         memory.require_free(what, _COPIES * sum(sizes.values()))
     found = {name: None if item is None else item[()] for name, item in items.items()}
-    return found | dict.fromkeys(name for name in _OTHERS if name in file)
+    return found | dict.fromkeys(there & set(_OTHERS))
 
 
 def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
@@ -211,7 +213,10 @@ def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
     """
     item = None
     if not isinstance(file.get(name, getlink=True), h5py.ExternalLink):
-        item = file[name]
+        try:
+            item = file[name]
+        except Exception as error:
+            raise ValueError(f"{name}: cannot be read ({error}); must be a field") from None
     if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
         raise ValueError(f"{name}: is kept in another file; must be in this one")
     return item if isinstance(item, h5py.Dataset) and item.shape is not None else None

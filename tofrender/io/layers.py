@@ -10,7 +10,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.atomic import replacing
-from .output import check_writable
+from .output import check_room, check_writable
 
 
 def save_exr_layers(
@@ -55,7 +55,10 @@ def save_exr_layers(
     if len(sizes) != 1:
         given = checks.shown(layers)
         raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
+    if target.is_dir():
+        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
     check_writable(target)
+    check_room(target, sum(array.nbytes for array in arrays.values()))
     channels = {}
     for name, array in arrays.items():
         for c, letter in enumerate("RGB" if array.shape[2] == 3 else "Y"):

@@ -57,11 +57,12 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         'box.npz'
     """
     check_dataset(dataset)
-    target = check_output(path, layout="npz", overwrite=overwrite)
+    shape = dataset["transient"].shape
+    target = check_output(path, shape, layout="npz", overwrite=overwrite)
     warn_of_not_finite(dataset)
     about = np.array(json.dumps(describe(dataset)))
     arrays: dict[str, Any] = {name: dataset[name].values for name in _ARRAYS}
-    needed = stack_bytes(dataset["transient"].shape)
+    needed = stack_bytes(shape)
     with replacing(path, needed_bytes=needed) as temporary, open(temporary, "wb") as file:
         np.savez(file, tofrender=about, **arrays)
     return target
@@ -94,7 +95,7 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
     except MemoryError as error:
         raise MemoryError(f"path = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
-        said = " ".join(str(error).split()) or type(error).__name__
+        said = " ".join(str(error).split())[:200] or type(error).__name__
         raise ValueError(f"path = {path}: must be a file that save_npz wrote ({said})") from None
     refuse_not_finite(path, dataset)
     return dataset

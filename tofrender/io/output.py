@@ -65,10 +65,18 @@ def check_output(
         check_file(path, ".npz" if layout == "npz" else ".exr", overwrite=overwrite)
     check_writable(path)
     if shape is not None:
-        needed = stack_bytes(shape, "float" if layout == "npz" else precision)
-        if shutil.disk_usage(nearest_folder(path)).free < needed:
-            raise disk_full(path, needed)
+        check_room(path, stack_bytes(shape, "float" if layout == "npz" else precision))
     return target
+
+
+def check_room(path: str | os.PathLike, needed_bytes: int) -> None:
+    """Refuse a disk with less room than an output needs.
+
+    Raises:
+        OSError: One line that names `path` and the bytes needed and free.
+    """
+    if shutil.disk_usage(nearest_folder(path)).free < needed_bytes:
+        raise disk_full(path, needed_bytes)
 
 
 def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:

@@ -17,13 +17,14 @@ from ..runtime import checks
 from ..runtime.atomic import replacing
 from ..runtime.progress import progress_bar
 from ..vis import Transient, auto_exposure, tonemap
-from .output import check_file, check_writable, output_folder
+from .output import check_file, check_output, check_room, check_writable, output_folder
 from .parallel import for_each
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _LONGEST_SIDE = 4096
+_PICTURE = 1 << 10  # The least that one takes, bytes
 _INK, _PAPER = (235, 235, 235), (16, 16, 16)
 
 
@@ -67,6 +68,8 @@ def save_png_frames(
 
     checks.boolean("progress", progress)
     frames = _Frames(dataset, exposure, min_size)
+    check_output(path, overwrite=overwrite)
+    check_room(path, _PICTURE * frames.count)
     mark = PngImagePlugin.PngInfo()
     mark.add_text("Software", "tofrender")
     digits = max(4, len(str(frames.count - 1)))
@@ -123,6 +126,7 @@ def save_video(
     fps = checks.number("fps", fps, positive=True, high=fastest)
     frames = _Frames(dataset, exposure, min_size)
     check_writable(path)
+    check_room(path, _PICTURE)
     with replacing(path) as temporary:
         _encode(frames, temporary, kind, fps, progress)
     return target

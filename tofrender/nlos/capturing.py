@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Mapping
@@ -11,11 +12,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import time_bins, transient_film
+from ..films.image import developed_shape, time_bins, transient_film
 from ..integrators.own_sample import brings_sample
 from ..integrators.passes import run_plan
 from ..rendering.renderer import carry_out
-from ..runtime import backend, checks
+from ..runtime import backend, checks, memory
 from ..runtime.progress import progress_bar
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
@@ -26,6 +27,10 @@ from .device.wall_points import wall_points
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+COPIES = 2
+"""Times that a capture's light is in memory at the end."""
 
 
 def capture(
@@ -71,6 +76,7 @@ def capture(
     Raises:
         ValueError: An argument is wrong, the scene has no laser or relay wall, the laser misses it,
             or no pixel looks at it; one line.
+        MemoryError: It does not fit; the message says what would.
 
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
@@ -102,6 +108,7 @@ def capture(
         )
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
+    _require_memory(mode, camera.film())
     follow_meters(scene, camera)
     wall = _wall(scene, integrator, camera, relay_wall)
     points, normals, on_wall = wall_points(scene, camera, wall)
@@ -268,6 +275,29 @@ def _integrator(scene: mi.Scene) -> Any:
             f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
         )
     return integrator
+
+
+def _require_memory(mode: str, film: mi.Film) -> None:
+    """Refuse a capture that does not fit into memory.
+
+    Raises:
+        MemoryError: One line that says what would fit.
+    """
+    shape = developed_shape(film)
+    if shape is None:
+        return
+    rows, columns, bins, channels = shape
+    lasers = rows * columns if mode == "exhaustive" else 1
+    size, free = COPIES * 4 * lasers * math.prod(shape), memory.free_on_host()
+    if size <= free:
+        return
+    fits = math.isqrt(free // (COPIES * 4 * bins * channels))  # Points of a square, or pairs
+    side = math.isqrt(fits) if mode == "exhaustive" else fits
+    raise MemoryError(
+        f"grid of {columns} x {rows} points x {bins} bins: the {mode} capture takes "
+        f"{size / 2**30:.1f} GiB, must be at most {free / 2**30:.1f} GiB; {side} x {side} points "
+        f"or {int(bins * free / size)} bins would fit"
+    )
 
 
 def _no_bins(film: mi.Film) -> NoReturn:
