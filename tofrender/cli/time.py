@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,7 +46,7 @@ def phasor(
     an EXR file a frequency, with layers I, Q, amplitude, phase [rad] and depth [m], and a panel.
     """
     opt.check_out(out)
-    if Path(source).is_dir():
+    if os.path.isdir(source):
         opt.check_apart(out, Path(source))
         given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
         for option, value in given.items():

@@ -157,7 +157,7 @@ def find_scene(name: str) -> str | Path:
     built_in = name.replace("-", "_")
     if built_in in BUILT_IN:
         return built_in
-    path = Path(name)
+    path = checks.path("scene", name) if name else Path(name)
     if path.is_file():
         return path
     if path.suffix.lower() == ".xml" or path.name != name:
