@@ -123,7 +123,7 @@ def test_scenes(capsys):
         (["--window", "auto", "--start-opl", "3"], "--start-opl = 3: must be left out"),
         (["--window", "all"], "--window = 'all': must be one of auto"),
         (["-D", "spp"], "-D spp: must be name=value"),
-        (["-D", "spp=3"], "parameter spp = '3': must be left out, only XML files have any"),
+        (["-D", "spp=3"], "parameter spp = '3': must be left out, only XML files have parameters"),
         (["--sp", "3"], "No such option: --sp"),
         (["--spp"], "Option '--spp' requires an argument."),
     ],

@@ -63,7 +63,8 @@ def _point(name: str, value: Any) -> list[float]:
 
 def _colour(name: str, value: Any) -> list[float]:
     """Red, green and blue of a colour, or of a number."""
-    colour = _numbers([value] * 3 if isinstance(value, Real) else value)
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    colour = _numbers([value] * 3 if is_number else value)
     if len(colour) != 3 or min(colour) < 0:
         raise ValueError(
             f"{name} = {checks.shown(value)}: must be a number or an RGB colour, 0 or more"

@@ -60,7 +60,7 @@ all further vertices connect to half as many, rounded up |
         width = props.get("pulse_width_opl", None)
         self._pulse: Pulse | None = None
         if width is not None:
-            self._pulse = GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
+            self._pulse = GaussianPulse(checks.width("pulse_width_opl", width))
 
     @property
     def pulse(self) -> Pulse | None:

@@ -89,7 +89,8 @@ def depth(name: str, value: Any) -> int:
         ValueError: max_depth = 0: must be -1 (no limit) or an integer from 1 to 65536
     """
     try:
-        return integer(name, value, 1 if value != -1 else -1, MAX_DEPTH)
+        found = integer(name, value, -1, MAX_DEPTH)
+        return integer(name, found, -1 if found < 0 else 1, MAX_DEPTH)
     except ValueError:
         allowed = f"-1 (no limit) or an integer from 1 to {MAX_DEPTH}"
         raise ValueError(f"{name} = {shown(value)}: must be {allowed}") from None
@@ -182,6 +183,21 @@ def metres(name: str, value: Any, *, positive: bool = False) -> float:
         ValueError: bin_width_opl = -0.02: must be a finite number of metres above 0
     """
     return number(name, value, unit="metres", positive=positive)
+
+
+def width(name: str, value: Any) -> float:
+    """Return the width of a pulse, in metres that single precision can divide by.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> width("pulse_width_opl", 1e-30)
+        Traceback (most recent call last):
+        ValueError: pulse_width_opl = 1e-30: must be a finite number of metres from 1e-12 to 1e+12
+    """
+    metres(name, value, positive=True)
+    return number(name, value, unit="metres", low=1 / MAX_OPL, high=MAX_OPL)
 
 
 def place(name: str, value: Any, count: int = 3) -> list[float]:

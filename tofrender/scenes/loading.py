@@ -176,7 +176,7 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if parameters:
         name, value = next(iter(parameters.items()))
         raise ValueError(
-            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files have any"
+            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files have parameters"
         )
     if isinstance(source, str):
         source = BUILT_IN[source]()
@@ -249,8 +249,14 @@ def _one_line(message: str) -> str:
     An error raised by a plugin in Python arrives as a traceback; its last line is the message.
     """
     if "Traceback (most recent call last)" in message:
-        return re.sub(r"^\w+: ", "", message.strip().splitlines()[-1])
+        message = re.split(r"^\w+: ", message, flags=re.MULTILINE)[-1]
     message = re.sub(r"\[[\w.]+:\d+\] ", "", message)
+    of_wrong_type = re.search(
+        r'property "(\w+)" has the wrong type \(expected (.+), got (.+)\)', message
+    )
+    if of_wrong_type:
+        name, wanted, given = of_wrong_type.groups()
+        return f"{name} of type {given.strip('<>')}: must be of type {wanted.strip('<>')}"
     untyped = re.search(r"\[([\w.]+)\] missing 'type' attribute", message)
     if untyped:
         return f"{untyped[1]}: is a dict without a type; must have a plugin's name as its type"

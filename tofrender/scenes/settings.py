@@ -67,13 +67,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "sampler": lambda name, value: checks.one_of(name, value, SAMPLERS),
     "max_depth": checks.depth,
     "integrator": _integrator,
-    "pulse_width_opl": lambda name, value: checks.number(
-        name,
-        checks.metres(name, value, positive=True),
-        unit="metres",
-        low=1 / checks.MAX_OPL,
-        high=checks.MAX_OPL,
-    ),
+    "pulse_width_opl": checks.width,
 }
 
 

@@ -100,7 +100,8 @@ def _choose(assignment: Assignment, only: Collection[str]) -> set[str]:
         known = {mutant.id for mutant in mutants.read(assignment)}
         for name in sorted(others - known):
             raise ValueError(
-                f"--only = {name[: checks.LONGEST]}: must be one of {', '.join(CHECKS)}, or the id of a mutant"
+                f"--only = {name[: checks.LONGEST]}: must be one of {', '.join(CHECKS)}, or the id "
+                "of a mutant"
             )
         chosen.add("mutants")
     return chosen or set(CHECKS)
