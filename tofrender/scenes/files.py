@@ -29,7 +29,7 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
 def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
-    """Refuse an XML file, or one that it includes, whose tags are nested too deeply.
+    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root.
 
     The parameters are values for its `<default>` names, which may name the files that it includes.
 
@@ -65,7 +65,12 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
     try:
         with path.open("rb") as file:
             reader.ParseFile(file)
-    except expat.ExpatError:
+    except expat.ExpatError as error:
+        if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
+            raise ValueError(
+                f"scene = {str(path)!r}: goes on after its end in line {error.lineno}; must be one "
+                "scene"
+            ) from None
         return  # Mitsuba says what is wrong, and where
 
 

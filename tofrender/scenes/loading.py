@@ -25,6 +25,9 @@ from .settings import Settings, check_settings
 
 parser: Any = mi.parser
 
+LONGEST = 500
+"""Characters of an error of Mitsuba's that are told."""
+
 
 def load_scene(
     source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
@@ -176,7 +179,8 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if parameters:
         name, value = next(iter(parameters.items()))
         raise ValueError(
-            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files have parameters"
+            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files "
+            "have parameters"
         )
     if isinstance(source, str):
         source = BUILT_IN[source]()
@@ -265,4 +269,5 @@ def _one_line(message: str) -> str:
         kind, key = of_no_kind.groups()
         return f"{key} of type {kind}: must be a number, text, a tuple, a dict or Mitsuba's"
     lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
-    return " ".join(line for line in lines if line)
+    text = " ".join(line for line in lines if line)
+    return text if len(text) < LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
