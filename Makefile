@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render test lint bench bench-full clean
+.PHONY: help setup render test test-inputs lint bench bench-full clean
 
 OUT ?= out/cornell_box
 
@@ -15,6 +15,9 @@ render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); 
 
 test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
 	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)
+
+test-inputs: setup ## try every bad input and thousands of damaged files, in two minutes; test tries a sample
+	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .
