@@ -59,7 +59,8 @@ def capture(
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    loaded = load_scene(source, optimize=False, **grid._asdict() if grid else {})
+    columns, rows = grid or (None, None)
+    loaded = load_scene(source, optimize=False, width=columns, height=rows)
     require_sensor(loaded)
     shape = developed_shape(loaded.sensors()[0].film())
     if shape is not None:

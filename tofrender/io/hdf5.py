@@ -194,15 +194,19 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
 
 def _read(file: h5py.File) -> dict[str, Any]:
     """Values of the fields that are there, None of an empty one."""
-    there = set(file)
-    items = {name: _field_of(file, name) for name in _NAMES if name in there}
-    sizes = {k: item.size * item.dtype.itemsize for k, item in items.items() if item is not None}
-    largest = max(sizes, key=sizes.__getitem__, default="")
-    if sizes:
-        what = f"{largest} with shape {items[largest].shape}"
-        memory.require_free(what, _COPIES * sum(sizes.values()))
+    names = set(file)
+    items = {name: _field_of(file, name) for name in _NAMES if name in names}
+    there = [item for item in items.values() if item is not None]
+    if there:
+        largest = max(there, key=_bytes)
+        what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
+        memory.require_free(what, _COPIES * sum(map(_bytes, there)))
     found = {name: None if item is None else item[()] for name, item in items.items()}
-    return found | dict.fromkeys(there & set(_OTHERS))
+    return found | dict.fromkeys(names & set(_OTHERS))
+
+
+def _bytes(item: h5py.Dataset) -> int:
+    return math.prod(item.shape) * item.dtype.itemsize
 
 
 def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:

@@ -26,7 +26,9 @@ class Unseen:
     importance = False
 
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
-        self.scene = checks.instance("scene", scene, mi.Scene, "a loaded scene")
+        if not hasattr(scene, "sample_emitter_direction"):
+            raise ValueError(f"scene = {checks.shown(scene)}: must be a loaded scene")
+        self.scene = scene
         self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
 
     def resolving(self, width_opl: float) -> Any:
