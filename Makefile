@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render test test-kills lint bench bench-full bench-lost clean
+.PHONY: help setup render test test-kills test-inputs lint bench bench-full bench-lost clean
 
 OUT ?= out/cornell_box
 
@@ -18,6 +18,9 @@ test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistic
 
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes
 	TOFRENDER_KILLS=20 .venv/bin/python -m pytest -k random_moment tests/cli/test_cli_stopped.py $(ARGS)
+
+test-inputs: setup ## try every bad input and thousands of damaged files, in two minutes; test tries a sample
+	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .

@@ -11,7 +11,16 @@ import tofrender  # Picks the variant and registers the plugins
 
 VARIANT = "llvm_ad_rgb"
 
-pytest_addoption = durations.pytest_addoption
+
+def pytest_addoption(parser):
+    durations.pytest_addoption(parser)
+    parser.addoption(
+        "--all-inputs",
+        action="store_true",
+        help="try all of tests/inputs, not a sample",
+    )
+
+
 pytest_configure = durations.pytest_configure
 pytest_sessionstart = workers.pytest_sessionstart
 pytest_xdist_auto_num_workers = workers.pytest_xdist_auto_num_workers

@@ -80,7 +80,7 @@ def test_bad_contrast(contrast):
     ("match", "offset"),
     [
         ("offset = -1: must be at least 0", -1.0),
-        ("offset: must be at least contrast", np.full((2, 2), 0.4)),
+        ("offset = 0.4: must be at least contrast", np.full((2, 2), 0.4)),
         ("offset with shape", np.ones((3, 2, 2))),
         ("offset of type", "bright"),
     ],

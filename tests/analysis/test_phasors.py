@@ -353,4 +353,4 @@ def test_bad_quantity():
 def test_parts_that_do_not_fit():
     one_line("must be equal", np.ones(3), np.ones(4), 20e6, function=phasor_parts)
     one_line("2 frequencies first", np.ones(3), np.ones(3), [1e6, 2e6], function=phasor_parts)
-    one_line("channels in its last axis", 1.0, 1.0, 20e6, function=sum_channels)
+    one_line("channels in the last axis", 1.0, 1.0, 20e6, function=sum_channels)

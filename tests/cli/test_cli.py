@@ -124,7 +124,7 @@ def test_scenes(capsys):
         (["--window", "auto", "--start-opl", "3"], "--start-opl = 3: must be left out"),
         (["--window", "all"], "--window = 'all': must be one of auto"),
         (["-D", "spp"], "-D spp: must be name=value"),
-        (["-D", "spp=3"], "parameter spp = '3': only XML files have parameters"),
+        (["-D", "spp=3"], "parameter spp = '3': must be left out, only XML files have parameters"),
         (["--sp", "3"], "No such option: --sp"),
         (["--spp"], "Option '--spp' requires an argument."),
     ],
@@ -442,8 +442,10 @@ def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
 
 
 def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):
-    arguments = ["phasor", tmp_path, "--freq", "2e7", "--out", tmp_path / "out"]
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    arguments = ["phasor", folder, "--freq", "2e7", "--out", tmp_path / "out"]
     assert "holds no render" in refused(capsys, *arguments)
     for option in (["--size", "8x6"], ["--spp", "4"], ["--max-depth", "2"]):
         error = refused(capsys, *arguments, *option)
-        assert error == f"{' = '.join(option)}: must be left out, {tmp_path} is rendered"
+        assert error == f"{' = '.join(option)}: must be left out, {folder} is rendered"

@@ -81,7 +81,7 @@ def test_the_file_is_refused_before_anything_is_rendered(tmp_path, capsys, monke
     monkeypatch.setattr(tofrender.nlos, "capture", lambda *_, **__: pytest.fail("rendered"))
     out = tmp_path / "z.txt"
     said = refused(capsys, "capture", "nlos-z", "--out", out)
-    assert said == f"--out = {out}: must end in .h5 or .hdf5"
+    assert said == f"--out = {out}: must be a file name that ends in .h5 or .hdf5"
 
 
 def test_the_wall_by_its_id(tmp_path, capsys):

@@ -303,3 +303,102 @@ def test_python_that_is_too_old_is_refused(user):
     result = user.setup(PYTHON="python3.10")
     assert result.returncode == 1
     assert result.stderr == "setup: PYTHON = 'python3.10': must be Python 3.11 or newer\n"
+
+
+# ------------------------------------------------------------------ somebody's own environment
+
+
+def test_somebodys_own_environment_is_used(user):
+    user.library("libLLVM.so.19.1")
+    user.command("venv-python", FAKE_PYTHON)
+    (user.folder / ".venv/bin").mkdir(parents=True)
+    shutil.copy(user.bin / "venv-python", user.folder / ".venv/bin/python")
+    (user.folder / ".venv/mine").write_text("mine")
+    result = user.setup()
+    assert result.returncode == 0, result.stderr
+    assert "-m pip install" in user.ran
+    assert "-m venv" not in user.ran
+    assert (user.folder / ".venv/mine").read_text() == "mine"
+    assert (user.setup().stdout, user.ran.count("pip")) == ("", 0)
+
+
+@pytest.mark.parametrize("kind", ["empty", "old python", "no pip", "a file", "a link astray"])
+def test_somebodys_own_environment_that_does_not_work_stays(user, kind):
+    user.library("libLLVM.so.19.1")
+    venv = user.folder / ".venv"
+    if kind == "a file":
+        venv.write_text("mine")
+    elif kind == "a link astray":
+        venv.symlink_to(user.base / "nowhere")
+    else:
+        (venv / "bin").mkdir(parents=True)
+        (venv / "mine").write_text("mine")
+    if kind in ("old python", "no pip"):
+        refuse = "*version_info*" if kind == "old python" else "*pip*"
+        script = f'#!/bin/sh\ncase "$*" in {refuse}) exit 1 ;; esac\n'
+        (venv / "bin/python").write_text(script)
+        (venv / "bin/python").chmod(0o755)
+    result = user.setup()
+    assert result.returncode == 1
+    assert result.stderr == (
+        f"setup: {venv} was not made here and has no Python 3.11 or newer with pip; move it away\n"
+    )
+    assert "pip install" not in user.ran
+    assert (venv / "mine").exists() or venv.is_symlink() or venv.is_file()
+
+
+def test_an_environment_that_was_being_made_is_made_anew(user):
+    """Killed between its folder and its Python."""
+    user.library("libLLVM.so.19.1")
+    (user.folder / ".venv").mkdir()
+    (user.folder / ".venv/folder").write_text(f"{user.folder}\n")
+    assert user.setup().returncode == 0
+    assert "-m venv .venv" in user.ran
+
+
+# ------------------------------------------------------------------------------- two at once
+
+
+def without_flock(project: Project) -> str:
+    """A PATH of everything else."""
+    tools = project.base / "tools"
+    tools.mkdir()
+    for folder in ("/usr/bin", "/bin"):
+        for tool in Path(folder).iterdir():
+            if tool.name != "flock" and not (tools / tool.name).exists():
+                (tools / tool.name).symlink_to(tool)
+    return f"{project.bin}:{tools}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flock", [True, False])
+def test_two_at_once_install_once(user, flock):
+    user.library("libLLVM.so.19.1")
+    slow = FAKE_PYTHON.replace("touch .venv/bin", "sleep 1; touch .venv/bin")
+    user.command("python3", slow)
+    path = f"{user.bin}:/usr/bin:/bin" if flock else without_flock(user)
+    user.calls.write_text("")
+    runs = [
+        subprocess.Popen(
+            ["/bin/sh", str(user.folder / ".ci/setup")],
+            env={"PATH": path, "TMPDIR": str(user.base)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    said = [run.communicate(timeout=60) for run in runs]
+    assert [run.returncode for run in runs] == [0, 0], said
+    assert user.calls.read_text().count("-m pip install") == 1
+    assert sum("Waiting for another set-up" in out for out, _ in said) == 1
+    assert not (user.folder / ".setup-lock.d").exists()
+
+
+def test_a_lock_whose_holder_was_killed_is_taken(user):
+    user.library("libLLVM.so.19.1")
+    (user.folder / ".setup-lock.d").mkdir()
+    (user.folder / ".setup-lock.d/pid").write_text("999999999")
+    assert user.setup(PATH=without_flock(user)).returncode == 0
+    assert not (user.folder / ".setup-lock.d").exists()

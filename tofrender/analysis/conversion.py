@@ -86,7 +86,8 @@ def transient_to_phasor(
     else:
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-        quantity = checks.one_of("quantity", quantity or QUANTITIES[0], QUANTITIES)
+        quantity = QUANTITIES[0] if quantity is None else quantity
+        quantity = checks.one_of("quantity", quantity, QUANTITIES)
         values = transient_data
     cube = _check_shape(Cube.of("transient_data", values))
     limit = SPEED_OF_LIGHT / (2 * width)
@@ -142,8 +143,12 @@ def sum_channels(
         ((2, 2, 1), 3.1083)
     """
     parts = [checks.real_array(name, values) for name, values in (("I", I), ("Q", Q))]
-    if parts[0].ndim == 0:
-        raise ValueError("I with shape (): must have channels in its last axis")
+    shapes = [values.shape for values in parts]
+    if shapes[0] != shapes[1] or not shapes[0]:
+        raise ValueError(
+            f"I, Q with shapes {shapes[0]}, {shapes[1]}: must be equal, with channels in the last "
+            "axis"
+        )
     I, Q = (values.sum(axis=-1, keepdims=True, dtype=np.float64) for values in parts)
     return I, Q, *phasor_parts(I, Q, frequency_hz)
 
@@ -170,7 +175,9 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
     """Start and width [m] of a Dataset's bins, and its quantity; what is given must agree."""
     if "transient" not in dataset.data_vars or dataset["transient"].dims != DIMS["transient"]:
         found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-        raise ValueError(f"dataset with {found}: must hold transient {DIMS['transient']}")
+        raise ValueError(
+            f"transient_data = Dataset with {found}: must hold transient {DIMS['transient']}"
+        )
     if "opl" not in dataset.coords or dataset.sizes["opl"] == 0:
         raise ValueError("dataset: coordinate opl is missing; must be the centres of the bins in m")
     for name in ("quantity", "bin_width_opl", "energy_outside_window"):
@@ -186,7 +193,7 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
             continue
         if name == "quantity" or abs(checks.metres(name, its) - own) > 1e-3 * width:
             raise ValueError(
-                f"{name} = {its!r}: must be {own!r}, as the Dataset has it, or left out"
+                f"{name} = {checks.shown(its)}: must be {own!r}, as the Dataset has it, or left out"
             )
     return start, width, quantity
 

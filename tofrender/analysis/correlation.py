@@ -55,12 +55,14 @@ def four_bucket(
     except ValueError:
         raise ValueError(f"offset with shape {base.shape}: must fit I of {I.shape}") from None
     contrast = checks.number("contrast", contrast, positive=True, high=1)
+    if not np.isfinite(base).all():
+        raise ValueError(f"offset = {checks.shown(offset)}: must be finite")
     if (base < 0).any():
         raise ValueError(f"offset = {np.nanmin(base):g}: must be at least 0")
     if (base < contrast * np.hypot(I, Q) * (1 - 1e-5)).any():
         raise ValueError(
-            "offset: must be at least contrast x amplitude, or buckets hold negative light; it is "
-            "the steady image plus ambient light"
+            f"offset = {base.min():g}: must be at least contrast x amplitude, or buckets hold "
+            "negative light; it is the steady image plus ambient light"
         )
     part_i, part_q, half = contrast * I / 2, contrast * Q / 2, base / 2
     return half + part_i, half + part_q, half - part_i, half - part_q

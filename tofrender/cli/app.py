@@ -74,7 +74,8 @@ def _warn(message: Warning | str, *_: Any) -> None:
 
 
 def _complain(message: str, status: int) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    line = " ".join(message.split()).encode(errors="backslashreplace").decode()
+    print(f"error: {line}", file=sys.stderr)
     return status
 
 

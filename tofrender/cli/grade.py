@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ..runtime import checks
 from .course import Name
 from .options import INTERRUPTED, real
 
@@ -82,6 +83,7 @@ def grade(
 
 def _check_one(submission: Path, out: Path | None, csv: Path | None) -> Path:
     """Refuse options that do not go together; the results file."""
+    submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(f"--submission = {submission}: must be a folder or a zip that exists")
     if csv is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +18,10 @@ from .options import (
     Spp,
     Variant,
     Workers,
+    check_apart,
+    check_file_out,
     check_out,
+    check_room,
     choice,
     client_of,
     size,
@@ -51,34 +55,41 @@ def capture(
     """
     from tofrender.runtime import backend
 
+    check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
         raise ValueError(f"--out = {out}: exists already; must be a new file")
-    if out.suffix.lower() not in (".h5", ".hdf5"):
-        raise ValueError(f"--out = {out}: must end in .h5 or .hdf5")
     if not out.absolute().parent.is_dir():
         raise ValueError(f"--out = {out}: its folder does not exist; must be in one that does")
     backend.activate(variant)
     backend.require_vectorised()
 
     from tofrender import io
+    from tofrender.films.image import developed_shape
     from tofrender.nlos import capture as render_capture
     from tofrender.runtime.progress import deferred_stop
-    from tofrender.scenes.loading import find_scene
+    from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
+    columns, rows = grid or (None, None)
+    loaded = load_scene(source, optimize=False, width=columns, height=rows)
+    require_sensor(loaded)
+    shape = developed_shape(loaded.sensors()[0].film())
+    if shape is not None:
+        check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
     with keeping(out, checkpoint, resume) as kept, client_of(workers, scheduler) as client:
         require_something(resume, kept and kept.path, out)
         captured = render_capture(
-            source,
+            loaded if client is None else source,
             mode=mode,
-            grid=grid,
+            grid=None if client is None else grid,
             spp=spp,
             seed=seed,
             relay_wall=names,
             checkpoint=kept,
             client=client,
         )
+        captured.attrs["scene"] = str(source)
         with deferred_stop() as stop:
             io.save_capture(captured, out, overwrite=resume)
         if not captured.attrs.get("complete", 1):
@@ -103,12 +114,14 @@ def reconstruct(
     DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
     """
     check_out(out)
+    check_apart(out, source)
     import numpy as np
 
     from tofrender import io, nlos, vis
     from tofrender.runtime import backend
 
     captured = io.load_capture(source)
+    check_room(out, captured["transient"].size)
     backend.activate()
     with client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)

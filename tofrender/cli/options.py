@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
 """What the command's exit status is, if not 0."""
 
+LEAST_ROOM = 1 << 20
+"""What a figure and a few headers take on a disk [bytes]."""
+
 FILES = {
     "frames": "",
     "multipart": "stack.exr",
@@ -197,8 +200,42 @@ def check_out(
 
     try:
         check_output(out, shape, precision=precision, overwrite=True)
+    except (ValueError, OSError) as error:
+        raise ValueError(_of_out(error)) from None
+    check_room(out)
+
+
+def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
+    """Refuse a file that cannot be written."""
+    from tofrender.io.output import check_file, check_room, check_writable
+
+    try:
+        check_file(out, *suffixes, overwrite=overwrite)
+        check_writable(out)
+        check_room(out, LEAST_ROOM)
+    except (ValueError, OSError) as error:
+        raise ValueError(_of_out(error)) from None
+
+
+def check_room(out: Path, *arrays: int) -> None:
+    """Refuse a disk too small for arrays of floats, each of so many values."""
+    from tofrender.io.output import check_room
+
+    try:
+        check_room(out, 4 * sum(arrays) + LEAST_ROOM)
     except OSError as error:
-        raise ValueError(str(error).replace("path =", "--out =", 1)) from None
+        raise ValueError(_of_out(error)) from None
+
+
+def check_apart(out: Path, source: Path) -> None:
+    """Refuse a folder to write that is the source, in it or above it: it would be replaced."""
+    here, there = out.resolve(), source.resolve()
+    if here == there or here in there.parents or there in here.parents:
+        raise ValueError(f"--out = {out}: must be apart from {source}, which is read")
+
+
+def _of_out(error: Exception) -> str:
+    return str(error).replace("path =", "--out =", 1)
 
 
 def check_format(format: str, precision: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,9 @@ from .keeping import EVERY_S, Resume, Seconds, keeping, require_something, tell
 
 if TYPE_CHECKING:
     import numpy as np
+
+PARTS = 5
+"""I, Q, amplitude, phase and depth."""
 
 TRAITS = (
     *("max_depth", "rr_depth", "hide_emitters"),
@@ -45,7 +49,8 @@ def phasor(
     an EXR file a frequency, with layers I, Q, amplitude, phase [rad] and depth [m], and a panel.
     """
     opt.check_out(out)
-    if Path(source).is_dir():
+    if os.path.isdir(source):
+        opt.check_apart(out, Path(source))
         given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
         given["--resume"] = resume or None
         for option, value in given.items():
@@ -53,13 +58,16 @@ def phasor(
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
 
-        parts = transient_to_phasor(opt.load_render(Path(source), "RENDER_DIR"), freq)
+        rendered = opt.load_render(Path(source), "RENDER_DIR")
+        opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
+        parts = transient_to_phasor(rendered, freq)
     else:
         loaded, sensor, samples, traits = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
         from tofrender.runtime.progress import deferred_stop
         from tofrender.scenes.loading import load_plugin
 
+        opt.check_room(out, PARTS * len(freq) * _values(sensor))
         traits["type"] = "amcw_transient_path"
         integrator = load_plugin("integrator", traits)
         with keeping(out, checkpoint, resume) as kept:
@@ -103,6 +111,7 @@ def gate(
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import load_plugin
 
+    opt.check_room(out, _values(sensor))
     traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
     integrator = load_plugin("integrator", traits)
     with keeping(out, checkpoint, resume) as kept:
@@ -141,6 +150,12 @@ def _load(
     sensor, integrator = loaded.sensors()[0], loaded.integrator()
     traits = {name: getattr(integrator, name) for name in TRAITS}
     return loaded, sensor, spp or sensor.sampler().sample_count(), traits
+
+
+def _values(sensor: Any) -> int:
+    """Values of a picture of the sensor's, of three channels at the most."""
+    width, height = sensor.film().crop_size()
+    return 3 * int(width) * int(height)
 
 
 def _write_phasors(

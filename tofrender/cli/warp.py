@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from ..runtime import checks
-from .options import Seed, Variant, choice, integer, real
+from .options import Seed, Variant, check_apart, check_file_out, choice, integer, real
 
 SUFFIXES = (".png", ".pdf", ".svg")
 
@@ -43,7 +43,9 @@ def warp(
     """
     from tofrender.runtime import backend
 
-    check_figure(out)
+    check_file_out(out, *SUFFIXES, overwrite=True)
+    if image is not None:
+        check_apart(out, Path(image))
     backend.activate(variant)
     backend.require_vectorised()
 
@@ -73,14 +75,3 @@ def warp(
     typer.echo(f"{out}")
     if not verdict.passed:
         raise typer.Exit(1)
-
-
-def check_figure(out: Path) -> None:
-    """Refuse a figure that cannot be written."""
-    from tofrender.io.output import check_file, check_writable
-
-    try:
-        check_file(out, *SUFFIXES, overwrite=True)
-        check_writable(out)
-    except (ValueError, OSError) as error:
-        raise ValueError(str(error).replace("path =", "--out =", 1)) from None

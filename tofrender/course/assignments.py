@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from ..runtime import checks
 from . import rubric as rubrics
 
 PACKAGE = Path(__file__).parents[1]
@@ -89,9 +91,9 @@ def find(name: str | Path) -> Assignment:
     is_id = Path(name).name == str(name)  # even where a student has called a folder so
     assignments = known() if is_id else {}
     if str(name) not in assignments:
-        if (Path(name) / "rubric.toml").is_file():
+        if os.path.isfile(Path(name) / "rubric.toml"):
             return Assignment(Path(name).resolve())
         assignments = known()
         there = ", ".join(assignments) or "none; run this in a checkout, or in a student edition"
-        raise ValueError(f"ASSIGNMENT = {name}: must be one of {there}")
+        raise ValueError(f"ASSIGNMENT = {str(name)[: checks.LONGEST]}: must be one of {there}")
     return assignments[str(name)]

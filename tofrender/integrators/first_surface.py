@@ -7,6 +7,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..paths.scattering import Materials
+from ..runtime import checks
 from .path_tracer import PathTracer
 
 WHITE = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 1.0}}
@@ -26,7 +27,9 @@ class FirstSurface(PathTracer):
     def __init__(self, props: mi.Properties) -> None:
         for name in ("max_depth", "max_bounces"):
             if name in props:
-                raise ValueError(f"{name} = {props[name]}: must be left out; light bounces once")
+                raise ValueError(
+                    f"{name} = {checks.shown(props[name])}: must be left out; light bounces once"
+                )
         props["max_bounces"] = 1
         super().__init__(props)
         white: Any = mi.load_dict(WHITE)

@@ -9,6 +9,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..paths.endpoints import PointSource
+from ..runtime import checks
 from .first_surface import FirstSurface
 
 
@@ -56,15 +57,18 @@ def _point(name: str, value: Any) -> list[float]:
     """Coordinates of a point."""
     point = _numbers(value)
     if len(point) != 3:
-        raise ValueError(f"{name} = {value!r}: must be a point of three finite numbers")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be a point of three finite numbers")
     return point
 
 
 def _colour(name: str, value: Any) -> list[float]:
     """Red, green and blue of a colour, or of a number."""
-    colour = _numbers([value] * 3 if isinstance(value, Real) else value)
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    colour = _numbers([value] * 3 if is_number else value)
     if len(colour) != 3 or min(colour) < 0:
-        raise ValueError(f"{name} = {value!r}: must be a number or an RGB colour, 0 or more")
+        raise ValueError(
+            f"{name} = {checks.shown(value)}: must be a number or an RGB colour, 0 or more"
+        )
     return colour
 
 

@@ -60,7 +60,7 @@ all further vertices connect to half as many, rounded up |
         width = props.get("pulse_width_opl", None)
         self._pulse: Pulse | None = None
         if width is not None:
-            self._pulse = GaussianPulse(checks.metres("pulse_width_opl", width, positive=True))
+            self._pulse = GaussianPulse(checks.width("pulse_width_opl", width))
 
     @property
     def pulse(self) -> Pulse | None:
@@ -74,7 +74,9 @@ all further vertices connect to half as many, rounded up |
     @pulse.setter
     def pulse(self, pulse: Pulse | None) -> None:
         if pulse is not None and not (hasattr(pulse, "cdf") and hasattr(pulse, "support")):
-            raise TypeError(f"pulse = {pulse!r}: must be a pulse like GaussianPulse(0.03), or None")
+            raise TypeError(
+                f"pulse = {checks.shown(pulse)}: must be a pulse like GaussianPulse(0.03), or None"
+            )
         self._pulse = pulse
 
     def exposure(self) -> Exposure:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import DIMS, plain_attributes, require_finite
+from ..rendering.dataset import DIMS, check_dataset, plain_attributes, require_finite
+from ..runtime import checks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,8 +30,55 @@ def describe(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
+def parse(text: Any) -> dict[str, Any]:
+    """The description that a file holds as JSON.
+
+    Raises:
+        ValueError: It is of another form; one line.
+    """
+    try:
+        about = json.loads(str(text))
+    except (ValueError, RecursionError):
+        raise ValueError("its description is no JSON; must be as it was saved") from None
+    _require("its description", about, ("sizes", "channel", "attrs", "variables"))
+    axes = DIMS["transient"]
+    sizes = _require("sizes", about["sizes"], axes)
+    for axis in axes:
+        checks.integer(f"sizes: {axis}", sizes[axis], 1, 1 << 40)
+    names = about["channel"]
+    if names not in (["L"], ["R", "G", "B"]) and not _are_texts(names, sizes["channel"]):
+        raise ValueError(f"channel = {checks.shown(names)}: must be {sizes['channel']} names")
+    variables = _require("variables", about["variables"], (*DIMS, *axes))
+    for what, attrs in (("attrs", about["attrs"]), *variables.items()):
+        for name, value in _require(what, attrs, ()).items():
+            if not isinstance(value, str | int | float):
+                given = checks.shown(value)
+                raise ValueError(f"{what}: {name} = {given}: must be text, an int or a float")
+    return about
+
+
+def _require(what: str, value: Any, names: Sequence[str]) -> dict[str, Any]:
+    """A dict that has these names."""
+    if not isinstance(value, dict):
+        raise ValueError(f"{what} = {checks.shown(value)}: must be a dict of names and values")
+    for name in names:
+        if name not in value:
+            raise ValueError(f"{what}: has no {name}; must be as it was saved")
+    return value
+
+
+def _are_texts(names: Any, count: int) -> bool:
+    return (
+        isinstance(names, list) and len(names) == count and all(isinstance(n, str) for n in names)
+    )
+
+
 def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
-    """The Dataset from its description and the arrays of its variables and coordinates."""
+    """The Dataset from its description and the arrays of its variables and coordinates.
+
+    Raises:
+        ValueError: They do not fit together; one line.
+    """
     import xarray as xr
 
     arrays = {**arrays, "channel": np.array(about["channel"])}
@@ -36,11 +86,17 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
     variables = {
         name: (dims[name], array, about["variables"][name]) for name, array in arrays.items()
     }
-    return xr.Dataset(
+    for name, (axes, array, _) in variables.items():
+        shape = tuple(about["sizes"][axis] for axis in axes)
+        if array.shape != shape:
+            raise ValueError(f"{name} with shape {array.shape}: must be {shape}, as sizes says")
+    dataset = xr.Dataset(
         {name: variables[name] for name in DIMS},
         coords={name: variables[name] for name in DIMS["transient"]},
         attrs=about["attrs"],
     )
+    check_dataset(dataset)
+    return dataset
 
 
 def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +14,13 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, plain_attributes
-from ..runtime import checks
+from ..runtime import checks, memory
 from ..runtime.atomic import replacing
-from .description import describe, refuse_not_finite, restore, warn_of_not_finite
+from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
 from .parallel import for_each
+from .seals import require_unbroken, seal, seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,7 +52,8 @@ def save_exr_stack(
     `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). A cropped render keeps its
     place: the data window is the crop, the display window the film as far as it is known (the
     attributes `film_width` and `film_height`, else up to the crop's last pixel). Monochrome
-    Datasets use the channel Y. ZIP compression; the output appears whole or not at all.
+    Datasets use the channel Y. ZIP compression, and a checksum behind the end of each file; the
+    output appears whole or not at all.
 
     Args:
         dataset: The result of `render`: `transient` (y, x, opl, channel), `steady`.
@@ -87,11 +90,13 @@ def save_exr_stack(
         (21, 'stack.exr')
     """
     checks.one_of("layout", layout, ("frames", "multipart"))
+    checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
     stack = _Stack(dataset, precision)
-    target = check_output(path, layout=layout, overwrite=overwrite)
+    shape = dataset["transient"].shape
+    target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
     warn_of_not_finite(dataset)
-    needed = stack_bytes(dataset["transient"].shape, precision)
+    needed = stack_bytes(shape, precision)
     if layout == "multipart":
         with replacing(path, needed_bytes=needed) as temporary:
             stack.write_parts(temporary, progress)
@@ -113,8 +118,9 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a stack of this package, frames are missing or unreadable, or they hold
-            values that are not finite.
+        ValueError: Not a stack of this package, frames are missing, damaged or unreadable, or
+            they hold values that are not finite.
+        MemoryError: It holds more than fits into memory.
 
     Example:
         >>> import tempfile, tofrender
@@ -198,7 +204,7 @@ class _Stack:
 
     def write_frames(self, folder: Path, progress: bool) -> None:
         def write(index: int) -> None:
-            (folder / f"{self.name(index)}.exr").write_bytes(self.encode(index))
+            (folder / f"{self.name(index)}.exr").write_bytes(seal(self.encode(index)))
 
         for_each(write, range(-1, self.bins), "Writing EXR", progress=progress)
 
@@ -214,6 +220,7 @@ class _Stack:
                 progress=progress,
             )
             parts.finish()
+        seal_file(path)
 
     def _round(self, values: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore"):
@@ -252,43 +259,81 @@ def _read(file: Path) -> list[Any]:
     """The parts of an EXR file."""
     import OpenEXR
 
+    if not file.is_file():  # A pipe would be waited for
+        raise ValueError(f"path = {file}: is no file; must be an EXR file")
+    require_unbroken(file)
     try:
-        return OpenEXR.File(str(file), num_threads=0).parts
+        parts = OpenEXR.File(str(file), header_only=True).parts
+        memory.require_free(f"path = {file}", sum(map(_size, parts)))
+        read = OpenEXR.File(str(file), num_threads=0).parts
+        if len(read) != len(parts) or not parts:
+            raise ValueError("it is cut short")
+        return read
+    except MemoryError:
+        raise
     except Exception as error:
-        reason = str(error).splitlines()[0]
-        raise ValueError(f"path = {file}: not a readable EXR file ({reason})") from None
+        reason = " ".join(str(error).split())[:200]
+        raise ValueError(
+            f"path = {file}: not a readable EXR file ({reason}); must be as it was saved"
+        ) from None
+
+
+def _size(part: Any) -> int:
+    """Bytes of a part's pixels, as floats."""
+    (left, top), (right, bottom) = part.header["dataWindow"]
+    return (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) * 4 * len(part.channels)
 
 
 def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
     if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
         raise ValueError(f"path = {path}: holds other EXR images; must be a saved stack")
-    about = json.loads(steady.header["dataset"])
+    try:
+        about = parse(steady.header["dataset"])
+    except ValueError as error:
+        raise ValueError(f"path = {path}: {error}") from None
+    sizes = [about["sizes"][axis] for axis in DIMS["transient"]]
     bins = about["sizes"]["opl"]
     if count != bins:
         raise ValueError(f"path = {path}: {count} frames of {bins} are there; must be complete")
-    image = _pixels(steady)
-    transient = np.empty([about["sizes"][axis] for axis in DIMS["transient"]], np.float32)
+    image = _pixels(path, steady)
+    if image.shape != (sizes[0], sizes[1], sizes[3]):
+        raise ValueError(f"path = {path}: steady with shape {image.shape}: must be of {sizes}")
+    memory.require_free(f"path = {path}", 4 * math.prod(sizes))
+    transient = np.empty(sizes, np.float32)
     opl = np.full(bins, np.nan)
 
     def place(number: int) -> None:
         part = frame(number)
-        pixels, index = _pixels(part), part.header.get("bin_index", -1)
-        if not 0 <= index < bins or pixels.shape != image.shape:
-            raise ValueError(f"path = {path}: frame {number} does not belong to this stack")
+        pixels, index = _pixels(path, part), part.header.get("bin_index", -1)
+        centre = np.ravel(part.header.get("opl_center", ()))
+        known = isinstance(index, int) and 0 <= index < bins
+        known = known and len(centre) == 1 and centre.dtype.kind == "f"
+        if not known or pixels.shape != image.shape:
+            raise ValueError(
+                f"path = {path}: frame {number} does not belong to this stack; must be as saved"
+            )
         transient[:, :, index] = pixels
-        opl[index] = part.header["opl_center"][0]
+        opl[index] = centre[0]
 
     for_each(place, range(bins), "Reading EXR", progress=True)
     if np.isnan(opl).any():
-        raise ValueError(f"path = {path}: two frames have the same bin_index")
+        raise ValueError(
+            f"path = {path}: two frames have the same bin_index; each must be saved once"
+        )
     x, y = (int(first) for first in steady.header["dataWindow"][0])
     pixels = {"y": y + np.arange(image.shape[0]), "x": x + np.arange(image.shape[1])}
-    dataset = restore(about, {"transient": transient, "steady": image, "opl": opl, **pixels})
+    try:
+        dataset = restore(about, {"transient": transient, "steady": image, "opl": opl, **pixels})
+    except ValueError as error:
+        raise ValueError(f"path = {path}: {error}") from None
     refuse_not_finite(path, dataset)
     return dataset
 
 
-def _pixels(part: Any) -> np.ndarray:
+def _pixels(path: Any, part: Any) -> np.ndarray:
     channels = part.channels
+    if set(channels) not in ({"Y"}, {"RGB"}):
+        names = ", ".join(channels)
+        raise ValueError(f"path = {path}: has the channels {names}; must be RGB or Y")
     pixels = channels["Y"].pixels[..., None] if "Y" in channels else channels["RGB"].pixels
     return pixels.astype(np.float32, copy=False)

@@ -19,19 +19,27 @@ import numpy as np
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
-from ..runtime import checks
+from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.colour import luminance
 from .description import refuse_not_finite, warn_of_not_finite
-from .output import check_file, check_writable
+from .output import check_file, check_room, check_writable
+from .seals import require_unbroken, seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUFFIXES = (".h5", ".hdf5")
+_GRIDS = ("grid_xyz", "grid_normals", "grid_format")
 _H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
 _GRID_AXES = {1: "N_3", 2: "X_Y_3"}
+_NAMES = (
+    *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"),
+    *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
+)
+_OTHERS = ("data", "data_t")  # of another layout of y-tal's
+_COPIES = 3  # of H, at the most at a time
 _OURS = "tofrender"  # our part of scene_info
 _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
@@ -41,8 +49,8 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
 
     That layout knows no colour: of a capture with three channels its luminance (ITU-R BT.709) is
     written, and read back as one channel "L". A mono capture comes back bit by bit. Attributes
-    are kept in the field `scene_info`; devices whose place is unknown are NaN. The file appears
-    whole or not at all.
+    are kept in the field `scene_info`; devices whose place is unknown are NaN. A checksum stands
+    behind the end of the file, which appears whole or not at all.
 
     Args:
         capture: What `make_capture` or `capture` returns.
@@ -84,10 +92,13 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     needed += 4 * math.prod(cube.shape[:-1])
-    with replacing(path, needed_bytes=needed) as temporary, h5py.File(temporary, "w") as file:
-        _write_light(file, cube)
-        for name, value in fields.items():
-            file[name] = h5py.Empty("f8") if value is None else value
+    check_room(path, needed)
+    with replacing(path, needed_bytes=needed) as temporary:
+        with h5py.File(temporary, "w") as file:
+            _write_light(file, cube)
+            for name, value in fields.items():
+                file[name] = h5py.Empty("f8") if value is None else value
+        seal_file(temporary)
     return target
 
 
@@ -160,7 +171,9 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
     Raises:
         FileNotFoundError: There is nothing at `path`.
         ValueError: One line: not HDF5, cut short, a field that is missing or of a wrong shape, a
-            format or mode that is unknown, light or a grid that is not finite.
+            format or mode that is unknown, light or a grid that is not finite, a field that is a
+            link to another file.
+        MemoryError: It holds more than fits into memory.
     """
     path = checks.path("path", path)
     if not path.is_file():
@@ -170,24 +183,55 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
     if not is_hdf5:
         raise ValueError(f"path = {path}: must be an HDF5 file")
+    require_unbroken(path)
     try:
         with h5py.File(path, "r") as file:
-            capture = _restore({str(name): _read(file[name]) for name in file})
+            capture = _restore(_read(file))
+    except MemoryError as error:
+        raise MemoryError(f"path = {path}: {error}") from None
     except OSError as error:
         reason = "is cut short" if "truncated" in str(error) else "cannot be read"
         raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
-    except (ValueError, KeyError, TypeError, RuntimeError) as error:
-        what = " ".join(str(error.args[0] if error.args else error).split())
+    except Exception as error:  # Whatever a damaged file makes h5py raise
+        what = " ".join(str(error.args[0] if error.args else error).split())[:300]
+        what += "" if "must" in what else "; must be a whole HDF5 file"
         raise ValueError(f"path = {path}: {what}") from None
     refuse_not_finite(path, capture)
     return capture
 
 
-def _read(item: Any) -> Any:
-    """Value of a dataset, None of an empty one."""
-    if not isinstance(item, h5py.Dataset) or item.shape is None:
-        return None
-    return item[()]
+def _read(file: h5py.File) -> dict[str, Any]:
+    """Values of the fields that are there, None of an empty one."""
+    names = set(file)
+    items = {name: _field_of(file, name) for name in _NAMES if name in names}
+    there = [item for item in items.values() if item is not None]
+    if there:
+        largest = max(there, key=_bytes)
+        what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
+        memory.require_free(what, _COPIES * sum(map(_bytes, there)))
+    found = {name: None if item is None else item[()] for name, item in items.items()}
+    return found | dict.fromkeys(names & set(_OTHERS))
+
+
+def _bytes(item: h5py.Dataset) -> int:
+    return math.prod(item.shape) * item.dtype.itemsize
+
+
+def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
+    """A field, None if it is empty.
+
+    Raises:
+        ValueError: It is kept in another file; one line.
+    """
+    item = None
+    if not isinstance(file.get(name, getlink=True), h5py.ExternalLink):
+        try:
+            item = file[name]
+        except Exception as error:
+            raise ValueError(f"{name}: cannot be read ({error}); must be a field") from None
+    if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
+        raise ValueError(f"{name}: is kept in another file; must be in this one")
+    return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
 
 
 def _restore(fields: dict[str, Any]) -> xr.Dataset:
@@ -215,32 +259,49 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         bin_width_opl=_number(fields, "delta_t"),
         sensor_origin=_origin(fields, "sensor_xyz"),
         laser_origin=_origin(fields, "laser_xyz"),
-        counts_first_and_last_legs=bool(_number(fields, "t_accounts_first_and_last_bounces")),
+        counts_first_and_last_legs=_truth(fields, "t_accounts_first_and_last_bounces"),
         on_wall=_runs(about.get(ON_WALL), given["sensor_grid"].shape[:2]),
         attrs=foreign | about.get("attrs", {}),
         **given,
     )
-    return capture.assign_coords(about.get("pixels", {}))
+    return capture.assign_coords(_pixels(about.get("pixels", {}), capture))
+
+
+def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
+    """Pixels along the axes, each a list of as many whole numbers in a row as the axis has."""
+    for axis, numbers in given.items():
+        size = capture.sizes.get(axis, 0) if axis[-1] in "xy" else 0
+        first = numbers[0] if isinstance(numbers, list) and numbers else None
+        if not isinstance(first, int) or numbers != list(range(first, first + size)):
+            allowed = f"must be {size} pixels in a row"
+            raise ValueError(f"pixels: {axis} = {checks.shown(numbers)}: {allowed}")
+    return given
 
 
 def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
     """Which pixels are on the wall, from the lengths of runs that are off and on in turn."""
     if runs is None:
         return None
+    are_counts = isinstance(runs, list) and all(isinstance(n, int) and n >= 0 for n in runs)
+    if not are_counts or sum(runs) != math.prod(shape):
+        raise ValueError(
+            f"{ON_WALL} = {checks.shown(runs)}: must be runs of {math.prod(shape)} pixels"
+        )
     return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape)
 
 
 def _code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
-    code = int(_number(fields, name))
+    code = _number(fields, name)
     if code not in known:
         allowed = ", ".join(f"{number} ({axes})" for number, axes in known.items())
-        raise ValueError(f"{name} = {code}: must be one of {allowed}")
-    return known[code]
+        raise ValueError(f"{name} = {code:g}: must be one of {allowed}")
+    return known[int(code)]
 
 
 def _field(fields: dict[str, Any], name: str) -> Any:
     if fields.get(name) is None:
-        raise ValueError(f"{'lacks' if name not in fields else 'has nothing in'} the field {name}")
+        what = "lacks" if name not in fields else "has nothing in"
+        raise ValueError(f"{what} the field {name}; must have it, as y-tal does")
     return fields[name]
 
 
@@ -256,6 +317,13 @@ def _number(fields: dict[str, Any], name: str) -> float:
     if value.size != 1 or value.dtype.kind not in "fiub":
         raise ValueError(f"{name} with shape {value.shape}: must be one number")
     return float(value.reshape(-1)[0])
+
+
+def _truth(fields: dict[str, Any], name: str) -> bool:
+    number = _number(fields, name)
+    if number not in (0, 1):
+        raise ValueError(f"{name} = {number:g}: must be 0 or 1")
+    return number == 1
 
 
 def _origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
@@ -308,11 +376,10 @@ def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text or "")
     try:
         ours = json.loads(text)[_OURS]
-        return {
-            "attrs": dict(ours["attrs"]),
-            "pixels": dict(ours["pixels"]),
-            "mode": ours["mode"],
-            ON_WALL: ours.get(ON_WALL),
-        }, {}
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         return {}, {"scene_info": text} if text else {}
+    ours = checks.mapping("scene_info", ours)
+    about = {
+        name: checks.mapping(f"scene_info: {name}", ours.get(name)) for name in ("attrs", "pixels")
+    }
+    return about | {"mode": ours.get("mode"), ON_WALL: ours.get(ON_WALL)}, {}

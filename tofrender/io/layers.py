@@ -10,6 +10,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.atomic import replacing
+from .output import check_room, check_writable
 
 
 def save_exr_layers(
@@ -41,12 +42,25 @@ def save_exr_layers(
     import OpenEXR
 
     target = checks.path("path", path)
-    sizes = {np.shape(values)[:2] for values in layers.values()}
+    attrs = checks.mapping("attrs", attrs)
+    arrays = {
+        name: checks.real_array(f"layers[{name!r}]", values, np.float32)
+        for name, values in checks.mapping("layers", layers).items()
+    }
+    for name, array in arrays.items():
+        if array.ndim != 3 or array.shape[2] not in (1, 3) or 0 in array.shape:
+            allowed = "must be (height, width, channels) with 1 or 3 channels"
+            raise ValueError(f"layers[{name!r}] with shape {array.shape}: {allowed}")
+    sizes = {array.shape[:2] for array in arrays.values()}
     if len(sizes) != 1:
-        raise ValueError(f"layers: have the sizes {sorted(sizes)}; must be one size")
+        given = checks.shown(layers)
+        raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
+    if target.is_dir():
+        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
+    check_writable(target)
+    check_room(target, sum(array.nbytes for array in arrays.values()))
     channels = {}
-    for name, values in layers.items():
-        array = np.asarray(values, dtype=np.float32)
+    for name, array in arrays.items():
         for c, letter in enumerate("RGB" if array.shape[2] == 3 else "Y"):
             channel = f"{name}.{letter}" if name else letter
             channels[channel] = np.ascontiguousarray(array[:, :, c])
@@ -54,7 +68,7 @@ def save_exr_layers(
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "format": "tofrender layers 1",
-        **{name: str(value) for name, value in (attrs or {}).items()},
+        **{name: str(value) for name, value in attrs.items()},
     }
     with replacing(target) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import check_dataset
-from ..runtime import checks
+from ..runtime import checks, memory
 from ..runtime.atomic import replacing
-from .description import describe, refuse_not_finite, restore, warn_of_not_finite
+from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
 from .output import check_output, stack_bytes
 
 if TYPE_CHECKING:
@@ -57,9 +58,10 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         'box.npz'
     """
     check_dataset(dataset)
-    target = check_output(path, layout="npz", overwrite=overwrite)
+    shape = dataset["transient"].shape
+    target = check_output(path, shape, layout="npz", overwrite=overwrite)
     warn_of_not_finite(dataset)
-    needed = stack_bytes(dataset["transient"].shape)
+    needed = stack_bytes(shape)
     with replacing(path, needed_bytes=needed) as temporary, ZipFile(temporary, "w") as archive:
         _write(archive, "tofrender", Cube(np.array(json.dumps(describe(dataset)))))
         for name in _ARRAYS:
@@ -81,7 +83,8 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a file of `save_npz`, or it holds values that are not finite.
+        ValueError: Not a file of `save_npz`, damaged, or it holds values that are not finite.
+        MemoryError: It holds more than fits into memory.
 
     Example:
         >>> import tempfile, tofrender
@@ -92,11 +95,34 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         True
     """
     path = checks.path("path", path)
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise FileNotFoundError(f"path = {path}: {what}; must be a file that save_npz wrote")
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            about = json.loads(str(archive["tofrender"]))
-            dataset = restore(about, {name: archive[name] for name in _ARRAYS})
-    except (KeyError, TypeError, ValueError, EOFError, BadZipFile):
-        raise ValueError(f"path = {path}: must be a file that save_npz wrote") from None
+        with open(path, "rb") as file, ZipFile(file) as archive:
+            about = parse(_member(archive, "tofrender"))
+            dataset = restore(about, {name: _member(archive, name) for name in _ARRAYS})
+    except MemoryError as error:
+        raise MemoryError(f"path = {path}: {error}") from None
+    except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"path = {path}: must be a file that save_npz wrote ({said})") from None
     refuse_not_finite(path, dataset)
     return dataset
+
+
+def _member(archive: ZipFile, name: str) -> np.ndarray:
+    """An array of the archive, read to its end, where its checksum is compared."""
+    info = archive.getinfo(f"{name}.npy")
+    with archive.open(info) as stream:
+        version = npy.read_magic(stream)
+        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+        shape, _, dtype = header(stream)
+        size = math.prod(shape) * dtype.itemsize
+        if stream.tell() + size != info.file_size:
+            raise ValueError(f"{name} with shape {shape} does not fill its part of the file")
+        memory.require_free(name, size)
+        stream.seek(0)
+        array = npy.read_array(stream, allow_pickle=False)
+        stream.read(1)
+    return array

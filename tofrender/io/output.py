@@ -72,15 +72,27 @@ def check_output(
         check_file(path, ".npz" if layout == "npz" else ".exr", overwrite=overwrite)
     check_writable(path)
     if shape is not None:
-        needed = stack_bytes(shape, "float" if layout == "npz" else precision)
-        if shutil.disk_usage(nearest_folder(path)).free < needed:
-            raise disk_full(path, needed)
+        check_room(path, stack_bytes(shape, "float" if layout == "npz" else precision))
     return target
+
+
+def check_room(path: str | os.PathLike, needed_bytes: int) -> None:
+    """Refuse a disk with less room than an output needs.
+
+    Raises:
+        OSError: One line that names `path` and the bytes needed and free.
+    """
+    if shutil.disk_usage(nearest_folder(path)).free < needed_bytes:
+        raise disk_full(path, needed_bytes)
 
 
 def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
     """The most bytes that a stack of `shape` (height, width, bins, channels) takes on disk."""
-    height, width, bins, channels = shape
+    try:
+        height, width, bins, channels = (checks.integer("shape", n, 1, 1 << 40) for n in shape)
+    except (TypeError, ValueError):
+        allowed = "must be four integers, height, width, bins and channels"
+        raise ValueError(f"shape = {checks.shown(shape)}: {allowed}") from None
     values = height * width * (bins + 1) * channels
     return values * BYTES_PER_VALUE[precision] + (bins + 1) * (4096 + 8 * height)
 
@@ -88,12 +100,13 @@ def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
 def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path:
     """Refuse a file name with another suffix, a folder, or a file that may not be replaced."""
     target = checks.path("path", path)
+    overwrite = checks.boolean("overwrite", overwrite)
     if target.suffix.lower() not in suffixes:
         raise ValueError(f"path = {path}: must be a file name that ends in {' or '.join(suffixes)}")
     if os.path.isdir(target):
         raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
     if os.path.exists(target) and not overwrite:
-        raise FileExistsError(f"path = {path}: exists; pass overwrite=True to replace it")
+        raise FileExistsError(f"path = {path}: exists; must be new, or pass overwrite=True")
     return target
 
 
@@ -118,6 +131,8 @@ def output_folder(
         OSError: The disk is full.
     """
     path = checks.path("path", path)
+    if needed_bytes is not None:
+        checks.integer("needed_bytes", needed_bytes, 0, 1 << 62)
     _check_folder(path, overwrite)
     check_writable(path)
     with replacing(path, folder=True, needed_bytes=needed_bytes) as temporary:
@@ -127,6 +142,7 @@ def output_folder(
 
 def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
     allowed = "must be a new or empty folder, or one that holds only an earlier output of tofrender"
+    overwrite = checks.boolean("overwrite", overwrite)
     target = Path(os.path.realpath(path))
     if not os.path.exists(target):  # Path.exists raises where one may not look
         return

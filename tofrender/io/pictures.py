@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 
+from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.atomic import replacing
 from ..runtime.progress import progress_bar
 from ..vis import Transient, auto_exposure, tonemap
-from .output import check_file, check_writable, output_folder
+from .output import check_file, check_output, check_room, check_writable, output_folder
 from .parallel import for_each
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _LONGEST_SIDE = 4096
+_PICTURE = 1 << 10  # The least that one takes, bytes
 _INK, _PAPER = (235, 235, 235), (16, 16, 16)
 
 
@@ -64,7 +66,10 @@ def save_png_frames(
     """
     from PIL import Image, PngImagePlugin
 
+    checks.boolean("progress", progress)
     frames = _Frames(dataset, exposure, min_size)
+    check_output(path, overwrite=overwrite)
+    check_room(path, _PICTURE * frames.count)
     mark = PngImagePlugin.PngInfo()
     mark.add_text("Software", "tofrender")
     digits = max(4, len(str(frames.count - 1)))
@@ -114,12 +119,14 @@ def save_video(
         ...     save_video(dataset, folder + "/light.mp4").name
         'light.mp4'
     """
+    checks.boolean("progress", progress)
     target = check_file(path, ".mp4", ".gif", overwrite=True)
     kind = target.suffix.lower()
     fastest = 50 if kind == ".gif" else 120
     fps = checks.number("fps", fps, positive=True, high=fastest)
     frames = _Frames(dataset, exposure, min_size)
     check_writable(path)
+    check_room(path, _PICTURE)
     with replacing(path) as temporary:
         _encode(frames, temporary, kind, fps, progress)
     return target
@@ -132,6 +139,7 @@ class _Frames:
         from PIL import ImageFont
 
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
+        check_dataset(dataset)
         self.sequence = Transient.of(dataset)
         if exposure is None:
             self.exposure = auto_exposure(self.sequence.values)

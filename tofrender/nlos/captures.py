@@ -94,7 +94,13 @@ def make_capture(
     checks.one_of("mode", mode, MODES)
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-    values, dims = np.asarray(transient, dtype=np.float32), dimensions(mode)["transient"]
+    dims = dimensions(mode)["transient"]
+    values = checks.real_array("transient", transient, np.float32)
+    more = checks.mapping("attrs", attrs)
+    legs = counts_first_and_last_legs
+    if not isinstance(legs, int | np.bool_) or legs not in (0, 1):
+        given = checks.shown(legs)
+        raise ValueError(f"counts_first_and_last_legs = {given}: must be True or False")
     if values.ndim == len(dims) - 1:
         values = values[..., None]
     if values.ndim != len(dims) or values.shape[-1] not in (1, 3) or 0 in values.shape:
@@ -103,9 +109,12 @@ def make_capture(
             "with 1 or 3 channels"
         )
     if mode == "confocal":
-        given = (laser_grid, laser_normals)
-        if any(each is not None for each in given):
-            raise ValueError("laser_grid: must be None, as a confocal capture has the sensor's")
+        for name, given in (("laser_grid", laser_grid), ("laser_normals", laser_normals)):
+            if given is not None:
+                raise ValueError(
+                    f"{name} = {checks.shown(given)}: must be None, as a confocal capture has the "
+                    "sensor's"
+                )
         laser_grid, laser_normals = sensor_grid, sensor_normals
     elif mode == "single" and np.shape(laser_grid) == (3,):
         laser_grid, laser_normals = (np.reshape(v, (1, 1, -1)) for v in (laser_grid, laser_normals))
@@ -121,16 +130,21 @@ def make_capture(
     }
     variables = {}
     for name, axes in dimensions(mode).items():
-        array = np.asarray(arrays[name], dtype=np.float32)
+        array = checks.real_array(name, arrays[name], np.float32)
         array = array if name == "transient" else array.copy()
         if array.ndim != len(axes) or (axes[-1] == "xyz" and array.shape[-1] != 3):
             raise ValueError(f"{name} with shape {array.shape}: must be {axes}, xyz of size 3")
         variables[name] = (axes, array)
-    if on_wall is not None and not np.all(on_wall):
-        mask = np.array(on_wall)
-        if mask.dtype != bool or mask.ndim != 2:
-            raise ValueError(f"on_wall = {mask.dtype} {mask.shape}: must be bool (rows, columns)")
-        variables[ON_WALL] = (_PIXELS, mask)
+    if on_wall is not None:
+        try:
+            mask = np.asarray(on_wall)
+        except (TypeError, ValueError):
+            mask = np.array(None)
+        if mask.dtype != bool or mask.ndim not in (0, 2):
+            given = checks.shown(on_wall)
+            raise ValueError(f"on_wall = {given}: must be bool (rows, columns)")
+        if not mask.all():
+            variables[ON_WALL] = (_PIXELS, mask.copy())
     sizes = _sizes(variables)
     coords: dict[str, Any] = {a: np.arange(n) for a, n in sizes.items() if a[-1] in "xy"}
     coords |= {
@@ -140,8 +154,8 @@ def make_capture(
     }
     standard = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1", "mode": mode}
     standard |= {"start_opl": start, "bin_width_opl": width}
-    standard["counts_first_and_last_legs"] = int(bool(counts_first_and_last_legs))
-    capture = xr.Dataset(variables, coords=coords, attrs=dict(attrs or {}) | standard)
+    standard["counts_first_and_last_legs"] = int(legs)
+    capture = xr.Dataset(variables, coords=coords, attrs=more | standard)
     capture["opl"].attrs.update(units="m", long_name="optical path length")
     check_capture(capture)
     return capture
@@ -229,7 +243,7 @@ def _check_legs(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
     counts = attrs.get("counts_first_and_last_legs")
     if counts not in (0, 1):
         raise ValueError(
-            f"capture: attribute counts_first_and_last_legs = {counts!r}: must be 0, 1"
+            f"capture: attribute counts_first_and_last_legs = {checks.shown(counts)}: must be 0, 1"
         )
     if counts and not all(np.isfinite(capture[f"{d}_origin"].values).all() for d in DEVICES):
         raise ValueError(

@@ -80,6 +80,7 @@ def capture(
         ValueError: An argument is wrong, the scene has no laser or relay wall, the laser misses it,
             or no pixel looks at it; one line.
         KeyboardInterrupt: An exhaustive capture was stopped; one line that says how to go on.
+        MemoryError: It does not fit; the message says what would.
 
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
@@ -88,6 +89,7 @@ def capture(
     """
     backend.require_vectorised()
     checks.one_of("mode", mode, MODES)
+    checks.boolean("progress", progress)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
     if client is not None:  # Numbers change in their last digits on the way to workers

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
+from ..films.image import developed_shape
 from ..integrators.own_sample import brings_sample
-from ..runtime import checks
+from ..runtime import checks, memory
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
 from .device.laser import follow_meters
 from .device.relay_wall import DEFAULT_ID as WALL, find_shapes, ids, seen_shapes
 from .device.wall_points import wall_points
+
+COPIES = 2
+"""Times that a capture's light is in memory at the end."""
 
 
 @dataclass
@@ -70,7 +75,10 @@ def place_of_capture(
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False, **_size(grid))
     elif grid is not None:
-        raise ValueError("grid: must be None for a loaded scene, whose film has its size already")
+        raise ValueError(
+            f"grid = {checks.shown(grid)}: must be None for a loaded scene, whose film has its "
+            "size already"
+        )
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
@@ -84,6 +92,7 @@ def place_of_capture(
         )
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
+    _require_memory(mode, camera.film())
     follow_meters(scene, camera)
     shapes = _wall(scene, integrator, camera, wall)
     points = wall_points(scene, camera, shapes)
@@ -99,7 +108,7 @@ def _size(grid: Any) -> dict[str, Any]:
         width, height = grid
     except (TypeError, ValueError):
         raise ValueError(
-            f"grid = {grid!r}: must be a width and a height, for example (64, 64)"
+            f"grid = {checks.shown(grid)}: must be a width and a height, for example (64, 64)"
         ) from None
     return {
         name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)
@@ -116,6 +125,29 @@ def _integrator(scene: mi.Scene) -> Any:
             f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
         )
     return integrator
+
+
+def _require_memory(mode: str, film: mi.Film) -> None:
+    """Refuse a capture that does not fit into memory.
+
+    Raises:
+        MemoryError: One line that says what would fit.
+    """
+    shape = developed_shape(film)
+    if shape is None:
+        return
+    rows, columns, bins, channels = shape
+    lasers = rows * columns if mode == "exhaustive" else 1
+    size, free = COPIES * 4 * lasers * math.prod(shape), memory.free_on_host()
+    if size <= free:
+        return
+    fits = math.isqrt(free // (COPIES * 4 * bins * channels))  # Points of a square, or pairs
+    side = math.isqrt(fits) if mode == "exhaustive" else fits
+    raise MemoryError(
+        f"grid of {columns} x {rows} points x {bins} bins: the {mode} capture takes "
+        f"{size / 2**30:.1f} GiB, must be at most {free / 2**30:.1f} GiB; {side} x {side} points "
+        f"or {int(bins * free / size)} bins would fit"
+    )
 
 
 def _wall(scene: mi.Scene, integrator: Any, camera: mi.Sensor, given: Any) -> list[mi.Shape]:

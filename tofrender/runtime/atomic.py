@@ -137,6 +137,15 @@ def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
 
 def check_writable(path: str | os.PathLike) -> None:
     """Refuse a place where nothing can be made, by trying (modes say nothing to root)."""
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):  # Nothing there, or see below
+        pass
+    except OSError as error:  # A loop of links, say
+        raise PermissionError(
+            f"path = {path}: cannot be written ({error.strerror}); must lie in a folder that you "
+            "may write to"
+        ) from None
     parent = nearest_folder(path)
     probe = parent / f"{TEMPORARY_PREFIX}{os.getpid()}.probe"
     try:

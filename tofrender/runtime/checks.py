@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,31 @@ MAX_BINS = 1 << 20
 MAX_DEPTH = 1 << 16
 MAX_SEED = (1 << 32) - 1
 MAX_OPL = 1e12
+MAX_NAME, MAX_PATH = 255, 4096
+"""Bytes of a file's name, and of a path, that file systems take."""
+
+
+LONGEST = 80
+"""Characters of a value that a message shows."""
+
+
+def shown(value: Any) -> str:
+    """A value as messages show it: in one line, cut if it is long; arrays by type and shape.
+
+    Example:
+        >>> shown(0.5), len(shown([1] * 100)), shown(1 << 4000)
+        ('0.5', 80, 'an integer of 4001 bits')
+    """
+    if isinstance(value, int) and value.bit_length() > 200:
+        return f"an integer of {value.bit_length()} bits"
+    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
+    if isinstance(shape, tuple) and len(shape) and dtype is not None:
+        return f"{type(value).__name__} of {dtype} with shape {shape}"
+    try:
+        text = " ".join(repr(value).splitlines())
+    except Exception:  # Whatever its own code raises
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
@@ -42,9 +67,14 @@ def integer(name: str, value: Any, low: int, high: int) -> int:
         number = operator.index(value)
     except TypeError:
         number = None
-    if number is None or isinstance(value, bool) or not low <= number <= high:
-        raise ValueError(f"{name} = {value!r}: must be an integer from {low} to {high}")
+    if number is None or _is_bool(value) or not low <= number <= high:
+        raise ValueError(f"{name} = {shown(value)}: must be an integer from {low} to {high}")
     return number
+
+
+def _is_bool(value: Any) -> bool:
+    """Whether it is a bool of Python's or NumPy's."""
+    return type(value).__name__ in ("bool", "bool_")
 
 
 def depth(name: str, value: Any) -> int:
@@ -59,10 +89,11 @@ def depth(name: str, value: Any) -> int:
         ValueError: max_depth = 0: must be -1 (no limit) or an integer from 1 to 65536
     """
     try:
-        return integer(name, value, 1 if value != -1 else -1, MAX_DEPTH)
+        found = integer(name, value, -1, MAX_DEPTH)
+        return integer(name, found, -1 if found < 0 else 1, MAX_DEPTH)
     except ValueError:
         allowed = f"-1 (no limit) or an integer from 1 to {MAX_DEPTH}"
-        raise ValueError(f"{name} = {value!r}: must be {allowed}") from None
+        raise ValueError(f"{name} = {shown(value)}: must be {allowed}") from None
 
 
 def depth_of_bounces(max_bounces: Any) -> int:
@@ -82,7 +113,7 @@ def depth_of_bounces(max_bounces: Any) -> int:
         bounces = integer("max_bounces", max_bounces, -1, MAX_DEPTH - 1)
     except ValueError:
         allowed = f"-1 (no limit) or an integer from 0 to {MAX_DEPTH - 1}"
-        raise ValueError(f"max_bounces = {max_bounces!r}: must be {allowed}") from None
+        raise ValueError(f"max_bounces = {shown(max_bounces)}: must be {allowed}") from None
     return bounces if bounces < 0 else bounces + 1
 
 
@@ -117,7 +148,8 @@ def number(
         ValueError: contrast = 1.5: must be a finite number above 0 and at most 1
     """
     try:
-        given = math.nan if isinstance(value, bool | str | bytes) else float(value)
+        bare = not isinstance(value, str | bytes) and getattr(value, "shape", ()) == ()
+        given = float(value) if bare and not _is_bool(value) else math.nan
     except (TypeError, ValueError, OverflowError):
         given = math.nan
     below = (positive and given <= 0) or (low is not None and given < low)
@@ -130,7 +162,7 @@ def number(
             most = "" if high is None else f"at most {high:g}"
             bounds = " and ".join(filter(None, ["above 0" * positive, least, most]))
             limits = bounds and f" {bounds}"
-        raise ValueError(f"{name} = {value!r}: must be {kind}{limits}")
+        raise ValueError(f"{name} = {shown(value)}: must be {kind}{limits}")
     return given
 
 
@@ -153,6 +185,21 @@ def metres(name: str, value: Any, *, positive: bool = False) -> float:
     return number(name, value, unit="metres", positive=positive)
 
 
+def width(name: str, value: Any) -> float:
+    """Return the width of a pulse, in metres that single precision can divide by.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> width("pulse_width_opl", 1e-30)
+        Traceback (most recent call last):
+        ValueError: pulse_width_opl = 1e-30: must be a finite number of metres from 1e-12 to 1e+12
+    """
+    metres(name, value, positive=True)
+    return number(name, value, unit="metres", low=1 / MAX_OPL, high=MAX_OPL)
+
+
 def place(name: str, value: Any, count: int = 3) -> list[float]:
     """Return the coordinates of a point, `count` finite numbers of metres.
 
@@ -169,7 +216,7 @@ def place(name: str, value: Any, count: int = 3) -> list[float]:
     except (TypeError, ValueError):
         numbers = []
     if isinstance(value, str) or len(numbers) != count:
-        raise ValueError(f"{name} = {value!r}: must be {count} finite numbers of metres")
+        raise ValueError(f"{name} = {shown(value)}: must be {count} finite numbers of metres")
     return numbers
 
 
@@ -193,12 +240,17 @@ def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
 
     try:
         array = np.asarray(values)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(None)
     if array.dtype.kind not in "fiu":
-        kind = array.dtype if isinstance(values, np.ndarray) else type(values).__name__
-        raise ValueError(f"{name} of type {kind}: must hold real numbers")
+        raise ValueError(f"{name} of type {kind_of(values)}: must hold real numbers")
     return array if dtype is None else array.astype(dtype, copy=False)
+
+
+def kind_of(value: Any) -> str:
+    """What a value is, for messages: an array's dtype, any other's type."""
+    dtype = getattr(value, "dtype", None)
+    return type(value).__name__ if dtype is None else str(dtype)
 
 
 def finite(name: str, values: np.ndarray) -> np.ndarray:
@@ -280,9 +332,13 @@ def path(name: str, value: Any) -> Path:
     allowed = "must be text or an os.PathLike, the name of a file or folder"
     if isinstance(value, str | os.PathLike):
         text = os.fspath(value)
-        if isinstance(text, str) and text and "\0" not in text:
+        if isinstance(text, str) and text.splitlines() == [text] and "\0" not in text:
+            longest = max(len(os.fsencode(part)) for part in (*Path(text).parts, ""))
+            if longest > MAX_NAME or len(text) > MAX_PATH:
+                allowed = f"must have names of at most {MAX_NAME} bytes, {MAX_PATH} in all"
+                raise ValueError(f"{name} = {shown(text)}: {allowed}")
             return Path(text)
-    raise ValueError(f"{name} = {value!r}: {allowed}")
+    raise ValueError(f"{name} = {shown(value)}: {allowed}")
 
 
 def boolean(name: str, value: Any) -> bool:
@@ -296,9 +352,62 @@ def boolean(name: str, value: Any) -> bool:
         Traceback (most recent call last):
         ValueError: camera_unwarp = 'yes': must be True or False
     """
-    if isinstance(value, bool):
+    if _is_bool(value):
+        return bool(value)
+    raise ValueError(f"{name} = {shown(value)}: must be True or False")
+
+
+def instance(name: str, value: Any, kind: Any, what: str) -> Any:
+    """Return `value` if it is of a kind, a type or several, which the message calls `what`.
+
+    Raises:
+        ValueError: One line with name and value.
+
+    Example:
+        >>> instance("title", 3, str, "text")
+        Traceback (most recent call last):
+        ValueError: title = 3: must be text
+    """
+    if isinstance(value, kind):
         return value
-    raise ValueError(f"{name} = {value!r}: must be True or False")
+    raise ValueError(f"{name} = {shown(value)}: must be {what}")
+
+
+def text(name: str, value: Any) -> str | None:
+    """Return `value` if it is text or None.
+
+    Raises:
+        ValueError: One line with name and value.
+    """
+    return instance(name, value, str | None, "text")
+
+
+def mapping(name: str, value: Any) -> dict[str, Any]:
+    """Return a mapping of names as a dict, an empty one of None.
+
+    Raises:
+        ValueError: One line with name and value.
+
+    Example:
+        >>> mapping("parameters", [("a", 1)])
+        Traceback (most recent call last):
+        ValueError: parameters = [('a', 1)]: must be a dict of names and values
+    """
+    given = {} if value is None else value
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+        raise ValueError(f"{name} = {shown(value)}: must be a dict of names and values")
+    return dict(given)
+
+
+def function(name: str, value: Any) -> Any:
+    """Return `value` if it can be called.
+
+    Raises:
+        ValueError: One line with name and value.
+    """
+    if callable(value):
+        return value
+    raise ValueError(f"{name} = {shown(value)}: must be a function")
 
 
 def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
@@ -317,4 +426,4 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
     close = get_close_matches(value, allowed, 1) if isinstance(value, str) else []
     hint = f"did you mean {close[0]!r}? Must" if close else "must"
     known = ", ".join(each or "''" for each in allowed)
-    raise ValueError(f"{name} = {value!r}: {hint} be one of {known}")
+    raise ValueError(f"{name} = {shown(value)}: {hint} be one of {known}")

@@ -34,8 +34,9 @@ def public_names(package: str, file: str) -> dict[str, str | None]:
     """
     found: dict[str, str | None] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ImportFrom) and node.level == 1:
-            module = node.module and f"{package}.{node.module}"
+        if isinstance(node, ast.ImportFrom) and node.level:
+            room = package.rsplit(".", node.level - 1)[0]
+            module = node.module and f"{room}.{node.module}"
             found |= {alias.name: module for alias in node.names}
     return found
 

@@ -11,7 +11,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks
-from .chi_square import Verdict, chi_square_test
+from . import domains
+from .chi_square import Verdict, check_chance, chi_square_test
 from .triangles_and_caps import point
 from .warps import WARPS
 
@@ -35,6 +36,15 @@ class Case:
     name: str = ""
     sample_dimension: int = 2
     expected_moments: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what no test can be made of."""
+        checks.function("sample", self.sample)
+        checks.function("pdf", self.pdf)
+        domains.find(self.domain)
+        checks.instance("name", self.name, str, "text")
+        checks.integer("sample_dimension", self.sample_dimension, 2, 3)
+        checks.mapping("expected_moments", self.expected_moments)
 
     def test(self, **options: Any) -> Verdict:
         """Run `chi_square_test` with the keyword arguments given.
@@ -95,7 +105,13 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
         True
     """
     wi = _direction("wi", wi)
-    plugin: Any = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
+    try:
+        u, v = (checks.number("uv", each) for each in uv)
+    except (TypeError, ValueError):
+        raise ValueError(f"uv = {checks.shown(uv)}: must be two finite numbers") from None
+    checks.instance("name", name, str, "text")
+    plugin: Any = _loaded("bsdf", bsdf) if isinstance(bsdf, dict) else bsdf
+    checks.instance("bsdf", plugin, mi.BSDF, "a BSDF of Mitsuba's or a dict of one")
     if not mi.has_flag(plugin.flags(), mi.BSDFFlags.Smooth):
         raise ValueError(f"bsdf = {plugin.class_name()}: has no density, only Dirac lobes or none")
     context = mi.BSDFContext()
@@ -104,7 +120,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
 
     def interaction(lanes: int) -> mi.SurfaceInteraction3f:
         si = dr.zeros(mi.SurfaceInteraction3f, lanes)
-        si.wi, si.uv = dr.opaque(mi.Vector3f, wi), dr.opaque(mi.Point2f, uv)
+        si.wi, si.uv = dr.opaque(mi.Vector3f, wi), dr.opaque(mi.Point2f, (u, v))
         return si
 
     def sample(numbers: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
@@ -141,8 +157,12 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         True
     """
     origin = tuple(point("o", o).tolist())
+    checks.instance("name", name, str, "text")
     if isinstance(light, dict):
         return _mitsuba_light(light, origin, name or str(light.get("type")))
+    if not (hasattr(light, "sample") and hasattr(light, "pdf")):
+        allowed = "must be a shape of tofrender.sampling or a dict of a light"
+        raise ValueError(f"light = {checks.shown(light)}: {allowed}")
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
         record = light.sample(dr.opaque(mi.Point3f, origin), numbers)
@@ -156,7 +176,7 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
 
 def _mitsuba_light(light: dict, origin: tuple[float, ...], name: str) -> Case:
     """A scene that holds this light alone, asked for directions."""
-    scene: Any = mi.load_dict({"type": "scene", "light": light}, parallel=False)
+    scene: Any = _loaded("light", {"type": "scene", "light": light})
     emitters = scene.emitters()
     if len(emitters) != 1 or mi.has_flag(emitters[0].flags(), mi.EmitterFlags.Delta):
         raise ValueError(f"light = {name!r}: must be one light that can be hit")
@@ -181,12 +201,25 @@ def _mitsuba_light(light: dict, origin: tuple[float, ...], name: str) -> Case:
     return Case(sample, pdf, "sphere", name)
 
 
+def _loaded(what: str, description: dict) -> Any:
+    """What Mitsuba makes of a dict."""
+    given = description.get("light", description)
+    try:
+        if any(value is None for value in given.values()):  # Mitsuba's parser ends the process
+            raise RuntimeError("a value is None")
+        return mi.load_dict(description, parallel=False)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        allowed = f"must be a dict that Mitsuba loads ({reason[:200]})"
+        raise ValueError(f"{what} = {checks.shown(given)}: {allowed}") from None
+
+
 def _direction(name: str, value: Any) -> tuple[float, ...]:
     """Three numbers, scaled to a unit vector."""
     numbers = point(name, value).tolist()
     length = math.hypot(*numbers)
     if not length > 0:
-        raise ValueError(f"{name} = {value!r}: must be a direction, not zero")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be a direction, not zero")
     return tuple(each / length for each in numbers)
 
 
@@ -234,9 +267,11 @@ def chi_square_suite(cases: Iterable[Case], alpha: float = 1e-3, **options: Any)
         >>> chi_square_suite(cases, samples=20_000).passed
         True
     """
-    cases = list(cases)
-    if not cases:
-        raise ValueError("cases = []: must hold at least one")
+    given = list(cases) if isinstance(cases, Iterable) else []
+    if not given or not all(isinstance(each, Case) for each in given):
+        raise ValueError(f"cases = {checks.shown(cases)}: must be at least one Case, no other")
+    cases = given
+    check_chance(alpha)
     first = checks.integer("seed", options.pop("seed", 0), 0, checks.MAX_SEED - len(cases))
     verdicts = tuple(
         case.test(alpha=alpha, tests=len(cases), seed=first + k, **options)

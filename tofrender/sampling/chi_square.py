@@ -21,7 +21,6 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -45,6 +44,16 @@ STATED_ROUNDING = 1e-3
 
 NAMES = {2: ("x", "y", "xx", "xy", "yy"), 3: ("x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")}
 """First and second moments in the plane and in space."""
+
+
+def check_chance(alpha: Any) -> None:
+    """Refuse an `alpha` that is no chance.
+
+    Raises:
+        ValueError: One line with its value.
+    """
+    if not 0 < checks.number("alpha", alpha, low=0, high=1) < 1:
+        raise ValueError(f"alpha = {checks.shown(alpha)}: must be a number between 0 and 1")
 
 
 def chi_square_test(
@@ -96,6 +105,9 @@ def chi_square_test(
         >>> chi_square_test(square_to_tent, half, "plane", samples=50_000).reason
         'the pdf integrates to 0.50000, not 1; ...'
     """
+    checks.function("sample", sample)
+    checks.function("pdf", pdf)
+    checks.instance("name", name, str, "text")
     domain = domains.find(domain)
     dimensions = domain.dimensions
     checks.integer("samples", samples, 1000, MAX_SAMPLES)
@@ -103,12 +115,11 @@ def chi_square_test(
     checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.integer("tests", tests, 1, 1_000_000)
     checks.integer("sample_dimension", sample_dimension, 2, 3)
-    if not 0 < alpha < 1:
-        raise ValueError(f"alpha = {alpha!r}: must be a number between 0 and 1")
-    known = dict(expected_moments or {})
+    check_chance(alpha)
+    known = checks.mapping("expected_moments", expected_moments)
     for key in known:
         checks.one_of("expected_moments", key, NAMES[dimensions])
-    path = None if figure is None else Path(figure)
+    path = None if figure is None else checks.path("figure", figure)
     if path is not None and not path.parent.is_dir():
         raise ValueError(f"figure = {path}: {path.parent} must be a folder that exists")
 

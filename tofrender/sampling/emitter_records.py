@@ -12,6 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
 from ..signals.colour import LUMINANCE
 
 
@@ -124,6 +125,10 @@ def visible(
         >>> visible(SurfaceGroup([lamp, moon]), record), visible(moon, record)
         ([False, True], [True, True])
     """
+    checks.instance("scene", scene, mi.Scene | Shape, "a loaded scene or a shape of sampling")
+    checks.instance("record", record, EmitterRecord, "a record of a shape's sample")
+    if n is not None and (not dr.is_array_v(n) or dr.size_v(n) != 3):
+        raise ValueError(f"n = {checks.shown(n)}: must be an mi.Vector3f or None")
     normal = record.d if n is None else n
     start = mi.Interaction3f(0, 0, mi.Color0f(), record.o, normal)
     ray = start.spawn_ray_to(record.p)
@@ -138,13 +143,13 @@ def visible(
 def emission_values(emission: Any) -> tuple[float, ...]:
     """One number, or three, finite and 0 or more."""
     try:
-        numbers = np.atleast_1d(np.asarray(emission, dtype=np.float64)).squeeze()
-    except (TypeError, ValueError):
+        numbers = np.atleast_1d(checks.real_array("", emission, np.float64)).squeeze()
+    except ValueError:
         numbers = np.array(math.nan)
     numbers = np.atleast_1d(numbers)
     if numbers.shape not in ((1,), (3,)) or not np.all(np.isfinite(numbers) & (numbers >= 0)):
         allowed = "must be one number or three, each finite and 0 or more"
-        raise ValueError(f"emission = {emission!r}: {allowed}")
+        raise ValueError(f"emission = {checks.shown(emission)}: {allowed}")
     return tuple(numbers.tolist())
 
 
@@ -165,11 +170,11 @@ def affine(transform: Any) -> np.ndarray:
     if transform is None:
         return np.eye(4)
     try:
-        matrix = np.asarray(getattr(transform, "matrix", transform), dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"transform = {transform!r}: {allowed}") from None
+        matrix = checks.real_array("", getattr(transform, "matrix", transform), np.float64)
+    except ValueError:
+        raise ValueError(f"transform = {checks.shown(transform)}: {allowed}") from None
     matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix  # mi.Transform4f of one lane
     right = matrix.shape == (4, 4) and np.all(np.isfinite(matrix))
     if not right or not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(f"transform = {matrix.tolist()}: {allowed}")
+        raise ValueError(f"transform = {checks.shown(transform)}: {allowed}")
     return matrix

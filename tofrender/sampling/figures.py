@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..runtime import checks
 from ..runtime.canvas import new_figure
+from .verdicts import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from .verdicts import Verdict
 
 
 def verdict_figure(verdict: Verdict) -> Figure:
@@ -35,6 +35,7 @@ def verdict_figure(verdict: Verdict) -> Figure:
         >>> [axes.get_title() for axes in figure.axes[:3]]
         ['observed density', 'expected density', 'difference']
     """
+    checks.instance("verdict", verdict, Verdict, "a result of chi_square_test")
     figure = new_figure(15.0, 5.2, "compressed")
     density_panels(figure.subplots(1, 3), verdict)
     caption(figure, verdict)

@@ -9,6 +9,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
+
 MAX_SIDE = 16384
 """Most pixels along a side: the pyramid of 2^14 x 2^14 texels takes 3 GB."""
 
@@ -32,8 +34,8 @@ def read_image(image: Any) -> np.ndarray:
     """
     where = "image"
     if isinstance(image, str | os.PathLike):
-        where = f"image = {os.fspath(image)!r}"
-        image = _open(Path(image), where)
+        where = f"image = {checks.shown(os.fspath(image))}"
+        image = _open(checks.path("image", image), where)
     if isinstance(image, mi.Bitmap):
         image = _linear(image, where)
     values = _as_array(image, where)
@@ -151,8 +153,8 @@ def _as_array(image: Any, where: str) -> np.ndarray:
     """float64 of shape (H, W, C)."""
     allowed = "must have the shape (height, width) or (height, width, 1 to 4 channels)"
     try:
-        values = np.asarray(image, dtype=np.float64)
-    except (TypeError, ValueError):
+        values = checks.real_array("", image, np.float64)
+    except ValueError:
         name = type(image).__name__
         raise ValueError(f"{where}: {name}; must be a path, an mi.Bitmap or an array") from None
     if values.size == 0:

@@ -110,7 +110,9 @@ class Quad(Patch):
         try:
             width, height = (checks.metres("size", each, positive=True) for each in size)
         except (TypeError, ValueError):
-            raise ValueError(f"size = {size!r}: must be two finite numbers above 0") from None
+            raise ValueError(
+                f"size = {checks.shown(size)}: must be two finite numbers above 0"
+            ) from None
         edges = matrix[:3, :2] * [width, height]
         e0, e1 = edges.T
         if np.linalg.det(matrix[:3, :3]) < 0:  # Mitsuba's rectangle keeps its normal's side too

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
 from .emitter_records import Shape
 from .patches import Quad, Triangle
 from .shapes import SurfaceGroup
@@ -37,6 +38,7 @@ def emitters_of(scene: mi.Scene) -> SurfaceGroup:
         >>> emitters_of(scene)
         SurfaceGroup([Sphere((0, 0, 0), radius=1, emission=(3.0, 3.0, 3.0))])
     """
+    checks.instance("scene", scene, mi.Scene, "a loaded scene")
     shapes: list[Shape] = []
     for emitter in scene.emitters():
         if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):

@@ -27,6 +27,7 @@ from collections.abc import Sequence
 import drjit as dr
 import mitsuba as mi
 
+from ..runtime import checks
 from .emitter_records import EmitterRecord, Shape, visible
 from .patches import Quad, Triangle
 from .spheres import Sphere
@@ -91,7 +92,7 @@ class SurfaceGroup(Shape):
         self.shapes = list(shapes) if isinstance(shapes, Sequence) else []
         if not self.shapes or not all(isinstance(each, Shape) for each in self.shapes):
             allowed = "must be a list of at least one Quad, Triangle, Sphere or SurfaceGroup"
-            raise ValueError(f"shapes = {shapes!r}: {allowed}")
+            raise ValueError(f"shapes = {checks.shown(shapes)}: {allowed}")
         self.area = sum(each.area for each in self.shapes)
 
     @property

@@ -12,7 +12,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .warps import in_range, unit_square
+from ..runtime import checks
+from .warps import in_range, unit_square, vector
 
 
 def point(name: str, value: Any) -> np.ndarray:
@@ -27,12 +28,12 @@ def point(name: str, value: Any) -> np.ndarray:
         ValueError: v0 = [0, 1]: must be three finite numbers
     """
     try:
-        numbers = np.asarray(value, dtype=np.float64)
+        numbers = checks.real_array(name, value, np.float64)
         numbers = numbers[:, 0] if numbers.shape == (3, 1) else numbers  # mi.Point3f of one lane
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
-        raise ValueError(f"{name} = {value!r}: must be three finite numbers")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be three finite numbers")
     return numbers
 
 
@@ -137,7 +138,7 @@ def sample_triangle_pdf(p: mi.Point3f, v0: Any, v1: Any, v2: Any) -> mi.Float:
         [0.125, 0]
     """
     v0, e1, e2 = _edges(v0, v1, v2)
-    p = mi.Point3f(p)
+    p = mi.Point3f(vector("p", p))
     cross = dr.cross(e1, e2)
     double = dr.norm(cross)
     n = cross / double
@@ -199,7 +200,7 @@ def sample_sphere_cap_pdf(v: mi.Vector3f, cos_theta_max: float | mi.Float) -> mi
         >>> [round(each, 4) for each in pdf]
         [0.5305, 0.0]
     """
-    height = _cap_height(cos_theta_max)
+    height, v = _cap_height(cos_theta_max), vector("v", v)
     r2 = dr.square(v.x) + dr.square(v.y)
     below_pole = dr.select(v.z > 0, r2 / (1 + v.z), 1 - v.z)  # 1 - z, without losing digits
     inside = (below_pole <= height * (1 + 8 * dr.epsilon(mi.Float))) & (height > 0)
@@ -240,7 +241,7 @@ def _cap_height(cos_theta_max: Any) -> mi.Float:
 def _edges(v0: Any, v1: Any, v2: Any) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f]:
     """A corner and the two edges from it, after a look at them."""
     corners = [v0, v1, v2]
-    if not any(dr.is_jit_v(each) for each in corners):
+    if not any(each is not None and dr.is_jit_v(each) for each in corners):
         a, b, c = triangle_corners(*corners)
         return mi.Point3f(literal(a)), literal(b - a), literal(c - a)
     a, b, c = (mi.Point3f(each) for each in corners)

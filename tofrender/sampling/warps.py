@@ -33,6 +33,26 @@ MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6
 """Roughnesses for which single precision can hold every density."""
 
 
+def vector(name: str, value: Any, size: int = 3) -> Any:
+    """Return a Dr.Jit vector or point of `size` coordinates, of any number of lanes.
+
+    Raises:
+        ValueError: It is something else; one line.
+
+    Example:
+        >>> vector("v", 3)
+        Traceback (most recent call last):
+        ValueError: v = 3: must be an mi.Vector3f, or another Dr.Jit array of 3 coordinates
+    """
+    if isinstance(value, dr.ArrayBase) and dr.size_v(value) == size:
+        return value
+    kind = "Point2f" if size == 2 else "Vector3f"
+    raise ValueError(
+        f"{name} = {checks.shown(value)}: must be an mi.{kind}, or another Dr.Jit array of {size} "
+        "coordinates"
+    )
+
+
 def unit_square(sample: mi.Point2f) -> mi.Point2f:
     """Return `sample`; in debug mode make sure that it lies in [0, 1]^2.
 
@@ -45,6 +65,7 @@ def unit_square(sample: mi.Point2f) -> mi.Point2f:
         Traceback (most recent call last):
         AssertionError: Assertion failure: sample: must lie in [0, 1]^2
     """
+    vector("sample", sample, 2)
     if dr.flag(dr.JitFlag.Debug):
         inside = dr.all((sample >= 0) & (sample <= 1))  # false for NaN too
         dr.assert_true(inside, "sample: must lie in [0, 1]^2")
@@ -114,7 +135,7 @@ def square_to_tent_pdf(p: mi.Point2f) -> mi.Float:
         >>> float(square_to_tent_pdf(mi.Point2f(-0.5, 0.0))[0])
         0.5
     """
-    height = dr.maximum(1 - dr.abs(p), 0)
+    height = dr.maximum(1 - dr.abs(vector("p", p, 2)), 0)
     return height.x * height.y
 
 
@@ -156,6 +177,7 @@ def square_to_uniform_disk_pdf(p: mi.Point2f) -> mi.Float:
         >>> round(float(square_to_uniform_disk_pdf(mi.Point2f(0.6, 0.8))[0]), 4)
         0.3183
     """
+    p = vector("p", p, 2)
     return dr.select(dr.squared_norm(p) <= 1 + 8 * dr.epsilon(p), dr.inv_pi, mi.Float(0))
 
 
@@ -197,7 +219,7 @@ def square_to_uniform_sphere_pdf(v: mi.Vector3f) -> mi.Float:
         >>> round(float(square_to_uniform_sphere_pdf(mi.Vector3f(0, 0, -1))[0]), 4)
         0.0796
     """
-    return dr.full(mi.Float, dr.inv_four_pi, dr.width(v))
+    return dr.full(mi.Float, dr.inv_four_pi, dr.width(vector("v", v)))
 
 
 def square_to_uniform_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
@@ -232,7 +254,7 @@ def square_to_uniform_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
         >>> round(float(square_to_uniform_hemisphere_pdf(mi.Vector3f(0, 0, 1))[0]), 4)
         0.1592
     """
-    return dr.select(v.z >= 0, dr.inv_two_pi, mi.Float(0))
+    return dr.select(vector("v", v).z >= 0, dr.inv_two_pi, mi.Float(0))
 
 
 def square_to_cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
@@ -271,7 +293,7 @@ def square_to_cosine_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
         >>> [round(float(each), 4) for each in pdf]
         [0.2546, 0.0]
     """
-    return dr.maximum(v.z, 0) * dr.inv_pi
+    return dr.maximum(vector("v", v).z, 0) * dr.inv_pi
 
 
 # -------------------------------------------------------------------------------- Beckmann
@@ -337,6 +359,7 @@ def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
     """
     alpha = roughness(alpha)
     normalization = dr.inv_pi / dr.square(alpha)
+    m = vector("m", m)
     inv_z = dr.rcp(m.z)
     tan2_theta = (dr.square(m.x) + dr.square(m.y)) * dr.square(inv_z)
     falloff = dr.exp(-tan2_theta / dr.square(alpha))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..runtime import checks
 from .boxes import (
     START_OPL,
     cornell_box,
@@ -110,4 +111,4 @@ def describe(name: str) -> str:
         >>> describe("cornell_box")
         'The Cornell box with two white boxes, lit from the ceiling.'
     """
-    return (BUILT_IN[name].__doc__ or "").partition("\n")[0]
+    return (BUILT_IN[checks.one_of("name", name, BUILT_IN)].__doc__ or "").partition("\n")[0]

@@ -11,6 +11,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
+
 LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_scale|data)(\.\w+)?")
 """Parameters of emitters that say how bright they are."""
 
@@ -47,6 +49,9 @@ def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
             an emitter or the sensor is in a medium; one line.
     """
     active = mi.variant() or "none"
+    if not hasattr(scene, "variant_name"):
+        allowed = f"a loaded scene of the active variant {active}"
+        raise ValueError(f"scene = {checks.shown(scene)}: must be {allowed}")
     if scene.variant_name() != active:
         raise ValueError(
             f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "
@@ -57,6 +62,8 @@ def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
             f"variant = {active!r}: must be one without polarisation, which is not followed, "
             f"like {active.replace('_polarized', '')}"
         )
+    if sensor is not None:
+        checks.instance("sensor", sensor, mi.Sensor, "a sensor of the scene, as scene.sensors()[0]")
     cameras = scene.sensors() if sensor is None else [sensor]
     for node in mi.traverse(scene).hierarchy:
         if isinstance(node, mi.Shape):

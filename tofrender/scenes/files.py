@@ -29,7 +29,7 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
 def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
-    """Refuse an XML file, or one that it includes, whose tags are nested too deeply.
+    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root.
 
     The parameters are values for its `<default>` names, which may name the files that it includes.
 
@@ -65,19 +65,28 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
     try:
         with path.open("rb") as file:
             reader.ParseFile(file)
-    except expat.ExpatError:
+    except expat.ExpatError as error:
+        if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
+            raise ValueError(
+                f"scene = {str(path)!r}: goes on after its end in line {error.lineno}; must be one "
+                "scene"
+            ) from None
         return  # Mitsuba says what is wrong, and where
 
 
-def require_shallow_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict whose dicts are nested too deeply.
+def require_readable_dict(description: Mapping[str, Any]) -> None:
+    """Refuse a dict whose dicts are nested too deeply, or with a value that is None.
 
     Raises:
         ValueError: One line.
     """
-    level: list[Any] = [description]
+    level: list[Any] = [("", description)]
     for _ in range(MAX_NESTING):
-        level = [v for each in level for v in each.values() if isinstance(v, Mapping)]
+        values = [(f"{at}{name}", v) for at, each in level for name, v in each.items()]
+        for name, value in values:
+            if value is None:
+                raise ValueError(f"{name} = None: must have a value, or be left out")
+        level = [(f"{name}.", v) for name, v in values if isinstance(v, Mapping)]
         if not level:
             return
     raise ValueError(f"scene: has more than {MAX_NESTING} dicts within each other")

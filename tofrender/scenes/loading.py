@@ -16,14 +16,17 @@ from typing import Any, Unpack
 
 import mitsuba as mi
 
-from ..runtime import plugins
+from ..runtime import checks, plugins
 from . import BUILT_IN
 from .editing import change, name_shapes, use_own_plugins
-from .files import require_indices, require_shallow_dict, require_shallow_xml
+from .files import require_indices, require_readable_dict, require_shallow_xml
 from .peers import use_own_names
 from .settings import Settings, check_settings
 
 parser: Any = mi.parser
+
+LONGEST = 500
+"""Characters of an error of Mitsuba's that are told."""
 
 
 def load_scene(
@@ -66,11 +69,13 @@ def load_scene(
         [32, 16]
     """
     given = check_settings(settings)
+    parameters = checks.mapping("parameters", parameters)
+    optimize = checks.boolean("optimize", optimize)
     if isinstance(source, mi.Scene):
-        changed = [*given, *(parameters or {})]
+        changed = [*given, *parameters]
         if changed:
             raise ValueError(
-                f"{changed[0]} = {(given | dict(parameters or {}))[changed[0]]!r}: a loaded scene "
+                f"{changed[0]} = {checks.shown((given | parameters)[changed[0]])}: a loaded scene "
                 "cannot be changed; give the dict or the XML file that it comes from"
             )
         return source
@@ -81,7 +86,7 @@ def load_scene(
         source = find_scene(source)
     try:
         with _files_beside(source):
-            state = _parse(config, source, parameters or {})
+            state = _parse(config, source, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
             use_own_names(state)
@@ -106,7 +111,9 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
     """
     name = description.get("type")
     if not isinstance(name, str):
-        raise ValueError(f"{what} = {dict(description)!r}: must have a plugin's name as its type")
+        given = checks.shown(dict(description))
+        raise ValueError(f"{what} = {given}: must have a plugin's name as its type")
+    require_readable_dict(description)
     try:
         return mi.load_dict({**description, "type": plugins.own_name(name)})
     except RuntimeError as error:
@@ -153,7 +160,7 @@ def find_scene(name: str) -> str | Path:
     built_in = name.replace("-", "_")
     if built_in in BUILT_IN:
         return built_in
-    path = Path(name)
+    path = checks.path("scene", name) if name else Path(name)
     if path.is_file():
         return path
     if path.suffix.lower() == ".xml" or path.name != name:
@@ -171,7 +178,10 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
         return _parse_file(config, Path(source), parameters)
     if parameters:
         name, value = next(iter(parameters.items()))
-        raise ValueError(f"parameter {name} = {value!r}: only XML files have parameters")
+        raise ValueError(
+            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files "
+            "have parameters"
+        )
     if isinstance(source, str):
         source = BUILT_IN[source]()
     if not isinstance(source, Mapping):
@@ -182,8 +192,8 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
             f"or a scene of the active variant {mi.variant()}"
         )
     if source.get("type") != "scene":
-        raise ValueError(f"scene: type = {source.get('type')!r}, must be 'scene'")
-    require_shallow_dict(source)
+        raise ValueError(f"scene: type = {checks.shown(source.get('type'))}, must be 'scene'")
+    require_readable_dict(source)
     return parser.parse_dict(config, dict(source))
 
 
@@ -243,7 +253,21 @@ def _one_line(message: str) -> str:
     An error raised by a plugin in Python arrives as a traceback; its last line is the message.
     """
     if "Traceback (most recent call last)" in message:
-        return re.sub(r"^\w+: ", "", message.strip().splitlines()[-1])
+        message = re.split(r"^\w+: ", message, flags=re.MULTILINE)[-1]
     message = re.sub(r"\[[\w.]+:\d+\] ", "", message)
+    of_wrong_type = re.search(
+        r'property "(\w+)" has the wrong type \(expected (.+), got (.+)\)', message
+    )
+    if of_wrong_type:
+        name, wanted, given = of_wrong_type.groups()
+        return f"{name} of type {given.strip('<>')}: must be of type {wanted.strip('<>')}"
+    untyped = re.search(r"\[([\w.]+)\] missing 'type' attribute", message)
+    if untyped:
+        return f"{untyped[1]}: is a dict without a type; must have a plugin's name as its type"
+    of_no_kind = re.search(r"could not assign an object of type '(.*?)' to key '(.*?)'", message)
+    if of_no_kind:
+        kind, key = of_no_kind.groups()
+        return f"{key} of type {kind}: must be a number, text, a tuple, a dict or Mitsuba's"
     lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
-    return " ".join(line for line in lines if line)
+    text = " ".join(line for line in lines if line)
+    return text if len(text) < LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"

@@ -107,11 +107,14 @@ def nlos_patch(
     where = checks.place("position", position)
     angle = checks.number("tilt", tilt, unit="degrees")
     if not -90 < angle < 90:
-        raise ValueError(f"tilt = {tilt!r}: must be between -90 and 90 degrees")
+        raise ValueError(f"tilt = {checks.shown(tilt)}: must be between -90 and 90 degrees")
     to_world = place(where, Y, 180 + angle, [half, half, 1])
     corners = _corners(to_world)
     if not corners[:, 2].min() > 0:
-        raise ValueError(f"position = {position!r}: must leave all of the patch before the wall")
+        raise ValueError(
+            f"position = {checks.shown(position)}, side = {checks.shown(side)}: must leave all of "
+            "the patch before the wall"
+        )
     patch = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
     options = {"bin_width_opl": 0.012} | options
     return _scene({"hidden_patch": patch}, corners, occluder, **options)
@@ -162,7 +165,9 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     to_world = place([0, -0.44, z], Y, BUNNY_TURN, [1, 1, 1])
     vertices = placed(bunny()[0], to_world)
     if not vertices[:, 2].min() > 0:
-        raise ValueError(f"distance = {distance!r}: must leave all of the bunny before the wall")
+        raise ValueError(
+            f"distance = {checks.shown(distance)}: must leave all of the bunny before the wall"
+        )
     mesh = bunny_mesh(to_world, bsdf=_hidden_material(options))
     options = {"bin_width_opl": 0.008} | options
     return _scene({"hidden_bunny": mesh}, vertices, occluder, **options)
@@ -189,9 +194,11 @@ def _scene(
     """Wall and device before the `hidden` shape, which has these `points` (n, 3) [m]."""
     origin, spot = checks.place("device", device), checks.place("target", target, 2)
     if not origin[2] > 0:
-        raise ValueError(f"device = {device!r}: must be before the wall, z above 0")
+        raise ValueError(f"device = {checks.shown(device)}: must be before the wall, z above 0")
     if max(map(abs, spot)) > 1:
-        raise ValueError(f"target = {target!r}: must be on the wall, from -1 to 1 in x and y")
+        raise ValueError(
+            f"target = {checks.shown(target)}: must be on the wall, from -1 to 1 in x and y"
+        )
     nearest = float(points[:, 2].min())
     start = round(max(0.0, 2 * nearest - LEAD), 2) if start_opl is None else start_opl
     film = transient_film(width, height, temporal_bins, start, bin_width_opl)
@@ -210,8 +217,8 @@ def _scene(
     if checks.boolean("occluder", occluder):
         if not origin[2] < nearest:
             raise ValueError(
-                f"device = {device!r}: with an occluder, must be nearer to the wall than the "
-                f"hidden shape, z below {nearest:g}"
+                f"device = {checks.shown(device)}: with an occluder, must be nearer to the wall "
+                f"than the hidden shape, z below {nearest:g}"
             )
         plate["occluder"] = _occluder(np.array(origin), points)
     return {

@@ -52,7 +52,8 @@ def _integrator(name: str, value: Any) -> Any:
     if not isinstance(value, Mapping):
         return checks.one_of(name, value, INTEGRATORS)
     if not isinstance(value.get("type"), str):
-        raise ValueError(f"{name} = {dict(value)!r}: must have a plugin's name as its type")
+        given = checks.shown(dict(value))
+        raise ValueError(f"{name} = {given}: must have a plugin's name as its type")
     return value
 
 
@@ -66,7 +67,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "sampler": lambda name, value: checks.one_of(name, value, SAMPLERS),
     "max_depth": checks.depth,
     "integrator": _integrator,
-    "pulse_width_opl": lambda name, value: checks.metres(name, value, positive=True),
+    "pulse_width_opl": checks.width,
 }
 
 

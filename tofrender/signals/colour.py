@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..runtime import checks
+
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 """Weights of linear R, G and B (ITU-R BT.709), with the digits of `mi.luminance`."""
 
@@ -21,6 +23,9 @@ def luminance(values: np.ndarray) -> np.ndarray:
         >>> luminance(np.array([[2.0, 2.0, 2.0], [0.0, 1.0, 0.0]]))
         array([2.     , 0.71516])
     """
+    values = checks.real_array("values", values)
+    if values.shape[-1:] not in ((1,), (3,)):
+        raise ValueError(f"values with shape {values.shape}: must have 1 or 3 channels last")
     if values.shape[-1] == 1:
         return values[..., 0]
     red, green, blue = (values[..., c] * weight for c, weight in enumerate(LUMINANCE.tolist()))

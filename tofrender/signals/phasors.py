@@ -70,12 +70,14 @@ def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[floa
         ValueError: frequency_hz[1] = 0: must be a finite number of hertz above 0
     """
     try:
-        values = None if isinstance(value, str | bytes) else list(value)
+        values = None if isinstance(value, str | bytes | dict) else list(value)
     except TypeError:
         values = None
     if values is None:
         return [checks.number(name, value, unit="hertz", positive=True)], False
     if not values:
-        raise ValueError(f"{name} = {value!r}: must hold at least one frequency in hertz")
+        raise ValueError(
+            f"{name} = {checks.shown(value)}: must hold at least one frequency in hertz"
+        )
     named = [(f"{name}[{index}]", each) for index, each in enumerate(values)]
     return [checks.number(n, each, unit="hertz", positive=True) for n, each in named], True

@@ -182,9 +182,12 @@ class SampledPulse:
         self, values: Sequence[float] | np.ndarray, start_opl: float, bin_width_opl: float
     ) -> None:
         try:
-            energy = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ValueError("values: must be a list of finite numbers, 0 or more") from None
+            energy = checks.real_array("values", values, np.float64)
+        except ValueError:
+            given = checks.shown(values)
+            raise ValueError(
+                f"values = {given}: must be a list of finite numbers, 0 or more"
+            ) from None
         if energy.ndim != 1 or energy.size == 0:
             raise ValueError(f"values: shape {energy.shape}; must be a list of at least one number")
         if not np.all(np.isfinite(energy)) or np.any(energy < 0):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ..runtime.checks import shown
+
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m/s]."""
 
@@ -19,7 +21,7 @@ def opl_to_ns(opl):
         >>> round(opl_to_ns(3.0), 4)
         10.0069
     """
-    return opl * (1e9 / SPEED_OF_LIGHT)
+    return _times("opl", opl, 1e9 / SPEED_OF_LIGHT)
 
 
 def ns_to_opl(time_ns):
@@ -35,4 +37,12 @@ def ns_to_opl(time_ns):
         >>> round(ns_to_opl(10.0), 8)
         2.99792458
     """
-    return time_ns * (SPEED_OF_LIGHT * 1e-9)
+    return _times("time_ns", time_ns, SPEED_OF_LIGHT * 1e-9)
+
+
+def _times(name, value, factor):
+    """A number or an array times a factor."""
+    try:
+        return value * factor
+    except (TypeError, OverflowError):
+        raise ValueError(f"{name} = {shown(value)}: must be a number or an array of any") from None

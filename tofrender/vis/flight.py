@@ -98,11 +98,15 @@ def light_in_flight(
 
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
     if style != "rainbow":
-        raise ValueError(f"period_ns = {period_ns!r}: must be None for style = {style!r}")
+        raise ValueError(
+            f"period_ns = {checks.shown(period_ns)}: must be None for style = {style!r}"
+        )
     period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
     shortest = opl_to_ns(2 * sequence.bin_width_opl)
     if period < shortest * (1 - 1e-9):
-        raise ValueError(f"period_ns = {period_ns!r}: must be at least two bins, {shortest:.6g} ns")
+        raise ValueError(
+            f"period_ns = {checks.shown(period_ns)}: must be at least two bins, {shortest:.6g} ns"
+        )
 
 
 def _steady(data: Any, sequence: Transient) -> np.ndarray:

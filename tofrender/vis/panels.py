@@ -9,6 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.canvas import new_figure
+from ..signals.phasors import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
 from .figures import map_axes, picture_aspect
 
@@ -62,14 +63,10 @@ def phasor_panel(
         >>> [axes.get_title() for axes in phasor_panel(50e6, *parts).axes[:5]]
         ['I', 'Q', 'amplitude', 'phase', 'depth']
     """
-    frequencies = [
-        checks.number("frequencies_hz", f, unit="hertz", positive=True)
-        for f in np.atleast_1d(np.asarray(frequencies_hz, dtype=object)).flat
-    ]
-    if not frequencies:
-        raise ValueError("frequencies_hz = []: must hold at least one frequency")
+    frequencies, _ = check_frequencies(frequencies_hz, "frequencies_hz")
+    checks.text("title", title)
     parts = {"I": I, "Q": Q, "amplitude": amplitude, "phase": phase, "depth": depth}
-    images = _summed(len(frequencies), {name: np.asarray(v) for name, v in parts.items()})
+    images = _summed(len(frequencies), {n: checks.real_array(n, v) for n, v in parts.items()})
     return _panel(frequencies, images, title)
 
 
@@ -91,8 +88,6 @@ def _summed(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray | 
                 f"{name} with shape {values.shape}: must be {' or '.join(map(str, allowed))}, "
                 f"as I has {shape}"
             )
-        if values.dtype.kind not in "fiu":
-            raise ValueError(f"{name} of type {values.dtype}: must hold real numbers")
     plane = (count, *shape[-3:-1])
     return {
         name: values.sum(axis=-1, dtype=np.float64).reshape(plane)

@@ -73,6 +73,7 @@ def plan_figure(
     if not isinstance(scene, mi.Scene):
         kind = type(scene).__name__
         raise ValueError(f"scene = {kind}: must be an mi.Scene of variant {mi.variant()}")
+    checks.text("title", title)
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])

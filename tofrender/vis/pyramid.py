@@ -53,8 +53,9 @@ def pyramid_figure(
         raise ValueError(
             f"pyramid = {type(pyramid).__name__}: must be a result of strategy_pyramid"
         )
+    checks.text("title", title)
     weighting = checks.one_of("weighting", weighting, ("mis", "none"))
-    stops = checks.number("stops_per_row", stops_per_row, low=0)
+    stops = checks.number("stops_per_row", stops_per_row, low=0, high=100)
     chosen, what = pyramid["steady"], "light of all time"
     if opl is not None:
         index = _bin_of(pyramid, opl)

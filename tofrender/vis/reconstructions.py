@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..nlos.reconstruction.depths import check_volume, depth_map
+from ..runtime import checks
 from ..runtime.canvas import new_figure
 from .figures import map_axes
 
@@ -45,6 +46,7 @@ def reconstruction_figure(
         >>> [each.get_title() for each in reconstruction_figure(volume).axes[:4]]
         ['front', 'side', 'top', 'depth']
     """
+    checks.text("title", title)
     values = check_volume(volume)
     depth = depth_map(volume, threshold).values
     edges = {axis: _edges(volume[axis].values) for axis in "xyz"}

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..rendering.dataset import check_dataset
+from ..runtime import checks
 from ..runtime.canvas import new_figure
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
@@ -39,11 +41,19 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         >>> [axes.get_title() for axes in summary_figure(dataset).axes[:2]]
         ['steady image', 'time of the brightest bin']
     """
+    check_dataset(dataset)
+    for name in _TITLE:
+        if name not in dataset.attrs:
+            raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
     sequence = Transient.of(dataset)
     energy, peak_ns = sequence.brightest()
     if pixels is None:
         pixels = _telling_pixels(energy, peak_ns, sequence)
-    responses = [luminance(sequence.pixel(x, y)) for x, y in pixels]
+    pairs = _pairs(pixels)
+    try:
+        responses = [luminance(sequence.pixel(x, y)) for x, y in pairs]
+    except ValueError as error:
+        raise ValueError(f"pixels: {error}") from None
 
     aspect = picture_aspect(*sequence.size, low=0.4, high=2.0)
     figure = new_figure(10.0, 4.0 * aspect + 4.4)
@@ -59,7 +69,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     peak.set_title("time of the brightest bin")
     figure.colorbar(shown, ax=peak, label="time [ns]")
     pixel_axes(steady)
-    for index, ((x, y), response) in enumerate(zip(pixels, responses, strict=True)):
+    for index, ((x, y), response) in enumerate(zip(pairs, responses, strict=True)):
         color = f"C{index % 10}"
         plot.plot(opl_to_ns(sequence.opl), response, color=color, lw=1.2, label=f"({x}, {y})")
         for axes in (steady, peak):
@@ -68,6 +78,20 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     time_axes(plot, sequence)
     figure.suptitle(_title(dataset))
     return figure
+
+
+def _pairs(pixels: Any) -> list[tuple[Any, Any]]:
+    """Pixels as pairs of column and row."""
+    try:
+        pairs = [(x, y) for x, y in pixels]
+    except (TypeError, ValueError):
+        pairs = None
+    if pairs is None or isinstance(pixels, str | bytes | dict):
+        raise ValueError(f"pixels = {checks.shown(pixels)}: must be pairs (x, y)")
+    return pairs
+
+
+_TITLE = ("scene", "spp", "energy_outside_window", "complete")
 
 
 def _title(dataset: xr.Dataset) -> str:

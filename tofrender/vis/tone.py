@@ -70,7 +70,7 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
     """
-    linear = np.asarray(values)
+    linear = checks.real_array("values", values)
     if linear.ndim == 2:
         linear = linear[..., None]
     if linear.ndim != 3 or linear.shape[2] not in (1, 3):

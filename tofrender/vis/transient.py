@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..rendering.cubes import Cube, Place
-from ..rendering.dataset import QUANTITIES, first_pixel, time_axis
+from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, time_axis
 from ..runtime import checks
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
@@ -32,6 +32,11 @@ class Transient:
     def __post_init__(self) -> None:
         """Refuse what no picture can be drawn of."""
         self.values = _cube("values", self.values)
+        self.start_opl = checks.metres("start_opl", self.start_opl)
+        self.bin_width_opl = checks.metres("bin_width_opl", self.bin_width_opl, positive=True)
+        for name in ("x0", "y0"):
+            checks.integer(name, getattr(self, name), -checks.MAX_SIZE, checks.MAX_SIZE)
+        checks.instance("quantity", self.quantity, str, "text")
 
     @classmethod
     def of(
@@ -46,6 +51,7 @@ class Transient:
         if quantity is not None:
             extra["quantity"] = checks.one_of("quantity", quantity, QUANTITIES)
         if hasattr(data, "data_vars"):
+            _require_labels(data)
             start, width = time_axis(data)
             start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
@@ -142,3 +148,14 @@ def _cube(name: str, data: Any) -> Cube:
             "(height, width, bins, channels) with 1 or 3 channels last"
         )
     return cube
+
+
+def _require_labels(data: Any) -> None:
+    """Refuse a Dataset without what `render` writes into it."""
+    found = {str(name): variable.dims for name, variable in data.data_vars.items()}
+    axes = DIMS["transient"]
+    if found.get("transient") != axes or not set(axes) <= set(data.coords):
+        raise ValueError(f"data = Dataset with {found}: must hold transient {axes}")
+    for name in ("quantity", "units"):
+        if not isinstance(data.attrs.get(name), str):
+            raise ValueError(f"data: attribute {name} = {data.attrs.get(name)!r}: must be text")

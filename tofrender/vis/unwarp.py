@@ -141,11 +141,10 @@ class _Lit:
 
 
 def _distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
-    distances = np.asarray(distance_m)
-    if distances.shape != shape or distances.dtype.kind not in "fiu":
+    distances = checks.real_array("distance_m", distance_m)
+    if distances.shape != shape:
         raise ValueError(
-            f"distance_m with shape {distances.shape} of type {distances.dtype}: must be real "
-            f"numbers of shape {shape}, one a pixel"
+            f"distance_m with shape {distances.shape}: must be {shape}, one number a pixel"
         )
     distances = distances.astype(np.float64)
     wrong = distances[(distances < 0) | (np.isfinite(distances) & (distances > checks.MAX_OPL))]

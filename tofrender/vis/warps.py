@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..runtime import checks
 from ..runtime.canvas import new_figure
 from ..sampling.figures import caption, density_panels, verdict_figure
+from ..sampling.verdicts import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from ..sampling.verdicts import Verdict
 
 __all__ = ["verdict_figure", "warp_figure"]
 
@@ -38,9 +38,14 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
         >>> [axes.get_title() for axes in figure.axes[:4]]
         ['points', 'expected density', 'observed density', 'difference']
     """
+    checks.instance("verdict", verdict, Verdict, "a result of chi_square_test")
+    checks.instance("title", title, str, "text")
+    points = checks.real_array("points", points, np.float64)
+    if points.ndim != 2 or len(points) not in (2, 3) or not points.size:
+        raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
     figure = new_figure(11.5, 10.0, "compressed")
     (first, expected), (observed, difference) = figure.subplots(2, 2)
-    _points(first, np.asarray(points, dtype=np.float64), verdict)
+    _points(first, points, verdict)
     first.set_title(title)
     density_panels((observed, expected, difference), verdict)
     caption(figure, verdict)

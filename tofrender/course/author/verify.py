@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from ...runtime import checks
 from .. import edition
 from ..assignments import PACKAGE, Assignment
 from ..judge import running
@@ -99,7 +100,8 @@ def _choose(assignment: Assignment, only: Collection[str]) -> set[str]:
         known = {mutant.id for mutant in mutants.read(assignment)}
         for name in sorted(others - known):
             raise ValueError(
-                f"--only = {name}: must be one of {', '.join(CHECKS)}, or the id of a mutant"
+                f"--only = {name[: checks.LONGEST]}: must be one of {', '.join(CHECKS)}, or the id "
+                "of a mutant"
             )
         chosen.add("mutants")
     return chosen or set(CHECKS)

@@ -6,6 +6,7 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...runtime import checks
 from ...runtime.atomic import replacing
 from ..assignments import Assignment
 from ..judge import running
@@ -45,6 +46,7 @@ def check(assignment: Assignment, folder: Path) -> tuple[dict[str, Path], list[s
     Raises:
         ValueError: It is no folder, or holds a link or too much; one line.
     """
+    folder = checks.path("FOLDER", folder)
     if not folder.is_dir():
         raise ValueError(f"FOLDER = {folder}: does not exist; must be one that `start` has made")
     files: dict[str, Path] = {}

@@ -138,5 +138,5 @@ def _point(props: mi.Properties, name: str) -> list[float] | None:
     """Three numbers, None if they are not given."""
     value: Any = props.get(name, None)
     if value is not None and np.shape(value) != (3,):
-        raise ValueError(f"{name} = {value!r}: must be three numbers")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be three numbers")
     return None if value is None else [checks.metres(name, float(x)) for x in value]

@@ -43,11 +43,13 @@ def focus_laser(
         [0.75, -0.75, 0.0]
     """
     given = {"point": point, "uv": uv, "pixel": pixel}
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(
+            f"scene = {checks.shown(scene)}: must be a loaded scene; load_scene loads one"
+        )
     named = [name for name, value in given.items() if value is not None]
     if len(named) != 1:
         raise ValueError(f"focus_laser: got {named or 'nothing'}; must be one of point, uv, pixel")
-    if not isinstance(scene, mi.Scene):
-        raise ValueError(f"scene = {scene!r}: must be a loaded scene; load_scene loads one")
     laser = find_laser(scene)
     follow_meters(scene)
     forget_meters(scene)
@@ -76,7 +78,7 @@ def focus_laser(
         _require_two("uv", uv, "two numbers from 0 to 1")
         u, v = (checks.number("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
-            raise ValueError(f"uv = {uv!r}: must be two numbers from 0 to 1")
+            raise ValueError(f"uv = {checks.shown(uv)}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
         target = mi.Point3f(*checks.place("point", point))
@@ -86,8 +88,12 @@ def focus_laser(
 
 def _require_two(name: str, value: Any, what: str) -> None:
     """Refuse anything but two values."""
-    if np.shape(value) != (2,):
-        raise ValueError(f"{name} = {value!r}: must be {what}")
+    try:
+        count = len(value)
+    except TypeError:
+        count = 0
+    if count != 2:
+        raise ValueError(f"{name} = {checks.shown(value)}: must be {what}")
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:

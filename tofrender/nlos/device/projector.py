@@ -77,6 +77,8 @@ class ConfocalProjector(mi.Emitter):
         frame: Any = props.get("frame", None)
         if frame is None and not self.is_confocal:
             raise ValueError("frame: is missing; must be given if is_confocal is false")
+        if frame is not None and np.size(getattr(frame, "matrix", 0)) != 16:
+            raise ValueError(f"frame = {checks.shown(frame)}: must be an mi.ScalarTransform4f")
         self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
         self._pulse_width_opl, self._histogram = _pulse(props)
         positions, sigmas, powers = _spots(props)
@@ -243,7 +245,7 @@ def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
     bin_width: Any = props.get("pulse_bin_width_opl", 0.001)
     values = props.get("pulse_values", None)
     if kind == "gaussian":
-        return checks.metres("pulse_width_opl", width, positive=True), None
+        return checks.width("pulse_width_opl", width), None
     if values is None:
         raise ValueError("pulse_values: are missing; must be given if pulse_type is 'histogram'")
     from ...signals.pulses import SampledPulse
@@ -312,5 +314,5 @@ def numbers(name: str, value: Any) -> np.ndarray:
     except (TypeError, ValueError):
         array = np.array([])
     if array.size == 0 or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} = {value!r}: must be finite numbers")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be finite numbers")
     return array

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ...paths.surfaces import is_on
+from ...runtime import checks
 
 DEFAULT_ID = "relay_wall"
 
@@ -26,14 +27,23 @@ def is_on_relay_wall(
     Returns:
         A mask, one entry for each interaction.
 
+    Raises:
+        ValueError: One of them is something else; one line.
+
     Example:
         >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle"}})
         >>> rays = mi.Ray3f(mi.Point3f([0, 5], 0, 1), mi.Vector3f(0, 0, -1))
         >>> is_on_relay_wall(scene.ray_intersect(rays), scene.shapes())
         [True, False]
     """
-    one = isinstance(relay_wall_shapes, mi.Shape)
-    return is_on(si, [relay_wall_shapes] if one else relay_wall_shapes)
+    given = relay_wall_shapes
+    shapes = [given] if isinstance(given, mi.Shape) else given
+    if not isinstance(shapes, Sequence) or not shapes or isinstance(shapes, str | bytes):
+        raise ValueError(f"relay_wall_shapes = {checks.shown(given)}: must be a shape or several")
+    for each in shapes:
+        checks.instance("relay_wall_shapes", each, mi.Shape, "a shape or several")
+    checks.instance("si", si, mi.SurfaceInteraction3f, "an mi.SurfaceInteraction3f")
+    return is_on(si, shapes)
 
 
 def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
@@ -54,6 +64,7 @@ def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
         >>> [shape.id() for shape in find_relay_wall(scene)]
         ['relay_wall']
     """
+    checks.instance("scene", scene, mi.Scene, "a loaded scene")
     return find_shapes(scene, wall, "relay_wall")
 
 
@@ -73,12 +84,14 @@ def find_shapes(scene: mi.Scene, wanted: Any, what: str) -> list[mi.Shape]:
         raise ValueError(f"{what} = []: must name at least one shape")
     found: list[mi.Shape] = []
     for each in names:
-        matches = [s for s in scene.shapes() if each in (s, s.id())]
+        known = isinstance(each, str | mi.Shape)
+        matches = [s for s in scene.shapes() if known and each in (s, s.id())]
         if not matches:
             name = each.id() if isinstance(each, mi.Shape) else each
             raise ValueError(
-                f"{what} = {name!r}: the scene has no such shape; must be one of {ids(scene)} "
-                "(a load with optimize=False keeps meshes of equal material apart)"
+                f"{what} = {checks.shown(name)}: the scene has no such shape; must be "
+                f"one of {ids(scene)} (a load with optimize=False keeps meshes of equal material "
+                "apart)"
             )
         found += [shape for shape in matches if shape not in found]
     return found
@@ -98,7 +111,9 @@ def parse_ids(what: str, value: Any) -> list[str] | None:
     if value is None:
         return None
     if not isinstance(value, str):
-        raise ValueError(f"{what} = {value!r}: must be ids of shapes, separated by commas")
+        raise ValueError(
+            f"{what} = {checks.shown(value)}: must be ids of shapes, separated by commas"
+        )
     return [each.strip() for each in value.split(",")]
 
 

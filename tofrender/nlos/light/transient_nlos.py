@@ -241,7 +241,7 @@ class TransientNLOSPath(RelayWallPath):
 def _peers_parameters(props: mi.Properties) -> None:
     """Read mitransient's parameters that ours are not, or warn that they do nothing here."""
     depth: Any = props.get("filter_depth", -1)
-    if depth != -1:
+    if not isinstance(depth, int) or depth != -1:
         checks.integer("filter_depth", depth, 2, checks.MAX_DEPTH)
         if props.get("filter_bounces", -1) != -1:
             raise ValueError(f"filter_depth = {depth}: must be left out; filter_bounces is given")

@@ -128,7 +128,7 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
         0.02
     """
     depth = depth_map(volume, threshold).values
-    true = np.asarray(truth, dtype=np.float64)
+    true = checks.real_array("truth", truth, np.float64)
     if true.shape != depth.shape:
         raise ValueError(f"truth with shape {true.shape}: must be {depth.shape}, as the volume has")
     there, seen = np.isfinite(true), np.isfinite(depth)

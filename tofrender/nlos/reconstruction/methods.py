@@ -132,6 +132,7 @@ def reconstruct(
         raise ValueError(f"client: must be None, as method = {method!r} is done in one process")
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
+    checks.boolean("progress", progress)
     Cube(capture["transient"]).require_finite("capture: transient")
     measured = Measured.of(capture)
     _check_method(method, measured)
@@ -161,7 +162,9 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
             continue
         if method not in _USED_BY[name]:
             allowed = " and ".join(_USED_BY[name])
-            raise ValueError(f"{name} = {value!r}: must be None, as it is for {allowed} only")
+            raise ValueError(
+                f"{name} = {checks.shown(value)}: must be None, as it is for {allowed} only"
+            )
         options[name] = value
     if "weighting" in options:
         checks.one_of("weighting", options["weighting"], WEIGHTINGS)

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
 from ..records import Connection, Path, Vertex
 from .scene_lights import SceneLights
 
@@ -45,7 +46,7 @@ class GatedLights(SceneLights):
         discard_direct_light: bool = False,
     ) -> None:
         super().__init__(scene, sensor, hide_emitters, discard_direct_light)
-        self.gate = gate
+        self.gate = checks.function("gate", gate)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool

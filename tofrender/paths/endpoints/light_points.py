@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
 from ..surfaces import has_mirrors
 from .wavefronts import Wavefronts
 
@@ -14,6 +17,25 @@ GOLDEN = 0.6180339887
 
 BY_WIDTHS = ((20, 8), (5, 4))
 """Extents of the lights, in widths, from which on so many points pay; one below."""
+
+
+MOST = 64
+"""Points on lights that a vertex may connect to."""
+
+
+def checked_count(value: Any) -> str | int:
+    """A number of light points, or "auto".
+
+    Raises:
+        ValueError: It is neither; one line.
+    """
+    try:
+        is_auto = isinstance(value, str) and value == "auto"
+        return value if is_auto else checks.integer("", value, 1, MOST)
+    except ValueError:
+        raise ValueError(
+            f"light_samples = {checks.shown(value)}: must be 'auto' or an integer from 1 to {MOST}"
+        ) from None
 
 
 class LightPoints:

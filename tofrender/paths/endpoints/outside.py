@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
 from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from ...signals.illuminants import white
 from ..records import Connection, Path, Vertex
@@ -26,7 +27,7 @@ class PointSource(Unseen):
 
     def __init__(self, scene: mi.Scene, emitter: mi.Emitter, hide_emitters: bool = False) -> None:
         super().__init__(scene, hide_emitters)
-        self.emitter: Any = emitter
+        self.emitter: Any = checks.instance("emitter", emitter, mi.Emitter, "an emitter")
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
@@ -61,6 +62,7 @@ class OpenSky(Unseen):
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, hide_emitters: bool = False
     ) -> None:
         super().__init__(scene, hide_emitters)
+        checks.instance("sensor", sensor, mi.Sensor | None, "a sensor or None")
         self.sphere = Wavefronts.around(scene, sensor)
 
     def connect(

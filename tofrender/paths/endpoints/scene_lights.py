@@ -10,8 +10,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
 from ..records import Connection, Hit, Path, Turn, Vertex
-from .light_points import LightPoints, points_that_pay
+from .light_points import LightPoints, checked_count, points_that_pay
 from .unseen import Unseen
 from .wavefronts import Wavefronts
 
@@ -43,8 +44,9 @@ class SceneLights(Unseen):
         light_samples: str | int = 1,
     ) -> None:
         super().__init__(scene, hide_emitters)
-        self.discard_direct_light = discard_direct_light
-        self.light_samples = light_samples
+        checks.instance("sensor", sensor, mi.Sensor | None, "a sensor or None")
+        self.discard_direct_light = checks.boolean("discard_direct_light", discard_direct_light)
+        self.light_samples = checked_count(light_samples)
         self.points = LightPoints(1 if isinstance(light_samples, str) else light_samples)
         infinite = mi.EmitterFlags.Infinite
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
 from ..camera import behind_emitters
 from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
 
@@ -25,7 +26,10 @@ class Unseen:
     importance = False
 
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
-        self.scene, self.hide_emitters = scene, hide_emitters
+        if not hasattr(scene, "sample_emitter_direction"):
+            raise ValueError(f"scene = {checks.shown(scene)}: must be a loaded scene")
+        self.scene = scene
+        self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
 
     def resolving(self, width_opl: float) -> Any:
         """The same: how finely lengths are told apart makes no difference."""

@@ -1,0 +1,251 @@
+"""Bad values for each kind of argument, and the one check of how they are refused."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+LONGEST = 600
+"""Characters of a line that can still be read at a glance."""
+
+_PYTHONS_OWN = re.compile(
+    r"Traceback|File \"|object has no attribute|object is not|unsupported operand|not supported "
+    r"between|0x[0-9a-f]{6,}|incompatible function|positional argument|'NoneType' object|__\w+__|"
+    r"argument must be|could not convert|ufunc|nanobind|drjit\.|Assertion|broadcast together"
+)
+
+
+class Odd:
+    """An object of no use to anything."""
+
+    def __repr__(self) -> str:
+        return "<an odd\nobject>"
+
+
+ANY: dict[str, Any] = {
+    "None": None,
+    "True": True,
+    "numpy-True": np.True_,
+    "nan": float("nan"),
+    "inf": float("inf"),
+    "-inf": float("-inf"),
+    "-1": -1,
+    "0": 0,
+    "1.5": 1.5,
+    "1e30": 1e30,
+    "2**40": 1 << 40,
+    "10**400": 10**400,
+    "text": "nonsense",
+    "empty-text": "",
+    "digits": "4",
+    "lines": "two\nlines",
+    "nul": "a\0b",
+    "bytes": b"4",
+    "list": [],
+    "list-1": [1],
+    "list-of-text": ["a", "b"],
+    "ragged": [[1.0], [1.0, 2.0]],
+    "dict": {},
+    "dict-1": {"a": 1},
+    "set": {1},
+    "odd": Odd(),
+    "type": int,
+    "complex": 1j,
+    "array-empty": np.zeros(0),
+    "array": np.zeros((100, 7)),
+    "array-nan": np.full((2, 2), np.nan),
+    "array-1": np.ones(1),
+    "array-text": np.array(["a", "b"]),
+    "array-object": np.array([None, {}], dtype=object),
+    "date": np.datetime64("2020-01-01"),
+    "dataset": xr.Dataset(),
+}
+"""Values of every sort; each kind of argument names those that are good for it."""
+
+_NUMBERS = {"-1", "0", "1.5", "1e30", "2**40"}
+_TEXTS = {"text", "empty-text", "digits", "lines", "nul"}
+_ARRAYS = {"array-empty", "array", "array-nan", "array-1"}
+
+FILM = {"temporal_bins": 4, "start_opl": 3.5, "bin_width_opl": 2.0}
+
+KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
+    # kind: what of ANY is good for it, and more that is bad
+    "integer": ({"-1", "0"}, {"2.0": 2.0}),
+    "count": (set(), {"2.0": 2.0, "numpy-0": np.int64(0), "-2**40": -(1 << 40)}),
+    "seed": ({"0"}, {"2**32": 1 << 32, "numpy-2.0": np.float64(2)}),
+    "metres": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
+    "number": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
+    "positive": (_NUMBERS - {"-1", "0"}, {"-0.0": -0.0, "numpy-nan": np.float32("nan")}),
+    "pulse-width": ({"1.5"}, {"-0.0": -0.0, "1e-30": 1e-30}),
+    "fraction": ({"0"}, {"1.0001": 1.0001, "-1e-9": -1e-9}),
+    "share": (set(), {"1.0001": 1.0001}),
+    "chance": (set(), {"1": 1, "1.0": 1.0}),
+    "frequencies": (
+        _NUMBERS - {"-1", "0"} | {"list-1", "array-1", "set"},
+        {"a list with 0": [1e6, 0.0], "nested": [[1e6]]},
+    ),
+    "boolean": ({"True", "numpy-True"}, {"1": 1, "no": "no"}),
+    "choice": (set(), {"case": "CONFOCAL", "list": ["single"]}),
+    "name": (_TEXTS - {"nul", "lines"}, {}),
+    "label": (_TEXTS, {}),
+    "path": (_TEXTS - {"empty-text", "nul"}, {"long": "x" * 5000 + ".npz"}),
+    "point": (set(), {"2 numbers": (0, 1), "4 numbers": [0, 1, 2, 3], "nan in it": (0, 1, np.nan)}),
+    "pair": (set(), {"3 numbers": (0, 1, 2), "text in it": (0, "1"), "nan in it": (0, np.nan)}),
+    "sizes": (set(), {"(0, 4)": (0, 4), "(4,)": (4,), "4x4": "4x4", "(4.5, 4)": (4.5, 4)}),
+    "array": (_ARRAYS | _NUMBERS | {"list", "list-1", "nan", "inf", "-inf"}, {}),
+    "cube": (
+        set(),
+        {
+            "flat": np.ones((2, 2)),
+            "5-axes": np.ones((1, 1, 2, 2, 3)),
+            "no-pixels": np.ones((0, 2, 2, 3)),
+            "4-channels": np.ones((2, 2, 2, 4)),
+            "complex": np.ones((2, 2, 2, 3), complex),
+        },
+    ),
+    "picture": (set(), {"flat": np.ones(3), "complex-array": np.ones((2, 2), complex)}),
+    "dataset": (set(), {"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3))}),
+    "scene": (set(), {"path": Path("x.xml"), "built-in": "cornell_box"}),
+    "source": (set(), {"no-file": "no_such_file.xml", "misspelt": "cornel_box", "folder": Path()}),
+    "mapping": ({"dict", "dict-1", "dataset"}, {"pairs": [("a", 1)], "numbers": {1: 2}}),
+    "object": (set(), {}),
+    "function": ({"type"}, {}),
+    "depth": ({"-1"}, {"-2": -2, "2.0": 2.0}),
+    "pyramid-depth": (set(), {"1": 1, "65": 65}),
+    "bounces": ({"-1", "0"}, {"-2": -2, "2.0": 2.0}),
+    "width": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
+    "radius": (set(), {"-0.0": -0.0}),
+    "distance": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
+    "roughness": ({"0", "1.5"}, {"1e7": 1e7}),
+    "cosine": ({"-1", "0"}, {"1.1": 1.1}),
+    "side": (set(), {"5000": 5000}),
+    "rate": ({"1.5"}, {"500": 500}),
+    "cent": ({"1.5"}, {"101": 101}),
+    "stops": ({"0", "1.5"}, {"-0.1": -0.1}),
+    "samples": (set(), {"999": 999, "2000.0": 2000.0}),
+    "resolution": (set(), {"1": 1, "513": 513}),
+    "light-samples": (set(), {"65": 65, "2.0": 2.0}),
+    "sensor": ({"0"}, {"1": 1, "0.0": 0.0}),
+    "pixel": ({"0"}, {"9": 9, "0.0": 0.0}),
+    "pixels": ({"list", "array-empty", "dataset"}, {"outside": [(99, 0)], "fraction": [(0.5, 0)]}),
+    "window": (set(), {"backwards": (5.0, 3.0), "empty": (3.0, 3.0), "one": (1,), "all": "all"}),
+    "config": (
+        set(),
+        {"no-bins": {"start_opl": 1.0, "bin_width_opl": 1.0}, "more": FILM | {"a": 1}},
+    ),
+    "shape": (
+        set(),
+        {"3 numbers": (1, 2, 3), "negative": (1, 2, 3, -1), "fraction": (1, 2, 3, 1.5)},
+    ),
+    "layers": (set(), {"two sizes": {"a": np.ones((2, 2, 1)), "b": np.ones((3, 2, 1))}}),
+    "panel": (
+        set(),
+        {"complex-array": np.ones((2, 3), complex), "5 axes": np.ones((1, 2, 3, 1, 1))},
+    ),
+    "offset": ({"2**40", "1e30", "1.5", "list-1", "array-1"}, {"small": 1e-3}),
+    "light": (_ARRAYS | {"nan", "inf", "-inf", "list", "list-1"} | _NUMBERS, {}),
+    "colours": ({"list-1", "array-1"}, {}),
+    "energies": ({"list-1", "array-1"}, {"negative": [1.0, -1.0], "nan in it": [1.0, np.nan]}),
+    "length": (
+        _ARRAYS | _NUMBERS | {"nan", "inf", "-inf", "True", "numpy-True", "complex", "dataset"},
+        {},
+    ),
+    "image": (set(), {"negative": [[1.0, -1.0]], "black": np.zeros((2, 2)), "nan": [[np.nan]]}),
+    "colour": (
+        {"0", "1.5", "1e30", "2**40", "list-1", "array-1"},
+        {"negative": (1, 1, -1), "2 numbers": (1, 2)},
+    ),
+    "matrix": (set(), {"3x3": np.eye(3), "flat": np.zeros((4, 4)), "nan": np.eye(4) * np.nan}),
+    "place": (set(), {"2 numbers": (0, 1), "4 numbers": [0, 1, 2, 3]}),
+    "mask": ({"True", "numpy-True"}, {"too small": np.zeros((1, 1), bool)}),
+    "axis": (set(), {"backwards": (1.0, 0.5, 2), "no voxels": (0.5, 1.0, 0), "2 numbers": (1, 2)}),
+    "voxels": (set(), {"2 axes": [(0.5, 1.0, 2)] * 2, "nan": [(0.5, np.nan, 2)] * 3}),
+    "shapes": (set(), {"unknown": ["wand"]}),
+    "opl": (set(), {"outside": 1e3}),
+    "file": (set(), {"folder": ".", "long": "x" * 5000 + ".npz", "nothing": "none.npz"}),
+    "figure": ({"text", "digits"}, {"no folder": "no/a.png"}),
+    "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
+}
+
+
+def bad(kind: str) -> Iterator[tuple[str, Any]]:
+    """Values that are bad for a kind; `"kind?"` is one that may be None, `"kind-x"` without x."""
+    kind, *left_out = kind.split(" but ")
+    optional, kind = kind.endswith("?"), kind.rstrip("?")
+    good, more = KINDS[kind]
+    for name, value in (ANY | more).items():
+        skipped = {each for text in left_out for each in text.split(", ")}
+        if name not in good | skipped and not (optional and name == "None"):
+            yield name, value
+
+
+def sample(kind: str, everything: bool, start: int) -> dict[str, Any]:
+    """Bad values of a kind, all or a sixth of them; the start says which sixth."""
+    return dict(bad(kind) if everything else islice(bad(kind), start % 6, None, 6))
+
+
+def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
+    """What is wrong with how an error tells of a parameter and its bad value; "" if nothing is."""
+    said = str(error)
+    if not isinstance(error, ValueError | TypeError | MemoryError | OSError):
+        return f"{type(error).__name__} is no error of bad input: {said!r}"
+    if "\n" in said or not said.strip():
+        return f"{len(said.splitlines())} lines: {said!r}"
+    if len(said) > LONGEST:
+        return f"{len(said)} characters: {said[:LONGEST]!r}"
+    if _PYTHONS_OWN.search(said):
+        return f"Python's words, not ours: {said!r}"
+    if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said):
+        return f"does not name {name}: {said!r}"
+    if not re.search(r"[mM]ust |does not exist|expected <|needs up to ", said):
+        return f"does not say what is allowed: {said!r}"
+    if value is not ... and not any(word in said for word in _words(value)):
+        return f"does not name the value: {said!r}"
+    return ""
+
+
+def _words(value: Any) -> list[str]:
+    """Words by which a message may name a value: its text, or type, or shape."""
+    try:
+        text = [" ".join(repr(value).split()), str(value)]
+    except ValueError:  # More digits than Python writes
+        text = ["an integer of 1329 bits", "inf"]
+    words = [*text, text[0][:20], type(value).__name__]
+    if isinstance(value, dict | xr.Dataset):
+        words += ["= None", "dataset with", "Dataset", "= {}"]
+    if isinstance(value, int | float) and abs(value) < 1e300:
+        words += [f"{value:g}", f"{float(value)!r}"]
+    if isinstance(value, np.ndarray):
+        words += [str(value.shape), str(value.dtype), *(f"{x}" for x in value.ravel()[:1])]
+    if isinstance(value, list | tuple | set | dict | str):
+        words += [str(len(value)), repr(value)[:20], *map(repr, value)]
+        words += [f"{x:g}" for x in value if isinstance(x, int | float)]
+        words += re.findall(r"[\w.]+", repr(value)) if len(value) < 9 else []
+    try:
+        words += [str(np.shape(value)), "row 0", "all pixels"]
+    except (TypeError, ValueError):  # Ragged, or a Dataset
+        words.append("list")
+    return words
+
+
+def outcome(call: Callable[[], Any], name: str, value: Any = ...) -> str:
+    """How a call with a bad value ends: "" if it is refused as it should be."""
+    try:
+        got = call()
+    except Exception as error:
+        return one_clear_line(error, name, value)
+    return f"was taken: {type(got).__name__}"
+
+
+def listing(folder: Path) -> dict[str, bytes | None]:
+    """All that is in a folder, and what files hold."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }

@@ -1,0 +1,298 @@
+"""Every option of every command with bad text: one line on stderr, status 2, nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import typer
+from bad_inputs import listing, one_clear_line
+from made_dataset import make_dataset
+from test_outputs import captured
+
+from tofrender import io
+from tofrender.cli.app import app, main
+from tofrender.integrators import passes
+from tofrender.nlos.reconstruction import methods
+from tofrender.rendering import renderer
+
+NUMBERS = {
+    "zero": "0",
+    "minus one": "-1",
+    "a fraction": "1.5",
+    "nan": "nan",
+    "inf": "inf",
+    "-inf": "-inf",
+    "huge": "1e30",
+    "large": str(1 << 70),
+    "text": "many",
+    "empty": "",
+    "blank": " ",
+    "underscore": "1_000",
+    "hexadecimal": "0x10",
+    "padded": " 4",
+    "another script": "\u0663",
+    "many digits": "9" * 5000,
+    "lines": "1\n2",
+    "true": "True",
+    "a list": "1,2",
+    "a dict": "{}",
+    "complex": "1j",
+    "percent": "5%",
+    "unit": "5m",
+}
+NAMES = {
+    "empty": "",
+    "text": "nonsense",
+    "capitals": "FRAMES",
+    "a number": "3",
+    "lines": "a\nb",
+    "long": "x" * 3000,
+    "bytes": "b'x'",
+    "none": "None",
+    "a path": "../x",
+    "surrogate": "\udcff",
+}
+KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
+    "count": (NUMBERS, set()),
+    "seed": (NUMBERS, {"zero"}),
+    "metres": (NUMBERS, {"zero", "minus one", "a fraction", "huge", "large"}),
+    "positive": (NUMBERS, {"a fraction", "huge", "large"}),
+    "width": (NUMBERS, {"a fraction", "huge", "large"}),
+    "from 0": (NUMBERS, {"zero", "a fraction", "huge", "large"}),
+    "from 1": (NUMBERS, {"a fraction", "huge", "large"}),
+    "from 30": (NUMBERS, {"huge", "large"}),
+    "alpha": (NUMBERS, {"a fraction"}),
+    "depth": (NUMBERS, {"minus one"}),
+    "choice": (NAMES, set()),
+    "size": (
+        NUMBERS
+        | {"0x8": "0x8", "8x": "8x", "8x8x8": "8x8x8", "-8x8": "-8x8", "8.5x8": "8.5x8"}
+        | {"70000x8": "70000x8", "nanx8": "nanx8", "two blanks": "8  8"},
+        set(),
+    ),
+    "definition": (
+        {"empty": "", "no =": "spp", "no name": "=3", "unknown": "wdth=3", "lines": "a\nb=3"},
+        set(),
+    ),
+    "scene": (
+        NAMES | {"misspelt": "cornel_box", "no file": "no.xml", "folder": ".", "NUL-like": "\x01"},
+        set(),
+    ),
+    "file": (NAMES | {"folder": ".", "no file": "no.h5"}, set()),
+    "render": (NAMES | {"no render": ".", "no file": "no.xml"}, set()),
+}
+SCENE = ["cornell_box", "--size", "4x4", "--spp", "1"]
+COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
+    "render": (
+        [*SCENE, "--bins", "4", "--bin-width", "4"],
+        {
+            "scene": "scene",
+            "--spp": "count",
+            "--size": "size",
+            "--bins": "count",
+            "--start-opl": "metres",
+            "--bin-width": "width",
+            "--window": "choice",
+            "--pulse-width": "positive",
+            "--max-depth": "depth",
+            "--integrator": "choice",
+            "--sampler": "choice",
+            "--variant": "choice",
+            "--seed": "seed",
+            "--format": "choice",
+            "--precision": "choice",
+            "-D": "definition",
+        },
+    ),
+    "phasor": (
+        [*SCENE, "--freq", "2e7"],
+        {
+            "source": "render",
+            "--freq": "positive",
+            "--spp": "count",
+            "--size": "size",
+            "--max-depth": "depth",
+            "--seed": "seed",
+            "--variant": "choice",
+        },
+    ),
+    "gate": (
+        [*SCENE, "--at", "6"],
+        {
+            "scene": "scene",
+            "--at": "from 0",
+            "--pulse-width": "width",
+            "--spp": "count",
+            "--size": "size",
+            "--max-depth": "depth",
+            "--seed": "seed",
+            "--variant": "choice",
+        },
+    ),
+    "capture": (
+        ["nlos_plane", "--grid", "2x2", "--spp", "1"],
+        {
+            "scene": "scene",
+            "--mode": "choice",
+            "--grid": "size",
+            "--wall": "choice",
+            "--spp": "count",
+            "--seed": "seed",
+            "--variant": "choice",
+        },
+    ),
+    "reconstruct": (["wall.h5", "--method", "bp"], {"source": "file", "--method": "choice"}),
+    "warp": (
+        ["beckmann", "--alpha", "0.5", "--count", "4"],
+        {
+            "name": "choice",
+            "--alpha": "alpha",
+            "--points": "choice",
+            "--count": "count",
+            "--seed": "seed",
+            "--variant": "choice",
+        },
+    ),
+    "release": (["a1"], {"assignment": "choice"}),
+    "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
+    "start": (["a1", "folder"], {"assignment": "choice"}),
+    "submit": (["a1", "folder"], {"assignment": "choice", "folder": "file"}),
+    "grade": (
+        ["a1", "--submission", "folder"],
+        {
+            "assignment": "choice",
+            "--submission": "file",
+            "--time-limit": "from 30",
+            "--memory": "from 1",
+        },
+    ),
+}
+ELSEWHERE = {
+    "--out": "test_outputs.py has the places, and the course's tests",
+    "--csv": "the course's tests",
+    "--all": "the course's tests",
+    "--image": "test_warp_images",
+    "--video": "a switch",
+    "--resume": "a switch",
+    "scenes": "has no options",
+    "doctor": "has no options",
+    "start folder": "the course's tests",
+}
+SUFFIXES = {"capture": ".h5", "warp": ".png"}
+WITHOUT_OUT = {"verify", "start", "submit", "grade"}
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Fail if anything is rendered, reconstructed, tested or graded."""
+
+    def never(*_, **__):
+        raise AssertionError("work has started")
+
+    monkeypatch.setattr(renderer, "steps", never)
+    for name in ("steps", "expose", "run_plan"):
+        monkeypatch.setattr(passes, name, never)
+    monkeypatch.setattr(methods, "backproject", never)
+    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+
+
+@pytest.fixture(scope="module")
+def wall(tmp_path_factory):
+    return io.save_capture(captured(), tmp_path_factory.mktemp("wall") / "wall.h5").read_bytes()
+
+
+def cases():
+    for command, (_, options) in COMMANDS.items():
+        for number, (option, kind) in enumerate(options.items()):
+            yield pytest.param(command, option, kind, number, id=f"{command}{option}")
+
+
+def replaced(command: str, option: str, text: str) -> list[str]:
+    """Arguments with another value for one of them."""
+    good = list(COMMANDS[command][0])
+    if not option.startswith("-"):
+        at = 1 if (command, option) == ("submit", "folder") else 0
+        good[at] = text
+        return good
+    if option in good and option != "--only":
+        del good[good.index(option) : good.index(option) + 2]
+    return [*good, option, text]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize(("command", "option", "kind", "number"), list(cases()))
+def test_bad_options(
+    tmp_path, monkeypatch, capsys, pytestconfig, wall, command, option, kind, number
+):
+    monkeypatch.chdir(tmp_path)
+    Path("wall.h5").write_bytes(wall)
+    before = listing(tmp_path)
+    out = [] if command in WITHOUT_OUT else ["--out", f"out{SUFFIXES.get(command, '')}"]
+    texts, good = KINDS[kind]
+    labels = [label for label in texts if label not in good]
+    if not pytestconfig.getoption("--all-inputs"):
+        labels = labels[number % 2 :: 2]
+    wrong = {}
+    for label in labels:
+        status = main([command, *replaced(command, option, texts[label]), *out])
+        said = capsys.readouterr().err
+        what = one_clear_line(ValueError(said.removeprefix("error: ").rstrip("\n")), "")
+        if status != 2 or what or not said.startswith("error: ") or listing(tmp_path) != before:
+            wrong[label] = (status, what or said)
+    assert not wrong
+
+
+def test_every_option_is_in_the_table():
+    commands = typer.main.get_command(app).commands
+    missing = []
+    for name, command in commands.items():
+        known = COMMANDS.get(name, ([], {}))[1]
+        for parameter in command.params:
+            named = {*parameter.opts, parameter.name}
+            left_out = {*ELSEWHERE} & {*named, name, f"{name} {parameter.name}"}
+            if parameter.name != "help" and not named & set(known) and not left_out:
+                missing.append(f"{name} {parameter.opts[0]}")
+    assert not missing
+
+
+@pytest.mark.parametrize("what", ["no file", "folder", "text", "empty", "pipe"])
+def test_warp_images(tmp_path, capsys, what):
+    import os
+
+    path = tmp_path / "a.exr"
+    if what == "folder":
+        path.mkdir()
+    elif what == "pipe":
+        os.mkfifo(path)
+    elif what != "no file":
+        path.write_text("text" * (what == "text"))
+    arguments = ["warp", "hierarchical", "--image", str(path), "--out", str(tmp_path / "b.png")]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith("error: image = ")
+
+
+@pytest.mark.parametrize("words", [["--spp"], ["--nonsense"], ["extra", "word"], ["--seed=x=y"]])
+@pytest.mark.parametrize("command", ["render", "phasor", "gate", "capture", "reconstruct", "warp"])
+def test_words_that_make_no_sense(tmp_path, monkeypatch, capsys, command, words):
+    monkeypatch.chdir(tmp_path)
+    assert main([command, *COMMANDS[command][0], "--out", "out", *words]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_dataset_is_needed_for_phasors(tmp_path, capsys):
+    """A folder that holds a render of another kind."""
+    broken = make_dataset(2, 3, 3).drop_attrs()
+    folder = tmp_path / "render"
+    io.save_exr_stack(make_dataset(2, 3, 3), folder, progress=False)
+    (folder / "steady.exr").write_bytes(b"text")
+    assert broken.attrs == {}
+    arguments = ["phasor", str(folder), "--freq", "2e7", "--out", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    assert "must be as it was saved" in capsys.readouterr().err

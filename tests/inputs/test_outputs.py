@@ -1,0 +1,249 @@
+"""Places that cannot be written, found before any work: one clear line, and nothing is lost."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import sys
+from collections import namedtuple
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bad_inputs import listing, one_clear_line
+from hidden_scenes import Wall, capture_of, rectangle
+from made_dataset import make_dataset
+
+from tofrender import io
+from tofrender.cli.app import main
+from tofrender.integrators import passes
+from tofrender.nlos.reconstruction import methods
+from tofrender.rendering import renderer
+
+if sys.platform != "linux":
+    pytest.skip("the places are Linux's", allow_module_level=True)
+
+
+def captured():
+    patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+    return capture_of(patch, Wall(4), bins=24, width=0.05)
+
+
+def picture():
+    return make_dataset(2, 3, 3, energy_outside_window=0.0)
+
+
+QUIET = {"progress": False}
+WRITERS = {
+    "npz": (".npz", lambda path: io.save_npz(picture(), path)),
+    "stack": ("", lambda path: io.save_exr_stack(picture(), path, **QUIET)),
+    "parts": (".exr", lambda p: io.save_exr_stack(picture(), p, layout="multipart", **QUIET)),
+    "png": ("", lambda path: io.save_png_frames(picture(), path, min_size=4, **QUIET)),
+    "gif": (".gif", lambda path: io.save_video(picture(), path, min_size=4, **QUIET)),
+    "mp4": (".mp4", lambda path: io.save_video(picture(), path, min_size=4, **QUIET)),
+    "capture": (".h5", lambda path: io.save_capture(captured(), path)),
+    "layers": (".exr", lambda path: io.save_exr_layers(path, {"": np.ones((2, 3, 3))})),
+}
+SCENE = ["--size", "4x4", "--spp", "1"]
+COMMANDS = {
+    "render": ("", ["render", "cornell_box", *SCENE, "--bins", "4", "--bin-width", "4"]),
+    "phasor": ("", ["phasor", "cornell_box", *SCENE, "--freq", "2e7"]),
+    "phasor of a render": ("", ["phasor", "{render}", "--freq", "2e7"]),
+    "gate": ("", ["gate", "cornell_box", *SCENE, "--at", "6"]),
+    "capture": (".h5", ["capture", "nlos_plane", "--grid", "2x2", "--spp", "1"]),
+    "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),
+    "warp": (".png", ["warp", "tent", "--count", "4"]),
+}
+REPLACES = {"gif", "mp4", "layers", "warp"}
+"""Those that replace a file without being told to."""
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory):
+    """What the commands read."""
+    folder = tmp_path_factory.mktemp("sources")
+    io.save_exr_stack(picture(), folder / "render", **QUIET)
+    io.save_capture(captured(), folder / "wall.h5")
+    return {"{render}": str(folder / "render"), "{capture}": str(folder / "wall.h5")}
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Fail if anything is rendered or reconstructed."""
+
+    def never(*_, **__):
+        raise AssertionError("work has started")
+
+    monkeypatch.setattr(renderer, "steps", never)
+    for name in ("steps", "expose", "run_plan"):
+        monkeypatch.setattr(passes, name, never)
+    monkeypatch.setattr(methods, "backproject", never)
+    monkeypatch.setattr("tofrender.nlos.capturing.run_plan", never)
+    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+
+
+def places(folder: Path, suffix: str) -> dict[str, str]:
+    """Where nothing can be written, by what is wrong there."""
+    (folder / "file").write_text("mine")
+    (folder / f"there{suffix or '.txt'}").write_text("mine")
+    (folder / f"folder{suffix}").mkdir()
+    (folder / f"folder{suffix}" / "thesis.tex").write_text("mine")
+    (folder / f"loop{suffix}").symlink_to(folder / f"loop{suffix}")
+    (folder / f"astray{suffix}").symlink_to("/proc/nowhere/x")
+    return {
+        "in a file": str(folder / "file" / f"a{suffix}"),
+        "deep in a file": str(folder / "file" / "b" / f"a{suffix}"),
+        "in /proc": f"/proc/a{suffix}",
+        "in /sys": f"/sys/a{suffix}",
+        "deep in /proc": f"/proc/1/b/a{suffix}",
+        "a long name": str(folder / ("x" * 300 + suffix)),
+        "a long path": str(folder / ("x/" * 3000) / f"a{suffix}"),
+        "two lines": str(folder / f"a\nb{suffix}"),
+        "a folder": str(folder / f"folder{suffix}"),
+        "what is there": str(folder / f"there{suffix or '.txt'}"),
+        "a loop": str(folder / f"loop{suffix}"),
+        "a link astray": str(folder / f"astray{suffix}"),
+        "another suffix": str(folder / "a.xyz"),
+    }
+
+
+WHAT = [
+    *("in a file", "deep in a file", "in /proc", "in /sys", "deep in /proc", "a long name"),
+    *("a long path", "two lines", "a folder", "what is there", "a loop", "a link astray"),
+    "another suffix",
+]
+
+
+def allowed(writer: str, suffix: str, what: str) -> bool:
+    """Whether there is nothing wrong with a place."""
+    any_name = what == "another suffix" and (not suffix or writer == "layers")
+    return any_name or (what == "what is there" and writer in REPLACES)
+
+
+@pytest.mark.parametrize("what", [*WHAT, "nothing", "a NUL"])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_functions(tmp_path, writer, what):
+    suffix, save = WRITERS[writer]
+    path = (places(tmp_path, suffix) | {"nothing": "", "a NUL": f"a\0b{suffix}"})[what]
+    before = listing(tmp_path)
+    if allowed(writer, suffix, what):
+        save(path)
+        return
+    with pytest.raises((ValueError, OSError)) as error:
+        save(path)
+    assert not one_clear_line(error.value, "path")
+    assert listing(tmp_path) == before
+
+
+def run(capsys, sources: dict[str, str], command: str, out: str) -> tuple[int, str]:
+    arguments = [sources.get(word, word) for word in COMMANDS[command][1]]
+    status = main([*arguments, "--out", out])
+    return status, capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("what", WHAT)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands(tmp_path, capsys, sources, command, what):
+    suffix = COMMANDS[command][0]
+    path = places(tmp_path, suffix)[what]
+    if allowed(command, suffix, what):
+        return
+    before = listing(tmp_path)
+    status, said = run(capsys, sources, command, path)
+    assert status == 2, said
+    assert said.count("\n") == 1
+    assert not one_clear_line(ValueError(said.removeprefix("error: ").strip()), "--out")
+    assert listing(tmp_path) == before
+
+
+Usage = namedtuple("Usage", "total used free")
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_full_disk(tmp_path, monkeypatch, writer):
+    suffix, save = WRITERS[writer]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(100, 90, 10))
+    with pytest.raises(
+        OSError, match=r"too little room; needs up to .*, 10 bytes is free"
+    ) as error:
+        save(tmp_path / f"a{suffix}")
+    assert error.value.errno == errno.ENOSPC
+    assert str(error.value).count("\n") == 0
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_full_disk_for_a_command(tmp_path, monkeypatch, capsys, sources, command):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(100, 90, 10))
+    status, said = run(capsys, sources, command, str(tmp_path / f"a{COMMANDS[command][0]}"))
+    assert (status, said.count("\n")) == (2, 1), said
+    assert said.startswith("error: --out = ")
+    assert "too little room; needs up to" in said
+    assert not os.listdir(tmp_path)
+
+
+# ---------------------------------------------------------------------- outputs and their sources
+
+
+@pytest.mark.parametrize("where", ["same", "inside", "above", "by a link", "by dots"])
+def test_a_render_is_not_replaced_by_its_phasors(tmp_path, capsys, where):
+    render = io.save_exr_stack(picture(), tmp_path / "renders" / "box", **QUIET)
+    (tmp_path / "link").symlink_to(render)
+    out = {
+        "same": render,
+        "inside": render / "phasors",
+        "above": render.parent,
+        "by a link": tmp_path / "link",
+        "by dots": render / ".." / "box",
+    }[where]
+    before = listing(tmp_path)
+    assert main(["phasor", str(render), "--freq", "2e7", "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: --out = {out}: ")
+    assert said.count("\n") == 1
+    assert "must be" in said
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize("where", ["same", "inside"])
+def test_a_capture_is_not_replaced_by_its_reconstruction(tmp_path, capsys, where):
+    capture = io.save_capture(captured(), tmp_path / "wall.h5")
+    out = capture if where == "same" else capture / "out"
+    before = listing(tmp_path)
+    assert main(["reconstruct", str(capture), "--method", "bp", "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: --out = {out}: ")
+    assert listing(tmp_path) == before
+
+
+def test_an_image_is_not_replaced_by_its_warp(tmp_path, capsys):
+    path = tmp_path / "image.png"
+    path.write_bytes(b"mine")
+    arguments = ["warp", "hierarchical", "--image", str(path), "--out", str(path)]
+    assert main(arguments) == 2
+    assert "must be apart from" in capsys.readouterr().err
+    assert path.read_bytes() == b"mine"
+
+
+# ------------------------------------------------------------------------------------- memory
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize(
+    ("mode", "grid", "fits"),
+    [("exhaustive", (256, 256), "x"), ("confocal", (4096, 4096), "x"), ("single", (8, 8), "0 x 0")],
+)
+def test_captures_that_do_not_fit_into_memory(monkeypatch, mode, grid, fits):
+    import tofrender
+    from tofrender.runtime import memory
+
+    free = 1000 if mode == "single" else 8 << 30
+    monkeypatch.setattr(memory, "free_on_host", lambda: free)
+    with pytest.raises(MemoryError, match=rf"^grid of {grid[0]} x .*{fits} .*would fit$") as error:
+        tofrender.capture("nlos_plane", mode=mode, grid=grid, spp=1, progress=False)
+    assert not one_clear_line(error.value, "grid")

@@ -1,0 +1,433 @@
+"""Scenes with a fault, as dicts and as XML: one clear line before anything is rendered."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from bad_inputs import listing, one_clear_line
+
+import tofrender
+from tofrender.integrators import passes
+from tofrender.rendering import renderer
+
+FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
+FILM |= {"start_opl": 0.0, "bin_width_opl": 1.0}
+NAN, INF = math.nan, math.inf
+
+
+def T() -> Any:
+    return mi.ScalarTransform4f()
+
+
+def room(**parts: Any) -> dict[str, Any]:
+    look = T().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
+    camera = {"type": "perspective", "fov": 45.0, "to_world": look, "film": FILM}
+    return {
+        "type": "scene",
+        "integrator": {"type": "transient_path"},
+        "floor": {"type": "rectangle"},
+        "lamp": {"type": "point", "position": [0, 0, 2]},
+        "sensor": camera,
+    } | parts
+
+
+def camera(**changes: Any) -> dict[str, Any]:
+    return room() | {"sensor": room()["sensor"] | changes}
+
+
+def film(**changes: Any) -> dict[str, Any]:
+    return camera(film=FILM | changes)
+
+
+def lamp(**changes: Any) -> dict[str, Any]:
+    return room() | {"lamp": room()["lamp"] | changes}
+
+
+def rgb(*values: float) -> dict[str, Any]:
+    return {"type": "rgb", "value": list(values)}
+
+
+def area(radiance: Any) -> dict[str, Any]:
+    light = {"type": "area", "radiance": radiance}
+    return room(lamp={"type": "rectangle", "emitter": light})
+
+
+def floor(**changes: Any) -> dict[str, Any]:
+    return room(floor={"type": "rectangle"} | changes)
+
+
+def material(**bsdf: Any) -> dict[str, Any]:
+    return floor(bsdf=bsdf)
+
+
+def placed(matrix: Any) -> dict[str, Any]:
+    return floor(to_world=mi.ScalarTransform4f(np.asarray(matrix, float)))
+
+
+def without(*names: str) -> dict[str, Any]:
+    return {name: part for name, part in room().items() if name not in names}
+
+
+def nested(depth: int) -> dict[str, Any]:
+    inner: dict[str, Any] = {"type": "diffuse"}
+    for _ in range(depth):
+        inner = {"type": "twosided", "bsdf": inner}
+    return floor(bsdf=inner)
+
+
+def mesh(vertices: Any) -> dict[str, Any]:
+    shape = mi.Mesh("mesh", 3, 1)
+    parameters = mi.traverse(shape)
+    parameters["vertex_positions"] = np.ravel(vertices)
+    parameters["faces"] = [0, 1, 2]
+    parameters.update()
+    return room(mesh=shape)
+
+
+SCENES: dict[str, Callable[[], Any]] = {
+    # ------------------------------------------------------------------------- what is no scene
+    "no type": lambda: without("type"),
+    "another type": lambda: room(type="sphere"),
+    "type of no kind": lambda: room(type=3),
+    "empty": dict,
+    "a sphere": lambda: {"type": "sphere"},
+    "an empty scene": lambda: {"type": "scene"},
+    # -------------------------------------------------------------------------- what is missing
+    "no sensor": lambda: without("sensor"),
+    "no light": lambda: without("lamp"),
+    "no integrator": lambda: without("integrator"),
+    "a part without type": lambda: room(floor={"radius": 1.0}),
+    "a part that is None": lambda: room(floor=None),
+    "a type that is None": lambda: room(floor={"type": None}),
+    "a type that is a number": lambda: room(floor={"type": 3}),
+    "a deep None": lambda: material(type="diffuse", reflectance={"type": "rgb", "value": None}),
+    # ------------------------------------------------------------------------- what is unknown
+    "unknown shape": lambda: room(floor={"type": "rectangel"}),
+    "unknown integrator": lambda: room(integrator={"type": "transient_paht"}),
+    "unknown film": lambda: camera(film={"type": "transient_film"}),
+    "unknown material": lambda: material(type="difuse"),
+    "unknown parameter": lambda: floor(radus=1.0),
+    "unknown parameter of ours": lambda: room(integrator={"type": "transient_path", "depth": 3}),
+    "unknown parameter of the film": lambda: film(bins=3),
+    "unknown reference": lambda: floor(bsdf={"type": "ref", "id": "paint"}),
+    "a reference without id": lambda: floor(bsdf={"type": "ref"}),
+    "a list for a part": lambda: room(floor=[1, 2]),
+    "a set for a value": lambda: floor(flip_normals={1}),
+    "bytes for a value": lambda: floor(flip_normals=b"x"),
+    "a number as a name": lambda: room(**{}) | {3: {"type": "sphere"}},
+    # ------------------------------------------------------------------------- steady and others
+    "a steady integrator": lambda: room(integrator={"type": "path"}),
+    "a steady film": lambda: camera(film={"type": "hdrfilm", "width": 4, "height": 4}),
+    "a film of phasors": lambda: camera(
+        film={"type": "phasor_hdr_film", "width": 4, "height": 4, "frequencies_hz": "2e7"}
+    ),
+    "a deep nest": lambda: nested(300),
+    "a medium": lambda: floor(interior={"type": "homogeneous"}),
+    "a camera in a medium": lambda: camera(medium={"type": "homogeneous"}),
+    # --------------------------------------------------------------------------- lights
+    **{
+        f"an intensity of {value}": lambda value=value: lamp(intensity=rgb(1, value, 1))
+        for value in (-1.0, NAN, INF)
+    },
+    **{
+        f"a radiance of {value}": lambda value=value: area(rgb(value, 1, 1))
+        for value in (-1.0, NAN, INF)
+    },
+    "a lamp nowhere": lambda: lamp(position=[NAN, 0, 0]),
+    "a lamp at infinity": lambda: lamp(position=[INF, 0, 0]),
+    "a position of two": lambda: lamp(position=[0, 0]),
+    "a position of text": lambda: lamp(position="here"),
+    "a light without a shape": lambda: room(lamp={"type": "area", "radiance": rgb(1, 1, 1)}),
+    # --------------------------------------------------------------------------- shapes
+    "flat to a line": lambda: placed(np.diag([0, 1, 1, 1])),
+    "a point": lambda: placed(np.diag([0, 0, 0, 1])),
+    "a transform of NaN": lambda: placed(np.diag([NAN, 1, 1, 1])),
+    "a transform of inf": lambda: placed(np.diag([INF, 1, 1, 1])),
+    "moved to NaN": lambda: placed([[1, 0, 0, NAN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+    "a mesh of NaN": lambda: mesh([[0, 0, 0], [1, 0, 0], [NAN, 1, 0]]),
+    "a mesh of inf": lambda: mesh([[0, 0, 0], [1, 0, 0], [INF, 1, 0]]),
+    "a mesh in a point": lambda: mesh(np.ones((3, 3))),
+    "no such mesh": lambda: room(floor={"type": "ply", "filename": "no.ply"}),
+    "a mesh that is a folder": lambda: room(floor={"type": "ply", "filename": "."}),
+    "a mesh without a file": lambda: room(floor={"type": "ply"}),
+    "no such object": lambda: room(floor={"type": "obj", "filename": "no.obj"}),
+    "a transform of text": lambda: floor(to_world="left"),
+    "a sphere of text": lambda: room(floor={"type": "sphere", "radius": "big"}),
+    "a sphere of NaN": lambda: room(floor={"type": "sphere", "radius": NAN}),
+    "a sphere of 0": lambda: room(floor={"type": "sphere", "radius": 0.0}),
+    # ------------------------------------------------------------------------- materials
+    "a reflectance of NaN": lambda: material(type="diffuse", reflectance=rgb(NAN, 0, 0)),
+    "a reflectance of inf": lambda: material(type="diffuse", reflectance=rgb(INF, 0, 0)),
+    "a reflectance of two": lambda: material(type="diffuse", reflectance=rgb(1, 1)),
+    "a reflectance of text": lambda: material(type="diffuse", reflectance="white"),
+    "no such texture": lambda: material(
+        type="diffuse", reflectance={"type": "bitmap", "filename": "no.png"}
+    ),
+    "glass of text": lambda: material(type="dielectric", int_ior="unobtainium"),
+    "roughness of NaN": lambda: material(type="roughconductor", alpha=NAN),
+    # ------------------------------------------------------------------------- cameras
+    **{f"a fov of {value}": lambda value=value: camera(fov=value) for value in (0.0, -5.0, 180.0)},
+    "a fov of NaN": lambda: camera(fov=NAN),
+    "a fov of text": lambda: camera(fov="wide"),
+    "clips in disorder": lambda: camera(near_clip=5.0, far_clip=1.0),
+    "clips of 0": lambda: camera(near_clip=0.0),
+    "a camera nowhere": lambda: camera(to_world=T().translate([NAN, 0, 0])),
+    "a flat camera": lambda: camera(to_world=T().scale([1, 1, 0])),
+    "two films": lambda: camera(other=FILM),
+    "an unknown sampler": lambda: camera(sampler={"type": "halton"}),
+    "a sampler of no samples": lambda: camera(sampler={"type": "independent", "sample_count": -1}),
+    "samples of text": lambda: camera(sampler={"type": "independent", "sample_count": "many"}),
+    # ------------------------------------------------------------------------- films
+    **{f"a width of {value}": lambda value=value: film(width=value) for value in (0, -4, 1 << 20)},
+    "a width of text": lambda: film(width="wide"),
+    "a crop beside": lambda: film(crop_offset_x=9, crop_width=4),
+    "a crop of 0": lambda: film(crop_width=0, crop_height=1),
+    "a crop of a fraction": lambda: film(crop_width=1.5),
+    "a film beyond memory": lambda: film(width=60000, height=60000, temporal_bins=1000),
+    "too many bins": lambda: film(temporal_bins=1 << 30),
+    "no light in the window": lambda: film(start_opl=1e6),
+    "a window that is over": lambda: film(start_opl=-1e6),
+}
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Fail if rendering starts."""
+
+    def never(*_, **__):
+        raise AssertionError("work has started")
+
+    monkeypatch.setattr(renderer, "steps", never)
+    for name in ("steps", "expose", "run_plan"):
+        monkeypatch.setattr(passes, name, never)
+
+
+def refused(source: Any, **options: Any) -> str:
+    with pytest.raises((ValueError, TypeError, MemoryError, OSError)) as error:
+        tofrender.render(source, spp=1, progress=False, **options)
+    said = str(error.value)
+    return "" if _tells(said) else one_clear_line(error.value, "scene")
+
+
+def _tells(said: str) -> bool:
+    """Whether a line has a word of its own, not of Python's, for what is wrong."""
+    return not one_clear_line(ValueError(f"{said} must scene"), "scene") and len(said) < 600
+
+
+def test_the_room_is_right():
+    assert tofrender.render(room(), spp=1, progress=False)["steady"].values.max() > 0
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("what", SCENES)
+def test_scenes(tmp_path, monkeypatch, what):
+    monkeypatch.chdir(tmp_path)
+    assert not refused(SCENES[what]())
+
+
+# ---------------------------------------------------------------------------------------- XML
+
+GOOD = """<scene version="3.0.0">
+<default name="width" value="4"/>
+<integrator type="transient_path"/>
+<sensor type="perspective">
+<transform name="to_world"><lookat origin="0,0,4" target="0,0,0" up="0,1,0"/></transform>
+<film type="transient_hdr_film"><integer name="width" value="$width"/>
+<integer name="height" value="4"/><integer name="temporal_bins" value="8"/>
+<float name="start_opl" value="0"/><float name="bin_width_opl" value="1"/></film>
+</sensor>
+<shape type="rectangle" id="floor"/>
+<emitter type="point"><point name="position" x="0" y="0" z="2"/></emitter>
+</scene>
+"""
+LAUGHS = "".join(f'<!ENTITY l{k} "{f"&l{k - 1};" * 10 if k else "ha" * 50}">' for k in range(9))
+
+
+def changed(old: str, new: str) -> bytes:
+    assert old in GOOD
+    return GOOD.replace(old, new, 1).encode()
+
+
+def added(text: str) -> bytes:
+    return changed("</scene>", f"{text}\n</scene>")
+
+
+def ball(inside: str) -> str:
+    return f'<shape type="sphere">{inside}</shape>'
+
+
+XML: dict[str, Callable[[], bytes]] = {
+    "empty": lambda: b"",
+    "blank": lambda: b"  \n",
+    "text": lambda: b"a scene",
+    "a comment alone": lambda: b"<!-- scene -->",
+    "zeros": lambda: bytes(100),
+    "random": lambda: bytes(range(256)) * 4,
+    "a NUL": lambda: GOOD.encode().replace(b"floor", b"fl\0or"),
+    "invalid utf-8": lambda: GOOD.encode().replace(b"rectangle", b"rect\xff\xfeangle"),
+    "another root": lambda: b'<shape type="sphere" version="3.0.0"/>',
+    "two roots": lambda: GOOD.encode() + GOOD.encode(),
+    "no version": lambda: changed(' version="3.0.0"', ""),
+    "a version of text": lambda: changed("3.0.0", "three"),
+    "an open tag": lambda: changed("</scene>", ""),
+    "a wrong end": lambda: changed("</scene>", "</shape>"),
+    "an open quote": lambda: changed('id="floor"', 'id="floor'),
+    "an unknown tag": lambda: added("<lamp/>"),
+    "a tag of ours": lambda: added('<wall type="rectangle"/>'),
+    "no type": lambda: added("<shape/>"),
+    "an empty type": lambda: added('<shape type=""/>'),
+    "an unknown type": lambda: added('<shape type="rectangel"/>'),
+    "an unknown attribute": lambda: added('<shape type="sphere" size="3"/>'),
+    "no name": lambda: added(ball('<float value="1"/>')),
+    "no value": lambda: added(ball('<float name="radius"/>')),
+    "a name twice": lambda: added(
+        ball('<float name="radius" value="1"/><float name="radius" value="2"/>')
+    ),
+    "an id twice": lambda: added('<shape type="sphere" id="floor"/>'),
+    "a float of text": lambda: added(ball('<float name="radius" value="x"/>')),
+    "a float of NaN": lambda: added(ball('<float name="radius" value="nan"/>')),
+    "an integer of a fraction": lambda: changed(
+        'name="height" value="4"', 'name="height" value="4.5"'
+    ),
+    "an integer too large": lambda: changed(
+        'name="height" value="4"', 'name="height" value="99999999999999999999"'
+    ),
+    "an integer below 0": lambda: changed('name="height" value="4"', 'name="height" value="-4"'),
+    "a boolean of text": lambda: added(ball('<boolean name="flip_normals" value="maybe"/>')),
+    "a point of two": lambda: changed('y="0" z="2"', 'y="0"'),
+    "a point of text": lambda: changed('x="0"', 'x="left"'),
+    "a reference to nothing": lambda: added(ball('<ref id="paint"/>')),
+    "a reference to itself": lambda: added('<bsdf type="twosided" id="a"><ref id="a"/></bsdf>'),
+    "a parameter without a value": lambda: changed('value="$width"', 'value="$wdth"'),
+    "a default without a name": lambda: changed('<default name="width"', "<default"),
+    "a default without a value": lambda: changed(
+        'name="width" value="4"/>\n<int', 'name="width"/>\n<int'
+    ),
+    "a default that is text": lambda: changed('name="width" value="4"', 'name="width" value="x"'),
+    "no such file": lambda: added('<include filename="no.xml"/>'),
+    "a folder to include": lambda: added('<include filename="."/>'),
+    "includes itself": lambda: added('<include filename="scene.xml"/>'),
+    "no such mesh": lambda: added(
+        '<shape type="ply"><string name="filename" value="no.ply"/></shape>'
+    ),
+    "a deep nest": lambda: added('<bsdf type="twosided">' * 300 + "</bsdf>" * 300),
+    "a very deep nest": lambda: added('<bsdf type="twosided">' * 100_000),
+    "another's file": lambda: (
+        b'<!DOCTYPE scene [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
+        + changed(
+            'id="floor"', 'id="floor"><string name="x" value="&x;"/></shape><shape type="&x;"'
+        )
+    ),
+    "a transform of nothing": lambda: changed('origin="0,0,4"', 'origin="0,0,0"'),
+    "a lookat of two": lambda: changed('origin="0,0,4"', 'origin="0,0"'),
+    "a matrix of nine": lambda: changed(
+        '<shape type="rectangle" id="floor"/>',
+        '<shape type="rectangle"><transform name="to_world"><matrix value="1 2 3"/></transform>'
+        "</shape>",
+    ),
+    "a scale of 0": lambda: changed(
+        '<shape type="rectangle" id="floor"/>',
+        '<shape type="rectangle"><transform name="to_world"><scale value="0"/></transform></shape>',
+    ),
+    "a colour of text": lambda: added(
+        ball('<emitter type="area"><rgb name="radiance" value="red"/></emitter>')
+    ),
+    "a colour below 0": lambda: added(
+        ball('<emitter type="area"><rgb name="radiance" value="-1"/></emitter>')
+    ),
+}
+
+
+def test_the_xml_is_right(tmp_path):
+    path = tmp_path / "scene.xml"
+    path.write_text(GOOD)
+    assert tofrender.render(path, spp=1, progress=False)["steady"].values.max() > 0
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("what", XML)
+def test_xml(tmp_path, monkeypatch, what):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "scene.xml"
+    path.write_bytes(XML[what]())
+    before = listing(tmp_path)
+    assert not refused(path)
+    assert listing(tmp_path) == before
+
+
+def test_entities_are_not_multiplied(tmp_path):
+    """A hundred million of them, in a file of a kilobyte."""
+    path = tmp_path / "scene.xml"
+    path.write_bytes(f"<!DOCTYPE scene [{LAUGHS}]>".encode() + changed('id="floor"', 'id="&l8;"'))
+    scene = tofrender.load_scene(path)
+    assert [shape.id() for shape in scene.shapes()] == ["&l8;"]
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("kind", ["folder", "pipe", "dangling", "loop"])
+def test_xml_that_is_no_file(tmp_path, kind):
+    import os
+
+    path = tmp_path / "scene.xml"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(path if kind == "loop" else tmp_path / "nowhere")
+    for source in (path, str(path)):
+        assert not refused(source)
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"wdth": 3},
+        {"width": "x"},
+        {"width": -1},
+        {"width": None},
+        {"width": [1]},
+        {"": 3},
+        {"a b": 3},
+    ],
+)
+def test_xml_parameters(tmp_path, parameters):
+    path = tmp_path / "scene.xml"
+    path.write_text(GOOD)
+    with pytest.raises((ValueError, TypeError, OSError)) as error:
+        tofrender.load_scene(path, parameters=parameters)
+    assert _tells(str(error.value)), str(error.value)
+
+
+def cut(size: int) -> bytes:
+    return GOOD.encode()[:size]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_work")
+def test_xml_that_is_cut_or_flipped(tmp_path, pytestconfig):
+    """It loads, or is refused in one line."""
+    path: Path = tmp_path / "scene.xml"
+    content = GOOD.encode()
+    step = 1 if pytestconfig.getoption("--all-inputs") else 29
+    broken = [cut(size) for size in range(0, len(content), step)]
+    for bit in range(0, 8 * len(content), 3 * step):
+        flipped = bytearray(content)
+        flipped[bit // 8] ^= 1 << bit % 8
+        broken.append(bytes(flipped))
+    wrong = {}
+    for number, each in enumerate(broken):
+        path.write_bytes(each)
+        try:
+            tofrender.load_scene(path)
+        except Exception as error:
+            if not (isinstance(error, ValueError | TypeError | OSError) and _tells(str(error))):
+                wrong[number] = repr(error)[:300]
+    assert not wrong
