@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import DIMS, check_dataset, plain_attributes, require_finite
+from ..rendering.dataset import DIMS, ERRORS, check_dataset, plain_attributes, require_finite
 from ..runtime import checks
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
     import xarray as xr
 
     arrays = {**arrays, "channel": np.array(about["channel"])}
-    dims = {axis: (axis,) for axis in DIMS["transient"]} | DIMS
+    dims = {axis: (axis,) for axis in DIMS["transient"]} | DIMS | ERRORS
     variables = {
         name: (dims[name], array, about["variables"][name]) for name, array in arrays.items()
     }
@@ -91,7 +91,7 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
         if array.shape != shape:
             raise ValueError(f"{name} with shape {array.shape}: must be {shape}, as sizes says")
     dataset = xr.Dataset(
-        {name: variables[name] for name in DIMS},
+        {name: variables[name] for name in DIMS | ERRORS if name in variables},
         coords={name: variables[name] for name in DIMS["transient"]},
         attrs=about["attrs"],
     )

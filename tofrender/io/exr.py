@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = "tofrender transient stack 1"
+LAYER = "error."
+"""What stands before the channels of standard errors."""
 LEAST_DIGITS = 4
 """Of a frame's number in its name."""
 #: EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
@@ -154,6 +156,8 @@ class _Stack:
     def __init__(self, dataset: xr.Dataset, precision: str):
         check_dataset(dataset)
         self.dataset, self.transient = dataset, Cube(dataset["transient"])
+        has_errors = "transient_error" in dataset
+        self.errors = Cube(dataset["transient_error"]) if has_errors else None
         self.dtype = np.float16 if precision == "half" else np.float32
         names = tuple(map(str, dataset["channel"].values))
         checks.one_of("channel", "".join(names), ["".join(key) for key in _EXR_CHANNELS])
@@ -177,19 +181,30 @@ class _Stack:
         header = {**self.attributes, **self.windows, "format": FORMAT}
         header["compression"] = OpenEXR.ZIP_COMPRESSION
         header["type"] = OpenEXR.scanlineimage
+        images = {"": self._values("", index)}
+        if self.errors is not None:
+            images[LAYER] = self._values("_error", index)
         if index < 0:
-            values = self.dataset["steady"].values
             header["dataset"] = json.dumps(describe(self.dataset))
         else:
-            values = self.transient.frame(index)
             start, width = (self.dataset.attrs[key] for key in ("start_opl", "bin_width_opl"))
             header["bin_index"] = index
             header["opl_center"] = _double(self.dataset["opl"].values[index])
             header["opl_start"] = _double(start + index * width)
             header["opl_stop"] = _double(start + (index + 1) * width)
         # OpenEXR writes strided arrays wrongly, so the copy is needed.
-        pixels = np.ascontiguousarray(self._round(values))
-        return header, {self.channel: pixels[..., 0] if self.channel == "Y" else pixels}
+        rounded = {name: np.ascontiguousarray(self._round(v)) for name, v in images.items()}
+        return header, {
+            f"{name}{self.channel}": pixels[..., 0] if self.channel == "Y" else pixels
+            for name, pixels in rounded.items()
+        }
+
+    def _values(self, suffix: str, index: int) -> np.ndarray:
+        """Frame `index` (-1: the steady image), or its standard errors."""
+        if index < 0:
+            return self.dataset[f"steady{suffix}"].values
+        cube = self.errors if suffix and self.errors is not None else self.transient
+        return cube.frame(index)
 
     def encode(self, index: int) -> bytes:
         """Frame `index` (-1: the steady image) as the bytes of an EXR file.
@@ -298,8 +313,16 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
     image = _pixels(path, steady)
     if image.shape != (sizes[0], sizes[1], sizes[3]):
         raise ValueError(f"path = {path}: steady with shape {image.shape}: must be of {sizes}")
-    memory.require_free(f"path = {path}", 4 * math.prod(sizes))
+    has_errors = "transient_error" in about["variables"]
+    films = 2 if has_errors else 1
+    memory.require_free(f"path = {path}", 4 * films * math.prod(sizes))
     transient = np.empty(sizes, np.float32)
+    errors = {}
+    if has_errors:
+        errors = {
+            "transient_error": np.empty(sizes, np.float32),
+            "steady_error": _pixels(path, steady, LAYER),
+        }
     opl = np.full(bins, np.nan)
 
     def place(number: int) -> None:
@@ -313,6 +336,8 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
                 f"path = {path}: frame {number} does not belong to this stack; must be as saved"
             )
         transient[:, :, index] = pixels
+        if errors:
+            errors["transient_error"][:, :, index] = _pixels(path, part, LAYER)
         opl[index] = centre[0]
 
     for_each(place, range(bins), "Reading EXR", progress=True)
@@ -323,17 +348,18 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
     x, y = (int(first) for first in steady.header["dataWindow"][0])
     pixels = {"y": y + np.arange(image.shape[0]), "x": x + np.arange(image.shape[1])}
     try:
-        dataset = restore(about, {"transient": transient, "steady": image, "opl": opl, **pixels})
+        dataset = restore(
+            about, {"transient": transient, "steady": image, **errors, "opl": opl, **pixels}
+        )
     except ValueError as error:
         raise ValueError(f"path = {path}: {error}") from None
     refuse_not_finite(path, dataset)
     return dataset
 
 
-def _pixels(path: Any, part: Any) -> np.ndarray:
-    channels = part.channels
-    if set(channels) not in ({"Y"}, {"RGB"}):
-        names = ", ".join(channels)
-        raise ValueError(f"path = {path}: has the channels {names}; must be RGB or Y")
-    pixels = channels["Y"].pixels[..., None] if "Y" in channels else channels["RGB"].pixels
+def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
+    channels, grey, colour = part.channels, f"{layer}Y", f"{layer}RGB"
+    if grey not in channels and colour not in channels:
+        raise ValueError(f"path = {path}: has no channels {grey} or {colour}; must be as saved")
+    pixels = channels[grey].pixels[..., None] if grey in channels else channels[colour].pixels
     return pixels.astype(np.float32, copy=False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import check_dataset
+from ..rendering.dataset import ERRORS, check_dataset
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
@@ -64,7 +64,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
     needed = stack_bytes(shape)
     with replacing(path, needed_bytes=needed) as temporary, ZipFile(temporary, "w") as archive:
         _write(archive, "tofrender", Cube(np.array(json.dumps(describe(dataset)))))
-        for name in _ARRAYS:
+        for name in (*_ARRAYS, *(name for name in ERRORS if name in dataset)):
             _write(archive, name, Cube(dataset[name]))
     return target
 
@@ -101,7 +101,8 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
     try:
         with open(path, "rb") as file, ZipFile(file) as archive:
             about = parse(_member(archive, "tofrender"))
-            dataset = restore(about, {name: _member(archive, name) for name in _ARRAYS})
+            names = (*_ARRAYS, *(name for name in ERRORS if name in about["variables"]))
+            dataset = restore(about, {name: _member(archive, name) for name in names})
     except MemoryError as error:
         raise MemoryError(f"path = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
