@@ -80,7 +80,7 @@ def render(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
     errors: Annotated[
-        bool, typer.Option("--errors", help="Measure the noise of each bin (npz, zarr).")
+        bool, typer.Option("--errors", help="Measure the noise of each bin.")
     ] = False,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
@@ -108,10 +108,6 @@ def render(
         if bins is not None:  # lets a steady scene turn transient; the window found replaces it
             start_opl, bin_width = 0.0, 1.0
     opt.check_format(format, precision)
-    if errors and format not in ("npz", "zarr"):
-        raise ValueError(
-            f"--errors: must be left out with --format {format}, npz and zarr hold them"
-        )
     opt.check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
@@ -141,8 +137,9 @@ def render(
             "pulse_width_opl": pulse_width,
         },
     )
-    shape = job.film.shape
-    opt.check_out(out, shape, precision)
+    height, width, count, channels = job.film.shape
+    films = 2 if errors else 1
+    opt.check_out(out, (height, width, films * count, channels), precision)
 
     # ---------------------------------------------------------------------- render and write
     with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:

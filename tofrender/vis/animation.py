@@ -102,6 +102,13 @@ def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:
     return Playback(figure, update, frames=bins, interval=_INTERVAL_MS, blit=False)
 
 
+def _error_of(data: Any, x: int, y: int) -> np.ndarray | None:
+    """Standard errors of a pixel's response, (bins, channels), where a Dataset has them."""
+    if not hasattr(data, "data_vars") or "transient_error" not in data:
+        return None
+    return data["transient_error"].sel(x=int(x), y=int(y)).values
+
+
 def plot_pixel_transient(
     data: Any,
     x: int,
@@ -123,7 +130,8 @@ def plot_pixel_transient(
             `render_transient` returns; a Dataset knows it.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; time in ns at bin centres.
+        A `matplotlib.figure.Figure`, made outside of pyplot; time in ns at bin centres. Where a
+        Dataset has standard errors, a band shows them.
 
     Raises:
         ValueError: Another shape or quantity, a pixel outside, or a time axis that is missing or
@@ -141,8 +149,13 @@ def plot_pixel_transient(
     figure = new_figure(7.0, 3.8)
     axes = figure.add_subplot()
     styles = zip(("tab:red", "tab:green", "tab:blue"), "RGB", strict=True)
+    errors = _error_of(data, x, y)
     for channel, (color, name) in enumerate(styles if response.shape[1] == 3 else [("black", "L")]):
-        axes.plot(opl_to_ns(sequence.opl), response[:, channel], color=color, label=name)
+        time_ns, line = opl_to_ns(sequence.opl), response[:, channel]
+        axes.plot(time_ns, line, color=color, label=name)
+        if errors is not None:
+            low, high = line - errors[:, channel], line + errors[:, channel]
+            axes.fill_between(time_ns, low, high, color=color, alpha=0.25, lw=0)
     if response.shape[1] == 3:
         axes.legend(frameon=False)
     axes.set_title(f"pixel ({x}, {y})")
