@@ -192,7 +192,7 @@ def test_help_says_types_ranges_and_defaults(capsys):
         "--start-opl <float> ",
         "--bin-width <float above 0> ",
         "--seed <int range> Random seed. [default: 0; 0<=x<=4294967295]",
-        "--format <frames|multipart|npz> How to store the transient. [default: frames]",
+        "--format <frames|multipart|npz|zarr> How to store the transient. [default: frames]",
         "--size WxH ",
     ):
         assert text in words
@@ -224,7 +224,7 @@ def test_failure_is_one_line_and_status_one(capsys, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("the lamp\n  broke")
 
-    monkeypatch.setattr("tofrender.rendering.renderer.render", fail)
+    monkeypatch.setattr("tofrender.rendering.job.carry_out", fail)
     arguments = ["render", "cornell_box", "--out", str(tmp_path / "out"), *TINY]
     assert run(capsys, *arguments) == (1, "", "error: the lamp broke\n")
     monkeypatch.setenv("TOFRENDER_DEBUG", "1")
@@ -315,16 +315,16 @@ def test_lost_energy_is_one_line(capsys, tmp_path):
 
 
 def test_interrupted_render_is_saved(capsys, tmp_path, monkeypatch):
-    import tofrender.rendering.renderer
+    import tofrender.rendering.job
 
-    whole = tofrender.rendering.renderer.render
+    whole = tofrender.rendering.job.carry_out
 
     def half(*arguments, **options):
         dataset = whole(*arguments, **options)
         dataset.attrs["complete"] = 0
         return dataset
 
-    monkeypatch.setattr("tofrender.rendering.renderer.render", half)
+    monkeypatch.setattr("tofrender.rendering.job.carry_out", half)
     folder = tmp_path / "box"
     arguments = ["render", "cornell_box", "--out", folder, *TINY, "--no-video"]
     status, _, err = run(capsys, *arguments)

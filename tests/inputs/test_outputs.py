@@ -19,7 +19,7 @@ from tofrender import io
 from tofrender.cli.app import main
 from tofrender.integrators import passes
 from tofrender.nlos.reconstruction import methods
-from tofrender.rendering import renderer
+from tofrender.rendering import pieces
 
 if sys.platform != "linux":
     pytest.skip("the places are Linux's", allow_module_level=True)
@@ -75,11 +75,11 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    monkeypatch.setattr(renderer, "steps", never)
-    for name in ("steps", "expose", "run_plan"):
+    monkeypatch.setattr(pieces, "steps", never)
+    for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
-    monkeypatch.setattr("tofrender.nlos.capturing.run_plan", never)
+    monkeypatch.setattr("tofrender.nlos.exhaustive.steps", never)
     monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
 
 

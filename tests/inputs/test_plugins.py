@@ -13,7 +13,7 @@ from bad_inputs import ANY, outcome
 
 import tofrender
 from tofrender.integrators import passes
-from tofrender.rendering import renderer
+from tofrender.rendering import pieces
 from tofrender.runtime.plugins import PLUGINS
 
 FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
@@ -279,8 +279,8 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    monkeypatch.setattr(renderer, "steps", never)
-    for name in ("steps", "expose", "run_plan"):
+    monkeypatch.setattr(pieces, "steps", never)
+    for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
 
 

@@ -14,7 +14,7 @@ from bad_inputs import listing, one_clear_line
 
 import tofrender
 from tofrender.integrators import passes
-from tofrender.rendering import renderer
+from tofrender.rendering import pieces
 
 FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
 FILM |= {"start_opl": 0.0, "bin_width_opl": 1.0}
@@ -203,8 +203,8 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    monkeypatch.setattr(renderer, "steps", never)
-    for name in ("steps", "expose", "run_plan"):
+    monkeypatch.setattr(pieces, "steps", never)
+    for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
 
 

@@ -19,7 +19,7 @@ from support import area_light, camera, film, grey, plane, point_light, scene, t
 
 import tofrender
 from tofrender.integrators import passes as base
-from tofrender.rendering import renderer
+from tofrender.rendering import pieces
 from tofrender.samplers import padded_sobol
 from tofrender.scenes.settings import SAMPLERS
 
@@ -67,7 +67,7 @@ def no_work(monkeypatch):
     def never(*_):
         raise AssertionError("work has started")
 
-    monkeypatch.setattr(renderer, "steps", never)
+    monkeypatch.setattr(pieces, "steps", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 
@@ -256,7 +256,7 @@ def test_the_largest_seed():
 def test_many_steps_are_one(monkeypatch, sampler):
     """A render in steps goes on in the same point set, so that steps do not show."""
     counts = []
-    steps = renderer.steps
+    steps = pieces.steps
 
     def counted(*arguments):
         counts.append(0)
@@ -264,7 +264,7 @@ def test_many_steps_are_one(monkeypatch, sampler):
             counts[-1] += 1
             yield done
 
-    monkeypatch.setattr(renderer, "steps", counted)
+    monkeypatch.setattr(pieces, "steps", counted)
     whole = render(box(), spp=512, sampler=sampler)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     parts = render(box(), spp=512, sampler=sampler)
@@ -623,14 +623,14 @@ def test_a_film_larger_than_memory():
 _INTERRUPTED = """
 import json, sys, tofrender
 from tofrender.integrators import passes as base
-from tofrender.rendering import renderer
+from tofrender.rendering import pieces
 base.STEP_SAMPLES = 256 * 512  # Steps of some 30 ms
-steps = renderer.steps
+steps = pieces.steps
 def told(*arguments):
     for done in steps(*arguments):
         print("step", flush=True)
         yield done
-renderer.steps = told
+pieces.steps = told
 scene = tofrender.cornell_box(width=16, height=16, temporal_bins=120, bin_width_opl=0.25)
 dataset = tofrender.render(scene, spp=1 << 22, progress=False)
 sums = {name: float(dataset[name].sum()) for name in ("steady", "transient")}
@@ -671,7 +671,7 @@ def test_ctrl_c_returns_what_is_finished():
 
 def interrupting(monkeypatch, times: int) -> None:
     """Let SIGINT come `times` times after the second step of a render."""
-    steps = renderer.steps
+    steps = pieces.steps
 
     def interrupted(*arguments):
         for number, done in enumerate(steps(*arguments)):
@@ -681,7 +681,7 @@ def interrupting(monkeypatch, times: int) -> None:
             yield done
 
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
-    monkeypatch.setattr(renderer, "steps", interrupted)
+    monkeypatch.setattr(pieces, "steps", interrupted)
 
 
 @pytest.mark.slow

@@ -358,8 +358,11 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
 
 
 def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
-    channels, grey, colour = part.channels, f"{layer}Y", f"{layer}RGB"
-    if grey not in channels and colour not in channels:
-        raise ValueError(f"path = {path}: has no channels {grey} or {colour}; must be as saved")
-    pixels = channels[grey].pixels[..., None] if grey in channels else channels[colour].pixels
-    return pixels.astype(np.float32, copy=False)
+    channels = part.channels
+    kinds = [{kind, f"{LAYER}{kind}"} for kind in ("Y", "RGB")]
+    names = [kind for kind in ("Y", "RGB") if f"{layer}{kind}" in channels]
+    if len(names) != 1 or not any(set(channels) <= kind for kind in kinds):
+        found = ", ".join(channels)
+        raise ValueError(f"path = {path}: has the channels {found}; must be RGB or Y")
+    pixels = channels[f"{layer}{names[0]}"].pixels
+    return (pixels[..., None] if names[0] == "Y" else pixels).astype(np.float32, copy=False)
