@@ -5,7 +5,7 @@
 OUT ?= out/cornell_box
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## create .venv, install the package, find or install LLVM
 	@sh .ci/setup
@@ -16,7 +16,7 @@ render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); 
 test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
 	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)
 
-test-inputs: setup ## try every bad input and thousands of damaged files, in two minutes; test tries a sample
+test-inputs: setup ## try every bad input and thousands of damaged files; make test tries a sample
 	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only

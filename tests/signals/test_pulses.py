@@ -320,7 +320,11 @@ def test_pulse_from_arrays(tmp_path):
         ("a.npz", {"values": [1.0], "start_opl": 0}, "has no bin_width_opl"),
         ("a.npz", {"values": [1], "start_opl": [0, 1], "bin_width_opl": 1}, "must be one number"),
         ("a.npz", {"values": [1], "start_opl": 0, "bin_width_opl": 0}, "bin_width_opl = 0"),
-        ("a.npz", {"values": ["a"], "start_opl": 0, "bin_width_opl": 1}, "values = .*: must be a list"),
+        (
+            "a.npz",
+            {"values": ["a"], "start_opl": 0, "bin_width_opl": 1},
+            "values = .*: must be a list",
+        ),
         ("a.npz", {"values": [0], "start_opl": 0, "bin_width_opl": 1}, "values: all are 0"),
     ],
 )
