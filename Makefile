@@ -5,7 +5,7 @@
 OUT ?= out/cornell_box
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## create .venv, install the package, find or install LLVM
 	@sh .ci/setup
@@ -19,7 +19,7 @@ test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistic
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes
 	TOFRENDER_KILLS=20 .venv/bin/python -m pytest -k random_moment tests/cli/test_cli_stopped.py $(ARGS)
 
-test-inputs: setup ## try every bad input and thousands of damaged files, in two minutes; test tries a sample
+test-inputs: setup ## try every bad input and thousands of damaged files; make test tries a sample
 	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
 
 lint: setup ## check style, types, and that rooms import downwards only
