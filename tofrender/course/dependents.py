@@ -21,7 +21,7 @@ def dependents(withheld: Collection[str]) -> dict[str, str]:
         Each such module, and the one that it needs: withheld, or another of this list.
 
     Example:
-        >>> dependents(["tofrender.rendering.arrivals"])["tofrender.rendering.renderer"]
+        >>> dependents(["tofrender.rendering.arrivals"])["tofrender.rendering.job"]
         'tofrender.rendering.arrivals'
     """
     needs = {_module(path): set(_imports(path)) for path in sorted(PACKAGE.rglob("*.py"))}
