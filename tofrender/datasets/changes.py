@@ -1,4 +1,4 @@
-"""What draws change in a scene: values by their path, poses, materials, the camera, who is there."""
+"""What draws change in a scene: values, materials, poses, the camera, who is there."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def _entry(where: str, what: str, part: Any, key: str) -> Any:
     if not isinstance(part, dict):
         raise ValueError(f"{where} = {what!r}: nothing is inside of what is before {key!r}")
     if key not in part:
-        raise ValueError(unknown(f"{where} = {what!r}: {key}", key, [k for k in part]))
+        raise ValueError(unknown(f"{where} = {what!r}: {key}", key, list(part)))
     return part[key]
 
 
@@ -207,7 +207,8 @@ def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
         values = np.broadcast_to(np.asarray(value, float), len(old))
         return (values * np.asarray(old, float) if varied.times else values).tolist()
     same = isinstance(old, str) and isinstance(value, str)
-    if (same or isinstance(old, bool) and isinstance(value, bool)) and not varied.times:
+    same |= isinstance(old, bool) and isinstance(value, bool)
+    if same and not varied.times:
         return value
     kind = type(old).__name__ if not isinstance(old, dict) else "a table"
     raise ValueError(f"{where} = {varied.what!r}: is {kind}, and cannot become {value!r}")

@@ -6,10 +6,12 @@ import hashlib
 import json
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..nlos.captures import MODES
 from ..runtime import checks
@@ -137,8 +139,8 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         >>> lamp = {"argument": "light", "distribution": "choice", "values": ["area", "flash"]}
         >>> given = {"records": 3, "scene": "cornell_box", "outputs": {"steady": True}}
         >>> config = read_config(given | {"vary": {"lamp": lamp}})
-        >>> [config.draw(record)["lamp"] for record in range(3)]
-        ['area', 'area', 'area']
+        >>> config.draw(2) == read_config(given | {"vary": {"lamp": lamp}}).draw(2)
+        True
     """
     if isinstance(source, Config):
         return source
@@ -329,23 +331,25 @@ def _described(where: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
-    """All keys as JSON holds them, the scene's file by its checksum too."""
+    """All keys as JSON holds them, a scene that is a file or a dict by its checksum too."""
     found = dict(given)
-    found["scene"] = "a dict" if isinstance(scene, Mapping) else os.fspath(given["scene"])
     if isinstance(scene, Path):
-        found["scene checksum"] = hashlib.sha256(scene.read_bytes()).hexdigest()[:16]
+        found["scene"] = os.fspath(given["scene"])
+        found["scene checksum"] = _digest(scene.read_bytes())
+    elif not isinstance(scene, str):
+        found["scene"] = "a dict"
+        found["scene checksum"] = _digest(json.dumps(scene, default=_as_json).encode())
     return json.loads(json.dumps(found, default=_as_json))
 
 
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 def _as_json(value: Any) -> Any:
-    """A value of NumPy's or Mitsuba's."""
-    for convert in (_of("tolist"), lambda v: _of("tolist")(v.matrix.numpy())):
-        try:
-            return convert(value)
-        except (AttributeError, TypeError):
-            continue
-    return str(value)
-
-
-def _of(method: str) -> Callable[[Any], Any]:
-    return lambda value: getattr(value, method)()
+    """An array or a number of NumPy's, a transform, or the kind of another object."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if hasattr(value, "matrix"):
+        return np.array(value.matrix).tolist()
+    return type(value).__name__

@@ -247,7 +247,8 @@ def _fixed(where: str, table: Mapping[str, Any]) -> Distribution:
 def _on_sphere(where: str, table: Mapping[str, Any]) -> Distribution:
     center = checks.place(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
-    if len(radius) > 2 or min(radius) <= 0 or radius[0] > radius[-1]:
+    least, most = min(radius), max(radius)
+    if least <= 0 or list(radius) not in ([most], [least, most]):
         raise ValueError(
             f"{where}.radius = {table['radius']!r}: must be above 0, or [least, largest]"
         )
@@ -258,7 +259,7 @@ def _on_sphere(where: str, table: Mapping[str, Any]) -> Distribution:
     angle = table.get("angle", 180.0)
     angle = checks.number(f"{where}.angle", angle, unit="degrees", positive=True, high=180)
     unit = tuple(a / norm for a in axis)
-    return OnSphere(tuple(center), (radius[0], radius[-1]), unit, angle)
+    return OnSphere(tuple(center), (least, most), unit, angle)
 
 
 def _subset(where: str, table: Mapping[str, Any]) -> Distribution:

@@ -122,9 +122,7 @@ def _rendered(
         arrays["noisy"] = film["transient"].values
     if outputs.phasor:
         own = tracer if isinstance(tracer, TransientIntegrator) else None
-        parts = render_amcw_phasor(
-            scene, camera, outputs.phasor, spp, seed, own, progress=False
-        )
+        parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, own, progress=False)
         arrays["phasor"] = np.stack(parts[:2], axis=-2)
     if outputs.depth:
         arrays["depth"] = true_depth(scene, config.sensor)

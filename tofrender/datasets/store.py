@@ -54,7 +54,10 @@ class Store:
         self.folder, self.group_path = folder, folder / GROUP
         self.records: list[int] = self.planned(folder)["records"]
         self._places = {record: index for index, record in enumerate(self.records)}
-        self._group = require_zarr().open_group(self.group_path, mode="r+", zarr_format=3)
+        zarr = require_zarr()
+        self._group = zarr.open_group(self.group_path, mode="r+", zarr_format=3)
+        with zarr.config.set({"array.write_empty_chunks": True}):  # A file for each record
+            self._arrays = dict(self._group.arrays())
 
     @classmethod
     def begin(
@@ -103,7 +106,7 @@ class Store:
         index, files = self._places[record], {}
         for name, array in made.arrays.items():
             try:
-                self._group[name][index] = array
+                self._arrays[name][index] = array
             except OSError as error:
                 if error.errno not in atomic.DISK_FULL:
                     raise
@@ -266,7 +269,6 @@ def _create_array(group: Any, array: Array, count: int) -> None:
         compressors=[Crc32cCodec()],
         fill_value=False if array.dtype == "bool" else float("nan"),
         dimension_names=("record", *array.axes),
-        config={"write_empty_chunks": True},
     )
     told = {"units": UNITS.get(array.name), "long_name": MEANS.get(array.name)}
     made.attrs.update({name: text for name, text in told.items() if text})

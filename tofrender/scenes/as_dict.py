@@ -65,7 +65,7 @@ class _Reader:
         return scene
 
     def _id(self, index: int) -> str:
-        return self.nodes[index].props.id() or f"shared_{index}"
+        return str(self.nodes[index].props.id() or f"shared_{index}")
 
     def _node(self, index: int, inside: bool = True) -> Dict:
         node = self.nodes[index]
