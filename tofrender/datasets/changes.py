@@ -64,13 +64,17 @@ class Changes:
 
     def _reflectance(self, varied: Varied, value: Any) -> None:
         where = f"vary.{varied.name}.reflectance"
-        material = _entry(where, varied.what, self.scene, varied.what)
-        while isinstance(material, dict) and "reflectance" not in material:
-            inner = material.get("bsdf")
-            inner = self.scene.get(inner.get("id")) if _is_reference(inner) else inner
-            nested = [v for v in material.values() if isinstance(v, dict) and "reflectance" in v]
-            material = inner if isinstance(inner, dict) else (nested or [None])[0]
-        if material is None or not isinstance(material, dict):
+        material: Any = _entry(where, varied.what, self.scene, varied.what)
+        while isinstance(material, dict) and "reflectance" not in material:  # twosided, an object
+            inner = [part for part in material.values() if isinstance(part, dict)]
+            reference = next((part for part in inner if _is_reference(part)), None)
+            if reference is not None:
+                raise ValueError(
+                    f"{where} = {varied.what!r}: uses the material {reference.get('id')!r}, which "
+                    "others may use too; must be that"
+                )
+            material = next((p for p in inner if "reflectance" in p or "bsdf" in p), None)
+        if not isinstance(material, dict):
             raise ValueError(f"{where} = {varied.what!r}: has no reflectance; must be a material")
         old = material["reflectance"]
         colour = np.broadcast_to(np.asarray(value, float), 3)
@@ -191,27 +195,29 @@ def _entry(where: str, what: str, part: Any, key: str) -> Any:
 
 def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
     """The new value, of the kind of the old one."""
-    is_number = isinstance(old, int | float) and not isinstance(old, bool)
-    is_list = isinstance(old, list | tuple) and all(isinstance(n, int | float) for n in old)
-    numbers = isinstance(value, int | float | list) and not isinstance(value, bool)
-    if isinstance(old, dict) and old.get("type") == "rgb" and numbers:
+    if isinstance(old, dict) and old.get("type") == "rgb" and _is_numeric(value):
         return rgb(_like(where, varied, old["value"], value))
-    if is_number and numbers and not isinstance(value, list):
-        new = old * value if varied.times else value
-        return round(new) if isinstance(old, int) and float(new).is_integer() else new
-    if is_list and numbers:
-        if isinstance(value, list) and len(value) != len(old):
+    if _is_numeric(old) and _is_numeric(value):
+        before, numbers = np.asarray(old, float), np.asarray(value, float)
+        if numbers.ndim and numbers.shape != before.shape:
             raise ValueError(
-                f"{where} = {varied.what!r}: has {len(old)} numbers, and {len(value)} are drawn"
+                f"{where} = {varied.what!r}: has {before.size} numbers, {numbers.size} are drawn"
             )
-        values = np.broadcast_to(np.asarray(value, float), len(old))
-        return (values * np.asarray(old, float) if varied.times else values).tolist()
+        new = np.broadcast_to(numbers, before.shape) * (before if varied.times else 1)
+        whole = isinstance(old, int) and bool(new == np.round(new))
+        return int(new) if whole else new.tolist()
     same = isinstance(old, str) and isinstance(value, str)
     same |= isinstance(old, bool) and isinstance(value, bool)
     if same and not varied.times:
         return value
     kind = type(old).__name__ if not isinstance(old, dict) else "a table"
     raise ValueError(f"{where} = {varied.what!r}: is {kind}, and cannot become {value!r}")
+
+
+def _is_numeric(value: Any) -> bool:
+    """Whether it is a number, or a list of them."""
+    entries = value if isinstance(value, list | tuple) else [value]
+    return all(isinstance(n, int | float) and not isinstance(n, bool) for n in entries)
 
 
 def _is_reference(part: Any) -> bool:

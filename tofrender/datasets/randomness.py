@@ -1,8 +1,8 @@
 """Random numbers of data sets: each is a hash of what it is for, and depends on nothing else.
 
-The i-th number of a quantity in a record is the first 53 bits of the SHA-256 of the text
-`tofrender/SEED/RECORD/ATTEMPT/NAME/I`, over 2^53: the same on every machine and with every version
-of every library, whatever else is drawn, in whatever order.
+The i-th number of a quantity in a record is (n + 1/2) / 2^52, where n is the first 52 bits of the
+SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`: the same on every machine and with every
+version of every library, whatever else is drawn, in whatever order.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from ..runtime import checks
 
-BITS = 53
+BITS = 52
+"""One less than a float has, so that it holds the half too."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from .nodes import parts
 from .parts import Dict, rgb
 
 parser: Any = mi.parser
-KIND = mi.Properties.Type
+KIND: Any = mi.Properties.Type
 NAMELESS = "_arg_"
 """What Mitsuba's parser calls parts that an XML file gives no name."""
 
@@ -88,7 +88,7 @@ class _Reader:
             return name
         node = self.nodes[index]
         kind = {"ReconstructionFilter": "rfilter"}.get(node.type.name, node.type.name.lower())
-        base = node.props.id() or kind
+        base = str(node.props.id() or kind)
         key, number = base, 2
         while key in found:
             key, number = f"{base}_{number}", number + 1
