@@ -92,6 +92,7 @@ class Config:
         varied: What is varied, by name.
         folder: Where names of files start.
         plain: All of it as JSON can hold it.
+        checksum: Of a scene that is a file or a dict.
         given: What it was read from.
     """
 
@@ -110,6 +111,7 @@ class Config:
     varied: dict[str, Varied]
     folder: Path
     plain: dict[str, Any] = field(repr=False)
+    checksum: str
     given: dict[str, Any] = field(repr=False)
 
     def draw(self, record: int, attempt: int = 0) -> dict[str, Any]:
@@ -223,6 +225,7 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         varied=varied,
         folder=folder,
         plain=_plain(given, scene),
+        checksum=_checksum(scene),
         given=given,
     )
 
@@ -331,15 +334,22 @@ def _described(where: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
-    """All keys as JSON holds them, a scene that is a file or a dict by its checksum too."""
+    """All keys as JSON holds them."""
     found = dict(given)
     if isinstance(scene, Path):
         found["scene"] = os.fspath(given["scene"])
-        found["scene checksum"] = _digest(scene.read_bytes())
     elif not isinstance(scene, str):
         found["scene"] = "a dict"
-        found["scene checksum"] = _digest(json.dumps(scene, default=_as_json).encode())
     return json.loads(json.dumps(found, default=_as_json))
+
+
+def _checksum(scene: Any) -> str:
+    """Of a scene that is a file or a dict; built-in ones have none."""
+    if isinstance(scene, str):
+        return ""
+    if isinstance(scene, Path):
+        return _digest(scene.read_bytes())
+    return _digest(json.dumps(scene, default=_as_json).encode())
 
 
 def _digest(content: bytes) -> str:

@@ -118,17 +118,17 @@ def make_dataset(
     """
     target = check_film(out)
     require_zarr()
+    folder = under_way(target)
+    if Store.planned(folder) and not resume:
+        raise FileExistsError(
+            f"out = {out}: an unfinished data set is beside it, {folder}; must be gone on with "
+            "(resume) or removed"
+        )
     plan = plan_dataset(config, only)
     if client is not None:
         check_client(client)
     tell(str(plan))
-    folder = under_way(target)
     with atomic.locked(target, "out"):
-        if Store.planned(folder) and not resume:
-            raise FileExistsError(
-                f"out = {out}: an unfinished data set is beside it, {folder}; must be gone on with "
-                "(resume) or removed"
-            )
         _require_room(folder, plan)
         store = Store.begin(folder, _recipe(plan), plan.records, plan.layout)
         receipts = {record: store.receipt(record) for record in plan.records}
@@ -187,7 +187,8 @@ def _recipe(plan: Plan) -> dict[str, Any]:
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},
-        "number of records": plan.config.records,
+        "records": plan.config.records,
+        "checksum of the scene": plan.config.checksum,
         "shapes": {array.name: array.shape for array in layout.arrays},
         "window": layout.window,
         "variant": mi.variant(),

@@ -98,6 +98,7 @@ def _rendered(
         "seed": config.seed,
         "render_seed": seed,
         "scene": config.plain["scene"],
+        "scene_checksum": config.checksum,
         "drawn": dict(drawn),
         "config": config.plain,
         "variant": mi.variant(),

@@ -52,7 +52,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.group_path = folder, folder / GROUP
-        self.records: list[int] = self.planned(folder)["records"]
+        self.records: list[int] = self.planned(folder)["only"]
         self._places = {record: index for index, record in enumerate(self.records)}
         zarr = require_zarr()
         self._group = zarr.open_group(self.group_path, mode="r+", zarr_format=3)
@@ -75,7 +75,7 @@ class Store:
             ValueError: The folder is of another data set; one line that names the key that differs.
             ImportError: The package zarr is missing; one line.
         """
-        plan = json.loads(json.dumps({**plan, "records": records}))
+        plan = json.loads(json.dumps({**plan, "only": records}))
         found = cls.planned(folder)
         if found:
             _require_same(folder, found, plan)
