@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from collections import namedtuple
 from copy import deepcopy
 from pathlib import Path
@@ -210,6 +211,64 @@ def test_depth_and_normals_of_a_plane(tmp_path):
     np.testing.assert_allclose(found["normals"].values - [0, 0, 1], 0, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
+    """As deep as its own integrator, whatever that is."""
+    config = {
+        "records": 1,
+        "scene": "cornell_box_steady_state",
+        "arguments": {"max_depth": 2},
+        "render": {"width": 4, "height": 4, "spp": 16},
+        "outputs": {"phasor": {"frequencies_hz": [20e6]}},
+    }
+    found = make(config, tmp_path / "x.zarr")
+    assert "opl" not in found.coords
+    loaded = tofrender.load_scene(
+        "cornell_box", width=4, height=4, max_depth=2, integrator="transient_path"
+    )
+    seed = told(found)["render_seed"]
+    I, *_ = tofrender.render_amcw_phasor(  # noqa: E741
+        loaded, loaded.sensors()[0], 20e6, 16, seed, loaded.integrator()
+    )
+    np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], I, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_another_variant(tmp_path):
+    mi.set_variant("llvm_ad_mono")
+    config = CONFIG | {"records": 1, "vary": {"turn": CONFIG["vary"]["turn"]}}
+    found = make(config, tmp_path / "x.zarr")
+    assert found["channel"].values.tolist() == ["L"]
+    assert found["phasor"].shape == (1, 2, 6, 8, 2, 1)
+    assert found.attrs["variant"] == told(found)["variant"] == "llvm_ad_mono"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["boxes", "hidden", "room"])
+def test_examples_work(name, tmp_path):
+    """In small, with their windows: 4 records without a warning or another draw."""
+    file = Path(datasets.__file__).parents[2] / "docs/datasets" / f"{name}.toml"
+    config = tomllib.loads(file.read_text())
+    config["records"] = 4
+    config["render"]["spp"] = 16
+    if name == "hidden":
+        config["outputs"]["capture"]["grid"] = [8, 8]
+    else:
+        config["render"] |= {"width": 12, "height": 9}
+    config["scene"] = config["scene"].replace("room.xml", str(file.with_name("room.xml")))
+    found = make(config, tmp_path / "x.zarr")
+    assert (found["attempt"].values == 0).all()
+    for array in {*LIT, "capture"} & set(found):
+        each = np.abs(found[array].values.reshape(4, -1))
+        assert np.isfinite(each).all()
+        assert (each.max(axis=1) > 0).all()
+        assert len(set(each.sum(axis=1))) == 4
+    for array in {"depth", "hidden_depth"} & set(found):
+        values = found[array].values
+        assert np.nanmin(values) > 0.3
+        assert np.nanmax(values) < 10
+
+
 # ------------------------------------------------------------------------------ captures
 
 HIDDEN = {
@@ -388,6 +447,19 @@ def test_what_is_there_stays(made):
         make(CONFIG, made[0].encoding["source"])
     with pytest.raises(ValueError, match=r"must be the name of a folder that ends in .zarr"):
         make(CONFIG, "boxes")
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_as_it_finished_is_no_run(tmp_path):
+    """Its receipts are left, without the data set, which has moved away."""
+    out = tmp_path / "x.zarr"
+    make(SMALL | {"records": 1}, out)
+    folder = making.under_way(out)
+    (folder / "receipts").mkdir(parents=True)
+    (folder / "receipts/plan.json").write_text("{}")
+    shutil.rmtree(out)
+    assert make(SMALL | {"records": 1}, out, resume=False).sizes["record"] == 1
+    assert not folder.exists()
 
 
 def test_a_small_disk_is_refused_before_work(tmp_path, monkeypatch):

@@ -205,8 +205,8 @@ def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
 
     Example:
         >>> normals = true_normals("cornell_box")
-        >>> normals.shape, normals[128, 10].round(3).tolist()
-        ((256, 256, 3), [1.0, 0.0, 0.0])
+        >>> normals.shape, round(normals[128, 10, 0].item(), 3)
+        ((256, 256, 3), 1.0)
     """
     import drjit as dr
 

@@ -16,6 +16,8 @@ CAMERAS = ("perspective", "thinlens", "orthographic", "radiancemeter", "irradian
 IN_WORLD = CAMERAS[:3]
 """Sensors whose place is a transform."""
 
+UP = (0.0, 1.0, 0.0)
+
 FILMS = ("film", "sampler")
 """Parts of a sensor that all records share."""
 
@@ -43,7 +45,7 @@ class Changes:
         for target in ("path", "reflectance", "material"):
             for each, value in by_target.get(target, []):
                 getattr(self, f"_{target}")(each, value)
-        for target in ("scale", "turn", "move", "position"):
+        for target in ("scale", "turn", "position", "move"):
             for each, value in by_target.get(target, []):
                 self._pose(each, value)
         self._camera(by_target.get("camera", []))
@@ -154,7 +156,7 @@ class Changes:
         if "origin" in values or "target" in values:
             origin = np.asarray(values.get("origin", origin), float)
             target = np.asarray(values.get("target", origin + forward), float)
-            up = next(each.up for each, _ in changes if each.what != "fov")
+            up = next((each.up for each, _ in changes if each.up is not None), UP)
             if np.linalg.norm(np.cross(target - origin, up)) < 1e-6:
                 raise ValueError(
                     f"{where}: looks from {origin.tolist()} to {target.tolist()}, along up = "

@@ -109,6 +109,7 @@ def make_dataset(
         >>> import tempfile
         >>> given = {"records": 2, "scene": "cornell_box", "outputs": {"steady": True}}
         >>> given["render"] = {"width": 8, "height": 8, "spp": 4}
+        >>> given["render"] |= {"temporal_bins": 60, "window": (3, 15)}
         >>> turn = {"turn": "small-box", "distribution": "uniform", "low": -45, "high": 45}
         >>> made = make_dataset(
         ...     given | {"vary": {"turn": turn}}, tempfile.mkdtemp() + "/boxes.zarr", tell=str
@@ -154,12 +155,8 @@ def make_dataset(
                 finished = sum(receipt is not None for receipt in receipts.values())
                 on = again or f"the same call goes on with {folder}"
                 raise KeyboardInterrupt(interrupted(finished, count, "records", on)) from None
-        # Where a slow record was made by two workers, the last one's files count
-        whole = {record: store.receipt(record) for record in plan.records}
-        found = {record: receipt for record, receipt in whole.items() if receipt is not None}
-        if len(found) < count:
-            missing = next(record for record in plan.records if record not in found)
-            raise OSError(f"record {missing} of {folder} was damaged after it was made")
+        # Where a slow record was made by two workers, the last one's receipt is the one that counts
+        found = {record: store.last_receipt(record) for record in plan.records}
         store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
     _tell_warnings(found)
     return load_dataset(target)
@@ -271,6 +268,7 @@ class Order:
         layout: The arrays.
         folder: Where the data set is.
         variant: Mitsuba's variant.
+        checksum: Of the scene.
         key: Tells orders apart.
     """
 
@@ -279,6 +277,7 @@ class Order:
     layout: Layout
     folder: str
     variant: str
+    checksum: str
     key: str
 
 
@@ -289,7 +288,8 @@ def _order(plan: Plan, folder: Path) -> Order:
         given["scene"] = str(config.scene)
     where = str(folder.resolve())
     variant = mi.variant() or ""
-    return Order(given, str(config.folder), plan.layout, where, variant, uuid.uuid4().hex)
+    key = uuid.uuid4().hex
+    return Order(given, str(config.folder), plan.layout, where, variant, config.checksum, key)
 
 
 _configs: dict[str, Config] = {}
@@ -302,7 +302,10 @@ def _by_worker(order: Order, record: int) -> Receipt:
     if order.key not in _configs:
         _configs.clear()
         given = {name: unpacked(value) for name, value in order.given.items()}
-        _configs[order.key] = parse_config(given, Path(order.base))
+        config = parse_config(given, Path(order.base))
+        if config.checksum != order.checksum:
+            raise ValueError("scene: differs on this worker's machine; must be the same there")
+        _configs[order.key] = config
         if os.environ.get(THREADS):
             dr.set_thread_count(int(os.environ[THREADS]))
     store = Store(Path(order.folder))

@@ -66,6 +66,9 @@ def make_record(config: Config, layout: Layout, record: int) -> Made:
             except ValueError as error:
                 reason = " ".join(str(error).split())
                 continue
+            except RuntimeError as error:
+                said = " ".join(str(error).split())
+                raise RuntimeError(f"record {record}: {said}") from error
         said = [" ".join(str(each.message).split()) for each in told]
         return Made(arrays, drawn, about, said, time.perf_counter() - start)
     tries = f", and {config.retry} more draws neither" if config.retry else ""
@@ -122,8 +125,7 @@ def _rendered(
         _require_whole(film.attrs)
         arrays["noisy"] = film["transient"].values
     if outputs.phasor:
-        own = tracer if isinstance(tracer, TransientIntegrator) else None
-        parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, own, progress=False)
+        parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, tracer, progress=False)
         arrays["phasor"] = np.stack(parts[:2], axis=-2)
     if outputs.depth:
         arrays["depth"] = true_depth(scene, config.sensor)

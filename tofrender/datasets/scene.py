@@ -8,8 +8,11 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..integrators.base import TransientIntegrator
+from ..runtime import checks
 from ..scenes import BUILT_IN
 from ..scenes.as_dict import scene_as_dict
+from ..scenes.loading import load_scene
 from ..scenes.parts import Dict, place
 from .changes import Changes, copied
 from .config import Config
@@ -73,8 +76,6 @@ def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
 
 
 def _transform(where: str, given: Mapping[str, Any]) -> Any:
-    from ..runtime import checks
-
     known_keys(where, given, TO_WORLD)
     scale = given.get("scale", 1.0)
     scale = scale if isinstance(scale, Sequence) else [scale] * 3
@@ -88,10 +89,12 @@ def _transform(where: str, given: Mapping[str, Any]) -> Any:
 
 def load(scene: Dict, config: Config) -> mi.Scene:
     """The loaded scene, with the settings of the config."""
-    from ..scenes.loading import load_scene
-
     settings = dict(config.settings)
     capture = config.outputs.capture
     if capture is not None and capture.grid is not None:
         settings["width"], settings["height"] = capture.grid
-    return load_scene(scene, optimize=capture is None, **settings)
+    loaded = load_scene(scene, optimize=capture is None, **settings)
+    if config.outputs.phasor and not isinstance(loaded.integrator(), TransientIntegrator):
+        settings["integrator"] = "transient_path"  # With the depth of Mitsuba's own
+        loaded = load_scene(scene, optimize=capture is None, **settings)
+    return loaded

@@ -90,6 +90,8 @@ class Store:
     @staticmethod
     def planned(folder: Path) -> dict[str, Any]:
         """What a data set that was begun is of; nothing if there is none."""
+        if not (folder / GROUP / "zarr.json").exists():  # It has just moved to its place
+            return {}
         try:
             return dict(json.loads((folder / RECEIPTS / PLAN).read_text()))
         except (OSError, ValueError, TypeError):
@@ -104,17 +106,17 @@ class Store:
             OSError: There is no room; one line. What was written before stays.
         """
         index, files = self._places[record], {}
-        for name, array in made.arrays.items():
-            try:
+        try:
+            for name, array in made.arrays.items():
                 self._arrays[name][index] = array
-            except OSError as error:
-                if error.errno not in atomic.DISK_FULL:
-                    raise
-                size = sum(each.nbytes for each in made.arrays.values())
-                raise atomic.disk_full(self.folder, size) from None
-            file = "/".join([name, "c", str(index), *["0"] * array.ndim])
-            atomic.to_disk(self.group_path / file)
-            files[file] = checksum(self.group_path / file)
+                file = "/".join([name, "c", str(index), *["0"] * array.ndim])
+                atomic.to_disk(self.group_path / file)
+                files[file] = checksum(self.group_path / file)
+        except OSError as error:
+            if error.errno not in atomic.DISK_FULL:
+                raise
+            size = sum(array.nbytes for array in made.arrays.values())
+            raise atomic.disk_full(self.folder, size) from None
         receipt = Receipt(files, made.drawn, made.about, made.warnings, made.seconds)
         with atomic.replacing(self._receipt(record)) as file:
             file.write_text(json.dumps(asdict(receipt)))
@@ -130,7 +132,7 @@ class Store:
         if not path.exists():
             return None
         try:
-            receipt = Receipt(**json.loads(path.read_text()))
+            receipt = self.last_receipt(record)
             whole = bool(receipt.files) and all(
                 checksum(self.group_path / name) == crc for name, crc in receipt.files.items()
             )
@@ -142,6 +144,10 @@ class Store:
             )
             return None
         return receipt
+
+    def last_receipt(self, record: int) -> Receipt:
+        """The receipt of a record that is there, its files unread."""
+        return Receipt(**json.loads(self._receipt(record).read_text()))
 
     def _receipt(self, record: int) -> Path:
         return self.folder / RECEIPTS / f"record {record}.json"

@@ -46,7 +46,7 @@ class Varied:
         what: Which argument, path, object, material; a list of names for `present`.
         distribution: What it is drawn from.
         times: Whether the draw multiplies what the scene has.
-        up: Up of the camera.
+        up: Up of the camera, None where it is not said.
         axis: What an object turns about.
         around: The point that it turns about or grows from [m]; None for its own middle.
     """
@@ -56,7 +56,7 @@ class Varied:
     what: Any
     distribution: Distribution
     times: bool = False
-    up: tuple[float, ...] = (0.0, 1.0, 0.0)
+    up: tuple[float, ...] | None = None
     axis: tuple[float, ...] = (0.0, 1.0, 0.0)
     around: tuple[float, ...] | None = None
 
@@ -102,16 +102,15 @@ def parse_varied(name: str, given: Any) -> Varied:
     what = _names(where, given[target]) if target == "present" else given[target]
     if target != "present":
         text(f"{where}.{target}", what)
+    axis = given.get("axis", [0.0, 1.0, 0.0]) if target == "turn" else [0.0, 1.0, 0.0]
     found = Varied(
         name,
         target,
         what,
         parse_distribution(where, given),
         times=boolean(f"{where}.times", given.get("times", False)),
-        up=_direction(f"{where}.up", given.get("up", [0.0, 1.0, 0.0])),
-        axis=_direction(f"{where}.axis", given.get("axis", [0.0, 1.0, 0.0]))
-        if target == "turn"
-        else (0.0, 1.0, 0.0),
+        up=_direction(f"{where}.up", given["up"]) if "up" in given else None,
+        axis=_direction(f"{where}.axis", axis),
         around=tuple(checks.place(f"{where}.around", given["around"]))
         if "around" in given
         else None,
