@@ -127,6 +127,11 @@ def test_values_by_their_path():
     assert scene(a={"path": "sensor.fov_axis", "value": "x"})["sensor"]["fov_axis"] == "x"
 
 
+def test_values_must_stay_finite():
+    with pytest.raises(ValueError, match=r"'light.emitter.radiance': becomes \[inf, inf, inf\]"):
+        scene(a={"path": "light.emitter.radiance", "value": 1e308, "times": True})
+
+
 def test_reflectances():
     assert (
         scene(a={"reflectance": "white", "value": 0.5})["white"]["reflectance"]["value"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from copy import deepcopy
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -104,6 +106,12 @@ BAD = [
     ("materials.glass", "glass", "materials.glass: must be a table with a plugin's name as its"),
     ("materials.glass", {"int_ior": 2}, "materials.glass: must be a table with a plugin's name"),
     ("objects.ball.type", 3, "objects.ball: must be a table with a plugin's name as its type"),
+    ("materials.glass.int_ior", None, "materials.glass.int_ior = None: must be a number, text"),
+    ("materials.glass.int_ior", float("nan"), "int_ior = nan: must be a finite number from"),
+    ("materials.glass.int_ior", 10**400, "materials.glass.int_ior = 1000"),
+    ("materials.glass.int_ior", [], r"int_ior = \[\]: must be a list of numbers"),
+    ("materials.glass.int_ior", ["a"], r"int_ior = \['a'\]: must be a list of numbers"),
+    ("materials.glass.day", date(2020, 1, 1), "glass.day = .*: must be a number, text, a list"),
     # The render
     ("render.width", 0, "render.width = 0: must be an integer from 1 to 65536"),
     ("render.spp", "many", "render.spp = 'many': must be an integer from 1"),
@@ -256,6 +264,34 @@ def test_the_good_one_is_good():
 )
 def test_bad_configs_are_refused(key, value, text):
     assert re.search(text.replace("?", r"\?"), one_line(key, value))
+
+
+VALUES = [
+    *(None, True, 0, -1, 3.5, 1e308, 10**400, float("inf"), float("nan"), date(2020, 1, 1)),
+    *("", "x", "\0", "a.b", "..", "type", "sensor", "integrator"),
+    *([], [1], [1, 2, 3], ["a"], [[1, 2], [3]], [None], [True, 1]),
+    *({}, {"type": "x"}, {"a": {"b": 1}}, {"type": 3}),
+]
+
+
+def keys(table: dict, where: str = "") -> Iterator[str]:
+    for name, value in table.items():
+        yield where + name
+        if isinstance(value, dict):
+            yield from keys(value, f"{where}{name}.")
+
+
+@pytest.mark.slow
+def test_whatever_stands_there_is_taken_or_refused_in_a_line():
+    said = []
+    for key in keys(GOOD):
+        for value in VALUES:
+            try:
+                read_config(changed(key, value))
+            except (ValueError, FileNotFoundError) as error:
+                said.append(str(error))
+    assert len(said) > 1000
+    assert not [text for text in said if "\n" in text]
 
 
 IN_SCENE = [

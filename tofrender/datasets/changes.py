@@ -205,7 +205,10 @@ def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
             raise ValueError(
                 f"{where} = {varied.what!r}: has {before.size} numbers, {numbers.size} are drawn"
             )
-        new = np.broadcast_to(numbers, before.shape) * (before if varied.times else 1)
+        with np.errstate(over="ignore"):
+            new = np.broadcast_to(numbers, before.shape) * (before if varied.times else 1)
+        if not np.isfinite(new).all():
+            raise ValueError(f"{where} = {varied.what!r}: becomes {new.tolist()}; must be finite")
         whole = isinstance(old, int) and bool(new == np.round(new))
         return int(new) if whole else new.tolist()
     same = isinstance(old, str) and isinstance(value, str)

@@ -8,6 +8,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import date, time
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from .varied import Varied, parse_varied
 
 MAX_RECORDS = 10_000_000
 MAX_RETRY = 1000
+MAX_VALUE = 1e15
 
 RENDER = (*CHECKS, "window", "sensor")
 KEYS = (
@@ -325,9 +327,27 @@ def _described(where: str, name: str, value: Any) -> dict[str, Any]:
     """A material or an object, as a dict for Mitsuba."""
     if not isinstance(value, Mapping) or not isinstance(value.get("type"), str):
         raise ValueError(f"{where}.{name}: must be a table with a plugin's name as its type")
-    if "." in name:
+    if "." in name or not name:
         raise ValueError(f"{where}.{name!r}: must be a name without dots")
+    for key, part in value.items():
+        _require_value(f"{where}.{name}.{key}", part)
     return dict(value)
+
+
+def _require_value(where: str, value: Any) -> None:
+    """Refuse what no plugin takes, some of which would end the process in Mitsuba's parser."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            _require_value(f"{where}.{key}", part)
+    elif isinstance(value, list | tuple):
+        if not value or any(isinstance(part, Mapping | str | bool) for part in value):
+            raise ValueError(f"{where} = {value!r}: must be a list of numbers")
+        for part in value:
+            _require_value(where, part)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        checks.number(where, value, low=-MAX_VALUE, high=MAX_VALUE)
+    elif value is None or isinstance(value, date | time) or value == "":
+        raise ValueError(f"{where} = {value!r}: must be a number, text, a list or a table")
 
 
 # ----------------------------------------------------------------------------- as text, to compare
