@@ -1,6 +1,7 @@
 from . import (
     analysis as analysis,
     course as course,
+    datasets as datasets,
     films as films,
     integrators as integrators,
     io as io,
@@ -19,8 +20,13 @@ from .analysis import (
     sum_channels as sum_channels,
     transient_to_phasor as transient_to_phasor,
     true_depth as true_depth,
+    true_normals as true_normals,
     unambiguous_range as unambiguous_range,
     unwrap as unwrap,
+)
+from .datasets import (
+    load_dataset as load_dataset,
+    make_dataset as make_dataset,
 )
 from .films.phasor import PhasorHDRFilm as PhasorHDRFilm
 from .films.transient import TransientHDRFilm as TransientHDRFilm

@@ -16,6 +16,7 @@ from tofrender.analysis import (
     multipath_error,
     transient_to_phasor,
     true_depth,
+    true_normals,
     unambiguous_range,
 )
 from tofrender.runtime.backend import BackendError
@@ -219,6 +220,19 @@ def test_true_depth_refuses():
     loaded = load(room(film(2, 2)))
     one_line("sensor = 1", true_depth, loaded, 1)
     one_line("no sensor", true_depth, mi.load_dict({"type": "scene"}))
+
+
+def test_true_normals_of_planes():
+    """On the side that is seen, of the floor and of the wall that leans."""
+    normals, depth = true_normals(load(room(film(24, 18)))), room_depth(24, 18)
+    assert (np.isnan(normals).all(axis=-1) == np.isnan(depth)).all()
+    floor, wall = np.array([0, 0, 1]), np.array([-np.sin(np.radians(60)), 0, 0.5])
+    near = [np.abs(normals - each).max(axis=-1) < 1e-6 for each in (floor, wall)]
+    assert all(part.any() for part in near)
+    assert ((near[0] ^ near[1]) | np.isnan(depth)).all()
+    turned = room(film(24, 18))
+    turned["floor"]["flip_normals"] = turned["wall"]["flip_normals"] = True
+    assert true_normals(load(turned)) == pytest.approx(normals, abs=1e-6, nan_ok=True)
 
 
 def test_direct_light_measures_the_true_depth():

@@ -9,6 +9,7 @@ from .correlation import (
     from_four_bucket as from_four_bucket,
     multipath_error as multipath_error,
     true_depth as true_depth,
+    true_normals as true_normals,
 )
 from .unwrapping import (
     unambiguous_range as unambiguous_range,

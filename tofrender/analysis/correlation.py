@@ -182,9 +182,53 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
         ((256, 256), 3.2)
     """
     import drjit as dr
+
+    camera, ray, si = _first_seen(scene, sensor)
+    from ..paths.camera import ray_origin
+
+    distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
+    return np.array(distance, dtype=np.float64).reshape(_pixels(camera))
+
+
+def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
+    """Normals of what the centre of each pixel sees.
+
+    Args:
+        scene: A loaded scene, or what `load_scene` takes.
+        sensor: Number of the sensor; its film's crop window counts.
+
+    Returns:
+        float64 (height, width, 3): unit normals of the first surface in world space, on the side
+        that is seen; NaN where there is none. Meshes have those of their triangles.
+
+    Raises:
+        ValueError: The scene is wrong, or has no such sensor.
+        BackendError: The active variant is a scalar one.
+
+    Example:
+        >>> normals = true_normals("cornell_box")
+        >>> normals.shape, round(normals[128, 10, 0].item(), 3)
+        ((256, 256, 3), 1.0)
+    """
+    import drjit as dr
+
+    camera, ray, si = _first_seen(scene, sensor)
+    facing = si.n * -dr.sign(dr.dot(si.n, ray.d))
+    normals = np.array(dr.select(si.is_valid(), facing, dr.nan), dtype=np.float64)
+    return np.ascontiguousarray(normals.T).reshape(*_pixels(camera), 3)
+
+
+def _pixels(camera: Any) -> tuple[int, int]:
+    """Height and width of what a camera's film keeps."""
+    width, height = (int(v) for v in camera.film().crop_size())
+    return height, width
+
+
+def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
+    """The sensor, rays through the centres of its pixels, and what they meet first."""
+    import drjit as dr
     import mitsuba as mi
 
-    from ..paths.camera import ray_origin
     from ..runtime import backend
     from ..scenes.loading import load_scene, require_sensor
 
@@ -193,12 +237,10 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
     require_sensor(scene)
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
-    width, height = (int(v) for v in camera.film().crop_size())
+    height, width = _pixels(camera)
     pixel = dr.arange(mi.UInt32, width * height)
     y = pixel // width
     size: Any = mi.ScalarVector2f(width, height)
     centre = (mi.Point2f(pixel - y * width, y) + 0.5) / size
     ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
-    si = scene.ray_intersect(ray)
-    distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
-    return np.array(distance, dtype=np.float64).reshape(height, width)
+    return camera, ray, scene.ray_intersect(ray)

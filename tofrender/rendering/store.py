@@ -195,24 +195,34 @@ class Store:
         """Write coordinates and attributes, and move the film to its place."""
         group = self._group()
         for name, values in coordinates.items():
-            text = values.dtype.kind == "U"
-            array = group.create_array(
-                name,
-                shape=values.shape,
-                dtype=str if text else values.dtype,
-                dimension_names=[name],
-                overwrite=True,
-            )
-            array[:] = values.astype(object) if text else values
+            put_labels(group, name, values, [name])
         group["opl"].attrs.update({"units": "m", "long_name": "optical path length"})
         group.attrs.update(dict(attrs))
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
-            require_zarr().consolidate_metadata(self.film)
-        atomic.to_disk(self.film)
-        os.rename(self.film, target)
-        atomic.to_disk(target.parent, deep=False)
+        put_in_place(self.film, target)
         atomic.remove(self.folder)
+
+
+def put_labels(group: Any, name: str, values: np.ndarray, axes: list[str]) -> None:
+    """Write a small array, of numbers or text, in place of one that is there."""
+    text = values.dtype.kind == "U"
+    array = group.create_array(
+        name,
+        shape=values.shape,
+        dtype=str if text else values.dtype,
+        dimension_names=axes,
+        overwrite=True,
+    )
+    array[:] = values.astype(object) if text else values
+
+
+def put_in_place(folder: Path, target: Path) -> None:
+    """Consolidate the metadata of a group that is complete, and move it to its place."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
+        require_zarr().consolidate_metadata(folder)
+    atomic.to_disk(folder)
+    os.rename(folder, target)
+    atomic.to_disk(target.parent, deep=False)
 
 
 def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:

@@ -103,6 +103,24 @@ def load_scene(
     return scene
 
 
+def parse_file_of(path: Path, parameters: Mapping[str, Any]) -> Any:
+    """Mitsuba's parser state of an XML file, its references resolved.
+
+    Raises:
+        ValueError: The file or a parameter is wrong; one line.
+        FileNotFoundError: There is no such file.
+    """
+    config = parser.ParserConfig(mi.variant())
+    try:
+        with _files_beside(path):
+            state = _parse_file(config, path, parameters)
+            parser.transform_upgrade(config, state)
+            parser.transform_resolve(config, state)
+    except RuntimeError as error:
+        raise ValueError(_one_line(str(error))) from None
+    return state
+
+
 def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
     """Make one object from a dict, ours where the plugin's name is one of ours.
 

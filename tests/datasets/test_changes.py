@@ -1,0 +1,227 @@
+"""What draws change: each kind of change does what it says to the scene, and to nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from tofrender.datasets.config import read_config
+from tofrender.datasets.scene import load, scene_of
+from tofrender.scenes import cornell_box
+
+ROOT = Path(__file__).parents[2]
+
+
+def scene(source: object = "cornell_box", tables: dict | None = None, **vary: dict) -> dict:
+    """The first record's scene where these quantities are fixed or drawn."""
+    kind = {"distribution": "fixed"}
+    given = {n: (v if "distribution" in v else kind | v) for n, v in vary.items()}
+    outputs = {"capture": {}} if source == "nlos_z" else {"steady": True}
+    config = {"records": 1, "scene": source, "outputs": outputs, "vary": given} | (tables or {})
+    read = read_config(config)
+    return scene_of(read, read.draw(0))
+
+
+def box_of(described: dict, name: str = "small-box") -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of a shape of a scene, and their middle."""
+    shape = described[name]
+    if isinstance(shape, dict):
+        plain = {n: part for n, part in shape.items() if n not in ("bsdf", "emitter")}
+        shape = mi.load_dict(plain)
+    box = shape.bbox()
+    low, high = np.ravel(np.array(box.min, float)), np.ravel(np.array(box.max, float))
+    return high - low, (low + high) / 2
+
+
+SIZE, MIDDLE = np.array([0.6 * (np.cos(0.2967) + np.sin(0.2967)), 0.6]), [0.335, -0.7, 0.38]
+
+
+def test_moves_add_up():
+    moved = scene(
+        a={"move": "small-box", "value": [0.1, 0.2, 0.3]},
+        b={"move": "small-box", "value": [1, 0, 0]},
+    )
+    size, middle = box_of(moved)
+    np.testing.assert_allclose(middle, np.add(MIDDLE, [1.1, 0.2, 0.3]), atol=1e-5)
+    np.testing.assert_allclose(size[:2], SIZE, atol=1e-3)
+
+
+def test_a_position_is_where_the_object_is():
+    for name in ("small-box", "light"):
+        _, middle = box_of(scene(a={"position": name, "value": [1, 2, 3]}), name)
+        np.testing.assert_allclose(middle, [1, 2, 3], atol=1e-5)
+
+
+def test_a_turn_is_about_its_own_middle():
+    size, middle = box_of(scene(a={"turn": "small-box", "value": 17.0}))  # Straight then
+    np.testing.assert_allclose(middle, MIDDLE, atol=1e-5)
+    np.testing.assert_allclose(size, 0.6, atol=1e-4)
+    around = {"turn": "small-box", "value": 90.0, "around": [0, 0, 0]}
+    _, middle = box_of(scene(a=around))
+    np.testing.assert_allclose(middle, [0.38, -0.7, -0.335], atol=1e-5)
+
+
+def test_a_scale_is_about_its_own_middle():
+    before, _ = box_of(cornell_box())
+    size, middle = box_of(scene(a={"scale": "small-box", "value": 2}))
+    np.testing.assert_allclose(middle, MIDDLE, atol=1e-5)
+    np.testing.assert_allclose(size, 2 * before, rtol=1e-5)
+    size, _ = box_of(scene(a={"scale": "small-box", "value": [1, 2, 1]}))
+    np.testing.assert_allclose(size, before * [1, 2, 1], rtol=1e-5)
+
+
+def test_sizes_turns_and_moves_do_not_depend_on_their_order():
+    changes = {
+        "a": {"move": "small-box", "value": [0.1, 0.2, 0.3]},
+        "b": {"turn": "small-box", "value": 30},
+        "c": {"scale": "small-box", "value": 2},
+    }
+    matrices = [
+        np.array(scene(**dict(order))["small-box"]["to_world"].matrix, float)
+        for order in (list(changes.items()), list(changes.items())[::-1])
+    ]
+    np.testing.assert_allclose(*matrices, atol=1e-12)
+
+
+def test_spheres_lights_and_ready_made_meshes_have_poses_too():
+    ball = {"objects": {"ball": {"type": "sphere", "center": [1, 0, 0], "radius": 0.5}}}
+    grown = scene(
+        tables=ball, a={"scale": "ball", "value": 2}, b={"position": "ball", "value": [0] * 3}
+    )
+    size, middle = box_of(grown, "ball")
+    np.testing.assert_allclose(size, 2, atol=1e-5)
+    np.testing.assert_allclose(middle, 0, atol=1e-5)
+    flash = scene("cornell_box_flash", a={"move": "light", "value": [0, 1, 0]})
+    assert flash["light"]["position"] == [0, 1, 3.9]
+    before = box_of(scene("nlos_z"), "hidden_z")
+    turned = scene(
+        "nlos_z",
+        a={"turn": "hidden_z", "value": 90},
+        b={"move": "hidden_z", "value": [0, 0, 1]},
+    )
+    size, middle = box_of(turned, "hidden_z")
+    np.testing.assert_allclose(size, before[0][[2, 1, 0]], atol=1e-5)
+    np.testing.assert_allclose(middle, before[1] + [0, 0, 1], atol=1e-5)
+
+
+def test_a_point_light_has_no_size():
+    with pytest.raises(ValueError, match="'light': is a point; must be an object with a size"):
+        scene("cornell_box_flash", a={"scale": "light", "value": 2})
+
+
+def test_values_by_their_path():
+    where = "light.emitter.radiance"
+    assert scene(a={"path": where, "value": [1, 2, 3]})["light"]["emitter"]["radiance"] == {
+        "type": "rgb",
+        "value": [1, 2, 3],
+    }
+    grey = scene(a={"path": f"{where}.value", "value": 5})
+    assert grey["light"]["emitter"]["radiance"]["value"] == [5, 5, 5]
+    brighter = scene(a={"path": where, "value": 2, "times": True})
+    old = cornell_box()["light"]["emitter"]["radiance"]["value"]
+    assert brighter["light"]["emitter"]["radiance"]["value"] == [2 * x for x in old]
+    assert scene(a={"path": "integrator.max_depth", "value": 3})["integrator"]["max_depth"] == 3
+    assert scene(a={"path": "sensor.fov_axis", "value": "x"})["sensor"]["fov_axis"] == "x"
+
+
+def test_values_must_stay_finite():
+    with pytest.raises(ValueError, match=r"'light.emitter.radiance': becomes \[inf, inf, inf\]"):
+        scene(a={"path": "light.emitter.radiance", "value": 1e308, "times": True})
+
+
+def test_reflectances():
+    assert (
+        scene(a={"reflectance": "white", "value": 0.5})["white"]["reflectance"]["value"]
+        == [0.5] * 3
+    )
+    red = cornell_box()["red"]["reflectance"]["value"]
+    half = scene(a={"reflectance": "red", "value": [0.5, 1, 1], "times": True})
+    assert half["red"]["reflectance"]["value"] == [0.5 * red[0], *red[1:]]
+    both = {
+        "materials": {"both": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {}}}}
+    }
+    sides = scene(tables=both, a={"reflectance": "both", "value": 0.25})
+    assert sides["both"]["bsdf"]["reflectance"]["value"] == [0.25] * 3
+
+
+def test_materials():
+    mirror = {"materials": {"mirror": {"type": "conductor", "material": "none"}}}
+    made = scene(tables=mirror, a={"material": "small-box", "value": "mirror"})
+    assert made["small-box"]["bsdf"] == {"type": "ref", "id": "mirror"}
+    assert made["large-box"]["bsdf"]["id"] == "white"
+    kinds = {s.id(): s.bsdf().class_name() for s in load_shapes(made)}
+    assert kinds["small-box"] == "SmoothConductor"
+    file = scene(
+        str(ROOT / "scenes/cornell_box.xml"), mirror, a={"material": "floor", "value": "red"}
+    )
+    assert [part for part in file["floor"].values() if isinstance(part, dict)] == [
+        {"type": "ref", "id": "red"}
+    ]
+
+
+def load_shapes(described: dict) -> list:
+    return mi.load_dict(described, optimize=False).shapes()
+
+
+def test_the_camera():
+    camera = scene(
+        a={"camera": "origin", "value": [1, 2, 3]},
+        b={"camera": "target", "value": [0, 0, 0]},
+        c={"camera": "fov", "value": 25},
+    )["sensor"]
+    assert camera["fov"] == 25
+    matrix = np.array(camera["to_world"].matrix, float)
+    np.testing.assert_allclose(matrix[:3, 3], [1, 2, 3])
+    np.testing.assert_allclose(matrix[:3, 2], -np.array([1, 2, 3]) / np.sqrt(14), atol=1e-6)
+    alone = np.array(scene(a={"camera": "origin", "value": [1, 2, 3]})["sensor"]["to_world"].matrix)
+    np.testing.assert_allclose(alone[:3, 2], [0, 0, -1], atol=1e-6)  # Looks where it did
+    rolled = scene(a={"camera": "origin", "value": [0, 0, 3], "up": [1, 0, 0]})["sensor"]
+    np.testing.assert_allclose(np.array(rolled["to_world"].matrix)[:3, 1], [1, 0, 0], atol=1e-6)
+
+
+def test_who_is_there():
+    some = {"present": ["small-box", "large-box"]}
+    assert "large-box" not in scene(a=some | {"distribution": "choice", "values": ["small-box"]})
+    none = some | {"distribution": "subset", "most": 0}
+    assert not {"small-box", "large-box"} & set(scene(a=none))
+    assert {"small-box", "large-box"} <= set(scene(a=some | {"distribution": "subset", "least": 2}))
+
+
+def test_arguments_and_parameters():
+    assert scene(a={"argument": "light", "value": "flash"})["light"]["type"] == "point"
+    file = str(ROOT / "scenes/cornell_box.xml")
+    assert scene(file, a={"parameter": "max_depth", "value": 3})["integrator"]["max_depth"] == 3
+
+
+def test_a_scene_given_as_a_dict_stays_as_it_is():
+    given = cornell_box()
+    changed = scene(
+        given, a={"move": "small-box", "value": [1, 0, 0]}, b={"reflectance": "red", "value": 1}
+    )
+    assert given["red"] == cornell_box()["red"]
+    assert str(given["small-box"]["to_world"]) == str(cornell_box()["small-box"]["to_world"])
+    assert changed["red"] != given["red"]
+
+
+def test_objects_are_described_by_their_place(tmp_path):
+    tables = {
+        "objects": {
+            "lamp": {
+                "type": "rectangle",
+                "to_world": {"position": [0, 0.9, 0], "axis": [1, 0, 0], "angle": 90, "scale": 0.1},
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [9, 9, 9]}},
+            }
+        },
+        "render": {"width": 4, "height": 4},
+    }
+    described = scene(tables=tables)
+    size, middle = box_of(described, "lamp")
+    np.testing.assert_allclose(middle, [0, 0.9, 0], atol=1e-6)
+    np.testing.assert_allclose(size, [0.2, 0, 0.2], atol=1e-6)
+    config = read_config(
+        {"records": 1, "scene": "cornell_box", "outputs": {"steady": True}} | tables
+    )
+    assert len(load(described, config).emitters()) == 2

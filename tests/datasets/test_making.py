@@ -1,0 +1,494 @@
+"""Data sets as they are made: right contents, whatever happens on the way."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tomllib
+from collections import namedtuple
+from copy import deepcopy
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+import xarray as xr
+
+import tofrender
+from tofrender import datasets
+from tofrender.datasets import making
+from tofrender.datasets.scene import load, scene_of
+
+CONFIG = {
+    "records": 3,
+    "seed": 11,
+    "scene": "cornell_box",
+    "render": {
+        "width": 8,
+        "height": 6,
+        "spp": 16,
+        "temporal_bins": 60,
+        "window": [3, 15],
+        "max_depth": 4,
+    },
+    "outputs": {
+        "transient": True,
+        "steady": True,
+        "depth": True,
+        "normals": True,
+        "noisy": {"spp": 2},
+        "phasor": {"frequencies_hz": [20e6, 50e6]},
+    },
+    "vary": {
+        "turn": {"turn": "small-box", "distribution": "uniform", "low": -40, "high": 40},
+        "eye": {
+            "camera": "origin",
+            "distribution": "uniform",
+            "low": [-0.1, -0.1, 3.0],
+            "high": [0.1, 0.1, 3.3],
+        },
+        "paint": {"reflectance": "white", "distribution": "uniform", "low": 0.4, "high": 0.8},
+        "boxes": {"present": ["small-box", "large-box"], "distribution": "subset", "least": 1},
+    },
+}
+LIT = ("transient", "steady", "noisy", "phasor")
+TIGHT = {"rtol": 1e-4, "atol": 1e-6}
+
+
+def make(config: dict, out: Path, **options) -> xr.Dataset:
+    return datasets.make_dataset(config, out, tell=lambda line: None, progress=False, **options)
+
+
+def require_same(one: xr.Dataset, other: xr.Dataset, tight: dict = TIGHT) -> None:
+    """Two data sets hold the same but for rounding of sums."""
+    assert set(one.variables) == set(other.variables)
+    for name in one.variables:
+        a, b = one[name].values, other[name].values
+        if a.dtype.kind == "f":
+            np.testing.assert_allclose(a, b, err_msg=str(name), **tight)
+        elif name != "made_with":
+            assert (a == b).all(), name
+
+
+def told(dataset: xr.Dataset, index: int = 0) -> dict:
+    return json.loads(str(dataset["made_with"].values[index]))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    lines: list[str] = []
+    out = tmp_path_factory.mktemp("made") / "boxes.zarr"
+    return datasets.make_dataset(CONFIG, out, tell=lines.append, progress=False), lines
+
+
+# ------------------------------------------------------------------------------ contents
+
+
+@pytest.mark.slow
+def test_a_record_is_what_render_gives(made):
+    dataset, _ = made
+    config = datasets.read_config(CONFIG)
+    for record in (0, 2):
+        about = told(dataset, record)
+        scene = scene_of(config, about["drawn"])
+        film = tofrender.render(
+            scene, spp=16, seed=about["render_seed"], settings=config.settings, progress=False
+        )
+        for name in ("transient", "steady"):
+            np.testing.assert_allclose(dataset[name][record], film[name], **TIGHT)
+        np.testing.assert_allclose(dataset["opl"], film["opl"])
+        assert about["fingerprint"] == film.attrs["fingerprint"]
+        assert dataset["energy_outside_window"].values[record] == pytest.approx(
+            film.attrs["energy_outside_window"], abs=1e-5
+        )
+        loaded = load(scene, config)
+        I, Q, *_ = tofrender.render_amcw_phasor(  # noqa: E741
+            *(loaded, loaded.sensors()[0], [20e6, 50e6], 16, about["render_seed"]),
+            loaded.integrator(),
+        )
+        phasor = dataset["phasor"][record].values
+        scale = np.abs(phasor).max()
+        np.testing.assert_allclose(phasor[..., 0, :], I, rtol=1e-4, atol=1e-5 * scale)
+        np.testing.assert_allclose(phasor[..., 1, :], Q, rtol=1e-4, atol=1e-5 * scale)
+        for name, truth in (
+            ("depth", tofrender.true_depth(loaded)),
+            ("normals", tofrender.true_normals(loaded)),
+        ):
+            np.testing.assert_allclose(dataset[name][record], truth, rtol=1e-6, err_msg=name)
+
+
+@pytest.mark.slow
+def test_noise_is_independent(made):
+    """A denoiser must not find the clean picture's own noise in the noisy one."""
+    dataset, _ = made
+    clean, noisy = dataset["transient"].values, dataset["noisy"].values
+    assert clean.sum() == pytest.approx(noisy.sum(), rel=0.1)
+    assert told(dataset)["noise_seed"] != told(dataset)["render_seed"]
+    error = np.abs(noisy - clean).sum() / clean.sum()
+    assert 0.1 < error < 1.5
+
+
+@pytest.mark.slow
+def test_xarray_opens_it_lazily(made):
+    dataset, _ = made
+    opened = xr.open_zarr(dataset.encoding["source"], consolidated=True)
+    assert opened["transient"].dims == ("record", "y", "x", "opl", "channel")
+    assert opened["phasor"].dims == ("record", "frequency", "y", "x", "part", "channel")
+    assert opened["normals"].dims == ("record", "y", "x", "xyz")
+    assert opened["frequency"].values.tolist() == [20e6, 50e6]
+    assert list(map(str, opened["channel"].values)) == ["R", "G", "B"]
+    assert opened["opl"].attrs["units"] == "m"
+    assert opened["transient"].chunks is not None
+    assert opened["transient"].chunks[0] == (1, 1, 1)
+    table = opened[opened.attrs["parameters"].split()].load()
+    assert table["turn"].dims == ("record",)
+    assert table["eye"].dims == ("record", "xyz")
+    assert set(map(str, table["boxes"].values)) <= {
+        "small-box",
+        "large-box",
+        "small-box large-box",
+    }
+    for record in range(3):
+        drawn = datasets.read_config(CONFIG).draw(record)
+        assert table["turn"].values[record] == drawn["turn"]
+        assert table["eye"].values[record].tolist() == drawn["eye"]
+
+
+@pytest.mark.slow
+def test_each_record_has_a_file_with_all_of_it(made):
+    dataset, _ = made
+    folder = Path(dataset.encoding["source"])
+    for name in (*LIT, "depth", "normals"):
+        files = sorted(path for path in (folder / name / "c").rglob("*") if path.is_file())
+        assert [path.relative_to(folder / name).parts[1] for path in files] == ["0", "1", "2"]
+    assert not list(folder.parent.glob(".tofrender-*"))
+
+
+@pytest.mark.slow
+def test_the_plan_is_told_first(made):
+    _, lines = made
+    assert lines[0].startswith("3 records of cornell_box; varied: turn, eye, paint, boxes\n")
+    assert "transient  record, y, x, opl, channel              3 x 6 x 8 x 60 x 3    " in lines[0]
+    assert lines[0].splitlines()[-1].startswith("in all ")
+    assert lines[1].startswith("record 0 took ")
+    assert "; the others take about " in lines[1]
+
+
+@pytest.mark.slow
+def test_any_record_can_be_made_alone(made, tmp_path):
+    dataset, _ = made
+    alone = make(CONFIG, tmp_path / "one.zarr", only=[2])
+    assert alone["record"].values.tolist() == [2]
+    require_same(alone, dataset.isel(record=[2]))
+    again = make(told(dataset, 2)["config"], tmp_path / "again.zarr", only=[2])
+    require_same(again, alone)
+
+
+def plane(width: int = 5, height: int = 4) -> dict:
+    """A wall in z = 0, seen by a camera on the z axis."""
+    film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
+    look = mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
+    wall = mi.ScalarTransform4f().scale(50)
+    return {
+        "type": "scene",
+        "sensor": {"type": "perspective", "fov": 40, "to_world": look, "film": film},
+        "wall": {"type": "rectangle", "to_world": wall},
+    }
+
+
+@pytest.mark.slow
+def test_depth_and_normals_of_a_plane(tmp_path):
+    """Distance d of the camera: a pixel at the angle θ is d / cos θ away."""
+    eye = {"camera": "origin", "distribution": "uniform", "low": [0, 0, 1], "high": [0, 0, 9]}
+    config = {"records": 3, "scene": plane(), "outputs": {"depth": True, "normals": True}}
+    found = make(config | {"vary": {"eye": eye}}, tmp_path / "plane.zarr")
+    step = np.tan(np.radians(20)) * 2 / 5
+    x, y = np.meshgrid((np.arange(5) - 2) * step, (np.arange(4) - 1.5) * step)
+    for record in range(3):
+        d = found["eye"].values[record, 2]
+        expected = d * np.sqrt(1 + x**2 + y**2)
+        np.testing.assert_allclose(found["depth"][record], expected, rtol=1e-5)
+    np.testing.assert_allclose(found["normals"].values - [0, 0, 1], 0, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
+    """As deep as its own integrator, whatever that is."""
+    config = {
+        "records": 1,
+        "scene": "cornell_box_steady_state",
+        "arguments": {"max_depth": 2},
+        "render": {"width": 4, "height": 4, "spp": 16},
+        "outputs": {"phasor": {"frequencies_hz": [20e6]}},
+    }
+    found = make(config, tmp_path / "x.zarr")
+    assert "opl" not in found.coords
+    loaded = tofrender.load_scene(
+        "cornell_box", width=4, height=4, max_depth=2, integrator="transient_path"
+    )
+    seed = told(found)["render_seed"]
+    I, *_ = tofrender.render_amcw_phasor(  # noqa: E741
+        loaded, loaded.sensors()[0], 20e6, 16, seed, loaded.integrator()
+    )
+    np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], I, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_another_variant(tmp_path):
+    mi.set_variant("llvm_ad_mono")
+    config = CONFIG | {"records": 1, "vary": {"turn": CONFIG["vary"]["turn"]}}
+    found = make(config, tmp_path / "x.zarr")
+    assert found["channel"].values.tolist() == ["L"]
+    assert found["phasor"].shape == (1, 2, 6, 8, 2, 1)
+    assert found.attrs["variant"] == told(found)["variant"] == "llvm_ad_mono"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["boxes", "hidden", "room"])
+def test_examples_work(name, tmp_path):
+    """In small, with their windows: 4 records without a warning or another draw."""
+    file = Path(datasets.__file__).parents[2] / "docs/datasets" / f"{name}.toml"
+    config = tomllib.loads(file.read_text())
+    config["records"] = 4
+    config["render"]["spp"] = 16
+    if name == "hidden":
+        config["outputs"]["capture"]["grid"] = [8, 8]
+    else:
+        config["render"] |= {"width": 12, "height": 9}
+    config["scene"] = config["scene"].replace("room.xml", str(file.with_name("room.xml")))
+    found = make(config, tmp_path / "x.zarr")
+    assert (found["attempt"].values == 0).all()
+    for array in {*LIT, "capture"} & set(found):
+        each = np.abs(found[array].values.reshape(4, -1))
+        assert np.isfinite(each).all()
+        assert (each.max(axis=1) > 0).all()
+        assert len(set(each.sum(axis=1))) == 4
+    for array in {"depth", "hidden_depth"} & set(found):
+        values = found[array].values
+        assert np.nanmin(values) > 0.3
+        assert np.nanmax(values) < 10
+
+
+# ------------------------------------------------------------------------------ captures
+
+HIDDEN = {
+    "records": 2,
+    "scene": "nlos_z",
+    "arguments": {"occluder": False},
+    "render": {"spp": 16, "temporal_bins": 80, "start_opl": 1.0, "bin_width_opl": 0.04},
+    "outputs": {"capture": {"mode": "confocal", "grid": [4, 3]}},
+    "vary": {
+        "distance": {"argument": "distance", "distribution": "uniform", "low": 0.8, "high": 1.2},
+        "tilt": {"turn": "hidden_z", "distribution": "uniform", "low": -30, "high": 30},
+    },
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["confocal", "single", "exhaustive"])
+def test_captures_are_those_of_capture(tmp_path, mode):
+    config = deepcopy(HIDDEN)
+    config["outputs"]["capture"]["mode"] = mode
+    found = make(config, tmp_path / "hidden.zarr")
+    about = told(found, 1)
+    read = datasets.read_config(config)
+    scene = load(scene_of(read, about["drawn"]), read)
+    expected = tofrender.capture(
+        scene, mode=mode, spp=16, seed=about["render_seed"], progress=False
+    )
+    one = datasets.capture_of(found, 1)
+    assert set(one.data_vars) == set(expected.data_vars)
+    for name in expected.data_vars:
+        np.testing.assert_allclose(one[name], expected[name], rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(one["opl"], expected["opl"])
+    truth = tofrender.hidden_depth(scene, expected)
+    np.testing.assert_allclose(found["hidden_depth"][1], truth, rtol=1e-6)
+    if mode == "confocal":
+        assert tofrender.reconstruct(one, "lct").sizes
+
+
+@pytest.mark.slow
+def test_time_bins_must_be_those_of_all(tmp_path):
+    config = deepcopy(HIDDEN)
+    config["render"] = {"spp": 4}
+    with pytest.raises(ValueError, match=r"^record 1 cannot be made: its time bins start at \d"):
+        make(config, tmp_path / "hidden.zarr")
+
+
+def test_no_captures_no_capture(tmp_path):
+    config = {"records": 1, "scene": plane(), "outputs": {"depth": True}}
+    found = make(config, tmp_path / "plane.zarr")
+    with pytest.raises(ValueError, match=r"dataset: has no captures"):
+        datasets.capture_of(found, 0)
+    with pytest.raises(ValueError, match=r"must be a finished data set that `make_dataset` wrote"):
+        datasets.load_dataset(tmp_path)
+
+
+# ------------------------------------------------------------------- scenes that cannot be rendered
+
+
+def inside(share: float) -> dict:
+    """The camera is inside of the large box in some records, and sees nothing there."""
+    config = deepcopy(CONFIG)
+    config["outputs"] = {"steady": True}
+    config["vary"] = {
+        "eye": {
+            "camera": "origin",
+            "distribution": "choice",
+            "values": [[-0.33, -0.4, -0.28], [0, 0, 3.2]],
+            "weights": [share, 1 - share],
+        }
+    }
+    return config
+
+
+@pytest.mark.slow
+def test_what_cannot_be_rendered_ends_with_a_line(tmp_path):
+    with pytest.raises(ValueError, match=r"^record 0 cannot be made: ") as error:
+        make(inside(1.0), tmp_path / "x.zarr")
+    said = str(error.value)
+    assert "\n" not in said
+    assert said.endswith("(eye = [-0.33, -0.4, -0.28])")
+    with pytest.raises(ValueError, match="record 0 cannot be made, and 2 more draws neither: "):
+        make(inside(1.0) | {"retry": 2}, tmp_path / "y.zarr")
+
+
+@pytest.mark.slow
+def test_what_cannot_be_rendered_is_drawn_again(tmp_path):
+    config = inside(0.5) | {"records": 4, "retry": 20}
+    found = make(config, tmp_path / "x.zarr")
+    attempts = found["attempt"].values
+    assert attempts.max() > 0
+    assert (found["eye"].values == [0, 0, 3.2]).all()
+    drawn = datasets.read_config(config)
+    for record, attempt in enumerate(attempts):
+        assert drawn.draw(record, int(attempt))["eye"] == [0, 0, 3.2]
+        assert all(drawn.draw(record, a)["eye"][2] < 0 for a in range(attempt))
+    assert (found["steady"].values.reshape(4, -1).max(axis=1) > 0).all()
+
+
+# --------------------------------------------------------------------------- stopped, and after
+
+SMALL = CONFIG | {"outputs": {"transient": True, "depth": True}}
+
+
+def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
+    """A run that was stopped before a record; returns where it is."""
+
+    def make_record(config, layout, record):
+        if record == before:
+            raise KeyboardInterrupt
+        return datasets.record.make_record(config, layout, record)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(making, "make_record", make_record)
+        with pytest.raises(KeyboardInterrupt, match=rf"interrupted after {before} of 3 records"):
+            make(config, out)
+    assert not out.exists()
+    return making.under_way(out)
+
+
+@pytest.mark.slow
+def test_a_stopped_run_goes_on(made, tmp_path, monkeypatch):
+    out = tmp_path / "x.zarr"
+    folder = stopped(monkeypatch, out, 2)
+    done = {path: path.stat().st_mtime_ns for path in folder.rglob("c/[01]/**/*")}
+    assert done
+    moved = {path.relative_to(folder / "set.zarr"): time for path, time in done.items()}
+    lines: list[str] = []
+    found = datasets.make_dataset(SMALL, out, tell=lines.append, progress=False)
+    assert lines[1] == "resuming from 2 of 3 records"
+    assert {path: (out / path).stat().st_mtime_ns for path in moved} == moved
+    assert not folder.exists()
+    for name in ("transient", "depth", "turn"):
+        np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
+
+
+@pytest.mark.slow
+def test_a_damaged_record_is_made_again(made, tmp_path, monkeypatch):
+    out = tmp_path / "x.zarr"
+    folder = stopped(monkeypatch, out, 2)
+    file = next(path for path in (folder / "set.zarr/transient/c/1").rglob("*") if path.is_file())
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    shutil.rmtree(folder / "set.zarr/depth/c/0")
+    with pytest.warns(UserWarning, match=r"record \d of .*: is damaged, making it again") as warned:
+        found = make(SMALL, out)
+    assert sum("is damaged" in str(each.message) for each in warned) == 2
+    for name in ("transient", "depth"):
+        np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
+
+
+@pytest.mark.slow
+def test_another_config_is_refused(tmp_path, monkeypatch):
+    out = tmp_path / "x.zarr"
+    folder = stopped(monkeypatch, out, 1)
+    for change, text in (
+        ({"seed": 12}, "seed = 12: the unfinished data set was begun with seed = 11"),
+        ({"records": 9}, "^records = 9: the unfinished data set was begun with "),
+        ({"retry": 1}, "retry = 1: the unfinished data set was begun without retry"),
+        ({"render": CONFIG["render"] | {"spp": 8}}, "render.spp = 8: the unfinished data set was"),
+        ({"vary": {}}, "without vary.turn|vary = {}: the unfinished data set was begun"),
+    ):
+        with pytest.raises(ValueError, match=text) as error:
+            make(SMALL | change, out)
+        assert "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=r"^only = .*: the unfinished data set was begun with"):
+        make(SMALL, out, only=[0, 1])
+    with pytest.raises(FileExistsError, match="an unfinished data set is beside it") as error:
+        make(SMALL, out, resume=False)
+    assert str(folder) in str(error.value)
+
+
+@pytest.mark.slow
+def test_what_is_there_stays(made):
+    with pytest.raises(FileExistsError, match="exists; must be a new folder"):
+        make(CONFIG, made[0].encoding["source"])
+    with pytest.raises(ValueError, match=r"must be the name of a folder that ends in .zarr"):
+        make(CONFIG, "boxes")
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_as_it_finished_is_no_run(tmp_path):
+    """Its receipts are left, without the data set, which has moved away."""
+    out = tmp_path / "x.zarr"
+    make(SMALL | {"records": 1}, out)
+    folder = making.under_way(out)
+    (folder / "receipts").mkdir(parents=True)
+    (folder / "receipts/plan.json").write_text("{}")
+    shutil.rmtree(out)
+    assert make(SMALL | {"records": 1}, out, resume=False).sizes["record"] == 1
+    assert not folder.exists()
+
+
+def test_a_small_disk_is_refused_before_work(tmp_path, monkeypatch):
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10, 9, 1000))
+    monkeypatch.setattr(making, "make_record", None)
+    with pytest.raises(OSError, match=r"too little room; needs up to .* KiB, 1000 bytes is free"):
+        make(CONFIG, tmp_path / "x.zarr")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_warnings_are_told_once(tmp_path):
+    config = deepcopy(SMALL)
+    config["render"]["window"] = [3, 7]
+    with pytest.warns(UserWarning, match="came with warnings") as warned:
+        found = make(config, tmp_path / "x.zarr")
+    texts = [str(each.message) for each in warned]
+    assert len(texts) == 1
+    assert texts[0].startswith("3 of 3 records came with warnings, which made_with has; the first")
+    assert "of the energy arrives outside the window" in told(found)["warnings"][0]
+    assert (found["energy_outside_window"].values > 0.01).all()
+
+
+# ------------------------------------------------------------------------------ workers
+
+
+@pytest.mark.slow
+def test_two_workers_make_the_same(made, tmp_path):
+    with tofrender.local_workers(2) as client:
+        found = make(CONFIG, tmp_path / "x.zarr", client=client)
+    require_same(found, made[0])

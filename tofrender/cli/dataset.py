@@ -1,0 +1,95 @@
+"""The command `tofrender dataset`."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..runtime import checks
+from . import options as opt
+from .keeping import AGAIN
+
+LAST = 10_000_000
+
+
+def numbers(name: str, value: Any) -> list[int]:
+    """The check of an option that is numbers and ranges, like 17 or 0-99,250.
+
+    Example:
+        >>> numbers("", "0-3,7")
+        [0, 1, 2, 3, 7]
+    """
+    found: list[int] = []
+    for part in str(value).split(","):
+        first, dash, last = part.partition("-")
+        ends = [opt.number(first), opt.number(last) if dash else opt.number(first)]
+        try:
+            low, high = (checks.integer(name, end, 0, LAST) for end in ends)
+        except ValueError:
+            low, high = 1, 0
+        if low > high:
+            raise ValueError(f"{name} = {value}: must be numbers of records, like 17 or 0-99,250")
+        found += range(low, high + 1)
+    return found
+
+
+def dataset(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="TOML file: what to make.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder to write, ends in .zarr.")
+    ] = None,
+    only: Annotated[
+        Any, opt.checked(numbers, "Only these records, e.g. 17 or 0-99.", metavar="N,N-N")
+    ] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Show the plan and stop.")] = False,
+    variant: opt.Variant = None,
+    workers: opt.Workers = None,
+    scheduler: opt.Scheduler = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where a run was stopped or killed.")
+    ] = False,
+) -> None:
+    """Make a data set: many scenes with varied cameras, lights, materials and objects.
+
+    CONFIG says how many, what is varied, and what each record holds; docs/datasets.md has all its
+    keys. DIR is one Zarr group, which appears when all records are there. A run that was stopped
+    or killed goes on with --resume. With --only, some records are made alone, the same as in all.
+    """
+    from tofrender.runtime import backend
+
+    if out is None and not plan:
+        raise ValueError("--out: must be given, or --plan")
+    backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
+    backend.require_vectorised()
+
+    from tofrender.datasets.making import make_dataset, plan_dataset, under_way
+    from tofrender.datasets.store import Store
+    from tofrender.runtime.progress import ended_by_signals
+
+    if plan:
+        typer.echo(str(plan_dataset(config, only)))
+        return
+    assert out is not None
+    if resume and not Store.planned(under_way(out)):
+        raise ValueError(f"--resume: no run that makes {out} was stopped; must be left out")
+    with ended_by_signals(), opt.client_of(workers, scheduler) as client:
+        made = make_dataset(
+            config,
+            out,
+            only=only,
+            client=client,
+            resume=resume,
+            tell=partial(typer.echo, err=True),
+            again=AGAIN,
+        )
+    count = made.sizes["record"]
+    typer.echo(f"{out}: {count} record{'s' * (count != 1)}, {', '.join(_large(made))}")
+
+
+def _large(made: Any) -> list[str]:
+    """Names of what each record holds."""
+    small = {"made_with", "attempt", *made.attrs["parameters"].split()}
+    return [str(n) for n, v in made.data_vars.items() if n not in small and v.ndim > 2]

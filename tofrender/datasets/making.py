@@ -1,0 +1,313 @@
+"""Making data sets: the plan, the records by this process or by workers, and the end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..integrators.running import interrupted
+from ..rendering.films_on_disk import require_zarr
+from ..rendering.store import check_film
+from ..rendering.workers import THREADS, check_client, shared_out
+from ..runtime import atomic, backend, checks
+from ..runtime.progress import progress_bar
+from ..runtime.versions import versions
+from ..scenes.packing import packed, unpacked
+from .config import Config, parse_config, read_config
+from .layout import Layout, Plan, layout_of
+from .reading import KIND, load_dataset
+from .record import make_record
+from .store import Receipt, Store
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from distributed import Client
+
+
+def plan_dataset(
+    config: str | os.PathLike[str] | Mapping[str, Any] | Config, only: Iterable[int] | None = None
+) -> Plan:
+    """What a data set will be: arrays, shapes and sizes. Nothing is rendered.
+
+    Args:
+        config: As for `make_dataset`.
+        only: Numbers of some records.
+
+    Returns:
+        The plan, which `print` shows.
+
+    Raises:
+        ValueError: As for `make_dataset`.
+
+    Example:
+        >>> given = {"records": 100, "scene": "cornell_box", "outputs": {"depth": True}}
+        >>> print(plan_dataset(given | {"render": {"width": 64, "height": 48}}))
+        100 records of cornell_box; varied: nothing
+        array  axes          shape          size
+        depth  record, y, x  100 x 48 x 64  1.172 MiB
+        in all 1.172 MiB
+    """
+    backend.require_vectorised()
+    found = read_config(config)
+    records = _numbers(found, only)
+    return Plan(found, records, layout_of(found, records))
+
+
+def make_dataset(
+    config: str | os.PathLike[str] | Mapping[str, Any] | Config,
+    out: str | os.PathLike[str],
+    *,
+    only: Iterable[int] | None = None,
+    client: Client | None = None,
+    resume: bool = True,
+    tell: Callable[[str], None] = print,
+    again: str = "",
+    progress: bool = True,
+) -> xr.Dataset:
+    """Render many scenes with varied cameras, lights, materials and objects into one data set.
+
+    What is drawn for a record depends on the config's seed, the record's number and the quantity's
+    name only, and its renders on the same: any record can be made again alone.
+
+    Args:
+        config: The name of a TOML file, or a mapping with the same keys; docs/datasets.md has all.
+        out: Name of a new folder that ends in .zarr. It appears when all records are there.
+        only: Numbers of the records to make; by default all.
+        client: A `distributed.Client`, whose workers make a record each; they see the folder too.
+        resume: Whether to go on with records of a run that was stopped or killed, those whose
+            checksums hold; else such a run is refused.
+        tell: Is called with the plan, and with what time it will take.
+        again: How to go on, for the message of a run that was stopped.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Returns:
+        The data set as `load_dataset` opens it.
+
+    Raises:
+        ValueError: The config is wrong, differs from that of the run to go on with, or a record
+            cannot be made; one line.
+        FileExistsError: The folder is there, or a stopped run and `resume` is False; one line.
+        OSError: The disk has no room; one line.
+        KeyboardInterrupt: It was stopped; one line that says how to go on.
+
+    Warns:
+        UserWarning: Renders of some records warned; it says how many, and what of the first.
+
+    Example:
+        >>> import tempfile
+        >>> given = {"records": 2, "scene": "cornell_box", "outputs": {"steady": True}}
+        >>> given["render"] = {"width": 8, "height": 8, "spp": 4}
+        >>> given["render"] |= {"temporal_bins": 60, "window": (3, 15)}
+        >>> turn = {"turn": "small-box", "distribution": "uniform", "low": -45, "high": 45}
+        >>> made = make_dataset(
+        ...     given | {"vary": {"turn": turn}}, tempfile.mkdtemp() + "/boxes.zarr", tell=str
+        ... )
+        >>> dict(made["steady"].sizes)
+        {'record': 2, 'y': 8, 'x': 8, 'channel': 3}
+    """
+    target = check_film(out)
+    require_zarr()
+    folder = under_way(target)
+    if Store.planned(folder) and not resume:
+        raise FileExistsError(
+            f"out = {out}: an unfinished data set is beside it, {folder}; must be gone on with "
+            "(resume) or removed"
+        )
+    plan = plan_dataset(config, only)
+    if client is not None:
+        check_client(client)
+    tell(str(plan))
+    with atomic.locked(target, "out"):
+        _require_room(folder, plan)
+        store = Store.begin(folder, _recipe(plan), plan.records, plan.layout)
+        receipts = {record: store.receipt(record) for record in plan.records}
+        left = [record for record in plan.records if receipts[record] is None]
+        count = len(plan.records)
+        if len(left) < count:
+            tell(f"resuming from {count - len(left)} of {count} records")
+        done = (
+            _here(plan, store, left)
+            if client is None
+            else shared_out(client, partial(_by_worker, _order(plan, folder)), left)
+        )
+        started = time.perf_counter()
+        with progress_bar("Making", count, unit="record", enabled=progress) as bar:
+            bar.update(count - len(left))
+            try:
+                for number, (record, receipt) in enumerate(done, 1):
+                    receipts[record] = receipt
+                    bar.update()
+                    if number == 1 and len(left) > 1:
+                        tell(_estimate(record, receipt, len(left), started, client))
+            except KeyboardInterrupt:
+                finished = sum(receipt is not None for receipt in receipts.values())
+                on = again or f"the same call goes on with {folder}"
+                raise KeyboardInterrupt(interrupted(finished, count, "records", on)) from None
+        # Where a slow record was made by two workers, the last one's receipt is the one that counts
+        found = {record: store.last_receipt(record) for record in plan.records}
+        store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
+    _tell_warnings(found)
+    return load_dataset(target)
+
+
+def under_way(out: str | os.PathLike[str]) -> Path:
+    """Where a data set is until it is finished."""
+    return atomic.hidden(out, ".dataset")
+
+
+def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
+    """Numbers of the records to make, in order."""
+    if only is None:
+        return list(range(config.records))
+    if isinstance(only, str | bytes) or not isinstance(only, Iterable):
+        raise ValueError(f"only = {only!r}: must be numbers of records")
+    found = sorted({checks.integer("only", record, 0, config.records - 1) for record in only})
+    if not found:
+        raise ValueError("only = []: must have one number or more")
+    return found
+
+
+def _recipe(plan: Plan) -> dict[str, Any]:
+    """All that the arrays depend on."""
+    layout = plan.layout
+    return {
+        "config": {name: value for name, value in plan.config.plain.items() if name != "records"},
+        "records": plan.config.records,
+        "checksum of the scene": plan.config.checksum,
+        "shapes": {array.name: array.shape for array in layout.arrays},
+        "window": layout.window,
+        "variant": mi.variant(),
+        "versions": json.loads(versions()),
+    }
+
+
+def _require_room(folder: Path, plan: Plan) -> None:
+    """Refuse a disk that the data set does not fit on."""
+    there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - there:
+        raise atomic.disk_full(folder, plan.bytes)
+
+
+def _here(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:
+    """Make records in this process."""
+    for record in records:
+        yield record, store.put(record, make_record(plan.config, plan.layout, record))
+
+
+def _estimate(record: int, receipt: Receipt, count: int, started: float, client: Any) -> str:
+    """How long the rest will take."""
+    rest_s = (count - 1) * receipt.seconds
+    if client is not None:
+        rest_s /= max(1, len(client.scheduler_info()["workers"]))
+    elif (taken := time.perf_counter() - started) > receipt.seconds:
+        rest_s = (count - 1) * taken
+    return f"record {record} took {receipt.seconds:.1f} s; the others take about {_time(rest_s)}"
+
+
+def _time(seconds: float) -> str:
+    """A time in a readable unit."""
+    for unit, of in (("s", 60.0), ("min", 60.0), ("h", 48.0)):
+        if seconds < of * 1.5:
+            return f"{seconds:.2g} {unit}" if seconds < 9.5 else f"{seconds:.0f} {unit}"
+        seconds /= 60 if unit != "h" else 24
+    return f"{seconds:.0f} days"
+
+
+def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
+    config, layout = plan.config, plan.layout
+    window = layout.window
+    found: dict[str, Any] = {
+        "kind": KIND,
+        "config": json.dumps(config.plain),
+        "parameters": " ".join(config.varied),
+        "seed": config.seed,
+        "variant": mi.variant(),
+        "versions": versions(),
+        "render_seconds": sum(receipt.seconds for receipt in receipts.values()),
+    }
+    if window is not None:
+        found |= {"start_opl": window[0], "bin_width_opl": window[1]}
+    if config.outputs.capture is not None:
+        found["capture_mode"] = config.outputs.capture.mode
+    return found
+
+
+def _tell_warnings(receipts: Mapping[int, Receipt]) -> None:
+    """Warn once of what renders warned of."""
+    told = {record: receipt.warnings for record, receipt in receipts.items() if receipt.warnings}
+    if told:
+        first = min(told)
+        warnings.warn(
+            f"{len(told)} of {len(receipts)} records came with warnings, which made_with has; the "
+            f"first, of record {first}: {told[first][0]}",
+            stacklevel=3,
+        )
+
+
+# ------------------------------------------------------------------------------- in a worker
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a worker needs to make records.
+
+    Attributes:
+        given: The config's tables, and `base`, where names of files start.
+        layout: The arrays.
+        folder: Where the data set is.
+        variant: Mitsuba's variant.
+        checksum: Of the scene.
+        key: Tells orders apart.
+    """
+
+    given: Mapping[str, Any]
+    base: str
+    layout: Layout
+    folder: str
+    variant: str
+    checksum: str
+    key: str
+
+
+def _order(plan: Plan, folder: Path) -> Order:
+    config = plan.config
+    given = {name: packed(name, value) for name, value in config.given.items()}
+    if not isinstance(config.scene, Mapping):
+        given["scene"] = str(config.scene)
+    where = str(folder.resolve())
+    variant = mi.variant() or ""
+    key = uuid.uuid4().hex
+    return Order(given, str(config.folder), plan.layout, where, variant, config.checksum, key)
+
+
+_configs: dict[str, Config] = {}
+
+
+def _by_worker(order: Order, record: int) -> Receipt:
+    """Make a record here."""
+    backend.activate(order.variant)
+    mi.set_variant(order.variant)
+    if order.key not in _configs:
+        _configs.clear()
+        given = {name: unpacked(value) for name, value in order.given.items()}
+        config = parse_config(given, Path(order.base))
+        if config.checksum != order.checksum:
+            raise ValueError("scene: differs on this worker's machine; must be the same there")
+        _configs[order.key] = config
+        if os.environ.get(THREADS):
+            dr.set_thread_count(int(os.environ[THREADS]))
+    store = Store(Path(order.folder))
+    found = store.receipt(record)
+    return found or store.put(record, make_record(_configs[order.key], order.layout, record))

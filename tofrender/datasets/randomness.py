@@ -1,0 +1,52 @@
+"""Random numbers of data sets: each is a hash of what it is for, and depends on nothing else.
+
+The i-th number of a quantity in a record is (n + 1/2) / 2^52, where n is the first 52 bits of the
+SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`: the same on every machine and with every
+version of every library, whatever else is drawn, in whatever order.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from ..runtime import checks
+
+BITS = 52
+"""One less than a float has, so that it holds the half too."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The random numbers of one quantity in one record.
+
+    Attributes:
+        seed: Of the data set.
+        record: Number of the record.
+        name: The quantity.
+        attempt: 0, or how many times the record was drawn before.
+    """
+
+    seed: int
+    record: int
+    name: str
+    attempt: int = 0
+
+    def number(self, index: int = 0) -> float:
+        """The number `index`, inside (0, 1).
+
+        Example:
+            >>> Source(0, 17, "lamp").number() == Source(0, 17, "lamp").number()
+            True
+            >>> Source(0, 17, "lamp").number() == Source(0, 18, "lamp").number()
+            False
+        """
+        return ((self._digest(index) >> (256 - BITS)) + 0.5) / (1 << BITS)
+
+    def integer(self) -> int:
+        """An integer in [0, 2^32), a seed for a render."""
+        return self._digest(0) >> 224 & checks.MAX_SEED
+
+    def _digest(self, index: int) -> int:
+        text = f"tofrender/{self.seed}/{self.record}/{self.attempt}/{self.name}/{index}"
+        return int.from_bytes(hashlib.sha256(text.encode()).digest())

@@ -1,0 +1,89 @@
+"""Reading data sets: lazily, and a record's capture as `reconstruct` takes it."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import TYPE_CHECKING
+
+from ..nlos import make_capture
+from ..rendering.films_on_disk import is_film, require_zarr
+from ..runtime import checks
+from .layout import GEOMETRY, ORIGINS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND = "tofrender data set"
+
+
+def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a data set that `make_dataset` has made, without reading it.
+
+    Args:
+        path: The folder.
+
+    Returns:
+        A Dataset whose large variables are read from disk when they are used (dask arrays). The
+        attribute `parameters` names the varied quantities, each a variable; `made_with` says of
+        each record, as JSON, all that made it.
+
+    Raises:
+        FileNotFoundError: There is nothing at `path`.
+        ValueError: It is no data set of this package; one line.
+        ImportError: The packages zarr and dask are missing; one line.
+    """
+    import xarray as xr
+
+    folder = checks.path("path", path)
+    if not folder.exists():
+        raise FileNotFoundError(f"path = {path}: does not exist; must be a data set on disk")
+    require_zarr()
+    wrong = f"path = {path}: must be a finished data set that `make_dataset` wrote"
+    if not is_film(folder):
+        raise ValueError(wrong)
+    try:
+        dataset = xr.open_zarr(folder, chunks={}, consolidated=True)
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ValueError(wrong) from None
+    if dataset.attrs.get("kind") != KIND:
+        raise ValueError(wrong)
+    texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
+    dataset = dataset.assign_coords(texts)
+    dataset.encoding["source"] = str(folder)
+    return dataset
+
+
+def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
+    """The capture of a record, as `capture` returns it and `reconstruct` takes it.
+
+    Args:
+        dataset: What `load_dataset` returns.
+        record: Its number, a value of the coordinate `record`.
+
+    Raises:
+        ValueError: The data set has no captures, or no such record; one line.
+    """
+    if "capture" not in dataset:
+        raise ValueError("dataset: has no captures; must be made with outputs.capture")
+    if record not in dataset["record"].values:
+        raise ValueError(f"record = {record!r}: must be one of the coordinate record")
+    one = dataset.sel(record=record)
+    about = json.loads(str(one["made_with"].values))
+    told = about["capture"]
+    geometry = {
+        name: one[f"capture_{name}"].values
+        for name in (*GEOMETRY, *ORIGINS)
+        if f"capture_{name}" in one
+    }
+    on_wall = one["capture_on_wall"].values
+    return make_capture(
+        one["capture"].values,
+        mode=told["mode"],
+        start_opl=told["start_opl"],
+        bin_width_opl=told["bin_width_opl"],
+        counts_first_and_last_legs=bool(told["counts_first_and_last_legs"]),
+        on_wall=None if on_wall.all() else on_wall,
+        attrs={"scene": str(about["scene"]), "spp": told["spp"], "seed": about["render_seed"]},
+        **geometry,
+    )

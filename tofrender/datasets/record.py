@@ -1,0 +1,197 @@
+"""One record: a scene is drawn and rendered, and all that made it is told."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..analysis import true_depth, true_normals
+from ..films.image import time_bins
+from ..integrators.amcw import render_amcw_phasor
+from ..integrators.base import TransientIntegrator
+from ..nlos import capture as capture_scene, hidden_depth
+from ..rendering.renderer import render
+from ..runtime import checks
+from ..runtime.versions import versions
+from ..scenes.fingerprint import fingerprint
+from .config import Config
+from .layout import GEOMETRY, ORIGINS, Layout
+from .scene import load, scene_of
+
+SHOWN = 4
+"""Digits of numbers in a message."""
+
+
+@dataclass
+class Made:
+    """A record.
+
+    Attributes:
+        arrays: Its part of each array.
+        drawn: Values by name.
+        about: All that made it, as JSON can hold it.
+        warnings: What was warned of.
+        seconds: Time that it took [s].
+    """
+
+    arrays: dict[str, np.ndarray]
+    drawn: dict[str, Any]
+    about: dict[str, Any]
+    warnings: list[str]
+    seconds: float
+
+
+def make_record(config: Config, layout: Layout, record: int) -> Made:
+    """Make a record; one whose scene cannot be rendered is drawn again, where `retry` allows it.
+
+    Raises:
+        ValueError: It cannot be made; one line with its number and what was drawn.
+        KeyboardInterrupt: It was stopped.
+    """
+    start = time.perf_counter()
+    reason = ""
+    for attempt in range(config.retry + 1):
+        drawn = config.draw(record, attempt)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                arrays, about = _rendered(config, layout, record, attempt, drawn)
+            except ValueError as error:
+                reason = " ".join(str(error).split())
+                continue
+            except RuntimeError as error:
+                said = " ".join(str(error).split())
+                raise RuntimeError(f"record {record}: {said}") from error
+        said = [" ".join(str(each.message).split()) for each in told]
+        return Made(arrays, drawn, about, said, time.perf_counter() - start)
+    tries = f", and {config.retry} more draws neither" if config.retry else ""
+    shown = ", ".join(f"{name} = {shown_value(value)}" for name, value in drawn.items())
+    raise ValueError(f"record {record} cannot be made{tries}: {reason} ({shown or 'no draws'})")
+
+
+def shown_value(value: Any) -> str:
+    """A drawn value as messages show it."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(shown_value, value))}]"
+    return f"{value:.{SHOWN}g}" if isinstance(value, float) else str(value)
+
+
+def _rendered(
+    config: Config, layout: Layout, record: int, attempt: int, drawn: Mapping[str, Any]
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays of a record, and what made it."""
+    scene = load(scene_of(config, drawn), config)
+    camera: Any = scene.sensors()[config.sensor]
+    own = time_bins(camera.film())
+    if own is not None:
+        _require_window(layout, *own[1:])
+    seed = config.render_seed(record, attempt)
+    spp = config.settings.get("spp") or camera.sampler().sample_count()
+    outputs, arrays = config.outputs, {}
+    about: dict[str, Any] = {
+        "record": record,
+        "attempt": attempt,
+        "seed": config.seed,
+        "render_seed": seed,
+        "scene": config.plain["scene"],
+        "scene_checksum": config.checksum,
+        "drawn": dict(drawn),
+        "config": config.plain,
+        "variant": mi.variant(),
+        "versions": json.loads(versions()),
+    }
+    tracer: Any = scene.integrator()
+    if isinstance(tracer, TransientIntegrator):
+        about["fingerprint"] = fingerprint(scene, camera, tracer)
+    common: dict[str, Any] = {"sensor": config.sensor, "progress": False}
+    sampler = config.settings.get("sampler")
+    if outputs.rendered:
+        film = render(scene, spp=spp, seed=seed, sampler=sampler, **common)
+        arrays |= {name: film[name].values for name in ("transient", "steady")}
+        _require_whole(film.attrs)
+        keep = ("spp", "integrator", "max_depth", "pulse", "sampler", "energy_outside_window")
+        about |= {name: film.attrs[name] for name in keep}
+    if outputs.noisy:
+        about["noise_seed"] = config.render_seed(record, attempt, "noise")
+        options = common | {"seed": about["noise_seed"], "sampler": sampler}
+        film = render(scene, spp=outputs.noisy, **options)
+        _require_whole(film.attrs)
+        arrays["noisy"] = film["transient"].values
+    if outputs.phasor:
+        parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, tracer, progress=False)
+        arrays["phasor"] = np.stack(parts[:2], axis=-2)
+    if outputs.depth:
+        arrays["depth"] = true_depth(scene, config.sensor)
+    if outputs.normals:
+        arrays["normals"] = true_normals(scene, config.sensor)
+    if outputs.capture is not None:
+        arrays |= _captured(config, scene, seed, common, about)
+        _require_window(layout, *(about["capture"][n] for n in ("start_opl", "bin_width_opl")))
+    for name, array in arrays.items():
+        _require_light(name, array)
+    layout.check(arrays)
+    kept = {each.name: arrays[each.name].astype(each.dtype, copy=False) for each in layout.arrays}
+    return kept, about
+
+
+def _captured(
+    config: Config, scene: mi.Scene, seed: int, common: Mapping[str, Any], about: dict[str, Any]
+) -> dict[str, np.ndarray]:
+    """A capture with its geometry, and the true depth of what is hidden."""
+    wanted = config.outputs.capture
+    assert wanted is not None
+    spp = config.settings.get("spp")
+    wall = wanted.relay_wall
+    film = capture_scene(scene, mode=wanted.mode, spp=spp, seed=seed, relay_wall=wall, **common)
+    _require_whole(film.attrs)
+    kept = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "mode")
+    about["capture"] = {name: film.attrs[name] for name in kept}
+    arrays = {"capture": film["transient"].values}
+    arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}
+    rows, columns = arrays["capture_sensor_grid"].shape[:2]
+    there = np.ones((rows, columns), bool)
+    arrays["capture_on_wall"] = film["on_wall"].values if "on_wall" in film else there
+    if wanted.hidden_depth:
+        arrays["hidden_depth"] = hidden_depth(scene, film).values
+    return arrays
+
+
+# --------------------------------------------------------------------- what a record must not be
+
+
+def _require_window(layout: Layout, start_opl: float, bin_width_opl: float) -> None:
+    """Refuse time bins that are not those of the other records."""
+    found = (float(start_opl), float(bin_width_opl))
+    if layout.window is None:
+        return
+    if not np.allclose(found, layout.window, rtol=1e-6, atol=1e-9):
+        raise ValueError(
+            f"its time bins start at {found[0]:g} m and are {found[1]:g} m wide, those of others "
+            f"{layout.window[0]:g} m and {layout.window[1]:g} m; must be the same in all: give "
+            "start_opl and bin_width_opl in [render]"
+        )
+
+
+def _require_whole(attrs: Mapping[str, Any]) -> None:
+    if not attrs.get("complete", 1):
+        raise KeyboardInterrupt
+
+
+LIT = ("transient", "steady", "noisy", "phasor", "capture")
+
+
+def _require_light(name: str, array: np.ndarray) -> None:
+    """Refuse a picture that is black or not finite, and depths of nothing."""
+    if name in LIT:
+        checks.finite(name, array)
+        if not array.any():
+            raise ValueError(f"{name} is black, no light arrives")
+    elif name in ("depth", "normals") and np.isnan(array).all():
+        raise ValueError(f"{name} is empty, no surface is seen")

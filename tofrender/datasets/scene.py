@@ -1,0 +1,100 @@
+"""The scene of a record: where it comes from, and what draws change in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+from ..integrators.base import TransientIntegrator
+from ..runtime import checks
+from ..scenes import BUILT_IN
+from ..scenes.as_dict import scene_as_dict
+from ..scenes.loading import load_scene
+from ..scenes.parts import Dict, place
+from .changes import Changes, copied
+from .config import Config
+from .tables import known_keys
+
+TO_WORLD = ("position", "axis", "angle", "scale")
+FILES = ("filename",)
+
+
+def scene_of(config: Config, drawn: Mapping[str, Any]) -> Dict:
+    """The scene of a record as a dict for `mi.load_dict`.
+
+    Args:
+        config: The data set.
+        drawn: Values by name, see `Config.draw`.
+
+    Raises:
+        ValueError: The scene has no part of a name, or cannot take a value; one line.
+    """
+    scene = _source(config, drawn)
+    for table, parts in (("materials", config.materials), ("objects", config.objects)):
+        for name, description in parts.items():
+            if name in scene:
+                raise ValueError(f"{table}.{name}: the scene has one already; must have a new name")
+            scene[name] = _described(f"{table}.{name}", description, config.folder)
+    Changes(scene, config.sensor).make(config.varied.values(), drawn)
+    return scene
+
+
+def _source(config: Config, drawn: Mapping[str, Any]) -> Dict:
+    """The scene before anything in it is changed."""
+    given = {
+        kind: {v.what: drawn[v.name] for v in config.varied.values() if v.target == kind}
+        for kind in ("argument", "parameter")
+    }
+    if isinstance(config.scene, str):
+        arguments = config.arguments | given["argument"]
+        try:
+            return BUILT_IN[config.scene](**arguments)
+        except TypeError as error:
+            said = " ".join(str(error).split())
+            raise ValueError(f"arguments: {said}") from None
+    if isinstance(config.scene, Path):
+        return scene_as_dict(config.scene, config.parameters | given["parameter"])
+    return copied(config.scene)
+
+
+def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
+    """An object or a material, with a table `to_world` as a transform and whole names of files."""
+    found: Dict = {}
+    for name, value in given.items():
+        if name == "to_world" and isinstance(value, Mapping):
+            found[name] = _transform(f"{where}.to_world", value)
+        elif isinstance(value, Mapping):
+            found[name] = _described(f"{where}.{name}", value, folder)
+        elif name in FILES and isinstance(value, str) and (folder / value).exists():
+            found[name] = str(folder / value)
+        else:
+            found[name] = value
+    return found
+
+
+def _transform(where: str, given: Mapping[str, Any]) -> Any:
+    known_keys(where, given, TO_WORLD)
+    scale = given.get("scale", 1.0)
+    scale = scale if isinstance(scale, Sequence) else [scale] * 3
+    return place(
+        checks.place(f"{where}.position", given.get("position", [0, 0, 0])),
+        checks.place(f"{where}.axis", given.get("axis", [0, 1, 0])),
+        checks.number(f"{where}.angle", given.get("angle", 0.0), unit="degrees"),
+        checks.place(f"{where}.scale", scale),
+    )
+
+
+def load(scene: Dict, config: Config) -> mi.Scene:
+    """The loaded scene, with the settings of the config."""
+    settings = dict(config.settings)
+    capture = config.outputs.capture
+    if capture is not None and capture.grid is not None:
+        settings["width"], settings["height"] = capture.grid
+    loaded = load_scene(scene, optimize=capture is None, **settings)
+    if config.outputs.phasor and not isinstance(loaded.integrator(), TransientIntegrator):
+        settings["integrator"] = "transient_path"  # With the depth of Mitsuba's own
+        loaded = load_scene(scene, optimize=capture is None, **settings)
+    return loaded

@@ -1,0 +1,189 @@
+"""What is varied from record to record: which part of the scene, and what it is drawn from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..runtime import checks
+from .distributions import KEYS, Distribution, parse_distribution
+from .tables import boolean, known_keys, text, unknown
+
+TARGETS: dict[str, tuple[str, ...]] = {
+    "argument": (),
+    "parameter": (),
+    "path": ("times",),
+    "camera": ("up",),
+    "move": (),
+    "position": (),
+    "turn": ("axis", "around"),
+    "scale": ("around",),
+    "reflectance": ("times",),
+    "material": (),
+    "present": (),
+}
+"""What can be varied, and more keys of each."""
+
+CAMERA = ("origin", "target", "fov")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+RESERVED = (
+    *("record", "y", "x", "opl", "channel", "xyz", "frequency", "part", "transient", "steady"),
+    *("noisy", "phasor", "depth", "normals", "capture", "hidden_depth", "made_with", "attempt"),
+    *("energy_outside_window", "render_seed"),
+)
+"""Names of arrays and axes that a quantity cannot have; neither can it begin with `capture_`."""
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A quantity that is varied.
+
+    Attributes:
+        name: What it is called.
+        target: One of `TARGETS`.
+        what: Which argument, path, object, material; a list of names for `present`.
+        distribution: What it is drawn from.
+        times: Whether the draw multiplies what the scene has.
+        up: Up of the camera, None where it is not said.
+        axis: What an object turns about.
+        around: The point that it turns about or grows from [m]; None for its own middle.
+    """
+
+    name: str
+    target: str
+    what: Any
+    distribution: Distribution
+    times: bool = False
+    up: tuple[float, ...] | None = None
+    axis: tuple[float, ...] = (0.0, 1.0, 0.0)
+    around: tuple[float, ...] | None = None
+
+    @property
+    def only_once(self) -> bool:
+        """Whether no other quantity may have the same part of the scene."""
+        return self.target not in ("turn", "move", "scale", "present")
+
+    @property
+    def is_place(self) -> bool:
+        """Whether a draw is a point or a way in space."""
+        of_camera = self.target == "camera" and self.what != "fov"
+        return self.distribution.length() == 3 and (
+            of_camera or self.target in ("move", "position")
+        )
+
+
+def parse_varied(name: str, given: Any) -> Varied:
+    """A table `vary.NAME`.
+
+    Raises:
+        ValueError: One line with the key, its value and what is allowed.
+    """
+    where = f"vary.{name}"
+    if not NAME.fullmatch(name):
+        raise ValueError(f"vary.{name!r}: must be a name of letters, digits and _")
+    if name in RESERVED or name.startswith("capture_"):
+        raise ValueError(f"{where}: must have another name, which no array of the data set has")
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{where} = {given!r}: must be a table")
+    targets = [target for target in TARGETS if target in given]
+    kind = given.get("distribution")
+    if len(targets) != 1:
+        _tell_unknown(where, given, kind)
+        found = f"has {' and '.join(targets)}" if targets else "says not what is varied"
+        raise ValueError(f"{where}: {found}; must have one of {', '.join(TARGETS)}")
+    target = targets[0]
+    checks.one_of(f"{where}.distribution", kind, KEYS)
+    known_keys(where, given, (target, "distribution", *TARGETS[target], *KEYS[str(kind)]))
+    if (kind == "subset") != (target == "present") and kind != "choice":
+        allowed = "subset or choice" if target == "present" else "another than subset"
+        raise ValueError(f"{where}.distribution = {kind!r}: must be {allowed} with {target}")
+    what = _names(where, given[target]) if target == "present" else given[target]
+    if target != "present":
+        text(f"{where}.{target}", what)
+    axis = given.get("axis", [0.0, 1.0, 0.0]) if target == "turn" else [0.0, 1.0, 0.0]
+    found = Varied(
+        name,
+        target,
+        what,
+        parse_distribution(where, given),
+        times=boolean(f"{where}.times", given.get("times", False)),
+        up=_direction(f"{where}.up", given["up"]) if "up" in given else None,
+        axis=_direction(f"{where}.axis", axis),
+        around=tuple(checks.place(f"{where}.around", given["around"]))
+        if "around" in given
+        else None,
+    )
+    _require_fit(where, found, str(kind))
+    return found
+
+
+def _tell_unknown(where: str, given: Mapping[str, Any], kind: Any) -> None:
+    """Name a key that may be a target misspelled."""
+    keys = {key for extra in TARGETS.values() for key in extra} | {"distribution"}
+    keys |= set(KEYS.get(kind, ())) if isinstance(kind, str) else set()
+    for key in given:
+        if key not in keys and key not in TARGETS:
+            raise ValueError(unknown(f"{where}.{key}", key, TARGETS))
+
+
+def _names(where: str, value: Any) -> list[str]:
+    right = isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value)
+    if not right or len(set(value)) != len(value):
+        raise ValueError(f"{where}.present = {value!r}: must be a list of objects' names")
+    return list(value)
+
+
+def _direction(name: str, value: Any) -> tuple[float, ...]:
+    found = tuple(checks.place(name, value))
+    if not any(found):
+        raise ValueError(f"{name} = {value!r}: must not be zero")
+    return found
+
+
+# ------------------------------------------------------------- whether draws suit what they change
+
+LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
+    "move": ((3,), "3 numbers, metres"),
+    "position": ((3,), "3 numbers, metres"),
+    "turn": ((0,), "a number, degrees"),
+    "scale": ((0, 3), "a number or 3"),
+    "reflectance": ((0, 3), "a number or 3"),
+}
+"""How many numbers a draw may have, 0 for a single one."""
+
+
+def _require_fit(where: str, varied: Varied, kind: str) -> None:
+    target, distribution = varied.target, varied.distribution
+    lengths, allowed = LENGTHS.get(target, (None, ""))
+    if target == "camera":
+        checks.one_of(f"{where}.camera", varied.what, CAMERA)
+        lengths, allowed = ((0,), "a number") if varied.what == "fov" else LENGTHS["move"]
+    if lengths is not None and distribution.length() not in lengths:
+        raise ValueError(f"{where}.distribution = {kind!r}: must give {allowed}")
+    values = getattr(distribution, "values", None)
+    if target == "material" and (
+        values is None or not all(isinstance(value, str) and value for value in values)
+    ):
+        raise ValueError(f"{where}.distribution = {kind!r}: must be a choice of materials' names")
+    if target == "present" and values is not None:
+        for value in values:
+            for name in value if isinstance(value, list) else [value]:
+                if name not in varied.what:
+                    raise ValueError(unknown(f"{where}.values = {name!r}", name, varied.what))
+    low, high = distribution.bounds()
+    what = varied.what if target == "camera" else target
+    ranges = {"fov": (0.0, 180.0), "scale": (0.0, float("inf")), "reflectance": (0.0, 1.0)}
+    least, most = ranges.get(str(what), (float("-inf"), float("inf")))
+    if varied.times:
+        least, most = 0.0, float("inf")
+    strict = what in ("fov", "scale")
+    below = low <= least if strict else low < least
+    above = high >= most if what == "fov" else high > most
+    if below or above:
+        side = f"above {least:g}" if strict else f"from {least:g}"
+        side += f" to {most:g}" if most < float("inf") else ""
+        raise ValueError(
+            f"{where}.{target} = {varied.what!r}: is drawn from {low:g} to {high:g}; must be {side}"
+        )
