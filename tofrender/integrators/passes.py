@@ -163,7 +163,8 @@ def expose(
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.write(private)
-        record.not_finite += _step(record, sampler, shot, pixel, count)
+        with backend.uncollected():
+            record.not_finite += _step(record, sampler, shot, pixel, count)
         if look is not None:
             look(count * lanes)
         done += count * lanes
@@ -235,7 +236,8 @@ def _looking(
         record.write(False)
         while count:
             now = min(count, MAX_ADDED // rate)
-            record.not_finite += _step(record, sampler, shot, pixel, now, weight=0.0)
+            with backend.uncollected():
+                record.not_finite += _step(record, sampler, shot, pixel, now, weight=0.0)
             record.fold(wide)
             count -= now
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 from ..paths.protocols import Endpoint, Measurement, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.walk import walk
+from ..runtime.backend import uncollected
 
 M = TypeVar("M", bound=Measurement)
 
@@ -72,4 +73,5 @@ class Plan:
         memory, guide = self.endpoint.memory(), self.scattering.guide()
         path = Path.start(self.endpoint.begin(ray), origin, active, memory, guide)
         space, endpoint, scattering = self.space, self.endpoint, self.scattering
-        return walk(sampler, path, space, endpoint, scattering, measurement, self.limits)
+        with uncollected():
+            return walk(sampler, path, space, endpoint, scattering, measurement, self.limits)

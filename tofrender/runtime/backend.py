@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from . import checks, llvm, memory, plugins
 
@@ -21,6 +24,23 @@ LEAST_THREADS = 2
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Let Python's garbage collector wait while a kernel is traced.
+
+    A scene that nobody holds any more may live in a cycle until it is collected. Dr.Jit calls the
+    parts of all scenes that live: if one goes in the middle, equal functions of one kernel are
+    called in two ways, written twice, and LLVM ends the process ("invalid redefinition").
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 class BackendError(RuntimeError):
