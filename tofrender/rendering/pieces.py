@@ -118,9 +118,10 @@ def tile_size(
     row_bytes = memory.film_bytes(1, width, bins, channels)
     rows = max(1, min(int(tile_bytes // row_bytes), height // wanted))
     rows = math.ceil(height / math.ceil(height / rows))
-    if row_bytes <= tile_bytes:
+    if row_bytes <= tile_bytes and height >= workers:
         return rows, width
-    columns = max(1, int(tile_bytes // memory.film_bytes(1, 1, bins, channels)))
+    fit = int(tile_bytes // memory.film_bytes(1, 1, bins, channels))
+    columns = max(1, min(fit, width // math.ceil(wanted / height)))
     return 1, math.ceil(width / math.ceil(width / columns))
 
 
