@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import tofrender
+from tofrender.integrators import passes
 from tofrender.rendering import job, pieces, store, streaming
 
 ROOT = Path(__file__).parents[1]
@@ -50,13 +51,25 @@ def in_tiles(monkeypatch: Any, rows: float, *, columns: int = 12, bins: int = 40
         monkeypatch.setattr(module, "TILE_BYTES", size)
 
 
+def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
+    """Let tiles of so many pixels take two samples in each of them in a step."""
+    for name, value in {
+        "STEP_SAMPLES": 2 * pixels,
+        "FIRST_SAMPLES": 2 * pixels,
+        "LANES": {"llvm": 2 * pixels, "cuda": 2 * pixels},
+        "PRIVATE_LANES": 1,
+    }.items():
+        patch.setattr(passes, name, value)
+
+
 def render(scene: Any, **options: Any):
     return tofrender.render(scene, **{"spp": 8, "progress": False} | options)
 
 
 def differences(film: Any, whole: Any) -> dict[str, float]:
     """Largest difference of each variable, relative to its brightest value; NaN counts as 1."""
-    assert list(film.data_vars) and set(film.data_vars) == set(whole.data_vars)
+    assert list(film.data_vars)
+    assert set(film.data_vars) == set(whole.data_vars)
     found = {}
     for name in whole.data_vars:
         one, other = film[name].values, whole[name].values
@@ -86,7 +99,8 @@ def check_same(film: Any, whole: Any, rounding: float = ROUNDING) -> None:
 def one_line(error: Any) -> str:
     """The text of an error, which is one line."""
     text = str(error.value)
-    assert text and "\n" not in text
+    assert text
+    assert "\n" not in text
     return text
 
 
