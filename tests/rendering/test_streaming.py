@@ -429,6 +429,39 @@ def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys,
     assert capsys.readouterr().out == "resuming from 2 of 5 tiles\n"
 
 
+_SHORT = """
+import resource, sys, psutil
+import tofrender, zarr
+from tofrender.rendering import streaming
+streaming.TILE_BYTES = 8 << 20
+size = {"width": 100, "height": 100, "temporal_bins": 2000, "bin_width_opl": 0.006}
+options = {"spp": 1, "progress": False}
+tofrender.render("cornell_box", settings=size | {"width": 4, "height": 4}, **options)
+room = psutil.Process().memory_info().vms + (700 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (room, room))
+try:
+    tofrender.render("cornell_box", settings=size, **options)
+except MemoryError as error:
+    print(error)
+film = tofrender.render("cornell_box", settings=size, out=sys.argv[1], **options)
+print(film["transient"].nbytes >> 20, float(film["transient"].sum() / film["steady"].sum()))
+"""
+
+
+@pytest.mark.slow
+def test_a_film_larger_than_memory(out):
+    """`ulimit -v` in earnest: the process holds a tile, not the film."""
+    process = script(_SHORT, out)
+    said, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    refusal, film = said.splitlines()
+    assert refusal.startswith("film of 100 x 100 pixels x 2000 bins: takes ")
+    size, share = film.split()
+    assert int(size) == 228
+    assert float(share) == pytest.approx(1, abs=0.05)
+    assert names(out.parent) == {"film.zarr"}
+
+
 # --------------------------------------------------------------------------------- bad arguments
 
 

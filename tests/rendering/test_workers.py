@@ -27,6 +27,7 @@ from films_in_parts import (
 
 import tofrender
 from tofrender import local_workers
+from tofrender.cli.options import Size
 from tofrender.nlos import capture, reconstruct
 from tofrender.rendering import workers
 from tofrender.rendering.renderer import make_job
@@ -140,7 +141,9 @@ def test_scenes_pack_as_they_are(variant):
     turned = mi.ScalarTransform4f().look_at([0.3, 1, 4], [0, 0.3, 0], [0, 1, 0])
     turned = turned.rotate([0, 0.6, 0.8], 33).scale([0.3, 0.2, 5])
     pixels = mi.Bitmap(np.random.default_rng(1).uniform(0, 1, (3, 4, 3)).astype(np.float32))
-    again = unpacked(packed("scene", {"a": {"to_world": turned}, "b": [pixels, 2.5, "text"]}))
+    described = {"a": {"to_world": turned}, "b": [pixels, 2.5, "text"], "grid": Size(4, 3)}
+    again = unpacked(packed("scene", described))
+    assert again["grid"] == (4, 3)
     assert str(again["a"]["to_world"]) == str(turned)
     for part in ("matrix", "inverse_transpose"):
         one, other = (np.array(getattr(t, part)) for t in (turned, again["a"]["to_world"]))

@@ -42,7 +42,8 @@ def _packed(value: Any, where: str) -> Any:
     if isinstance(value, Mapping):
         return {name: _packed(part, f"{where}.{name}") for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return type(value)(_packed(part, where) for part in value)
+        parts = [_packed(part, where) for part in value]
+        return parts if isinstance(value, list) else tuple(parts)
     if isinstance(value, mi.ScalarTransform4f):
         both = (value.matrix, value.inverse_transpose)
         return Packed("transform", np.array(both, dtype=np.float64).reshape(2, 4, 4))
