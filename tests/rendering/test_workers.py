@@ -304,6 +304,14 @@ def test_light_that_lands_anywhere_is_not_streamed_by_workers(client, tmp_path):
     assert names(tmp_path) == set()
 
 
+@pytest.mark.slow
+def test_workers_beside_others(client):
+    """A second scheduler on the machine takes no port that the first has."""
+    with local_workers(1) as other:
+        assert other.scheduler.address != client.scheduler.address
+        assert other.submit(sum, [1, 2]).result() == 3
+
+
 @pytest.mark.parametrize("count", [0, -1, 2.5, "two", 5000])
 def test_numbers_of_workers(count):
     with (
