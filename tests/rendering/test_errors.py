@@ -189,8 +189,13 @@ def test_numbers_of_parts(spp, count):
 @pytest.mark.parametrize("spp", [1, 2, 3, 6, 10, 4097])
 def test_samples_that_cannot_be_divided_are_refused(spp):
     with pytest.raises(ValueError, match=f"spp = {spp}: must be") as error:
-        render(box(), spp=spp, errors=True)
+        parts_of(spp)
     one_line(error)
+
+
+def test_they_are_refused_before_work_starts():
+    with pytest.raises(ValueError, match="spp = 6: must be"):
+        render(box(), spp=6, errors=True)
 
 
 @pytest.mark.parametrize("errors", [1, "yes", None])
@@ -242,6 +247,7 @@ def test_the_mean_is_that_of_the_parts():
 # ------------------------------------------------------------------ as it is carried out
 
 
+@pytest.mark.slow
 def test_shapes_and_attributes():
     plain, found = render(box(), spp=16), render(box(), spp=16, errors=True)
     for name in ("transient", "steady"):
@@ -332,7 +338,7 @@ def test_only_alike_goes_on(errors):
 @pytest.mark.slow
 def test_error_bars_of_light_that_lands_anywhere():
     options = {"integrator": "transient_bdpt", "errors": True}
-    found, other = (render(box(), spp=64, seed=seed, **options) for seed in (0, 1))
+    found, other = (render(box(), spp=16, seed=seed, **options) for seed in (0, 1))
     error = np.hypot(found["steady_error"], other["steady_error"])
     off = np.abs(found["steady"] - other["steady"])
     lit = other["steady"] > 0

@@ -380,6 +380,7 @@ def test_other_damage(begun, whole, harm):
     check_same(film, whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [0.001, 0.5, 0.95])
 @pytest.mark.parametrize("array", ["transient", "steady"])
 def test_a_changed_byte_of_a_finished_film_is_found(out, array, place):

@@ -111,6 +111,7 @@ def test_error_bars_by_workers(client):
     check_same(render(box(), client=client, **options), render(box(), **options), 1e-4)
 
 
+@pytest.mark.slow
 def test_workers_write_tiles(client, tmp_path, monkeypatch):
     in_tiles(monkeypatch, 2)
     film = render(box(), client=client, out=tmp_path / "film.zarr")
@@ -374,7 +375,7 @@ def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
     def last_is_slow(take, job, piece):
         import time
 
-        time.sleep(5.0 if piece.y >= 6 else 0.0)
+        time.sleep(2.0 if piece.y >= 6 else 0.0)
         return take(job, piece)
 
     with_takes(client, last_is_slow)

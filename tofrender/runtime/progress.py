@@ -96,7 +96,7 @@ def deferred_stop() -> Iterator[Stop]:
         if hasattr(heard[number], "defers"):
             heard[number](number, frame)
 
-    request.defers = True
+    vars(request)["defers"] = True  # Blocks within this one tell it
     for number in heard:
         signal.signal(number, request)
     try:
