@@ -32,6 +32,7 @@ def fits(job: Job) -> bool:
 def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) -> xr.Dataset:
     """Render a job on the disk, or take what a killed run had finished there."""
     from tofrender.rendering.films_on_disk import is_film, load_zarr
+    from tofrender.rendering.pieces import whole
     from tofrender.rendering.streaming import stream, under_way
     from tofrender.runtime import atomic
 
@@ -40,8 +41,11 @@ def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) ->
             atomic.remove(left)
     if is_film(film):
         dataset = load_zarr(film)
-        for name, value in job.recipe.items():
-            its = dataset.attrs.get(name)
+        wanted = job.recipe | {"spp": whole(job).count, "errors": job.errors}
+        found = dataset.attrs | {"errors": "transient_error" in dataset}
+        wanted["shape"], found["shape"] = job.film.shape, dataset["transient"].shape
+        for name, value in wanted.items():
+            its = found.get(name)
             if its != value:
                 raise ValueError(f"--resume: was rendered with {name} = {its!r}; must be {value!r}")
         return dataset

@@ -14,7 +14,7 @@ import numpy as np
 from ..rendering.job import Job, carry_out, collect, decide
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
-from ..scenes.packing import packed, unpacked
+from ..scenes.packing import packed
 from .captures import MODES, make_capture, without_first_leg
 from .device.laser import axis, find_laser, kept_aim, place_of
 from .device.relay_wall import is_on_relay_wall
@@ -92,8 +92,8 @@ def capture(
     checks.boolean("progress", progress)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
-    if client is not None:  # Numbers change in their last digits on the way to workers
-        scene = unpacked(packed("scene", scene))
+    if client is not None:
+        packed("scene", scene)  # Refuses what cannot be sent
     place = place_of_capture(
         scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
     )

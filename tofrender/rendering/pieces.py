@@ -21,6 +21,7 @@ from ..integrators.running import UNIT, interrupted, run
 from ..paths.camera import Tile
 from ..runtime import memory
 from ..runtime.checkpoints import Checkpoint, Kept, Within
+from ..runtime.progress import deferred_stop
 from .errors import Scatter, parts_of, seed_of
 
 if TYPE_CHECKING:
@@ -118,9 +119,10 @@ def tile_size(
     row_bytes = memory.film_bytes(1, width, bins, channels)
     rows = max(1, min(int(tile_bytes // row_bytes), height // wanted))
     rows = math.ceil(height / math.ceil(height / rows))
-    if row_bytes <= tile_bytes:
+    if row_bytes <= tile_bytes and height >= workers:
         return rows, width
-    columns = max(1, int(tile_bytes // memory.film_bytes(1, 1, bins, channels)))
+    fit = int(tile_bytes // memory.film_bytes(1, 1, bins, channels))
+    columns = max(1, min(fit, width // math.ceil(wanted / height)))
     return 1, math.ceil(width / math.ceil(width / columns))
 
 
@@ -211,30 +213,38 @@ def _in_parts(
     done = kept.done if kept else 0
     not_finite = int(kept.arrays["not_finite_before"]) if kept else 0
     first = scatter.count if scatter else 0
-    for part in range(first, parts):
-        within = None
-        if checkpoint is not None:
-            state = scatter.state() if scatter else {}
-            state["not_finite_before"] = np.array(not_finite)
-            within = Within(checkpoint, part * count, piece.count, state)
-        own = replace(piece, first=0, count=count)
-        begun = Kept(done - part * count, count, 0.0, kept.arrays) if kept else None
-        seed = seed_of(job.seed, piece.first, part)
-        taken = _at_once(
-            *(job, own, within, begun if part == first else None),
-            *(before + part * count, progress, seed),
-        )
-        if taken.done < count:
-            break
-        not_finite += taken.not_finite
-        arrays = {"transient": taken.transient, "steady": taken.steady}
-        if scatter is None:
-            scatter = Scatter(arrays)
-        else:
-            scatter.add(arrays)
+    with deferred_stop() as stop:
+        for part in range(first, parts):
+            within = None
+            if checkpoint is not None:
+                state = scatter.state() if scatter else {}
+                state["not_finite_before"] = np.array(not_finite)
+                within = Within(checkpoint, part * count, piece.count, state)
+            if stop.requested:
+                if within is not None:
+                    within.save(0, count, {})
+                break
+            own = replace(piece, first=0, count=count)
+            begun = None
+            if kept and part * count < done:
+                begun = Kept(done - part * count, count, 0.0, kept.arrays)
+            seed = seed_of(job.seed, piece.first, part)
+            taken = _at_once(
+                *(job, own, within, begun if part == first else None),
+                *(before + part * count, progress, seed),
+            )
+            if taken.done < count:
+                break
+            not_finite += taken.not_finite
+            arrays = {"transient": taken.transient, "steady": taken.steady}
+            if scatter is None:
+                scatter = Scatter(arrays)
+            else:
+                scatter.add(arrays)
     if scatter is None or scatter.count < 2:
         again = checkpoint.again if checkpoint else ""
-        raise KeyboardInterrupt(interrupted(0, parts, "parts", again))
+        taken_parts = scatter.count if scatter else 0
+        raise KeyboardInterrupt(interrupted(taken_parts, parts, "parts", again))
     means = scatter.means
     done = scatter.count * count
     return Taken(means["steady"], means["transient"], done, not_finite, 0.0, scatter.errors())

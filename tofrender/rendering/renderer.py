@@ -14,7 +14,7 @@ from ..runtime.checkpoints import Checkpoint
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
-from ..scenes.packing import packed, unpacked
+from ..scenes.packing import packed
 from ..scenes.settings import INTEGRATORS
 from .job import Job, carry_out, collect, decide
 from .store import check_film
@@ -108,8 +108,8 @@ def render(
     if resume is not None and (out is not None or client is not None):
         raise ValueError("resume: must be left out with `out` and with a client; see `merge`")
     name = scene_name(scene)
-    if client is not None:  # Numbers change in their last digits on the way to workers
-        scene = unpacked(packed("scene", scene))
+    if client is not None:
+        packed("scene", scene)  # Refuses what cannot be sent
     job = make_job(
         scene,
         spp=spp,

@@ -123,6 +123,8 @@ class Store:
             OSError: There is no room; one line. What was written before stays.
         """
         place = np.s_[piece.y : piece.y + piece.height, piece.x : piece.x + piece.width]
+        for name in self._files(piece):  # Zarr would read what is damaged before it writes
+            (self.film / name).unlink()
         try:
             for name, array in taken.arrays.items():
                 self._arrays[name][place] = array

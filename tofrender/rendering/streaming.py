@@ -12,7 +12,7 @@ from ..films.recording import tell_not_finite
 from ..integrators.running import interrupted
 from ..runtime import atomic
 from ..runtime.checkpoints import EVERY_S, Checkpoint
-from ..runtime.progress import progress_bar
+from ..runtime.progress import deferred_stop, progress_bar
 from .dataset import coordinates
 from .films_on_disk import load_zarr
 from .pieces import TILE_BYTES, Piece, tile_size, tiles, whole
@@ -58,6 +58,8 @@ def stream(
         KeyboardInterrupt: The render was stopped; one line that says how to go on.
         OSError: The disk is full; finished tiles stay.
     """
+    if client is not None and job.plan.splats:
+        raise ValueError("client: must be left out, light lands on all tiles; see `render`")
     target, folder = check_film(out), under_way(out)
     shape = job.film.shape
     workers = 1 if client is None else check_client(client)
@@ -69,8 +71,6 @@ def stream(
         left = [piece for piece in planned if receipts[piece] is None]
         if len(left) < len(planned):
             tell(f"resuming from {len(planned) - len(left)} of {len(planned)} tiles")
-        if client is not None and job.plan.splats:
-            raise ValueError("client: must be left out, light lands on all tiles; see `render`")
         done = (
             _here(job, store, left, seconds)
             if client is None
@@ -118,17 +118,20 @@ def _here(
     job: Job, store: Store, pieces: list[Piece], seconds: float
 ) -> Iterator[tuple[Piece, Receipt]]:
     """Render pieces in this process."""
-    for piece in pieces:
-        checkpoint = None
-        if seconds:
-            path = store.checkpoint_path(piece)
-            checkpoint = Checkpoint(path, seconds, tell=lambda line: None)
-        taken = job.take(piece, checkpoint=checkpoint, progress=False)
-        if taken.done < piece.count:
-            raise KeyboardInterrupt
-        yield piece, store.put(piece, taken)
-        if checkpoint is not None:
-            checkpoint.remove()
+    with deferred_stop() as stop:
+        for piece in pieces:
+            checkpoint = None
+            if seconds:
+                path = store.checkpoint_path(piece)
+                checkpoint = Checkpoint(path, seconds, tell=lambda line: None)
+            taken = job.take(piece, checkpoint=checkpoint, progress=False)
+            if taken.done < piece.count:
+                raise KeyboardInterrupt
+            yield piece, store.put(piece, taken)
+            if checkpoint is not None:
+                checkpoint.remove()
+            if stop.requested and piece != pieces[-1]:
+                raise KeyboardInterrupt
 
 
 def _attributes(job: Job, receipts: list[Receipt]) -> dict[str, Any]:

@@ -99,7 +99,8 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
             n_workers=count,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # None would take port 8787, which may be in use
+            scheduler_kwargs={"dashboard": False},
             env={THREADS: str(each)},
             silence_logs="ERROR",
         ) as cluster,

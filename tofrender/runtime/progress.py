@@ -69,7 +69,8 @@ class Stop:
 def deferred_stop() -> Iterator[Stop]:
     """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop after the step under way.
 
-    A second one does what it does elsewhere: it ends the work at once. Nothing changes in a thread
+    A second one does what it does elsewhere: it ends the work at once. Within another such block,
+    the first one asks both to stop. Nothing changes in a thread
     other than the main one, nor for signals that are ignored, as Ctrl-C is in a shell script's
     background jobs and SIGHUP under nohup.
 
@@ -92,13 +93,17 @@ def deferred_stop() -> Iterator[Stop]:
     def request(number, frame):
         stop.by = number
         as_before()
+        if hasattr(heard[number], "defers"):
+            heard[number](number, frame)
 
+    vars(request)["defers"] = True  # Blocks within this one tell it
     for number in heard:
         signal.signal(number, request)
     try:
         yield stop
     finally:
-        as_before()
+        if not stop.requested:
+            as_before()
 
 
 class Terminated(KeyboardInterrupt):

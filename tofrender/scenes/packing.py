@@ -18,7 +18,7 @@ class Packed:
 
     Attributes:
         kind: "transform" or "bitmap".
-        values: Its matrix, or its pixels.
+        values: Its matrix and the inverse transpose of that, (2, 4, 4), or its pixels.
         srgb: Whether pixels are gamma-encoded.
     """
 
@@ -42,9 +42,11 @@ def _packed(value: Any, where: str) -> Any:
     if isinstance(value, Mapping):
         return {name: _packed(part, f"{where}.{name}") for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return type(value)(_packed(part, where) for part in value)
+        parts = [_packed(part, where) for part in value]
+        return parts if isinstance(value, list) else tuple(parts)
     if isinstance(value, mi.ScalarTransform4f):
-        return Packed("transform", np.array(value.matrix, dtype=np.float64).reshape(4, 4))
+        both = (value.matrix, value.inverse_transpose)
+        return Packed("transform", np.array(both, dtype=np.float64).reshape(2, 4, 4))
     if isinstance(value, mi.Bitmap):
         return Packed("bitmap", np.array(value), value.srgb_gamma())
     if isinstance(value, mi.Object):
@@ -64,7 +66,10 @@ def unpacked(scene: Any) -> Any:
     if not isinstance(scene, Packed):
         return scene
     if scene.kind == "transform":
-        return mi.ScalarTransform4f(scene.values.tolist())
+        transform = mi.ScalarTransform4f(scene.values[0].tolist())
+        # Found anew, it would differ in its last digits
+        transform.inverse_transpose = type(transform.inverse_transpose)(scene.values[1].tolist())
+        return transform
     bitmap = mi.Bitmap(scene.values)
     bitmap.set_srgb_gamma(scene.srgb)
     return bitmap

@@ -1,0 +1,359 @@
+"""The command line with films on disk, workers and error bars: the same files, come what may."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import distributed
+import numpy as np
+import pytest
+from films_in_parts import ROOT, check_same, differences, end, in_tiles, names, render, script
+from test_cli import refused, run
+
+import tofrender
+from tofrender.cli.keeping import on_disk
+from tofrender.rendering.workers import local_workers
+from tofrender.runtime import memory
+
+TINY = ["--size", "12x9", "--bins", "40", "--bin-width", "0.3", "--spp", "16", "--no-video"]
+SETTINGS = {"width": 12, "height": 9, "temporal_bins": 40, "bin_width_opl": 0.3}
+"""Of `render`, what TINY says."""
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return render("cornell_box", settings=SETTINGS, spp=16)
+
+
+@pytest.fixture(scope="module")
+def address():
+    """The scheduler of two workers."""
+    with local_workers(2, threads=1) as client:
+        yield client.scheduler.address
+
+
+@pytest.fixture
+def out(tmp_path, monkeypatch) -> Path:
+    """A folder's name; tiles have two rows."""
+    in_tiles(monkeypatch, 2)
+    return tmp_path / "box"
+
+
+def short_of_memory(monkeypatch) -> None:
+    """Let the film of TINY not fit, but a tile of two rows."""
+    monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 40000)
+
+
+def done(capsys, *arguments) -> str:
+    """What a command that succeeds says on stderr."""
+    status, _, err = run(capsys, *arguments)
+    assert status == 0, err
+    return err
+
+
+def check_frames(folder: Path, whole) -> None:
+    """A folder of frames, or a file of them, holds a render in 32-bit floats."""
+    file = folder / "stack.exr"
+    found = tofrender.load_exr_stack(file if file.exists() else folder)
+    np.testing.assert_allclose(
+        found["transient"].values,
+        whole["transient"].values,
+        atol=1e-5 * float(whole.transient.max()),
+    )
+    assert found.attrs["spp"] == whole.attrs["spp"]
+
+
+# ------------------------------------------------------------------------------------- formats
+
+
+@pytest.mark.slow
+def test_zarr(capsys, out, whole):
+    done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", "zarr")
+    assert names(out.parent) == {"box"}
+    assert names(out) == {"transient.zarr", "steady.exr", "summary.png"}
+    check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+
+
+@pytest.mark.slow
+def test_error_bars(capsys, out):
+    options = ["--format", "zarr", "--errors"]
+    done(capsys, "render", "cornell_box", "--out", out, *TINY, *options)
+    expected = render("cornell_box", settings=SETTINGS, spp=16, errors=True)
+    check_same(tofrender.load_zarr(out / "transient.zarr"), expected, 1e-4)
+
+
+@pytest.mark.parametrize("format", ["frames", "multipart"])
+def test_error_bars_that_no_file_holds(capsys, out, format):
+    options = ["--format", format, "--errors"]
+    text = refused(capsys, "render", "cornell_box", "--out", out, *TINY, *options)
+    assert text == f"--errors: must be left out with --format {format}, npz and zarr hold them"
+    assert names(out.parent) == set()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format", ["frames", "multipart", "npz", "zarr"])
+def test_a_film_too_large_for_memory(capsys, out, monkeypatch, whole, format):
+    """A note, and the files are the same."""
+    short_of_memory(monkeypatch)
+    err = done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", format)
+    if format != "zarr":
+        assert err.startswith("note: film of 12 x 9 pixels x 40 bins: takes ")
+        assert err.endswith("it is rendered tile by tile on the disk\n")
+        assert err.count("\n") == 1
+    assert names(out.parent) == {"box"}
+    monkeypatch.undo()
+    if format == "npz":
+        check_same(tofrender.load_npz(out / "transient.npz"), whole)
+    elif format == "zarr":
+        check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+    else:
+        check_frames(out, whole)
+
+
+# -------------------------------------------------------------------------------------- workers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format", ["frames", "zarr"])
+def test_by_workers_of_a_scheduler(capsys, out, address, whole, format):
+    options = ["--format", format, "--scheduler", address]
+    done(capsys, "render", "cornell_box", "--out", out, *TINY, *options)
+    assert names(out.parent) == {"box"}
+    if format == "zarr":
+        check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+    else:
+        check_frames(out, whole)
+
+
+@pytest.mark.slow
+def test_by_own_workers(tmp_path, whole):
+    """In a process of its own, as from a shell."""
+    out = ["--out", str(tmp_path / "box"), "--format", "zarr", "--workers", "2"]
+    command = [sys.executable, "-W", "error", "-m", "tofrender", "render", "cornell_box"]
+    subprocess.run([*command, *TINY, *out], cwd=ROOT, check=True, timeout=120)
+    assert names(tmp_path) == {"box"}
+    check_same(tofrender.load_zarr(tmp_path / "box" / "transient.zarr"), whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["render", "capture", "reconstruct"])
+def test_an_address_where_nobody_answers(capsys, monkeypatch, tmp_path, command):
+    own = distributed.Client
+    monkeypatch.setattr(distributed, "Client", lambda a, timeout: own(a, timeout=timeout / 50))
+    if command == "reconstruct":
+        tofrender.save_capture(
+            tofrender.nlos.capture("nlos_z", grid=(2, 2), spp=1, progress=False), tmp_path / "z.h5"
+        )
+    arguments = {
+        "render": ["cornell_box", "--out", tmp_path / "box", *TINY],
+        "capture": ["nlos_z", "--out", tmp_path / "c.h5", "--grid", "2x2", "--spp", "1"],
+        "reconstruct": [tmp_path / "z.h5", "--method", "bp", "--out", tmp_path / "bp"],
+    }[command]
+    text = refused(capsys, command, *arguments, "--scheduler", "tcp://127.0.0.1:9")
+    assert "scheduler = tcp://127.0.0.1:9: does not answer" in text
+    assert names(tmp_path) <= {"z.h5"}
+
+
+def test_workers_of_one_kind(capsys, out):
+    both = ["--workers", "2", "--scheduler", "tcp://127.0.0.1:9"]
+    text = refused(capsys, "render", "cornell_box", "--out", out, *TINY, *both)
+    assert text == "--scheduler: must be left out with --workers"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
+def test_captures_by_workers(capsys, tmp_path, address, mode):
+    arguments = ["capture", "nlos_z", "--mode", mode, "--grid", "3x2", "--spp", "16"]
+    files = [tmp_path / "here.h5", tmp_path / "there.h5"]
+    done(capsys, *arguments, "--out", files[0])
+    done(capsys, *arguments, "--out", files[1], "--scheduler", address)
+    here, there = map(tofrender.load_capture, files)
+    top = float(here["transient"].max())
+    assert top > 0
+    assert float(abs(here["transient"] - there["transient"]).max()) <= 1e-5 * top
+    assert names(tmp_path) == {"here.h5", "there.h5"}
+
+
+@pytest.mark.slow
+def test_reconstructions_by_workers(capsys, tmp_path, address):
+    seen = tofrender.nlos.capture("nlos_z", grid=(4, 4), spp=16, progress=False)
+    tofrender.save_capture(seen, tmp_path / "z.h5")
+    arguments = ["reconstruct", tmp_path / "z.h5", "--method", "bp"]
+    done(capsys, *arguments, "--out", tmp_path / "here")
+    done(capsys, *arguments, "--out", tmp_path / "there", "--scheduler", address)
+    files = [
+        next(file for file in sorted((tmp_path / place).iterdir()) if file.suffix == ".npz")
+        for place in ("here", "there")
+    ]
+    here, there = (np.load(file)["intensity"] for file in files)
+    assert np.abs(here - there).max() <= 1e-5 * here.max()
+    text = refused(
+        *(capsys, "reconstruct", tmp_path / "z.h5", "--method", "lct", "--out", tmp_path / "lct"),
+        *("--scheduler", address),
+    )
+    assert "lct" in text
+
+
+# ------------------------------------------------------------------------------------ going on
+
+
+_KILLED = """
+import sys, time
+import pytest
+from films_in_parts import in_tiles
+import tofrender
+from tofrender.cli.app import main
+from tofrender.rendering import store
+from tofrender.runtime import memory
+if __name__ == "__main__":
+    in_tiles(pytest.MonkeyPatch(), 2)
+    if sys.argv[1] == "short":
+        memory.available = lambda: memory.RESERVE + 40000
+    put, puts = store.Store.put, []
+    def counted(self, *arguments):
+        receipt = put(self, *arguments)
+        puts.append(None)
+        if len(puts) == 3:
+            print("here", flush=True)
+            time.sleep(60)
+        return receipt
+    store.Store.put = counted
+    sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["zarr", "short", "errors"])
+def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
+    """After SIGKILL, the same command with --resume has the same files as one that was not."""
+    options = {"zarr": ["--format", "zarr"], "errors": ["--format", "zarr", "--errors"]}
+    arguments = ["render", "cornell_box", "--out", out, *TINY, *options.get(kind, [])]
+    process = script(_KILLED, kind, *arguments)
+    try:
+        assert process.stdout.readline() == "here\n", process.stderr.read()
+        text = refused(capsys, *arguments)
+        assert "another process writes it" in text
+    finally:
+        end(process)
+    assert process.returncode == -signal.SIGKILL
+    assert not out.exists()
+    err = done(capsys, *arguments, "--resume")
+    assert "resuming from 3 of 5 tiles" in err
+    assert names(out.parent) == {"box"}
+    if kind == "short":
+        check_frames(out, whole)
+    elif kind == "zarr":
+        check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+    else:
+        expected = render("cornell_box", settings=SETTINGS, spp=16, errors=True)
+        check_same(tofrender.load_zarr(out / "transient.zarr"), expected, 1e-4)
+
+
+@pytest.mark.slow
+def test_a_killed_run_by_workers_goes_on(capsys, out, address, whole):
+    """Tiles that workers wrote are there."""
+    code = _KILLED.replace("store.Store.put = counted", "").replace(
+        "    sys.exit",
+        "    from tofrender.rendering import workers\n"
+        "    following, calls = workers._next, []\n"
+        "    def slow(*arguments):\n"
+        "        calls.append(None)\n"
+        "        if len(calls) == 3:\n"
+        "            print('here', flush=True)\n"
+        "            time.sleep(60)\n"
+        "        return following(*arguments)\n"
+        "    workers._next = slow\n"
+        "    sys.exit",
+    )
+    arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "zarr"]
+    arguments += ["--scheduler", address]
+    process = script(code, "workers", *arguments)
+    try:
+        assert process.stdout.readline() == "here\n", process.stderr.read()
+    finally:
+        end(process)
+    err = done(capsys, *arguments, "--resume")
+    assert "resuming from " in err
+    assert names(out.parent) == {"box"}
+    check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+
+
+def finished(out: Path, **options) -> None:
+    """What a run leaves that was killed while it wrote its files."""
+    settings = SETTINGS | options.pop("settings", {})
+    options = {"spp": 16} | options
+    film = on_disk(out)
+    render("cornell_box", settings=settings, out=film, **options)
+
+
+@pytest.mark.slow
+def test_a_run_killed_while_it_wrote_files_goes_on(capsys, out, whole):
+    finished(out)
+    done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", "zarr", "--resume")
+    check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+    assert names(out.parent) == {"box"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"spp": 8}, "spp = 8; must be 16"),
+        ({"seed": 4}, "seed = 4; must be 0"),
+        ({"settings": {"width": 10}}, "fingerprint"),
+        ({"errors": True}, "errors = True; must be False"),
+    ],
+)
+def test_another_run_that_was_killed_then_is_refused(capsys, out, options, text):
+    finished(out, **options)
+    arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "zarr", "--resume"]
+    assert text in refused(capsys, *arguments)
+
+
+def test_resume_of_nothing(capsys, out):
+    arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "zarr", "--resume"]
+    assert f"--resume: no run that writes {out} was stopped" in refused(capsys, *arguments)
+    assert names(out.parent) == set()
+
+
+# --------------------------------------------------------------------------------------- merging
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format", ["frames", "zarr"])
+def test_merge(capsys, tmp_path, format):
+    folders = [tmp_path / str(seed) for seed in range(3)]
+    for seed, folder in enumerate(folders):
+        options = ["--seed", seed, "--format", "zarr" if seed else "frames"]
+        done(capsys, "render", "cornell_box", "--out", folder, *TINY, *options)
+    arguments = ["merge", *folders, "--out", tmp_path / "all", "--format", format, "--no-video"]
+    done(capsys, *arguments)
+    renders = [render("cornell_box", settings=SETTINGS, spp=16, seed=seed) for seed in range(3)]
+    expected = tofrender.merge(renders)
+    if format == "frames":
+        check_frames(tmp_path / "all", expected)
+    else:
+        found = tofrender.load_zarr(tmp_path / "all" / "transient.zarr")
+        assert max(differences(found, expected).values()) < 1e-5
+        assert found.attrs["spp"] == 48
+        assert found.attrs["seed"] == "0, 1, 2"
+    assert names(tmp_path) == {"0", "1", "2", "all"}
+
+
+@pytest.mark.slow
+def test_merge_refuses_what_does_not_fit(capsys, tmp_path, whole):
+    other = render("cornell_box", settings=SETTINGS | {"max_depth": 3}, spp=16, seed=1)
+    for number, each in enumerate((whole, whole, other)):
+        tofrender.save_exr_stack(each, tmp_path / str(number))
+    folders = [tmp_path / str(number) for number in range(3)]
+    out = ["--out", tmp_path / "all"]
+    assert "seed = 0: is that of two renders" in refused(capsys, "merge", *folders[:2], *out)
+    assert "max_depth = 3" in refused(capsys, "merge", folders[0], folders[2], *out)
+    assert "must have two or more" in refused(capsys, "merge", folders[0], *out)
+    among = ["--out", folders[0]]
+    assert "is among what is joined" in refused(capsys, "merge", *folders[:2], *among)
+    assert "holds no render" in refused(capsys, "merge", folders[0], tmp_path / "none", *out)
+    assert names(tmp_path) == {"0", "1", "2"}

@@ -1,0 +1,130 @@
+"""What the tests of tiles, streams, workers and error bars share: small scenes, comparisons."""
+
+from __future__ import annotations
+
+import copy
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tofrender
+from tofrender.integrators import passes
+from tofrender.rendering import job, pieces, store, streaming
+
+ROOT = Path(__file__).parents[1]
+ROUNDING = 1e-5
+"""What adding in another order may change, relative to the brightest value."""
+
+OWN = {"render_seconds", "energy_outside_window"}
+"""Attributes that differ from render to render, the second one by rounding."""
+
+
+def box(width: int = 12, height: int = 9, **options: Any) -> dict:
+    """A Cornell box that takes milliseconds."""
+    small = {"temporal_bins": 40, "bin_width_opl": 0.3, "max_depth": 4}
+    return tofrender.cornell_box(width=width, height=height, **small | options)
+
+
+def with_film(described: Mapping[str, Any], **changes: Any) -> dict:
+    """The same scene with other film parameters."""
+    result = copy.copy(dict(described))
+    result["sensor"] = result["sensor"] | {"film": result["sensor"]["film"] | changes}
+    return result
+
+
+def crop(x: int, y: int, width: int, height: int) -> dict:
+    """Parameters of a film that renders a part only."""
+    names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
+    return dict(zip(names, (x, y, width, height), strict=True))
+
+
+def in_tiles(monkeypatch: Any, rows: float, *, columns: int = 12, bins: int = 40) -> None:
+    """Let tiles have at most so many rows of a film, by the memory that they may take."""
+    size = int(rows * tofrender.runtime.memory.film_bytes(1, columns, bins, 3))
+    for module in (pieces, job, store, streaming):
+        monkeypatch.setattr(module, "TILE_BYTES", size)
+
+
+def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
+    """Let tiles of so many pixels take two samples in each of them in a step."""
+    for name, value in {
+        "STEP_SAMPLES": 2 * pixels,
+        "FIRST_SAMPLES": 2 * pixels,
+        "LANES": {"llvm": 2 * pixels, "cuda": 2 * pixels},
+        "PRIVATE_LANES": 1,
+    }.items():
+        patch.setattr(passes, name, value)
+
+
+def render(scene: Any, **options: Any):
+    return tofrender.render(scene, **{"spp": 8, "progress": False} | options)
+
+
+def differences(film: Any, whole: Any) -> dict[str, float]:
+    """Largest difference of each variable, relative to its brightest value; NaN counts as 1."""
+    assert list(film.data_vars)
+    assert set(film.data_vars) == set(whole.data_vars)
+    found = {}
+    for name in whole.data_vars:
+        one, other = film[name].values, whole[name].values
+        assert one.shape == other.shape
+        assert one.dtype == other.dtype
+        largest = np.abs(one - other).max() / np.abs(other).max()
+        found[name] = float(largest) if np.isfinite(largest) else 1.0
+    return found
+
+
+def check_same(film: Any, whole: Any, rounding: float = ROUNDING) -> None:
+    """Two renders are one: coordinates, values up to rounding, attributes but for their own."""
+    assert set(film.coords) == set(whole.coords)
+    for name in whole.coords:
+        np.testing.assert_array_equal(film[name].values, whole[name].values)
+    assert dict(film.sizes) == dict(whole.sizes)
+    assert film["transient"].dims == whole["transient"].dims
+    assert set(film.attrs) == set(whole.attrs)
+    for name in set(whole.attrs) - OWN:
+        assert film.attrs[name] == whole.attrs[name], name
+    outside = (each.attrs["energy_outside_window"] for each in (film, whole))
+    assert abs(next(outside) - next(outside)) < 1e-5
+    found = differences(film, whole)
+    assert max(found.values()) <= rounding, found
+
+
+def one_line(error: Any) -> str:
+    """The text of an error, which is one line."""
+    text = str(error.value)
+    assert text
+    assert "\n" not in text
+    return text
+
+
+def names(folder: Path) -> set[str]:
+    """All that stands in a folder, hidden too."""
+    return set(os.listdir(folder))
+
+
+def script(code: str, *arguments: object, **options: Any) -> subprocess.Popen:
+    """A Python process with its own group, that sees the tests' modules."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path} | options.pop("env", {}),
+        start_new_session=True,
+        **options,
+    )
+
+
+def end(process: subprocess.Popen, number: int = signal.SIGKILL) -> tuple[str, str]:
+    """Send a signal to a process, and give what else it has to say."""
+    process.send_signal(number)
+    return process.communicate(timeout=60)

@@ -1,0 +1,357 @@
+"""Error bars: as often right as they say, and the same whichever way a render is carried out."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from films_in_parts import box, differences, in_small_steps, one_line, render
+from noise_oracles import paths, sphere, truth
+from oracles import disk_light_masses
+from scipy.stats import t as student
+from support import area_light, camera, diffuse, film, plane, rotate, scene, translate
+
+import tofrender
+from tofrender.rendering import pieces
+from tofrender.rendering.errors import PARTS, Scatter, parts_of, seed_of
+from tofrender.runtime import memory
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+SIGMAS = 4.5
+"""Distance of a mean from what is expected that right code exceeds 7 times in a million."""
+
+SLACK = 0.01
+"""What means of 16 parts are off from Student's t, as they are not quite normal."""
+
+
+def covered(values, errors, expected) -> np.ndarray:
+    """Whether the truth is within one, and within two, errors; on a last axis."""
+    off = np.abs(np.asarray(values, float) - expected)
+    errors = np.asarray(errors, float) * (1 + 1e-6)
+    return np.stack([off <= errors, off <= 2 * errors], axis=-1)
+
+
+def is_calibrated(found: np.ndarray, freedom: int = PARTS - 1) -> bool:
+    """Whether shares are Student's; `found` has pixels, which are independent, first."""
+    by_pixel = found.reshape(len(found), -1, 2).mean(axis=1)
+    noise = by_pixel.std(axis=0, ddof=1) / np.sqrt(len(by_pixel))
+    expected = 2 * student.cdf([1.0, 2.0], freedom) - 1
+    return bool((np.abs(by_pixel.mean(axis=0) - expected) <= SIGMAS * noise + SLACK).all())
+
+
+def bins_of(film, name: str = "transient") -> np.ndarray:
+    """The first channel, pixels first; all channels are the same in these scenes."""
+    values = film[name].values[..., 0]
+    return values.reshape(values.shape[0] * values.shape[1], -1)
+
+
+@pytest.fixture(scope="module")
+def films():
+    """Four seeds of the sphere, 256 pixels each."""
+    return [render(sphere(), spp=256, errors=True, seed=seed) for seed in range(4)]
+
+
+# ------------------------------------------------------------------------------- calibration
+
+
+def test_students_shares():
+    """What is promised: 2 of 3 within one error, 93 % within two."""
+    one, two = 2 * student.cdf([1.0, 2.0], PARTS - 1) - 1
+    assert one == pytest.approx(0.667, abs=1e-3)
+    assert two == pytest.approx(0.936, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_where_many_paths_reach(films):
+    """Bins of 10 contributions or more, in 1024 pixels.
+
+    False alarms: two means at 4.5 sigma and a slack of 1 %, below 1.4e-5. Error bars that are 10 %
+    too small or too large are found.
+    """
+    many = paths(256) >= 10
+    assert many.sum() > 20
+    values, errors = (
+        np.concatenate([bins_of(film, name)[:, many] for film in films])
+        for name in ("transient", "transient_error")
+    )
+    expected = truth()[many]
+    assert is_calibrated(covered(values, errors, expected))
+    for wrong in (0.9, 1.1):
+        assert not is_calibrated(covered(values, wrong * errors, expected))
+    assert not is_calibrated(covered(1.05 * values, errors, expected))
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_where_few_paths_reach(films):
+    """A bound for bins of few contributions, λ expected ones.
+
+    A bin that none reached has the error 0, and does not hold the truth; that has the chance e^-λ.
+    One that some reached holds it half of the time, by two errors 4 of 5 times: so the shares are
+    at least 0.5 (1 - e^-λ) and 0.8 (1 - e^-λ), and from λ = 3 on at least 0.6 and 0.83.
+
+    False alarms: each of some 60 shares, of 1024 pixels, is 5 sigma above its bound or more.
+    """
+    sparse = [render(sphere(), spp=16, errors=True, seed=seed) for seed in range(4)]
+    for spp, renders in ((16, sparse), (256, films)):
+        expected = paths(spp)
+        values, errors = (
+            np.concatenate([bins_of(film, name) for film in renders])
+            for name in ("transient", "transient_error")
+        )
+        assert (errors[values == 0] == 0).all()
+        shares = covered(values, errors, truth()).mean(axis=0)
+        reached = 1 - np.exp(-expected)
+        some = (expected > 0.1) & (expected < 3)
+        assert (shares[some] >= np.outer(reached[some], [0.45, 0.75])).all()
+        more = (expected >= 3) & (expected < 10)
+        assert (shares[more] >= [0.55, 0.8]).all()
+
+
+def lamp(start: float) -> dict:
+    """A disk light 1 m over a floor, seen from its edge's height at the point below its middle."""
+    facing_down = translate(0, 0, 1) @ rotate((1, 0, 0), 180) @ mi.ScalarTransform4f().scale(0.6)
+    light = {"type": "disk", "to_world": facing_down, "emitter": area_light(5.0)}
+    return scene(
+        {"floor": plane(bsdf=diffuse(0.5)), "light": light},
+        camera(EYE, (0, 0, 0), film(16, 16, 12, start, 0.0125), fov=1e-3),
+        max_depth=2,
+    )
+
+
+EYE = (2.0, 0.0, 0.9)
+"""Looks below the light."""
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_of_an_area_light():
+    """dE/dr of a disk, and E = π Le R² / (h² + R²), by closed form; false alarms as above.
+
+    Points of one part are even, and so few that bins are a little wide: 69 % and 94 %.
+    """
+    edges = 1.0 + 0.0125 * np.arange(13)
+    expected = 0.5 / np.pi * disk_light_masses(edges, 1.0, 0.6, 5.0)
+    films = [
+        render(lamp(float(np.hypot(*EYE[::2])) + 1.0), spp=256, errors=True, seed=seed)
+        for seed in range(4)
+    ]
+    values, errors = (
+        np.concatenate([bins_of(film, name) for film in films])
+        for name in ("transient", "transient_error")
+    )
+    assert (expected > 0).all()
+    assert is_calibrated(covered(values, errors, expected))
+    assert not is_calibrated(covered(values, 0.8 * errors, expected))
+    values, errors = (
+        np.concatenate([bins_of(film, name) for film in films])
+        for name in ("steady", "steady_error")
+    )
+    expected = 0.5 * 5.0 * 0.6**2 / (1 + 0.6**2)
+    assert is_calibrated(covered(values, errors, expected))
+    assert not is_calibrated(covered(values, 0.8 * errors, expected))
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_that_are_resumed():
+    """Two renders with 15 degrees of freedom each; false alarms as above."""
+    films = []
+    for seed in range(4):
+        half = render(sphere(), spp=128, errors=True, seed=seed)
+        films.append(render(sphere(), spp=256, errors=True, seed=seed, resume=half))
+    many = paths(256) >= 10
+    values, errors = (
+        np.concatenate([bins_of(film, name)[:, many] for film in films])
+        for name in ("transient", "transient_error")
+    )
+    assert films[0].attrs["spp"] == 256
+    assert is_calibrated(covered(values, errors, truth()[many]), 2 * (PARTS - 1))
+    assert not is_calibrated(covered(values, 0.9 * errors, truth()[many]), 2 * (PARTS - 1))
+
+
+# --------------------------------------------------------------------------------- the parts
+
+
+@pytest.mark.parametrize(
+    ("spp", "count"), [(16, 16), (32, 16), (4096, 16), (8, 8), (24, 8), (4, 4), (12, 4), (100, 4)]
+)
+def test_numbers_of_parts(spp, count):
+    assert parts_of(spp) == count
+    assert PARTS == 16
+
+
+@pytest.mark.parametrize("spp", [1, 2, 3, 6, 10, 4097])
+def test_samples_that_cannot_be_divided_are_refused(spp):
+    with pytest.raises(ValueError, match=f"spp = {spp}: must be") as error:
+        parts_of(spp)
+    one_line(error)
+
+
+def test_they_are_refused_before_work_starts():
+    with pytest.raises(ValueError, match="spp = 6: must be"):
+        render(box(), spp=6, errors=True)
+
+
+@pytest.mark.parametrize("errors", [1, "yes", None])
+def test_what_is_no_boolean(errors):
+    with pytest.raises(ValueError, match=r"errors = ") as error:
+        render(box(), errors=errors)
+    one_line(error)
+
+
+def test_parts_have_seeds_of_their_own():
+    """Those of other renders, of other parts, and of the samples after others too."""
+    seeds = [
+        int(seed_of(seed, first, part)[0])
+        for seed, first, part in itertools.product(range(8), (0, 16, 64), range(16))
+    ]
+    assert len(set(seeds)) == len(seeds)
+
+
+def test_scatter_is_the_standard_error():
+    values = np.random.default_rng(5).gamma(0.5, size=(9, 6, 5, 4)).astype(np.float32)
+    scatter = Scatter({"a": values[0].copy()})
+    for number, array in enumerate(values[1:], 1):
+        if number == 5:
+            scatter = Scatter.restored({k: v.copy() for k, v in scatter.state().items()})
+        scatter.add({"a": array.copy()})
+    np.testing.assert_allclose(scatter.means["a"], values.mean(axis=0), rtol=1e-5)
+    expected = values.std(axis=0, ddof=1) / 3
+    np.testing.assert_allclose(scatter.errors()["a"], expected, rtol=1e-5)
+    assert Scatter.restored({}) is None
+
+
+@pytest.mark.slow
+def test_the_mean_is_that_of_the_parts():
+    """Each part is a render of its own, and the errors are theirs by NumPy."""
+    whole = render(box(), spp=16, errors=True)
+    job = tofrender.rendering.renderer.make_job(box(), spp=1)
+    parts = [
+        pieces._at_once(job, pieces.whole(job), None, None, 0, False, seed_of(0, 0, part))
+        for part in range(16)
+    ]
+    for name in ("transient", "steady"):
+        values = np.stack([getattr(part, name) for part in parts]).astype(float)
+        top = whole[name].values.max()
+        np.testing.assert_allclose(whole[name].values, values.mean(axis=0), atol=1e-5 * top)
+        error = values.std(axis=0, ddof=1) / 4
+        np.testing.assert_allclose(whole[f"{name}_error"].values, error, atol=1e-4 * top)
+
+
+# ------------------------------------------------------------------ as it is carried out
+
+
+@pytest.mark.slow
+def test_shapes_and_attributes():
+    plain, found = render(box(), spp=16), render(box(), spp=16, errors=True)
+    for name in ("transient", "steady"):
+        error = found[f"{name}_error"]
+        assert error.dims == found[name].dims
+        assert error.dtype == np.float32
+        assert float(error.min()) >= 0 < float(error.max())
+    assert set(found.attrs) >= set(plain.attrs)
+    assert found.attrs["spp"] == 16
+    assert "transient_error" not in plain
+
+
+@pytest.mark.slow
+def test_errors_shrink_with_samples():
+    few, many = (render(box(), spp=spp, errors=True) for spp in (16, 256))
+    ratio = float(many["steady_error"].mean() / few["steady_error"].mean())
+    assert ratio < 0.3
+
+
+def stopped(monkeypatch, part: int, **options):
+    """Stop a render in the first step of a part."""
+    steps, parts = pieces.steps, itertools.count()
+
+    def told(*arguments, **more):
+        for number, done in enumerate(steps(*arguments, **more)):
+            if number == 0 and next(parts) == part:
+                signal.raise_signal(signal.SIGINT)
+            yield done
+
+    with monkeypatch.context() as patch:
+        in_small_steps(patch, 12 * 9)
+        patch.setattr(pieces, "steps", told)
+        return render(box(), errors=True, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spp", [32, 64])
+def test_ctrl_c_returns_the_parts_that_are_finished(monkeypatch, spp):
+    """Of one step each, or stopped in the middle of one of two steps."""
+    with pytest.warns(UserWarning, match="interrupted: returning"):
+        found = stopped(monkeypatch, 5, spp=spp)
+    parts = 6 if spp == 32 else 5
+    assert (found.attrs["complete"], found.attrs["spp"]) == (0, parts * spp // 16)
+    whole = render(box(), spp=256, errors=True)
+    ratio = float(found["steady"].mean() / whole["steady"].mean())
+    assert ratio == pytest.approx(1, abs=0.1)
+    assert float(found["steady_error"].mean()) > float(whole["steady_error"].mean())
+
+
+@pytest.mark.slow
+def test_one_part_has_no_errors(monkeypatch):
+    with pytest.raises(KeyboardInterrupt, match="1 of 16 parts") as error:
+        stopped(monkeypatch, 0, spp=32)
+    one_line(error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("spp", "part"), [(32, 0), (32, 7), (64, 0), (64, 7)])
+def test_a_checkpoint_goes_on(monkeypatch, tmp_path, capsys, spp, part):
+    """Between parts and within one; the result is that of a render in one go."""
+    path = tmp_path / "box.npz"
+    whole = render(box(), spp=spp, errors=True)
+    if part > 1:
+        with pytest.warns(UserWarning, match="interrupted: returning"):
+            stopped(monkeypatch, part, spp=spp, checkpoint=path)
+    else:
+        with pytest.raises((KeyboardInterrupt, UserWarning), match="interrupted"):
+            stopped(monkeypatch, part, spp=spp, checkpoint=path)
+    found = render(box(), spp=spp, errors=True, checkpoint=path)
+    done = spp // 16 * (part + 1) if spp == 32 else spp // 16 * part + 2
+    assert f"resuming from {done} of {spp}" in capsys.readouterr().out
+    assert max(differences(found, whole).values()) < 1e-4
+    with pytest.raises(ValueError, match="was made with errors") as error:
+        render(box(), spp=spp, checkpoint=path)
+    one_line(error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("errors", [False, True])
+def test_only_alike_goes_on(errors):
+    """Errors of a part only would be wrong."""
+    earlier = render(box(), spp=16, errors=not errors)
+    with pytest.raises(ValueError, match=r"^resume: has .*errors; must be as asked") as error:
+        render(box(), spp=32, errors=errors, resume=earlier)
+    one_line(error)
+
+
+@pytest.mark.slow
+def test_error_bars_of_light_that_lands_anywhere():
+    options = {"integrator": "transient_bdpt", "errors": True}
+    found, other = (render(box(), spp=16, seed=seed, **options) for seed in (0, 1))
+    error = np.hypot(found["steady_error"], other["steady_error"])
+    off = np.abs(found["steady"] - other["steady"])
+    lit = other["steady"] > 0
+    assert 0.5 < float((off <= error).where(lit).mean()) < 0.85
+
+
+@pytest.mark.slow
+def test_error_bars_need_memory(monkeypatch):
+    """What fits without them may not fit with them."""
+    size = memory.film_bytes(9, 12, 40, 3)
+    monkeypatch.setattr(memory, "RESERVE", 0)
+    monkeypatch.setattr(memory, "available", lambda: 3 * size // 2)
+    assert render(box()).attrs["complete"] == 1
+    with pytest.raises(MemoryError, match="takes") as error:
+        render(box(), spp=16, errors=True)
+    one_line(error)

@@ -1,0 +1,268 @@
+"""Renders of other seeds, joined: one render with all samples, and refused what is not one."""
+
+from __future__ import annotations
+
+import itertools
+
+import dask.array
+import mitsuba as mi
+import numpy as np
+import pytest
+import xarray as xr
+from films_in_parts import box, crop, differences, one_line, render, with_film
+from noise_oracles import paths, sphere, truth
+from support import with_integrator
+from test_errors import bins_of, covered, is_calibrated
+
+from tofrender import load_zarr, merge, save_zarr
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+
+@pytest.fixture(scope="module")
+def parts() -> list[xr.Dataset]:
+    return [render(box(), spp=8 << seed, seed=seed) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def noisy() -> list[xr.Dataset]:
+    """Renders with error bars."""
+    return [render(box(), spp=16 << seed, seed=seed, errors=True) for seed in range(3)]
+
+
+def weighted(renders, name: str) -> np.ndarray:
+    spp = np.array([float(each.attrs["spp"]) for each in renders])
+    return (
+        sum(n * each[name].values.astype(float) for n, each in zip(spp, renders, strict=True))
+        / spp.sum()
+    )
+
+
+# ----------------------------------------------------------------------------------- the mean
+
+
+def test_samples_weigh_alike(parts):
+    """A render of twice the samples counts twice."""
+    merged = merge(parts[:3])
+    assert set(merged.data_vars) == {"transient", "steady"}
+    for name in ("transient", "steady"):
+        assert merged[name].dtype == np.float32
+        assert merged[name].dims == parts[0][name].dims
+        np.testing.assert_allclose(merged[name].values, weighted(parts[:3], name), rtol=1e-5)
+
+
+def test_attributes_of_all(parts):
+    merged, first = merge(parts[:3]), parts[0]
+    assert merged.attrs["spp"] == 8 + 16 + 32
+    assert merged.attrs["seed"] == "0, 1, 2"
+    assert merged.attrs["complete"] == 1
+    assert set(merged.attrs) == set(first.attrs)
+    for name in ("fingerprint", "integrator", "start_opl", "quantity", "units", "scene"):
+        assert merged.attrs[name] == first.attrs[name]
+    seconds = sum(each.attrs["render_seconds"] for each in parts[:3])
+    assert merged.attrs["render_seconds"] == pytest.approx(seconds)
+    outside = [each.attrs["energy_outside_window"] for each in parts[:3]]
+    assert min(outside) - 1e-9 <= merged.attrs["energy_outside_window"] <= max(outside) + 1e-9
+
+
+def test_what_is_joined_stays(parts):
+    before = [each.copy(deep=True) for each in parts]
+    merge(parts)
+    for each, its in zip(parts, before, strict=True):
+        xr.testing.assert_identical(each, its)
+
+
+def test_order_does_not_count(parts):
+    one, other = merge(parts), merge(parts[::-1])
+    assert max(differences(one, other).values()) < 1e-5
+
+
+def test_joined_renders_join_on(parts):
+    """Pairs of pairs are all four, and a seed within a pair is known again."""
+    left, right = merge(parts[:2]), merge(parts[2:])
+    together, once = merge([left, right]), merge(parts)
+    assert (
+        max(differences(together, once.drop_vars(["transient_error", "steady_error"])).values())
+        < 1e-5
+    )
+    assert together.attrs["seed"] == "0, 1, 2, 3"
+    with pytest.raises(ValueError, match="seed = 1: is that of two") as error:
+        merge([left, parts[1]])
+    one_line(error)
+
+
+def test_unfinished_renders_count_as_far_as_they_are(parts):
+    half = parts[1].copy()
+    half.attrs |= {"complete": 0}
+    merged = merge([parts[0], half])
+    assert merged.attrs["complete"] == 0
+    assert merged.attrs["spp"] == 24
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_it_is_one_render_with_all_samples():
+    """In a sphere, by closed form: four of 64 are one of 256, noise included.
+
+    False alarms: 1.4e-5, see `test_errors`; a fifth too much of a part, or wrong weights of
+    parts, are found there.
+    """
+    many = paths(256) >= 10
+    shares, errors = [], []
+    for seed in range(2):
+        quarters = [render(sphere(), spp=64, errors=True, seed=4 * seed + k) for k in range(4)]
+        merged = merge(quarters)
+        values, error = (
+            bins_of(merged, name)[:, many] for name in ("transient", "transient_error")
+        )
+        shares.append(covered(values, error, truth()[many]))
+        errors.append(error)
+    found = np.concatenate(shares)
+    assert is_calibrated(found, 4 * 15)
+    whole = bins_of(render(sphere(), spp=256, errors=True), "transient_error")[:, many]
+    assert np.concatenate(errors).mean() == pytest.approx(whole.mean(), rel=0.05)
+
+
+# ------------------------------------------------------------------------------- error bars
+
+
+def test_error_bars_are_joined(noisy):
+    merged = merge(noisy)
+    spp = np.array([16.0, 32.0, 64.0]) / 112
+    for name in ("transient", "steady"):
+        error = f"{name}_error"
+        squares = [(w * each[error].values) ** 2 for w, each in zip(spp, noisy, strict=True)]
+        top = float(merged[error].max())
+        np.testing.assert_allclose(merged[error].values, np.sqrt(sum(squares)), atol=1e-5 * top)
+        assert merged[error].dtype == np.float32
+    assert float(merged["steady_error"].mean()) < float(noisy[-1]["steady_error"].mean())
+
+
+def test_of_four_or_more_the_scatter_tells(parts):
+    """Weighted by samples: a part's variance goes as 1 / spp."""
+    merged = merge(parts)
+    shares = np.array([8.0, 16.0, 32.0, 64.0]) / 120
+    for name in ("transient", "steady"):
+        mean = weighted(parts, name)
+        scatter = sum(
+            w * (each[name].values - mean) ** 2 for w, each in zip(shares, parts, strict=True)
+        )
+        top = float(merged[f"{name}_error"].max())
+        np.testing.assert_allclose(
+            merged[f"{name}_error"].values, np.sqrt(scatter / 3), atol=1e-4 * top
+        )
+
+
+def test_fewer_without_error_bars_have_none(parts, noisy):
+    assert set(merge(parts[:3]).data_vars) == {"transient", "steady"}
+    other = render(box(), spp=8, seed=9)
+    assert set(merge([noisy[0], other]).data_vars) == {"transient", "steady"}
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_the_scatter_is_calibrated():
+    """Of eight renders with different samples, in 1024 pixels; false alarms 1.4e-5.
+
+    Without the weights, scatter would be too large by a fifth here: that is found.
+    """
+    spp = [64, 32, 32, 16, 64, 64, 32, 96]
+    many = paths(16) >= 2
+    values, errors, plain = [], [], []
+    for group in range(4):
+        renders = [render(sphere(), spp=count, seed=10 * group + k) for k, count in enumerate(spp)]
+        merged = merge(renders)
+        values.append(bins_of(merged)[:, many])
+        errors.append(bins_of(merged, "transient_error")[:, many])
+        alone = np.stack([bins_of(each)[:, many] for each in renders])
+        plain.append(alone.std(axis=0, ddof=1) / np.sqrt(len(spp)))
+    values, errors, plain = map(np.concatenate, (values, errors, plain))
+    assert is_calibrated(covered(values, errors, truth()[many]), 7)
+    assert not is_calibrated(covered(values, plain, truth()[many]), 7)
+    assert not is_calibrated(covered(values, 0.85 * errors, truth()[many]), 7)
+
+
+# --------------------------------------------------------------------------------- what differs
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_fewer_than_two(parts, count):
+    with pytest.raises(ValueError, match=f"renders: has {count}; must have two or more") as error:
+        merge(parts[:count])
+    one_line(error)
+
+
+def test_the_same_seed_twice(parts):
+    with pytest.raises(ValueError, match="seed = 0: is that of two renders") as error:
+        merge([parts[0], parts[1], render(box(), spp=32, seed=0)])
+    one_line(error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("described", "options", "text"),
+    [
+        (lambda: box(light="flash"), {}, "start_opl = 6.0; must be 3.5"),
+        (lambda: box(light="flash", start_opl=3.5), {}, "has fingerprint = "),
+        (lambda: box(max_depth=5), {}, "has max_depth = 5; must be 4"),
+        (lambda: box(14, 9), {}, "has film_width = 14; must be 12"),
+        (lambda: box(temporal_bins=50), {}, "opl"),
+        (lambda: box(bin_width_opl=0.2), {}, "has bin_width_opl = 0.2; must be 0.3"),
+        (box, {"window": (3.0, 15.0)}, "has start_opl = 3.0; must be 3.5"),
+        (box, {"integrator": "path_tracer_nee"}, "PathTracerNEE"),
+        (box, {"sampler": "independent"}, "has sampler = 'IndependentSampler'"),
+        (lambda: with_integrator(box(), pulse_width_opl=0.1), {}, "has pulse = "),
+        (lambda: with_film(box(), **crop(2, 0, 10, 9)), {}, "has "),
+    ],
+)
+def test_another_render(parts, described, options, text):
+    other = render(described(), seed=7, **options)
+    with pytest.raises(ValueError, match=r"^render 3: has ") as error:
+        merge([parts[0], parts[1], other])
+    assert text in one_line(error)
+
+
+def test_another_variant(parts):
+    mi.set_variant("llvm_ad_mono")
+    other = render(box(), seed=7)
+    with pytest.raises(ValueError, match="render 2: has variant = 'llvm_ad_mono'; must") as error:
+        merge([parts[0], other])
+    one_line(error)
+
+
+@pytest.mark.parametrize("what", [3, {"spp": 1}, None])
+def test_what_is_no_render(parts, what):
+    with pytest.raises(ValueError, match=r"must be an xarray\.Dataset") as error:
+        merge([parts[0], what])
+    one_line(error)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite(parts, bad):
+    spoilt = parts[1].copy(deep=True)
+    spoilt["transient"].values[3, 4, 5, 0] = bad
+    with pytest.raises(ValueError, match="transient: 1 of") as error:
+        merge([parts[0], spoilt])
+    one_line(error)
+
+
+# ------------------------------------------------------------------------------- films on disk
+
+
+@pytest.mark.slow
+def test_films_on_disk_stay_there(parts, tmp_path):
+    films = [save_zarr(each, tmp_path / f"{number}.zarr") for number, each in enumerate(parts)]
+    merged = merge(films)
+    assert isinstance(merged["transient"].data, dask.array.Array)
+    assert max(differences(merged, merge(parts)).values()) < 1e-5
+    saved = save_zarr(merged, tmp_path / "all.zarr")
+    assert max(differences(load_zarr(tmp_path / "all.zarr"), merge(parts)).values()) < 1e-5
+    assert saved.attrs == merged.attrs
+    mixed = merge([films[0], *parts[1:]])
+    assert max(differences(mixed, merge(parts)).values()) < 1e-5
+
+
+def test_all_pairs_of_seeds_differ(parts):
+    """What makes merging worth it: no two renders have the same noise."""
+    for one, other in itertools.combinations(parts, 2):
+        assert float(abs(one["steady"] - other["steady"]).max()) > 1e-3

@@ -1,0 +1,213 @@
+"""Pieces of a render are the render, however it is cut: seams, ranges of samples, borders."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from films_in_parts import ROUNDING, box, crop, with_film
+from nlos_support import builder
+from support import agree, with_integrator
+
+from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole
+from tofrender.rendering.renderer import make_job
+from tofrender.runtime.memory import film_bytes
+
+CUT = (4, 5)
+"""Rows and columns that divide neither 9 nor 12."""
+
+
+def job_of(described, **options):
+    return make_job(described, **{"spp": 8} | options)
+
+
+def put_together(job, size=CUT) -> dict[str, np.ndarray]:
+    """All arrays of a render from its tiles, NaN where there is none."""
+    found: dict[str, np.ndarray] = {}
+    for tile in tiles(job, size):
+        for name, values in take(job, tile, progress=False).arrays.items():
+            shape = (*job.film.shape[:2], *values.shape[2:])
+            array = found.setdefault(name, np.full(shape, np.nan, np.float32))
+            tile.of(array)[...] = values
+    return found
+
+
+def check_tiles(described, size=CUT, **options) -> dict[str, np.ndarray]:
+    job = job_of(described, **options)
+    expected = take(job, whole(job), progress=False).arrays
+    found = put_together(job, size)
+    assert set(found) == set(expected)
+    for name, values in expected.items():
+        brightest = np.abs(values).max()
+        assert values.std() > 0.05 * abs(values.mean()) > 0
+        assert np.abs(found[name] - values).max() <= ROUNDING * brightest, name
+    return expected
+
+
+# ------------------------------------------------------------------------------- how it is cut
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 12), (2, 12), CUT, (9, 12)])
+def test_tiles_cover_each_pixel_once(size):
+    job = job_of(box())
+    covered = np.zeros((9, 12), int)
+    for tile in tiles(job, size):
+        assert (tile.first, tile.count) == (0, 8)
+        assert 1 <= tile.height <= size[0]
+        assert 1 <= tile.width <= size[1]
+        tile.of(covered)[...] += 1
+    assert (covered == 1).all()
+
+
+@pytest.mark.parametrize("shape", [(9, 12, 40, 3), (1, 1, 1, 1), (1, 700, 30, 1), (512, 1, 7, 3)])
+@pytest.mark.parametrize("part", [1e-9, 0.001, 0.1, 0.5, 1.0, 7.0])
+@pytest.mark.parametrize("workers", [1, 2, 9])
+def test_tiles_are_no_larger_than_they_may_be(shape, part, workers):
+    height, width, bins, channels = shape
+    rows, columns = tile_size(shape, part * film_bytes(*shape), workers)
+    assert 1 <= rows <= height
+    assert 1 <= columns <= width
+    size = film_bytes(rows, columns, bins, channels)
+    assert size <= part * film_bytes(*shape) or (rows, columns) == (1, 1)
+    count = -(-height // rows) * -(-width // columns)
+    if workers == 1 and part >= 1:
+        assert count == 1
+    if workers > 1:
+        assert count >= min(workers, height * width) or (rows, columns) == (1, 1)
+
+
+@pytest.mark.parametrize(("spp", "workers"), [(8, 1), (8, 3), (64, 2), (1000, 3), (1, 4)])
+def test_ranges_cover_each_sample_once(spp, workers):
+    found = ranges(job_of(box(), spp=spp), workers)
+    assert found[0].first == 0
+    ends = [piece.first + piece.count for piece in found]
+    assert [piece.first for piece in found[1:]] == ends[:-1]
+    assert ends[-1] == spp
+    assert all((p.y, p.x, p.height, p.width) == (0, 0, 9, 12) and p.count > 0 for p in found)
+
+
+def test_a_piece_finds_its_pixels():
+    array = np.arange(9 * 12 * 2).reshape(9, 12, 2)
+    found = Piece(y=2, x=5, height=3, width=4, first=0, count=1).of(array)
+    np.testing.assert_array_equal(found, array[2:5, 5:9])
+    found[...] = -1
+    assert (array == -1).sum() == 3 * 4 * 2
+
+
+# ------------------------------------------------------------------------- that it is the whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cropped", [{}, crop(3, 2, 7, 6)])
+@pytest.mark.parametrize(
+    ("rfilter", "border"), [("box", False), ("gaussian", False), ("gaussian", True)]
+)
+def test_tiles_are_the_whole(rfilter, border, cropped):
+    """A filter takes from beyond the seams what the whole has there, from beyond the film too."""
+    described = with_film(box(), rfilter={"type": rfilter}, sample_border=border, **cropped)
+    expected = check_tiles(described, (4, 5) if not cropped else (3, 7), seed=77)
+    assert expected["steady"].shape == ((6, 7, 3) if cropped else (9, 12, 3))
+
+
+def test_tiles_of_single_pixels():
+    check_tiles(box(3, 2), (1, 1), spp=11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
+def test_tiles_of_other_variants(variant):
+    mi.set_variant(variant)
+    expected = check_tiles(box())
+    assert expected["transient"].shape == (9, 12, 40, 1 if variant.endswith("mono") else 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("integrator", "options"),
+    [
+        ({"pulse_width_opl": 0.2}, {}),  # Deposits reach over bins
+        ({"temporal_filter": "gaussian", "gaussian_stddev": 0.8}, {}),
+        ({}, {"integrator": "path_tracer_nee"}),
+    ],
+)
+def test_tiles_of_other_light(integrator, options):
+    check_tiles(with_integrator(box(temporal_bins=40), **integrator), (5, 12), **options)
+
+
+@pytest.mark.slow
+def test_tiles_with_the_lamp_in_view():
+    """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
+    described = box()
+    to_world = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 1, 0], [0, 0, 1])
+    described["sensor"] = described["sensor"] | {"to_world": to_world, "fov": 40}
+    described = with_film(described, start_opl=0.0)
+    check_tiles(described, (3, 4))
+
+
+@pytest.mark.slow
+def test_tiles_of_a_capture():
+    check_tiles(builder("nlos_z", width=5, height=4), (2, 3), spp=64)
+
+
+@pytest.mark.slow
+def test_tiles_have_the_error_bars_of_the_whole():
+    """Those are small differences of large numbers: rounding is a larger part of them."""
+    job = job_of(box(), spp=32, errors=True)
+    expected = take(job, whole(job), progress=False).arrays
+    found = put_together(job)
+    assert set(found) == {"transient", "steady", "transient_error", "steady_error"}
+    for name, values in expected.items():
+        assert np.abs(found[name] - values).max() <= 1e-4 * values.max(), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", ["transient_path", "transient_bdpt"])
+def test_ranges_are_the_whole(integrator):
+    """The mean of ranges, by their samples: the only pieces where light lands anywhere."""
+    job = job_of(box(), spp=48, integrator=integrator)
+    expected = take(job, whole(job), progress=False).arrays
+    found = ranges(job, 3)
+    parts = [(piece.count / 48, take(job, piece, progress=False).arrays) for piece in found]
+    for name, values in expected.items():
+        mean = sum(share * arrays[name] for share, arrays in parts)
+        assert np.abs(mean - values).max() <= 1e-4 * values.max(), name
+
+
+# ------------------------------------------------------------------------------ other samplers
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("sampler", ["independent", "multijitter"])
+def test_tiles_of_other_samplers(sampler):
+    """Other points, the same light: per pixel and per bin over 16 seeds.
+
+    False alarms: `support.agree` splits 1e-3 over the suite. Bins 30 % too bright, or two tiles
+    that change places, are found.
+    """
+    job, cut, at_once = job_of(box(6, 4), spp=64, sampler=sampler), [], []
+    for seed in range(16):
+        seeded = dataclasses.replace(job, seed=seed)
+        cut.append(put_together(seeded, (2, 6)))
+        at_once.append(take(seeded, whole(job), progress=False).arrays)
+    steady, expected = (np.stack([each["steady"] for each in films]) for films in (cut, at_once))
+    assert agree(steady, expected)
+    assert not agree(np.roll(steady, 2, axis=1), expected)
+    bins, expected = (
+        np.stack([each["transient"].sum(axis=(0, 1, 3)) for each in films])
+        for films in (cut, at_once)
+    )
+    assert agree(bins, expected)
+    assert not agree(1.3 * bins, expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampler", ["independent", "multijitter", "padded_sobol"])
+def test_no_two_tiles_have_the_same_points(sampler):
+    """The same points would show as a pattern that repeats."""
+    job = job_of(box(), sampler=sampler)
+    left, right = (take(job, Piece(0, x, 9, 4, 0, 8), progress=False).steady for x in (0, 8))
+    assert np.abs(left - right[:, ::-1]).max() > 0.01 * left.max()  # The box is nearly symmetric
+    assert np.abs(left - right).max() > 0.01 * left.max()

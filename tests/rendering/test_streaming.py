@@ -1,0 +1,600 @@
+"""Films on disk: the render that memory would hold, whatever happens while they grow."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import dask.array
+import mitsuba as mi
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from films_in_parts import (
+    box,
+    check_same,
+    crop,
+    end,
+    in_small_steps,
+    in_tiles,
+    names,
+    one_line,
+    render,
+    script,
+    with_film,
+)
+from nlos_support import builder
+from support import with_integrator
+
+import tofrender
+from tofrender import load_zarr, save_zarr
+from tofrender.rendering import pieces
+from tofrender.rendering.renderer import make_job
+from tofrender.rendering.store import Store
+from tofrender.rendering.streaming import stream
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+TILES = 5
+"""How many 2 rows of 9 make."""
+
+
+@pytest.fixture
+def out(tmp_path, monkeypatch) -> Path:
+    """Where a film goes that has five tiles."""
+    in_tiles(monkeypatch, 2)
+    return tmp_path / "film.zarr"
+
+
+@pytest.fixture(scope="module")
+def whole() -> xr.Dataset:
+    """The render that the films are."""
+    return render(box())
+
+
+@pytest.fixture(scope="module")
+def two_tiles(tmp_path_factory) -> Path:
+    """The folder of a film that was stopped after two tiles."""
+    place = tmp_path_factory.mktemp("stopped") / "film.zarr"
+    with pytest.MonkeyPatch.context() as patch:
+        in_tiles(patch, 2)
+        stopped(patch, place, 2)
+    return place.parent
+
+
+@pytest.fixture
+def begun(out, two_tiles) -> Path:
+    """Where a film goes that has two tiles already."""
+    shutil.copytree(two_tiles, out.parent, dirs_exist_ok=True)
+    return out
+
+
+def under_way(out: Path) -> Path:
+    """The hidden folder of a film that grows."""
+    (found,) = out.parent.glob(".*.film")
+    assert not out.exists()
+    return found
+
+
+def tile_files(folder: Path) -> list[Path]:
+    """The files of tiles, those of bins first."""
+    arrays = ("transient", "steady")
+    return [
+        file
+        for name in arrays
+        for file in sorted(folder.glob(f"**/{name}/c/**/*"))
+        if file.is_file()
+    ]
+
+
+def stopped_after(monkeypatch, tiles: int) -> None:
+    """Let SIGINT come before the step after so many tiles."""
+    puts = [0]
+    put, steps = Store.put, pieces.steps
+
+    def counted(self, *arguments):
+        puts[0] += 1
+        return put(self, *arguments)
+
+    def told(*arguments, **options):
+        for done in steps(*arguments, **options):
+            if puts[0] == tiles:
+                puts[0] += 1
+                signal.raise_signal(signal.SIGINT)
+            yield done
+
+    monkeypatch.setattr(Store, "put", counted)
+    monkeypatch.setattr(pieces, "steps", told)
+
+
+def stopped(monkeypatch, out: Path, tiles: int, **options) -> str:
+    """Stop a render after so many tiles; the line with which it ends."""
+    with monkeypatch.context() as patch:
+        in_small_steps(patch)
+        stopped_after(patch, tiles)
+        with pytest.raises(KeyboardInterrupt) as error:
+            render(box(), out=out, **options)
+    return one_line(error)
+
+
+# --------------------------------------------------------------------------- that it is the render
+
+
+def test_a_film_is_the_render(out, whole):
+    film = render(box(), out=out)
+    check_same(film, whole)
+    check_same(load_zarr(out), whole)
+    check_same(load_zarr(str(out)), whole)
+    assert names(out.parent) == {"film.zarr"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", [0.3, 1, 4, 50])
+def test_however_it_is_cut(tmp_path, monkeypatch, whole, rows):
+    in_tiles(monkeypatch, rows)
+    check_same(render(box(), out=tmp_path / "film.zarr"), whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("described", "options"),
+    [
+        (lambda: with_film(box(), rfilter={"type": "gaussian"}, **crop(3, 2, 7, 6)), {}),
+        (lambda: with_film(box(), rfilter={"type": "gaussian"}, sample_border=True), {}),
+        (lambda: with_integrator(box(), pulse_width_opl=0.2), {"seed": 5}),
+        (lambda: builder("nlos_z", width=5, height=4), {"spp": 64}),
+        (box, {"window": "auto", "temporal_bins": 30}),
+        (box, {"settings": {"max_depth": 3}, "spp": 11}),
+        (box, {"integrator": "transient_bdpt"}),
+    ],
+)
+def test_films_of_other_light(out, described, options):
+    whole = render(described(), **options)
+    check_same(render(described(), out=out, **options), whole)
+    assert names(out.parent) == {"film.zarr"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
+def test_films_of_other_variants(out, variant):
+    mi.set_variant(variant)
+    check_same(render(box(), out=out), render(box()))
+
+
+@pytest.mark.slow
+def test_a_film_with_error_bars(out):
+    whole = render(box(), spp=32, errors=True)
+    film = render(box(), spp=32, errors=True, out=out)
+    assert set(film.data_vars) == {"transient", "steady", "transient_error", "steady_error"}
+    check_same(film, whole, 1e-4)
+
+
+def test_a_film_of_a_loaded_scene(out, whole):
+    check_same(render(tofrender.load_scene(box()), out=out), whole)
+
+
+def test_a_film_is_read_when_it_is_used(out):
+    film = render(box(), out=out)
+    for name, chunk in (("transient", (2, 12, 40, 3)), ("steady", (2, 12, 3))):
+        assert isinstance(film[name].data, dask.array.Array)
+        assert all(one <= most for one, most in zip(film[name].data.chunksize, chunk, strict=True))
+    assert film.encoding["source"] == str(out)
+
+
+def test_others_read_it(out, whole):
+    """It is plain Zarr 3 with everything in its metadata."""
+    render(box(), out=out)
+    group = zarr.open_group(out, mode="r")
+    assert group.metadata.zarr_format == 3
+    assert group.metadata.consolidated_metadata is not None
+    np.testing.assert_allclose(group["transient"][:], whole["transient"].values, atol=1e-6)
+    with xr.open_zarr(out) as plain:
+        assert plain["transient"].dims == ("y", "x", "opl", "channel")
+        assert plain.attrs["quantity"] == whole.attrs["quantity"]
+
+
+def test_a_film_appears_when_all_is_done(out, monkeypatch):
+    seen = []
+    put = Store.put
+
+    def look(self, *arguments):
+        seen.append(out.exists())
+        return put(self, *arguments)
+
+    monkeypatch.setattr(Store, "put", look)
+    render(box(), out=out)
+    assert seen == [False] * TILES
+    assert out.is_dir()
+
+
+# ----------------------------------------------------------------------------------- going on
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tiles", [0, 1, 4])
+def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
+    text = stopped(monkeypatch, out, tiles)
+    assert text.startswith(f"interrupted after {tiles} of {TILES} tiles; the same call goes on")
+    assert len(list(under_way(out).glob("receipts/tile*.json"))) == tiles
+    capsys.readouterr()
+    check_same(render(box(), out=out), whole)
+    said = capsys.readouterr().out
+    assert said == (f"resuming from {tiles} of {TILES} tiles\n" if tiles else "")
+    assert names(out.parent) == {"film.zarr"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("errors", [False, True])
+def test_a_tile_under_way_goes_on(out, monkeypatch, errors):
+    """What was taken of it when the signal came is not taken again."""
+    options = {"spp": 32, "errors": errors}
+    stopped(monkeypatch, out, 1, **options)
+    kept = list(under_way(out).rglob("*.npz"))
+    assert len(kept) == 1
+    steps = pieces.steps
+    samples = []
+
+    def told(*arguments, **more):
+        for done in steps(*arguments, **more):
+            samples.append(done)
+            yield done
+
+    monkeypatch.setattr(pieces, "steps", told)
+    in_small_steps(monkeypatch)
+    film = render(box(), out=out, **options)
+    all_steps = TILES * 32 // 2
+    assert 0.5 * all_steps < len(samples) < 0.8 * all_steps
+    check_same(film, render(box(), **options), 1e-4)
+
+
+@pytest.mark.slow
+def test_stopped_again_and_again(out, monkeypatch, whole):
+    for tiles in (1, 1, 2):
+        stopped(monkeypatch, out, tiles)
+    assert len(list(under_way(out).glob("receipts/tile*.json"))) == 4
+    check_same(render(box(), out=out), whole)
+
+
+_PAUSED = """
+import sys, time
+from films_in_parts import box, in_small_steps, in_tiles
+import pytest, tofrender
+from tofrender.rendering import pieces
+from tofrender.rendering.store import Store
+from tofrender.rendering.renderer import make_job
+from tofrender.rendering.streaming import stream
+in_tiles(pytest.MonkeyPatch(), 2)
+in_small_steps(pytest.MonkeyPatch())
+put, steps, puts = Store.put, pieces.steps, []
+def counted(self, *arguments):
+    puts.append(None)
+    return put(self, *arguments)
+def slow(*arguments, **options):
+    for number, done in enumerate(steps(*arguments, **options)):
+        yield done
+        if len(puts) == 2 and number == 1:
+            print("here", flush=True)
+            time.sleep(60)
+Store.put, pieces.steps = counted, slow
+job = make_job(box(), spp=8)
+stream(job, sys.argv[1], seconds=1e-9, progress=False)
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_and_a_killed_one(out, monkeypatch, capsys, whole):
+    """The second is refused; after SIGKILL, it goes on with all tiles and a part of the third."""
+    process = script(_PAUSED, out)
+    try:
+        assert process.stdout.readline() == "here\n", process.stderr.read()
+        with pytest.raises((ValueError, OSError)) as error:
+            render(box(), out=out)
+        text = one_line(error)
+        assert "out = " in text
+        assert "film.zarr" in text
+    finally:
+        end(process)
+    assert process.returncode == -signal.SIGKILL
+    folder = under_way(out)
+    assert len(list(folder.glob("receipts/tile*.json"))) == 2
+    assert len(list(folder.rglob("*.npz"))) == 1
+    check_same(render(box(), out=out), whole)
+    assert capsys.readouterr().out == "resuming from 2 of 5 tiles\n"
+    assert names(out.parent) == {"film.zarr"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("described", "options", "text"),
+    [
+        (box, {"spp": 16}, "spp = 8; must be 16"),
+        (box, {"seed": 1}, "seed = 0; must be 1"),
+        (box, {"sampler": "independent"}, "sampler = 'PaddedSobolSampler'; must be"),
+        (box, {"spp": 16, "errors": True}, "with "),
+        (box, {"window": (3.5, 9.5)}, "bin_width_opl = 0.3; must be 0.15"),
+        (box, {"integrator": "path_tracer_nee"}, "with fingerprint"),
+        (lambda: box(max_depth=3), {}, "with fingerprint"),
+        (lambda: box(temporal_bins=50), {}, "with film = "),
+        (lambda: box(light="flash", start_opl=3.5), {}, "fingerprint"),
+        (lambda: with_film(box(), **crop(0, 0, 5, 5)), {}, "with film = "),
+        (lambda: with_film(box(), rfilter={"type": "gaussian"}), {}, "with film = "),
+    ],
+)
+def test_another_render_is_refused(begun, described, options, text):
+    before = {
+        file: file.stat().st_mtime_ns for file in under_way(begun).rglob("*") if file.is_file()
+    }
+    with pytest.raises(ValueError, match="was begun with ") as error:
+        render(described(), out=begun, **options)
+    assert text in one_line(error)
+    assert str(under_way(begun)) in str(error.value)
+    kept = {file: file.stat().st_mtime_ns for file in under_way(begun).rglob("*") if file.is_file()}
+    assert kept == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", [0.0, 0.3, 0.6, 0.99999])
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_damaged_tile_is_rendered_again(begun, capsys, whole, place, number):
+    """Any byte of a file, of bins or of the picture."""
+    damaged = tile_files(under_way(begun))[number]
+    content = bytearray(damaged.read_bytes())
+    content[int(place * len(content))] ^= 4
+    damaged.write_bytes(content)
+    with pytest.warns(UserWarning, match="damaged") as record:
+        film = render(box(), out=begun)
+    assert len(record) == 1
+    assert "\n" not in str(record[0].message)
+    assert "resuming from 1 of 5 tiles" in capsys.readouterr().out
+    check_same(film, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "harm", ["cut", "gone", "longer", "receipt", "empty receipt", "receipt gone"]
+)
+def test_other_damage(begun, whole, harm):
+    file = tile_files(under_way(begun))[0]
+    receipt = sorted(under_way(begun).glob("receipts/tile*.json"))[0]
+    content = file.read_bytes()
+    if harm == "cut":
+        file.write_bytes(content[: len(content) // 2])
+    elif harm == "longer":
+        file.write_bytes(content + b"x")
+    elif harm == "gone":
+        file.unlink()
+    elif harm == "receipt gone":
+        receipt.unlink()
+    else:
+        receipt.write_text("{}" if harm == "empty receipt" else "no json")
+    if harm == "receipt gone":
+        film = render(box(), out=begun)
+    else:
+        with pytest.warns(UserWarning, match="damaged"):
+            film = render(box(), out=begun)
+    check_same(film, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", [0.001, 0.5, 0.95])
+@pytest.mark.parametrize("array", ["transient", "steady"])
+def test_a_changed_byte_of_a_finished_film_is_found(out, array, place):
+    film = render(box(), out=out)
+    file = [file for file in tile_files(out) if array in file.parts][1]
+    content = bytearray(file.read_bytes())
+    content[int(place * len(content))] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match="checksum"):
+        film[array].values  # noqa: B018
+    other = "steady" if array == "transient" else "transient"
+    assert film[other].values.sum() > 0
+
+
+# ----------------------------------------------------------------------------------- no room
+
+
+def test_a_film_that_the_disk_cannot_hold_is_refused(out, monkeypatch):
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr(shutil, "disk_usage", lambda *_: usage._replace(free=20000))
+    with pytest.raises(OSError, match=r"too little room; needs .* KiB is free") as error:
+        render(box(), out=out)
+    assert str(out.parent) in one_line(error)
+    assert names(out.parent) == set()
+
+
+def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys, whole):
+    """The third tile finds no room, and the same call goes on when there is some."""
+    put = zarr.storage.LocalStore.set
+    written = []
+
+    async def full(self, key, value, **options):
+        if "/c/" in key:
+            written.append(key)
+            if len(written) > 4:
+                raise OSError(errno.ENOSPC, "No space left on device")
+        await put(self, key, value, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(zarr.storage.LocalStore, "set", full)
+        with pytest.raises(OSError, match="room") as error:
+            render(box(), out=out)
+    assert str(out.parent) in one_line(error)
+    assert len(list(under_way(out).glob("receipts/tile*.json"))) == 2
+    capsys.readouterr()
+    check_same(render(box(), out=out), whole)
+    assert capsys.readouterr().out == "resuming from 2 of 5 tiles\n"
+
+
+_SHORT = """
+import resource, sys, psutil
+import tofrender, zarr
+from tofrender.rendering import streaming
+streaming.TILE_BYTES = 8 << 20
+size = {"width": 100, "height": 100, "temporal_bins": 2000, "bin_width_opl": 0.006}
+options = {"spp": 1, "progress": False}
+tofrender.render("cornell_box", settings=size | {"width": 4, "height": 4}, **options)
+room = psutil.Process().memory_info().vms + (700 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (room, room))
+try:
+    tofrender.render("cornell_box", settings=size, **options)
+except MemoryError as error:
+    print(error)
+film = tofrender.render("cornell_box", settings=size, out=sys.argv[1], **options)
+print(film["transient"].nbytes >> 20, float(film["transient"].sum() / film["steady"].sum()))
+"""
+
+
+@pytest.mark.slow
+def test_a_film_larger_than_memory(out):
+    """`ulimit -v` in earnest: the process holds a tile, not the film."""
+    process = script(_SHORT, out)
+    said, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    refusal, film = said.splitlines()
+    assert refusal.startswith("film of 100 x 100 pixels x 2000 bins: takes ")
+    size, share = film.split()
+    assert int(size) == 228
+    assert float(share) == pytest.approx(1, abs=0.05)
+    assert names(out.parent) == {"film.zarr"}
+
+
+# --------------------------------------------------------------------------------- bad arguments
+
+
+@pytest.mark.parametrize("place", ["film", "film.npz", 3, ""])
+def test_a_place_that_is_no_film(tmp_path, monkeypatch, place):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=r"^out = ") as error:
+        render(box(), out=place)
+    one_line(error)
+    assert names(tmp_path) == set()
+
+
+def test_what_is_there_stays(out):
+    out.mkdir()
+    (out / "precious").write_text("data")
+    with pytest.raises(FileExistsError, match=r"out = .*film.zarr: exists") as error:
+        render(box(), out=out)
+    one_line(error)
+    assert names(out) == {"precious"}
+
+
+@pytest.mark.parametrize("name", ["checkpoint", "resume"])
+def test_what_does_not_go_together(out, tmp_path, whole, name):
+    value = {"checkpoint": tmp_path / "x.npz", "resume": whole}[name]
+    with pytest.raises(ValueError, match=f"^{name}: must be left out with `out`") as error:
+        render(box(), spp=16, out=out, **{name: value})
+    one_line(error)
+    assert names(tmp_path) == set()
+
+
+# -------------------------------------------------------------------------- saving and loading
+
+
+def test_a_render_is_saved_as_a_film(out, whole):
+    film = save_zarr(whole, out)
+    check_same(film, whole, 0)
+    assert film.attrs == whole.attrs
+    assert names(out.parent) == {"film.zarr"}
+    check_same(save_zarr(film, out.with_name("again.zarr")), whole, 0)
+
+
+def test_error_bars_are_saved(out, whole):
+    noisy = whole.assign(
+        {f"{name}_error": 0.1 * whole[name] + 1 for name in ("transient", "steady")}
+    )
+    check_same(save_zarr(noisy, out), noisy, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda film: 3, "dataset = int: must be an xarray.Dataset"),
+        (lambda film: film.drop_vars("steady"), "must hold the float32 variables"),
+        (lambda film: film.assign(steady=film["steady"].astype(float)), "float32"),
+        (lambda film: film.transpose("x", "y", "opl", "channel"), "must hold"),
+    ],
+)
+def test_what_is_no_render_is_not_saved(out, whole, change, text):
+    with pytest.raises(ValueError, match=r"^dataset") as error:
+        save_zarr(change(whole), out)
+    assert text in one_line(error)
+    assert names(out.parent) == set()
+
+
+def test_a_film_is_not_saved_over_another(out, whole):
+    save_zarr(whole, out)
+    with pytest.raises(FileExistsError, match="exists; must be a new folder") as error:
+        save_zarr(whole, out)
+    one_line(error)
+    check_same(load_zarr(out), whole, 0)
+
+
+def test_what_is_no_film_is_not_loaded(out, whole):
+    with pytest.raises(FileNotFoundError, match="does not exist") as error:
+        load_zarr(out)
+    one_line(error)
+    out.mkdir()
+    with pytest.raises(ValueError, match="must be a finished film") as error:
+        load_zarr(out)
+    one_line(error)
+    xr.Dataset({"a": ("x", np.arange(3))}).to_zarr(
+        out.with_name("other.zarr"), zarr_format=3, consolidated=False
+    )
+    with pytest.raises(ValueError, match="must be a finished film") as error:
+        load_zarr(out.with_name("other.zarr"))
+    one_line(error)
+
+
+def test_metadata_that_are_cut_are_refused(out, whole):
+    save_zarr(whole, out)
+    text = (out / "zarr.json").read_text()
+    for other in ("", text[: len(text) // 2], json.dumps({})):
+        (out / "zarr.json").write_text(other)
+        with pytest.raises(ValueError, match="must be a finished film") as error:
+            load_zarr(out)
+        one_line(error)
+
+
+def test_a_film_under_way_is_none_yet(begun):
+    with pytest.raises(FileNotFoundError):
+        load_zarr(begun)
+    with pytest.raises(ValueError, match="must be a finished film"):
+        load_zarr(under_way(begun))
+
+
+def test_tiles_that_hold_zeros(out):
+    """Chunks of zeros are left out by Zarr; they are whole all the same."""
+    dark = with_film(box(), start_opl=0.0, bin_width_opl=3.0 / 40)
+    with pytest.raises(ValueError, match="light"):
+        render(dark, out=out)
+    assert names(out.parent) == set()
+
+
+def test_read_only_places(out):
+    if os.geteuid() == 0:
+        pytest.skip("root may write anywhere")
+    out.parent.chmod(0o500)
+    try:
+        with pytest.raises(PermissionError) as error:
+            render(box(), out=out)
+        one_line(error)
+    finally:
+        out.parent.chmod(0o700)
+
+
+def test_streaming_a_job_says_how_to_go_on(out, monkeypatch):
+    job = make_job(box(), spp=8)
+    with monkeypatch.context() as patch:
+        in_small_steps(patch)
+        stopped_after(patch, 2)
+        with pytest.raises(KeyboardInterrupt, match="after 2 of 5 tiles; say please"):
+            stream(job, out, again="say please", progress=False)
+    told = []
+    stream(job, out, tell=told.append, progress=False)
+    assert told == ["resuming from 2 of 5 tiles"]

@@ -1,0 +1,491 @@
+"""Workers: the render of one process, whatever becomes of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from functools import partial
+
+import distributed
+import mitsuba as mi
+import numpy as np
+import pytest
+from films_in_parts import (
+    box,
+    check_same,
+    crop,
+    differences,
+    end,
+    in_tiles,
+    names,
+    one_line,
+    render,
+    script,
+    with_film,
+)
+
+import tofrender
+from tofrender import local_workers
+from tofrender.cli.options import Size
+from tofrender.nlos import capture, reconstruct
+from tofrender.rendering import workers
+from tofrender.rendering.renderer import make_job
+from tofrender.rendering.workers import workers_of
+from tofrender.scenes.packing import packed, unpacked
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two workers with a thread each."""
+    with local_workers(2, threads=1) as client:
+        yield client
+
+
+@pytest.fixture
+def client(cluster):
+    """Those, both alive and as new."""
+    cluster.wait_for_workers(2, timeout=60)
+    yield cluster
+    cluster.wait_for_workers(2, timeout=60)
+
+
+def addresses(client) -> list[str]:
+    return sorted(client.scheduler_info()["workers"])
+
+
+def with_takes(client, wrapper, where=None) -> None:
+    """Let some workers take pieces by `wrapper(take, job, piece)`; None as they always do."""
+
+    def install(wrapper=wrapper):
+        from tofrender.rendering import job
+
+        take = getattr(job, "own_take", job.take)
+        job.own_take = take
+        job.take = (
+            take
+            if wrapper is None
+            else lambda j, piece, **options: wrapper(partial(take, **options), j, piece)
+        )
+
+    client.run(install, workers=where)
+
+
+# -------------------------------------------------------------------------- that it is the render
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("described", "options"),
+    [
+        (box, {}),
+        (lambda: with_film(box(), rfilter={"type": "gaussian"}, **crop(3, 2, 7, 6)), {"seed": 4}),
+        (lambda: "nlos_z", {"spp": 64, "settings": {"width": 5, "height": 4}}),
+        (lambda: "cornell_box", {"settings": {"width": 8, "height": 8, "temporal_bins": 50}}),
+        (box, {"window": "auto", "temporal_bins": 30, "sampler": "padded_sobol"}),
+        (lambda: box(12, 1), {}),
+    ],
+)
+def test_workers_render_the_same(client, described, options):
+    check_same(render(described(), client=client, **options), render(described(), **options))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["llvm_ad_spectral"])
+def test_workers_take_the_variant(client, variant):
+    mi.set_variant(variant)
+    check_same(render(box(), client=client), render(box()))
+
+
+@pytest.mark.slow
+def test_workers_share_samples_of_light_that_lands_anywhere(client):
+    options = {"integrator": "transient_bdpt", "spp": 50}
+    check_same(render(box(), client=client, **options), render(box(), **options), 1e-4)
+
+
+@pytest.mark.slow
+def test_error_bars_by_workers(client):
+    options = {"spp": 32, "errors": True}
+    check_same(render(box(), client=client, **options), render(box(), **options), 1e-4)
+
+
+@pytest.mark.slow
+def test_workers_write_tiles(client, tmp_path, monkeypatch):
+    in_tiles(monkeypatch, 2)
+    film = render(box(), client=client, out=tmp_path / "film.zarr")
+    check_same(film, render(box()))
+    assert names(tmp_path) == {"film.zarr"}
+
+
+def test_numbers_of_threads_change_nothing(client):
+    first = addresses(client)[0]
+    client.run(os.environ.__setitem__, workers.THREADS, "2", workers=[first])
+    try:
+        check_same(render(box(), client=client), render(box()))
+    finally:
+        client.run(os.environ.__setitem__, workers.THREADS, "1", workers=[first])
+
+
+@pytest.mark.slow
+def test_renders_of_workers_and_of_one_process_go_together(client):
+    """Scenes reach workers as they are: their fingerprint is the same, so they can be merged."""
+    merged = tofrender.merge([render(box(), seed=1), render(box(), seed=2, client=client)])
+    check = tofrender.merge([render(box(), seed=1), render(box(), seed=2)])
+    assert max(differences(merged, check).values()) < 1e-5
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"])
+def test_scenes_pack_as_they_are(variant):
+    mi.set_variant(variant)
+    turned = mi.ScalarTransform4f().look_at([0.3, 1, 4], [0, 0.3, 0], [0, 1, 0])
+    turned = turned.rotate([0, 0.6, 0.8], 33).scale([0.3, 0.2, 5])
+    pixels = mi.Bitmap(np.random.default_rng(1).uniform(0, 1, (3, 4, 3)).astype(np.float32))
+    described = {"a": {"to_world": turned}, "b": [pixels, 2.5, "text"], "grid": Size(4, 3)}
+    again = unpacked(packed("scene", described))
+    assert again["grid"] == (4, 3)
+    assert str(again["a"]["to_world"]) == str(turned)
+    for part in ("matrix", "inverse_transpose"):
+        one, other = (np.array(getattr(t, part)) for t in (turned, again["a"]["to_world"]))
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(np.array(again["b"][0]), np.array(pixels))
+    assert again["b"][1:] == [2.5, "text"]
+    marks = {make_job(s, spp=1).recipe["fingerprint"] for s in (box(), unpacked(packed("", box())))}
+    assert len(marks) == 1
+
+
+# ----------------------------------------------------------------------------- what goes wrong
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("streamed", [False, True])
+def test_a_killed_worker_costs_its_piece(client, tmp_path, monkeypatch, streamed):
+    """One dies in its first piece; another process takes that, and nobody notices."""
+    in_tiles(monkeypatch, 2)
+    mark = str(tmp_path / "killed")
+
+    def die_once(take, job, piece):
+        import os
+        import signal
+
+        if piece.y == 4:
+            try:
+                os.close(os.open(mark, os.O_CREAT | os.O_EXCL))
+            except FileExistsError:
+                pass
+            else:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return take(job, piece)
+
+    before = set(client.run(os.getpid).values())
+    with_takes(client, die_once)
+    options = {"out": tmp_path / "film.zarr"} if streamed else {}
+    check_same(render(box(), client=client, **options), render(box()))
+    assert os.path.exists(mark)
+    assert names(tmp_path) == {"killed"} | ({"film.zarr"} if streamed else set())
+    client.wait_for_workers(2, timeout=60)
+    assert set(client.run(os.getpid).values()) != before
+    with_takes(client, None)
+
+
+@pytest.mark.slow
+def test_a_worker_that_hangs_is_given_up(client, monkeypatch):
+    """Its piece goes to another, long before it would wake."""
+    in_tiles(monkeypatch, 1)
+    monkeypatch.setattr(workers, "PATIENCE", 2.0)
+    monkeypatch.setattr(workers, "LEAST_WAIT_S", 1.0)
+    hanging = addresses(client)[0]
+
+    def hang(take, job, piece):
+        import time
+
+        time.sleep(50)
+        return take(job, piece)
+
+    with_takes(client, hang, [hanging])
+    started = time.monotonic()
+    try:
+        check_same(render(box(), client=client), render(box()))
+        assert time.monotonic() - started < 20
+    finally:
+        for pid in client.run(os.getpid, workers=[hanging]).values():
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(0.5)
+
+
+@pytest.mark.slow
+def test_a_piece_that_kills_everybody_is_an_error(client):
+    """Not an endless row of workers."""
+
+    def die(take, job, piece):
+        import os
+        import signal
+
+        if piece.y == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return take(job, piece)
+
+    client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
+    try:
+        with_takes(client, die)
+        with pytest.raises(RuntimeError, match="workers died") as error:
+            render(box(), client=client)
+        one_line(error)
+    finally:
+        client.run_on_scheduler(
+            lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 3)
+        )
+        client.wait_for_workers(2, timeout=60)
+        with_takes(client, None)
+
+
+def test_errors_of_workers_are_one_line(client):
+    def fail(take, job, piece):
+        raise MemoryError("no room for this")
+
+    with_takes(client, fail)
+    try:
+        with pytest.raises(MemoryError, match="no room for this") as error:
+            render(box(), client=client)
+        one_line(error)
+    finally:
+        with_takes(client, None)
+    assert render(box(), client=client).attrs["complete"] == 1
+
+
+def test_workers_of_other_versions_are_refused(client):
+    def pretend(version):
+        import tofrender
+
+        own, tofrender.__version__ = tofrender.__version__, version
+        return own
+
+    (second,) = addresses(client)[1:]
+    own = client.run(pretend, "0.0.7", workers=[second])[second]
+    try:
+        with pytest.raises(ValueError, match=r"^client: worker .* must have") as error:
+            render(box(), client=client)
+        assert "0.0.7" in one_line(error)
+    finally:
+        client.run(pretend, own, workers=[second])
+    assert render(box(), client=client).attrs["complete"] == 1
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "text"),
+    [
+        ("scene", lambda: tofrender.load_scene(box()), "scene = Scene: is loaded and cannot be"),
+        ("integrator", lambda: mi.load_dict({"type": "transient_path"}), "integrator = Transient"),
+        ("sampler", lambda: mi.load_dict({"type": "independent"}), "sampler = Sampler"),
+        ("client", lambda: 3, "client = int: must be a distributed.Client"),
+        ("client", lambda: "tcp://127.0.0.1:1", "client = str: must be a distributed.Client"),
+        ("resume", lambda: render(box(), spp=4), "resume: must be left out"),
+    ],
+)
+def test_what_cannot_be_sent_is_refused(client, argument, value, text):
+    options = {"scene": box(), "client": client, argument: value()}
+    with pytest.raises(ValueError, match="must be") as error:
+        render(options.pop("scene"), **options)
+    assert one_line(error).startswith(text)
+
+
+def test_loaded_parts_of_a_dict_are_refused(client):
+    described = box() | {"ball": mi.load_dict({"type": "sphere"})}
+    with pytest.raises(ValueError, match=r"scene\.ball = \w+: is loaded") as error:
+        render(described, client=client)
+    one_line(error)
+
+
+def test_light_that_lands_anywhere_is_not_streamed_by_workers(client, tmp_path):
+    options = {"integrator": "transient_bdpt", "out": tmp_path / "film.zarr"}
+    with pytest.raises(ValueError, match=r"^client: must be left out") as error:
+        render(box(), client=client, **options)
+    one_line(error)
+    assert names(tmp_path) == set()
+
+
+@pytest.mark.slow
+def test_workers_beside_others(client):
+    """A second scheduler on the machine takes no port that the first has."""
+    with local_workers(1) as other:
+        assert other.scheduler.address != client.scheduler.address
+        assert other.submit(sum, [1, 2]).result() == 3
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, "two", 5000])
+def test_numbers_of_workers(count):
+    with (
+        pytest.raises(
+            ValueError, match=r"workers = .*: must be an integer from 1 to 1024"
+        ) as error,
+        local_workers(count),
+    ):
+        pass
+    one_line(error)
+
+
+@pytest.mark.parametrize("place", ["tcp://127.0.0.1:9", "no such place"])
+def test_an_address_where_nobody_answers(monkeypatch, place):
+    """Said in time; here we wait less."""
+
+    def client(address, timeout):
+        assert timeout <= 10
+        return own(address, timeout=0.2)
+
+    own = distributed.Client
+    monkeypatch.setattr(distributed, "Client", client)
+    with pytest.raises(ValueError, match=f"scheduler = {place}: does not") as error:  # noqa: SIM117
+        with workers_of(place):
+            pass
+    one_line(error)
+
+
+# ---------------------------------------------------------------------------------- going on
+
+
+_SENDS = """
+import sys
+import pytest
+from films_in_parts import box, in_tiles
+import tofrender
+from tofrender.rendering import job, workers
+from tofrender.runtime.checkpoints import Checkpoint
+if __name__ == "__main__":
+    in_tiles(pytest.MonkeyPatch(), 2)
+    save, collected = Checkpoint.save, []
+    def told(self, done, of, arrays):
+        save(self, done, of, arrays)
+        print(done, of, flush=True)
+    Checkpoint.save = told
+    with workers.workers_of(sys.argv[1]) as client:
+        checkpoint = Checkpoint(sys.argv[2], seconds=1e-9)
+        checkpoint_due = property(lambda self: True)
+        Checkpoint.due = checkpoint_due
+        tofrender.render(box(), spp=8, client=client, checkpoint=checkpoint, progress=False)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
+    """Pieces that workers had sent back are not taken again."""
+    in_tiles(monkeypatch, 2)
+    path = tmp_path / "box.npz"
+
+    def last_is_slow(take, job, piece):
+        import time
+
+        time.sleep(2.0 if piece.y >= 6 else 0.0)
+        return take(job, piece)
+
+    with_takes(client, last_is_slow)
+    process = script(_SENDS, client.scheduler.address, path)
+    try:
+        assert process.stdout.readline() == "1 9\n", process.stderr.read()
+        assert process.stdout.readline() == "2 9\n"
+    finally:
+        end(process)
+    with_takes(client, None)
+    whole = render(box())
+    check_same(render(box(), client=client, checkpoint=path), whole)
+    said = capsys.readouterr().out.split()
+    assert said[:2] == ["resuming", "from"]
+    assert 2 <= int(said[2]) < 9
+    assert said[3:] == ["of", "9", "pieces"]
+    with pytest.raises(ValueError, match="was made with seed") as error:
+        render(box(), client=client, checkpoint=path, seed=5)
+    one_line(error)
+    check_same(render(box(), client=client, checkpoint=path), whole)
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_workers(client, tmp_path, monkeypatch, capsys):
+    """One line, and a checkpoint that goes on."""
+    in_tiles(monkeypatch, 2)
+    path = tmp_path / "box.npz"
+    following, calls = workers._next, []
+
+    def interrupted(*arguments):
+        calls.append(None)
+        if len(calls) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return following(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workers, "_next", interrupted)
+        with pytest.raises(KeyboardInterrupt, match=r"of 9 pieces") as error:
+            render(box(), client=client, checkpoint=path)
+    assert str(path) in one_line(error)
+    check_same(render(box(), client=client, checkpoint=path), render(box()))
+    assert capsys.readouterr().out.startswith("resuming from ")
+
+
+# ----------------------------------------------------------------------- around the corner
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["confocal", "single", "exhaustive"])
+def test_captures_by_workers(client, mode):
+    options = {"mode": mode, "grid": (3, 2), "spp": 16, "progress": False}
+    found = capture("nlos_z", client=client, **options)
+    whole = capture("nlos_z", **options)
+    assert set(found.attrs) == set(whole.attrs)
+    for name in set(whole.attrs) - {"render_seconds", "energy_outside_window"}:
+        assert found.attrs[name] == whole.attrs[name]
+    assert set(found.variables) == set(whole.variables)
+    for name in whole.variables:
+        one, other = found[name].values, whole[name].values
+        if other.dtype.kind == "f":
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5 * np.nanmax(np.abs(other)))
+        else:
+            np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.slow
+def test_an_exhaustive_capture_by_workers_goes_on(client, tmp_path, monkeypatch, capsys):
+    options = {"mode": "exhaustive", "grid": (3, 2), "spp": 16, "progress": False}
+    following, calls = workers._next, []
+
+    def interrupted(*arguments):
+        calls.append(None)
+        if len(calls) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return following(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workers, "_next", interrupted)
+        with pytest.raises(KeyboardInterrupt) as error:
+            capture("nlos_z", client=client, checkpoint=tmp_path / "z.npz", **options)
+    one_line(error)
+    found = capture("nlos_z", client=client, checkpoint=tmp_path / "z.npz", **options)
+    assert capsys.readouterr().out.startswith("resuming from ")
+    whole = capture("nlos_z", **options)
+    assert abs(found["transient"] - whole["transient"]).max() <= 1e-5 * whole["transient"].max()
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return capture("nlos_z", grid=(4, 4), spp=16, progress=False)
+
+
+@pytest.mark.parametrize("method", ["bp", "fbp"])
+def test_reconstructions_by_workers(client, seen, method):
+    found = reconstruct(seen, method, client=client, progress=False)["intensity"]
+    whole = reconstruct(seen, method, progress=False)["intensity"]
+    assert found.dims == whole.dims
+    assert found.shape == whole.shape
+    assert whole.max() > 0
+    assert abs(found - whole).max() <= 1e-5 * whole.max()
+
+
+@pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
+def test_other_reconstructions_refuse_workers(client, seen, method):
+    with pytest.raises(ValueError, match=f"client: must be None, as method = '{method}'") as error:
+        reconstruct(seen, method, client=client, progress=False)
+    one_line(error)
+
+
+def test_a_capture_of_a_loaded_scene_is_not_sent(client):
+    with pytest.raises(ValueError, match="scene = Scene: is loaded") as error:
+        capture(tofrender.load_scene("nlos_z", optimize=False), client=client, progress=False)
+    one_line(error)
