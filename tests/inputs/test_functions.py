@@ -908,6 +908,7 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
+    pyramid()
     for module in (pieces, strategies, exhaustive, passes):
         monkeypatch.setattr(module, "steps", never)
     monkeypatch.setattr(passes, "expose", never)
@@ -915,6 +916,8 @@ def no_work(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # Of sockets of distributed
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("row", [pytest.param(r, id=f"{k}-{r.name}") for k, r in enumerate(TABLE)])
 def test_good_arguments(row, tmp_path):
     """The calls of the table work, so that what is refused is refused for its own sake."""

@@ -14,7 +14,7 @@ from tofrender import io
 from tofrender.cli.app import app, main
 from tofrender.integrators import passes
 from tofrender.nlos.reconstruction import methods
-from tofrender.rendering import pieces
+from tofrender.rendering import pieces, workers
 
 NUMBERS = {
     "zero": "0",
@@ -300,6 +300,18 @@ def test_warp_images(tmp_path, capsys, what):
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert said.startswith("error: image = ")
+
+
+def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):
+    monkeypatch.setattr(workers, "ANSWER_S", 0.3)
+    file, out = tmp_path / "wall.h5", tmp_path / "out"
+    file.write_bytes(wall)
+    arguments = ["reconstruct", str(file), "--method", "bp", "--out", str(out)]
+    assert main([*arguments, "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: scheduler = tcp://127.0.0.1:1: does not answer; must be ")
+    assert said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.mark.parametrize("words", [["--spp"], ["--nonsense"], ["extra", "word"], ["--seed=x=y"]])

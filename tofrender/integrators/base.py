@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 
-
-
 class TransientIntegrator(mi.SamplingIntegrator):
     """Base of the integrators that know how long each path is.
 
@@ -68,8 +66,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
             self.light_samples = checked_count("auto" if points is None else points)
         elif points is not None:
             raise ValueError(
-                f"light_samples = {checks.shown(points)}: must be left out; here vertices connect to "
-                "one light point or none"
+                f"light_samples = {checks.shown(points)}: must be left out; here vertices "
+                "connect to one light point or none"
             )
 
     # ------------------------------------------------------------------ for subclasses

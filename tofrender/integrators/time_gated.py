@@ -262,12 +262,14 @@ def render_transient(
         >>> render_transient(scene, integrator, scene.sensors()[0], gates, spp=4).shape
         (16, 16, 30, 3)
     """
+    given = checks.shown(film_config)
     film_config = checks.mapping("film_config", film_config)
     for key in film_config:
         checks.one_of("film_config key", key, FILM_KEYS)
     for key in FILM_KEYS:
         if key not in film_config:
-            raise ValueError(f"film_config: has no {key}; must have {', '.join(FILM_KEYS)}")
+            known = ", ".join(FILM_KEYS)
+            raise ValueError(f"film_config = {given}: has no {key}; must have {known}")
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
     start = checks.metres("start_opl", film_config["start_opl"])
     width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)

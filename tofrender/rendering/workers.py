@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """A piece is given to a second worker after so many times the usual time, but not before [s]."""
 
+ANSWER_S = 10.0
+"""Time that a scheduler has to answer [s]."""
+
 MOST = 1024
 """Processes, and threads of each, that make sense on one machine."""
 
@@ -123,7 +126,7 @@ def workers_of(scheduler: str) -> Iterator[Client]:
     """
     distributed = require_distributed()
     try:
-        client = distributed.Client(scheduler, timeout=10)
+        client = distributed.Client(scheduler, timeout=ANSWER_S)
     except (OSError, ValueError, TimeoutError):
         raise ValueError(
             f"scheduler = {scheduler}: does not answer; must be an address like tcp://10.0.0.1:8786"
