@@ -169,6 +169,8 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "shapes": (set(), {"unknown": ["wand"]}),
     "opl": (set(), {"outside": 1e3}),
     "file": (set(), {"folder": ".", "long": "x" * 5000 + ".npz", "nothing": "none.npz"}),
+    "checkpoint": (set(), {"folder": ".", "long": "x" * 5000 + ".npz"}),
+    "renders": (set(), {"one": [xr.Dataset()] * 2}),
     "figure": ({"text", "digits"}, {"no folder": "no/a.png"}),
     "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
 }

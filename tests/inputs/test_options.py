@@ -14,7 +14,7 @@ from tofrender import io
 from tofrender.cli.app import app, main
 from tofrender.integrators import passes
 from tofrender.nlos.reconstruction import methods
-from tofrender.rendering import pieces
+from tofrender.rendering import pieces, workers
 
 NUMBERS = {
     "zero": "0",
@@ -71,6 +71,12 @@ KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
         | {"70000x8": "70000x8", "nanx8": "nanx8", "two blanks": "8  8"},
         set(),
     ),
+    "address": (
+        NAMES
+        | {"no port": "tcp://127.0.0.1", "port 0": "tcp://127.0.0.1:0", "blank": " "}
+        | {"far port": "tcp://127.0.0.1:70000", "no host": "tcp://:8786", "http": "http://a:1"},
+        set(),
+    ),
     "definition": (
         {"empty": "", "no =": "spp", "no name": "=3", "unknown": "wdth=3", "lines": "a\nb=3"},
         set(),
@@ -103,6 +109,9 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--format": "choice",
             "--precision": "choice",
             "-D": "definition",
+            "--workers": "count",
+            "--scheduler": "address",
+            "--checkpoint": "from 0",
         },
     ),
     "phasor": (
@@ -115,6 +124,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--max-depth": "depth",
             "--seed": "seed",
             "--variant": "choice",
+            "--checkpoint": "from 0",
         },
     ),
     "gate": (
@@ -128,6 +138,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--max-depth": "depth",
             "--seed": "seed",
             "--variant": "choice",
+            "--checkpoint": "from 0",
         },
     ),
     "capture": (
@@ -140,9 +151,24 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--spp": "count",
             "--seed": "seed",
             "--variant": "choice",
+            "--workers": "count",
+            "--scheduler": "address",
+            "--checkpoint": "from 0",
         },
     ),
-    "reconstruct": (["wall.h5", "--method", "bp"], {"source": "file", "--method": "choice"}),
+    "reconstruct": (
+        ["wall.h5", "--method", "bp"],
+        {
+            "source": "file",
+            "--method": "choice",
+            "--workers": "count",
+            "--scheduler": "address",
+        },
+    ),
+    "merge": (
+        ["a", "b"],
+        {"sources": "render", "--format": "choice", "--precision": "choice"},
+    ),
     "warp": (
         ["beckmann", "--alpha", "0.5", "--count", "4"],
         {
@@ -175,6 +201,7 @@ ELSEWHERE = {
     "--image": "test_warp_images",
     "--video": "a switch",
     "--resume": "a switch",
+    "--errors": "a switch",
     "scenes": "has no options",
     "doctor": "has no options",
     "start folder": "the course's tests",
@@ -273,6 +300,18 @@ def test_warp_images(tmp_path, capsys, what):
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert said.startswith("error: image = ")
+
+
+def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):
+    monkeypatch.setattr(workers, "ANSWER_S", 0.3)
+    file, out = tmp_path / "wall.h5", tmp_path / "out"
+    file.write_bytes(wall)
+    arguments = ["reconstruct", str(file), "--method", "bp", "--out", str(out)]
+    assert main([*arguments, "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: scheduler = tcp://127.0.0.1:1: does not answer; must be ")
+    assert said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.mark.parametrize("words", [["--spp"], ["--nonsense"], ["extra", "word"], ["--seed=x=y"]])

@@ -294,26 +294,6 @@ def test_good_parameters(plugin):
     load(plugin)
 
 
-ELSEWHERE = "the module changes at this time"
-TAKEN = NUMBERS | {"True", "numpy-True", "nan", "inf", "-inf", "text", "empty-text", "digits"}
-TAKEN |= {
-    "object",
-    "lines",
-    "nul",
-    "vector",
-    "transform",
-    "cut-text",
-    "long-text",
-    "-2",
-    "2.0",
-    "65",
-}
-XFAIL: dict[str, tuple[set[str], str]] = {
-    "light_samples": ({"vector"}, ELSEWHERE),
-    "transient_hdr_film rfilter": (TAKEN, ELSEWHERE),
-}
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(
@@ -336,10 +316,7 @@ def test_bad_parameters(plugin, name, start, pytestconfig):
         what = outcome(lambda value=value: load(plugin, **{name: value}), name)
         if what:
             wrong[label] = what
-    labels, reason = XFAIL.get(f"{plugin.name} {name}", XFAIL.get(name, (set(), "")))
-    assert wrong.keys() == labels & values.keys(), wrong
-    if wrong:
-        pytest.xfail(reason)
+    assert not wrong
 
 
 def test_the_table_has_every_parameter():

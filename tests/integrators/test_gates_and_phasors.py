@@ -136,7 +136,7 @@ def test_the_call_of_the_text():
 @pytest.mark.parametrize(
     ("config", "text"),
     [
-        ({"temporal_bins": 3, "start_opl": 0.0}, "film_config: has no bin_width_opl"),
+        ({"temporal_bins": 3, "start_opl": 0.0}, "start_opl': 0.0}: has no bin_width_opl"),
         (GATES | {"bins": 3}, "film_config key = 'bins': "),
         (GATES | {"temporal_bins": 0}, "temporal_bins = 0: must be an integer from 1"),
         (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan: must be"),

@@ -115,6 +115,9 @@ def reconstruct(
     """
     check_out(out)
     check_apart(out, source)
+    for option, value in (("--workers", workers), ("--scheduler", scheduler)):
+        if value is not None and method not in ("bp", "fbp"):
+            raise ValueError(f"{option} = {value}: must be left out with --method {method}")
     import numpy as np
 
     from tofrender import io, nlos, vis

@@ -8,6 +8,7 @@ are replaced, as they do not say the value: each is refused in one line, `--opti
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -129,6 +130,16 @@ def definition(name: str, value: Any) -> tuple[str, str]:
     return key, text
 
 
+def address(name: str, value: Any) -> str:
+    """The check of an option that is the address of a scheduler."""
+    found = re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?(\[[\w:%.]+\]|[^\s/:]+):(\d{1,5})", str(value))
+    if not found or not 0 < int(found[4]) < 1 << 16:
+        raise ValueError(
+            f"{name} = {checks.shown(value)}: must be an address like tcp://10.0.0.1:8786"
+        )
+    return found[0]
+
+
 def number(text: Any) -> Any:
     """The number that a text spells, NaN and infinities too; any other text for a check to refuse.
 
@@ -166,7 +177,7 @@ Variant = Annotated[
 ]
 Workers = Annotated[int | None, integer(1, 1024, "Render by so many processes here.")]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Render by the workers of a Dask scheduler.")
+    str | None, checked(address, "Render by the workers of a Dask scheduler.", metavar="ADDRESS")
 ]
 
 
@@ -249,6 +260,7 @@ def load_render(out: Path, option: str) -> xr.Dataset:
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 
+    out = checks.path(option, out)
     for path, load in (
         (out / FILES["npz"], io.load_npz),
         (out / FILES["zarr"], load_zarr),
@@ -257,4 +269,7 @@ def load_render(out: Path, option: str) -> xr.Dataset:
     ):
         if path.exists():
             return load(path)
-    raise ValueError(f"{option}: {out} holds no render")
+    name = checks.shown(str(out))
+    raise ValueError(
+        f"{option}: {name} holds no render; must be what `tofrender render` has written"
+    )

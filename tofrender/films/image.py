@@ -6,7 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..runtime import plugins
+from ..runtime import checks, plugins
 
 
 def image_film(film: mi.Film) -> Any:
@@ -39,6 +39,19 @@ def pixels_of(film: mi.Film) -> dict[str, Any]:
         "sample_border": film.sample_border(),
         "rfilter": film.rfilter(),
     }
+
+
+def box_by_default(props: mi.Properties) -> None:
+    """Give a film the box filter if its parameters have none.
+
+    Raises:
+        ValueError: `rfilter` is no filter; one line.
+    """
+    kind = mi.ReconstructionFilter
+    if "rfilter" in props:
+        checks.instance("rfilter", props["rfilter"], kind, "a filter, like {'type': 'tent'}")
+    if not any(isinstance(value, kind) for _, value in props.objects()):
+        props["rfilter"] = mi.load_dict({"type": "box"})
 
 
 def time_bins(film: Any) -> tuple[int, float, float] | None:

@@ -12,7 +12,7 @@ import numpy as np
 from ..runtime import checks
 from ..signals.phasors import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
-from .image import image_film
+from .image import box_by_default, image_film
 from .phasor_sum import PhasorSum
 
 if TYPE_CHECKING:
@@ -52,8 +52,7 @@ class PhasorHDRFilm(mi.Film):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        if not any(isinstance(value, mi.ReconstructionFilter) for _, value in props.objects()):
-            props["rfilter"] = mi.load_dict({"type": "box"})
+        box_by_default(props)
         text = props.get("frequencies_hz", None)
         names = (("wl_mean", 100.0), ("wl_sigma", 1000.0), ("bin_width_opl", 0.003))
         mean, sigma, width = (

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..runtime import checks
 from .cells import Cells
-from .image import image_film
+from .image import box_by_default, image_film
 from .splats import Splats, footprint
 
 
@@ -62,8 +62,7 @@ class TransientHDRFilm(mi.Film):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        if not any(isinstance(value, mi.ReconstructionFilter) for _, value in props.objects()):
-            props["rfilter"] = mi.load_dict({"type": "box"})
+        box_by_default(props)
         bins = props.get("temporal_bins", 2048)
         width = props.get("bin_width_opl", 0.003)
         start = props.get("start_opl", 0.0)

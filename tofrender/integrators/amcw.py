@@ -17,7 +17,7 @@ from ..films.recording import recording
 from ..films.sums import Weighted
 from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
-from ..scenes.checking import check_scene
+from ..scenes.checking import check_view
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
 from .own_sample import brings_sample, by_sample, require_sample
@@ -144,7 +144,7 @@ def render_single_amcw(
         >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
         (16, 16, 3)
     """
-    check_scene(scene, sensor)
+    check_view(scene, sensor)
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, "sample(scene, sampler, ray)")
@@ -206,7 +206,7 @@ def render_amcw_phasor(
         (2, 16, 16, 3)
     """
     frequencies = parse_frequencies(frequency_hz)
-    check_scene(scene, sensor)
+    check_view(scene, sensor)
     film = mi.load_dict(
         {
             "type": plugins.own_name("phasor_hdr_film"),

@@ -12,6 +12,7 @@ from ..films.exposure import Exposure, Weight
 from ..films.recording import Recording, recording, tell_not_finite
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
+from ..paths.endpoints.light_points import checked_count
 from ..paths.protocols import Endpoint, Scattering
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
@@ -24,9 +25,6 @@ from .plan import Plan
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
-
-
-MAX_LIGHT_SAMPLES = 64
 
 
 class TransientIntegrator(mi.SamplingIntegrator):
@@ -65,11 +63,11 @@ class TransientIntegrator(mi.SamplingIntegrator):
         points: Any = props.get("light_samples", None)
         self.light_samples: str | int = 1
         if self.takes_light_samples and self.emitter_sampling:
-            self.light_samples = _light_samples("auto" if points is None else points)
+            self.light_samples = checked_count("auto" if points is None else points)
         elif points is not None:
             raise ValueError(
-                f"light_samples = {points}: must be left out; here vertices connect to one light "
-                "point or none"
+                f"light_samples = {checks.shown(points)}: must be left out; here vertices "
+                "connect to one light point or none"
             )
 
     # ------------------------------------------------------------------ for subclasses
@@ -203,13 +201,3 @@ class TransientIntegrator(mi.SamplingIntegrator):
             return expose(follow, record, sensor, sampler, seed, part)
         plan = self.plan(scene, sensor, record.weight)
         return steps(plan, record, sensor, sampler, seed, part)
-
-
-def _light_samples(value: Any) -> str | int:
-    """A number of light points, or "auto"."""
-    try:
-        return value if value == "auto" else checks.integer("", value, 1, MAX_LIGHT_SAMPLES)
-    except ValueError:
-        raise ValueError(
-            f"light_samples = {value!r}: must be 'auto' or an integer from 1 to {MAX_LIGHT_SAMPLES}"
-        ) from None

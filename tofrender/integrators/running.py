@@ -85,6 +85,7 @@ def run_whole(
         KeyboardInterrupt: The render was stopped; one line that says where it can go on.
     """
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    checks.boolean("progress", progress)
     sampler, checkpoint = best_sampler(spp), Checkpoint.of(checkpoint)
     kept = None
     if checkpoint is not None:

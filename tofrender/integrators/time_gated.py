@@ -21,7 +21,7 @@ from ..paths.space import Vacuum
 from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
-from ..scenes.checking import check_scene
+from ..scenes.checking import check_view
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .own_sample import brings_sample, by_sample, require_sample
@@ -204,7 +204,7 @@ def render_at_time(
     target = checks.metres("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
-    check_scene(scene, sensor)
+    check_view(scene, sensor)
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, CALL)
@@ -262,11 +262,14 @@ def render_transient(
         >>> render_transient(scene, integrator, scene.sensors()[0], gates, spp=4).shape
         (16, 16, 30, 3)
     """
+    given = checks.shown(film_config)
+    film_config = checks.mapping("film_config", film_config)
     for key in film_config:
         checks.one_of("film_config key", key, FILM_KEYS)
     for key in FILM_KEYS:
         if key not in film_config:
-            raise ValueError(f"film_config: has no {key}; must have {', '.join(FILM_KEYS)}")
+            known = ", ".join(FILM_KEYS)
+            raise ValueError(f"film_config = {given}: has no {key}; must have {known}")
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
     start = checks.metres("start_opl", film_config["start_opl"])
     width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)
@@ -276,7 +279,7 @@ def render_transient(
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
         )
     _require_gates(integrator)
-    check_scene(scene, sensor)
+    check_view(scene, sensor)
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
     record = recording(film, replace(integrator.exposure(), at_centres=True))

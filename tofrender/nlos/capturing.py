@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..rendering.job import Job, carry_out, collect, decide
+from ..rendering.workers import require_client
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.packing import packed
@@ -93,6 +94,7 @@ def capture(
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
     if client is not None:
+        require_client(client)
         packed("scene", scene)  # Refuses what cannot be sent
     place = place_of_capture(
         scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall

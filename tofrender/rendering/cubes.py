@@ -66,7 +66,7 @@ class Cube:
             ValueError: They are none; one line with the name.
         """
         cube = values if isinstance(values, Cube) else None
-        if cube is None and hasattr(values, "chunks"):
+        if cube is None and hasattr(values, "chunks") and hasattr(values, "dtype"):
             cube = cls(values)
         if cube is None or cube.in_memory:
             cube = cls(checks.real_array(name, values if cube is None else cube.read()))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..runtime import checks
 from .dataset import DIMS, ERRORS, check_dataset, require_finite
 
 if TYPE_CHECKING:
@@ -17,6 +18,10 @@ OWN = {
     *("contributions_not_finite", "scene", "versions"),
 }
 """Attributes in which renders that are joined may differ."""
+
+
+MOST_SPP = 1 << 48
+"""Samples per pixel of a render that was itself joined."""
 
 
 def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -43,12 +48,16 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
         >>> merge(parts).attrs["spp"]
         48
     """
-    renders = list(renders)
+    renders = list(checks.instance("renders", renders, list | tuple, "a list of Datasets"))
     if len(renders) < 2:
         raise ValueError(f"renders: has {len(renders)}; must have two or more")
-    for render in renders:
-        check_dataset(render)
-        require_finite(render)
+    for number, render in enumerate(renders):
+        try:
+            check_dataset(render)
+            require_finite(render)
+            _check_numbers(render.attrs)
+        except ValueError as error:
+            raise ValueError(f"renders[{number}]: {error}") from None
     _check_alike(renders)
     counts = np.array([int(render.attrs["spp"]) for render in renders])
     shares = (counts / counts.sum()).astype(np.float32)
@@ -69,9 +78,18 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
         "energy_outside_window": float(np.dot(shares, outside)),
     }
     for name in ("render_seconds", "contributions_not_finite"):
-        attrs[name] = sum(render.attrs[name] for render in renders)
+        attrs[name] = sum(render.attrs.get(name, 0) for render in renders)
     merged = first.assign(variables).assign_attrs(attrs)
     return merged if len(variables) > len(DIMS) else merged.drop_vars(list(ERRORS), errors="ignore")
+
+
+def _check_numbers(attrs: Mapping[str, Any]) -> None:
+    """Refuse attributes that cannot be joined."""
+    checks.integer("spp", attrs.get("spp"), 1, MOST_SPP)
+    for name in ("complete", "energy_outside_window", "render_seconds"):
+        checks.number(name, attrs.get(name), low=0)
+    if "seed" not in attrs:
+        raise ValueError("dataset: has no attribute seed; must have one")
 
 
 def _error(
@@ -91,15 +109,15 @@ def _error(
 def _check_alike(renders: list[Any]) -> None:
     """Refuse renders that are not of one scene, or share random numbers."""
     first = renders[0]
-    for number, render in enumerate(renders[1:], 2):
+    for number, render in enumerate(renders[1:], 1):
         names = {*first.attrs, *render.attrs} - OWN
         for name in sorted(names, key=lambda name: (name == "fingerprint", name)):
             mine, its = first.attrs.get(name), render.attrs.get(name)
             if mine != its:
-                raise ValueError(f"render {number}: has {name} = {its!r}; must be {mine!r}")
+                raise ValueError(f"renders[{number}]: has {name} = {its!r}; must be {mine!r}")
         for axis in DIMS["transient"]:
             if not np.array_equal(first[axis].values, render[axis].values):
-                raise ValueError(f"render {number}: has another {axis}; must be as the first")
+                raise ValueError(f"renders[{number}]: has another {axis}; must be as the first")
     seeds = [seed for r in renders for seed in str(r.attrs["seed"]).split(", ")]
     twice = {seed for seed in seeds if seeds.count(seed) > 1}
     if twice:

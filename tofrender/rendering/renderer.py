@@ -20,10 +20,14 @@ from .job import Job, carry_out, collect, decide
 from .store import check_film
 from .streaming import stream
 from .window import is_auto, start_and_width, windowed_film
+from .workers import require_client
 
 if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
+
+ARGUMENTS = ("source", "integrator", "sampler")
+"""What `load_scene` takes and `render` is told in another way."""
 
 
 def render(
@@ -101,6 +105,9 @@ def render(
         >>> dict(dataset.sizes)
         {'y': 256, 'x': 256, 'opl': 300, 'channel': 3}
     """
+    checks.boolean("progress", progress)
+    if client is not None:
+        require_client(client)
     if out is not None:
         check_film(out)
     if out is not None and checkpoint is not None:
@@ -203,9 +210,13 @@ def opened(
     The arguments are those of `render`.
     """
     backend.require_vectorised()
+    settings = checks.mapping("settings", settings)
+    for name in ARGUMENTS:
+        if name in settings:
+            raise ValueError(f"settings with {name!r}: must be others, this is an argument")
     if not isinstance(scene, mi.Scene):
         more = _settings(integrator, window, temporal_bins)
-        scene = load_scene(scene, **(dict(settings or {}) | more))
+        scene = load_scene(scene, **(settings | more))
         if isinstance(integrator, str | Mapping):
             integrator = None  # It is the scene's now
     elif settings:

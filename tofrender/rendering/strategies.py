@@ -80,7 +80,8 @@ def strategy_pyramid(
 
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.one_of("mis", mis, ("power", "balance"))
-    shared = dict(parameters or {})
+    checks.boolean("progress", progress)
+    shared = checks.mapping("parameters", parameters)
     for name in GIVEN:
         if name in shared:
             raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")

@@ -43,11 +43,13 @@ def start_and_width(window: Any, bins: int) -> tuple[float, float]:
         start, stop = window
     except (TypeError, ValueError):
         raise ValueError(
-            f"window = {window!r}: must be 'auto' or (start, stop) in metres"
+            f"window = {checks.shown(window)}: must be 'auto' or (start, stop) in metres"
         ) from None
     start, stop = checks.metres("window[0]", start), checks.metres("window[1]", stop)
     if not start < stop < start + checks.MAX_OPL:
-        raise ValueError(f"window = {window!r}: must end after it starts, and not at infinity")
+        raise ValueError(
+            f"window = {checks.shown(window)}: must end after it starts, and not at infinity"
+        )
     return start, (stop - start) / bins
 
 

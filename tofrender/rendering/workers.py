@@ -36,6 +36,12 @@ if TYPE_CHECKING:
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """A piece is given to a second worker after so many times the usual time, but not before [s]."""
 
+ANSWER_S = 10.0
+"""Time that a scheduler has to answer [s]."""
+
+MOST = 1024
+"""Processes, and threads of each, that make sense on one machine."""
+
 THREADS = "TOFRENDER_THREADS"
 """Variable of a worker's environment with the number of threads that it renders on."""
 
@@ -85,13 +91,15 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
 
     Args:
         count: Number of processes, 1 to 1024.
-        threads: Threads of each; by default the cores are shared among them.
+        threads: Threads of each, 1 to 1024; by default the cores are shared among them.
 
     Raises:
         ValueError: A number is out of range; one line.
         ImportError: The package distributed is missing; one line.
     """
-    checks.integer("workers", count, 1, 1024)
+    checks.integer("count", count, 1, MOST)
+    if threads is not None:
+        checks.integer("threads", threads, 1, MOST)
     distributed = require_distributed()
     each = max(1, backend.cores() // count) if threads is None else threads
     with (
@@ -119,7 +127,7 @@ def workers_of(scheduler: str) -> Iterator[Client]:
     """
     distributed = require_distributed()
     try:
-        client = distributed.Client(scheduler, timeout=10)
+        client = distributed.Client(scheduler, timeout=ANSWER_S)
     except (OSError, ValueError, TimeoutError):
         raise ValueError(
             f"scheduler = {scheduler}: does not answer; must be an address like tcp://10.0.0.1:8786"
@@ -141,15 +149,23 @@ def require_distributed() -> Any:
     return distributed
 
 
+def require_client(client: Any) -> None:
+    """Refuse what is no client of workers.
+
+    Raises:
+        ValueError: One line that says what it is.
+    """
+    if not isinstance(client, require_distributed().Client):
+        raise ValueError(f"client = {checks.shown(client)}: must be a distributed.Client")
+
+
 def check_client(client: Any) -> int:
     """The number of a client's workers, all of which have the versions of this process.
 
     Raises:
         ValueError: There is no worker, or one has other versions; one line.
     """
-    if not hasattr(client, "scheduler_info"):
-        kind = type(client).__name__
-        raise ValueError(f"client = {kind}: must be a distributed.Client")
+    require_client(client)
     found, own = client.run(versions), versions()
     if not found:
         raise ValueError("client: has no workers; must have one")

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from . import checks
+
 try:
     import fcntl
 except ImportError:  # Windows has no such locks
@@ -43,6 +45,7 @@ def replacing(
         The path to write to.
 
     Raises:
+        ValueError: An argument is wrong; one line.
         OSError: The disk is full; one line that names `path` and the bytes needed and free.
 
     Example:
@@ -53,7 +56,10 @@ def replacing(
         >>> target.read_text()
         'hello'
     """
-    target = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(checks.path("path", path)))
+    checks.boolean("folder", folder)
+    if needed_bytes is not None:
+        checks.integer("needed_bytes", needed_bytes, 0, sys.maxsize)
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = hidden(target, f"-{secrets.token_hex(4)}{target.suffix}")
     try:

@@ -59,7 +59,7 @@ class Checkpoint:
         resume: Whether to go on from a file that is there; else it is replaced by the first saving.
 
     Raises:
-        ValueError: `path` or `seconds` is wrong; one line.
+        ValueError: An argument is wrong; one line.
         PermissionError: The place is not writable.
 
     Example:
@@ -80,16 +80,17 @@ class Checkpoint:
         again: str = "",
         resume: bool = True,
     ) -> None:
-        self.resume = resume
-        self.again = again or f"the same call goes on with {path}"
         self.path: Path = checks.path("checkpoint", path)
         if self.path.suffix != ".npz":
             raise ValueError(f"checkpoint = {path}: must be a file name that ends in .npz")
         if self.path.is_dir():
             raise ValueError(f"checkpoint = {path}: is a folder; must be the name of a file")
         self.seconds = checks.number("seconds", seconds, unit="seconds", positive=True)
+        self.tell = checks.function("tell", tell)
+        again = checks.instance("again", again, str, "text")
+        self.again = again or f"the same call goes on with {path}"
+        self.resume = checks.boolean("resume", resume)
         check_writable(path)
-        self.tell = tell
         self._recipe: dict[str, Any] = {}
         self._began = self._saved = time.monotonic()
         self._cost = self._before = 0.0

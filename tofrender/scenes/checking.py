@@ -19,6 +19,8 @@ LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_sca
 SINGULAR = 1e-12
 """Volume of a unit cube after a transform, over that of its edges', where there is no inverse."""
 
+SENSOR = "a sensor of the scene, as scene.sensors()[0]"
+
 SHOWN = 16
 """Longest parameter that a message shows whole."""
 
@@ -39,6 +41,15 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """
     require_modelled(scene, sensor)
     require_sound(scene, sensor)
+
+
+def check_view(scene: mi.Scene, sensor: mi.Sensor) -> None:
+    """`check_scene` for a sensor that must be one.
+
+    Raises:
+        ValueError: As `check_scene`, or it is no sensor; one line.
+    """
+    check_scene(scene, checks.instance("sensor", sensor, mi.Sensor, SENSOR))
 
 
 def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
@@ -63,7 +74,7 @@ def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
             f"like {active.replace('_polarized', '')}"
         )
     if sensor is not None:
-        checks.instance("sensor", sensor, mi.Sensor, "a sensor of the scene, as scene.sensors()[0]")
+        checks.instance("sensor", sensor, mi.Sensor, SENSOR)
     cameras = scene.sensors() if sensor is None else [sensor]
     for node in mi.traverse(scene).hierarchy:
         if isinstance(node, mi.Shape):

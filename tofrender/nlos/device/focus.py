@@ -49,7 +49,8 @@ def focus_laser(
         )
     named = [name for name, value in given.items() if value is not None]
     if len(named) != 1:
-        raise ValueError(f"focus_laser: got {named or 'nothing'}; must be one of point, uv, pixel")
+        shown = ", ".join(map(checks.shown, given.values()))
+        raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
     laser = find_laser(scene)
     follow_meters(scene)
     forget_meters(scene)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...rendering.cubes import Cube
+from ...rendering.workers import require_client
 from ...runtime import checks
 from ..captures import check_capture, without_first_and_last_legs
 from . import fk, light_cone, phasor_field
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from distributed import Client
 
 METHODS = ("bp", "fbp", "lct", "fk", "phasor")
+SHARED = ("bp", "fbp")
+"""Those that workers can share."""
 
 _USED_BY = {
     "weighting": ("bp", "fbp"),
@@ -128,8 +131,13 @@ def reconstruct(
         "cycles": cycles,
     }
     options = _options(method, given)
-    if client is not None and method not in ("bp", "fbp"):
-        raise ValueError(f"client: must be None, as method = {method!r} is done in one process")
+    if client is not None and method not in SHARED:
+        raise ValueError(
+            f"client = {checks.shown(client)}: must be None, as method = {method!r} is done in one "
+            "process"
+        )
+    if client is not None:
+        require_client(client)
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
     checks.boolean("progress", progress)
