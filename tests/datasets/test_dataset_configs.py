@@ -69,7 +69,15 @@ GOOD = {
     },
 }
 
-GONE = object()
+
+class _Left:
+    """Stands for a key that is left out."""
+
+    def __repr__(self) -> str:
+        return "left out"
+
+
+GONE = _Left()
 
 BAD = [
     # Keys that there are not
