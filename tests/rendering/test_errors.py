@@ -338,7 +338,7 @@ def test_only_alike_goes_on(errors):
 @pytest.mark.slow
 def test_error_bars_of_light_that_lands_anywhere():
     options = {"integrator": "transient_bdpt", "errors": True}
-    found, other = (render(box(), spp=16, seed=seed, **options) for seed in (0, 1))
+    found, other = (render(box(), spp=64, seed=seed, **options) for seed in (0, 1))
     error = np.hypot(found["steady_error"], other["steady_error"])
     off = np.abs(found["steady"] - other["steady"])
     lit = other["steady"] > 0
