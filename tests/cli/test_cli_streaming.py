@@ -85,14 +85,6 @@ def test_error_bars(capsys, out):
     check_same(tofrender.load_zarr(out / "transient.zarr"), expected, 1e-4)
 
 
-@pytest.mark.parametrize("format", ["frames", "multipart"])
-def test_error_bars_that_no_file_holds(capsys, out, format):
-    options = ["--format", format, "--errors"]
-    text = refused(capsys, "render", "cornell_box", "--out", out, *TINY, *options)
-    assert text == f"--errors: must be left out with --format {format}, npz and zarr hold them"
-    assert names(out.parent) == set()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("format", ["frames", "multipart", "npz", "zarr"])
 def test_a_film_too_large_for_memory(capsys, out, monkeypatch, whole, format):

@@ -102,9 +102,9 @@ class Emission:
         self.has_cones, self.has_shapes, self.has_beams, self.has_distant = (
             any(kind in group for kind in kinds) for group in (CONES, SHAPES, BEAMS, DISTANT)
         )
-        self.cones = _cones(emitters)
+        self.cones, self.by_area = _cones(emitters), _by_area(emitters)
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
-        dr.eval(self.pointers, self.cones)
+        dr.eval(self.pointers, self.cones, self.by_area)
         dr.make_opaque(self.cross_section)
 
     # -------------------------------------------------------------------------- sampling
@@ -241,7 +241,7 @@ class Emission:
         if self.has_shapes:
             here = mi.has_flag(flags, mi.EmitterFlags.Surface)
             chance = emitter.sampling_weight() / self.total
-            by_area = chance * emitter.get_shape().pdf_position(ds, here)
+            by_area = chance * dr.gather(mi.Float, self.by_area, _number(emitter), here)
             ratio = dr.select(here & (by_area > 0), dr.pi * pdf / by_area, ratio)
         if self.has_distant:
             here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
@@ -267,6 +267,20 @@ def _cones(emitters: list[mi.Emitter]) -> mi.Float:
             height = 1 - math.cos(_half_angle(emitter))
             table[number] = [*np.ravel(np.array(apex)), *axis, height]
     return mi.Float(table.ravel())
+
+
+def _by_area(emitters: list[mi.Emitter]) -> mi.Float:
+    """One over the area of each surface that shines [1/m²], by the emitter's number.
+
+    That is `pdf_position` of its shape, which would ask every living shape, some of which have none.
+    """
+    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    table = np.zeros(max(numbers) + 1, dtype=np.float32)
+    for number, emitter in zip(numbers, emitters, strict=True):
+        shape: Any = emitter.get_shape()
+        if shape is not None:
+            table[number] = 1 / float(np.ravel(np.array(shape.surface_area()))[0])
+    return mi.Float(table.tolist())
 
 
 def _half_angle(emitter: mi.Emitter) -> float:
