@@ -15,7 +15,7 @@ from dask.core import flatten
 
 from tofrender.rendering import cubes
 from tofrender.rendering.pieces import Piece, Taken
-from tofrender.rendering.store import Store, load_zarr
+from tofrender.rendering.store import Store, load_zarr, under_way
 from tofrender.runtime import memory
 
 
@@ -42,7 +42,7 @@ def at_most(size: int, monkeypatch: Any, free: int | None = None) -> Iterator[li
 
 def write_film(folder: Path, dataset: xr.Dataset, tile: tuple[int, int]) -> xr.Dataset:
     """Write a Dataset as `render(out=...)` does, in tiles of so many rows and columns."""
-    store = Store.begin(folder, {"of": "a test"}, dataset["transient"].shape, tile)
+    store = Store.begin(under_way(folder), {"of": "a test"}, dataset["transient"].shape, tile)
     height, width = dataset["steady"].shape[:2]
     rows, columns = tile
     for y in range(0, height, rows):
@@ -52,5 +52,5 @@ def write_film(folder: Path, dataset: xr.Dataset, tile: tuple[int, int]) -> xr.D
             piece = Piece(y, x, *steady.shape[:2], 0, 1)
             store.put(piece, Taken(steady, transient, 1, 0, 0.0))
     coordinates = {str(axis): np.asarray(dataset[axis].values) for axis in dataset.coords}
-    store.finish(coordinates, dataset.attrs)
+    store.finish(coordinates, dataset.attrs, folder)
     return load_zarr(folder)

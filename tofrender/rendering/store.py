@@ -2,8 +2,8 @@
 
 A tile of pixels is a shard of the array `transient`, one file, in which blocks of bins can be read
 alone; every block has a CRC-32C. While a film is incomplete, receipts beside it say which tiles are
-there, with the CRC-32 of their files; at the end the metadata are consolidated, and the film moves
-out of the folder that holds both.
+there, with the CRC-32 of their files; at the end the metadata are consolidated, all files are
+listed, and the film moves out of the folder that holds both.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import os
 import warnings
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 
 from ..runtime import atomic, checks
 from .dataset import DIMS, ERRORS, check_dataset, plain_attributes
-from .films_on_disk import load_zarr, require_zarr
+from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .pieces import TILE_BYTES, Piece, Taken, tile_size
 
 if TYPE_CHECKING:
@@ -31,8 +30,6 @@ SUFFIX = ".zarr"
 FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
 BLOCK_BYTES = 4 << 20
 """Most bytes of a block that is read and checked by itself."""
-
-READ_BYTES = 1 << 24
 
 
 @dataclass
@@ -209,6 +206,7 @@ class Store:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
             require_zarr().consolidate_metadata(self.film)
+        list_files(self.film)
         atomic.to_disk(self.film)
         os.rename(self.film, target)
         atomic.to_disk(target.parent, deep=False)
@@ -316,12 +314,3 @@ def _create(
             **common,
         )
     (folder / RECEIPTS).mkdir()
-
-
-def checksum(path: Path) -> int:
-    """CRC-32 of a file."""
-    value = 0
-    with open(path, "rb") as file:
-        while part := file.read(READ_BYTES):
-            value = zlib.crc32(part, value)
-    return value
