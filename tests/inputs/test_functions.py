@@ -956,6 +956,49 @@ def test_bad_values(row, name, start, tmp_path, monkeypatch, pytestconfig):
     assert not wrong
 
 
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        ({"source": "small_box"}, "settings"),
+        ({"integrator": "ao"}, "settings"),
+        ({"sampler": "independent"}, "settings"),
+        ({"width": 0}, "width"),
+        ({"start_opl": "far"}, "start_opl"),
+        ({"parameters": {"a": 1}}, "a"),
+    ],
+)
+def test_settings_of_a_render(settings, name):
+    refused = outcome(lambda: tofrender.render("cornell_box", settings=settings), name)
+    assert not refused
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # Of sockets of distributed
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_client_that_is_closed():
+    with tofrender.local_workers(1, threads=1) as client:
+        pass
+    for call in (
+        lambda: tofrender.render("cornell_box", client=client),
+        lambda: tofrender.nlos.capture("nlos_plane", client=client),
+        lambda: tofrender.nlos.reconstruct(captured(), "bp", client=client),
+        lambda: tofrender.nlos.reconstruct(captured(), "lct", client=client),
+    ):
+        assert not outcome(call, "client")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"spp": 0}, {"spp": "4"}, {"complete": None}, {"render_seconds": "long"}, {"seed": 0}],
+    ids=str,
+)
+def test_attributes_of_renders_that_are_joined(changes):
+    other = seeded(1).assign_attrs(changes)
+    assert not outcome(lambda: tofrender.merge([seeded(0), other]), next(iter(changes)))
+
+
 def public() -> set[str]:
     """Names in the stubs of the rooms, as the table calls them."""
     names = set()
