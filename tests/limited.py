@@ -15,7 +15,7 @@ from dask.core import flatten
 
 from tofrender.rendering import cubes
 from tofrender.rendering.pieces import Piece, Taken
-from tofrender.rendering.store import Store, load_zarr
+from tofrender.rendering.store import Store, load_zarr, under_way
 from tofrender.runtime import memory
 
 
@@ -42,8 +42,7 @@ def at_most(size: int, monkeypatch: Any, free: int | None = None) -> Iterator[li
 
 def write_film(folder: Path, dataset: xr.Dataset, tile: tuple[int, int]) -> xr.Dataset:
     """Write a Dataset as `render(out=...)` does, in tiles of so many rows and columns."""
-    begun = folder.with_suffix(".film")
-    store = Store.begin(begun, {"of": "a test"}, dataset["transient"].shape, tile)
+    store = Store.begin(under_way(folder), {"of": "a test"}, dataset["transient"].shape, tile)
     height, width = dataset["steady"].shape[:2]
     rows, columns = tile
     for y in range(0, height, rows):

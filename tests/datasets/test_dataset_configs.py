@@ -116,7 +116,11 @@ BAD = [
     ("objects.ball.type", 3, "objects.ball: must be a table with a plugin's name as its type"),
     ("materials.glass.int_ior", None, "materials.glass.int_ior = None: must be a number, text"),
     ("materials.glass.int_ior", float("nan"), "int_ior = nan: must be a finite number from"),
-    ("materials.glass.int_ior", 10**400, "materials.glass.int_ior = an integer of 1329 bits: must be"),
+    (
+        "materials.glass.int_ior",
+        10**400,
+        "materials.glass.int_ior = an integer of 1329 bits: must be",
+    ),
     ("materials.glass.int_ior", [], r"int_ior = \[\]: must be a list of numbers"),
     ("materials.glass.int_ior", ["a"], r"int_ior = \['a'\]: must be a list of numbers"),
     ("materials.glass.day", date(2020, 1, 1), "glass.day = .*: must be a number, text, a list"),

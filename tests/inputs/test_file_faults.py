@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,11 +16,13 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
-from bad_inputs import one_clear_line
+from bad_inputs import listing, one_clear_line
 from hidden_scenes import Wall, capture_of, rectangle
 from hypothesis import HealthCheck, given, settings, strategies as st
+from limited import write_film
 from made_dataset import make_dataset
 
+import tofrender
 from tofrender import io
 from tofrender.io import exr
 from tofrender.io.seals import _LENGTH as SEAL
@@ -27,12 +30,13 @@ from tofrender.runtime import memory
 
 
 class Kind(NamedTuple):
-    """A kind of file: what is saved, how, which file is damaged, and how it is read."""
+    """A kind of file: what is saved, how, which file is damaged, how it is read and called."""
 
     make: Callable[[], xr.Dataset]
     save: Callable[[xr.Dataset, Path], Any]
     damaged: str
     load: Callable[[Path], xr.Dataset]
+    called: str = "path"
 
 
 def picture() -> xr.Dataset:
@@ -49,11 +53,30 @@ def save_stack(dataset: xr.Dataset, path: Path) -> Path:
     return io.save_exr_stack(dataset, path, layout=layout, progress=False)
 
 
+def film() -> xr.Dataset:
+    dataset = picture()
+    dataset["transient"].attrs.clear()
+    dataset["opl"].attrs.update(units="m", long_name="optical path length")
+    return dataset
+
+
+def save_film(dataset: xr.Dataset, path: Path) -> None:
+    tofrender.save_zarr(dataset, path)
+
+
+def load_film(folder: Path) -> xr.Dataset:
+    return tofrender.load_zarr(folder / "a.zarr").load()
+
+
 KINDS = {
     "npz": Kind(picture, io.save_npz, "a.npz", lambda p: io.load_npz(p / "a.npz")),
     "frame": Kind(picture, save_stack, "a/frame_0001.exr", lambda p: io.load_exr_stack(p / "a")),
     "steady": Kind(picture, save_stack, "a/steady.exr", lambda p: io.load_exr_stack(p / "a")),
     "parts": Kind(picture, save_stack, "a.exr", lambda p: io.load_exr_stack(p / "a.exr")),
+    "film": Kind(film, save_film, "a.zarr/zarr.json", load_film),
+    "list": Kind(film, save_film, "a.zarr/files.json", load_film),
+    "axis": Kind(film, save_film, "a.zarr/opl/c/0", load_film),
+    "tile": Kind(film, save_film, "a.zarr/transient/c/0/0/0/0", load_film, "film|path"),
     "capture": Kind(captured, io.save_capture, "a.h5", lambda p: io.load_capture(p / "a.h5")),
 }
 kinds = pytest.mark.parametrize("name", KINDS)
@@ -75,7 +98,8 @@ class Saved:
         try:
             found = self.kind.load(self.folder)
         except Exception as error:
-            return one_clear_line(error, "path")
+            names = self.kind.called.split("|")
+            return min((one_clear_line(error, name) for name in names), key=len)
         return "" if found.identical(self.dataset) else "was read, but is not what was saved"
 
     def flipped(self, bit: int) -> bytes:
@@ -155,11 +179,55 @@ def test_any_damage_is_found(saved, damage):
 def test_files_without_a_seal_are_read(saved):
     """Those of earlier versions and of other programs."""
     for file in saved.values():
-        if file.kind.damaged != "a.npz":
+        if not file.kind.damaged.startswith(("a.npz", "a.zarr")):
             assert file.content[-SEAL:].startswith(b"\ntofrender crc32 ")
             assert not file.outcome(file.content[:-SEAL])
             assert file.kind.load(file.folder).identical(file.dataset)
             file.file.write_bytes(file.content)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A film of four tiles, one of which is black."""
+    dataset = make_dataset(4, 4, 3)
+    for values in dataset.values():
+        values[:2, :2] = 0
+    folder = tmp_path_factory.mktemp("stored") / "a.zarr"
+    write_film(folder, dataset, (2, 2))
+    return folder, dataset
+
+
+def test_black_tiles_need_no_file(stored):
+    folder, dataset = stored
+    assert not (folder / "transient/c/0/0").exists()
+    np.testing.assert_array_equal(tofrender.load_zarr(folder)["transient"], dataset["transient"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("harm", ["taken away", "emptied", "a folder", "longer"])
+def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm):
+    wrong = {}
+    for number, name in enumerate(
+        sorted(name for name, data in listing(stored[0]).items() if data)
+    ):
+        folder = tmp_path / f"{number}.zarr"
+        shutil.copytree(stored[0], folder)
+        file = folder / name
+        if harm in ("taken away", "a folder"):
+            file.unlink()
+        if harm == "a folder":
+            file.mkdir()
+        elif harm == "emptied":
+            file.write_bytes(b"")
+        elif harm == "longer":
+            file.write_bytes(file.read_bytes() + b"x")
+        try:
+            tofrender.load_zarr(folder)
+            wrong[name] = "was opened"
+        except ValueError as error:
+            wrong[name] = one_clear_line(error, "path", folder)
+    assert len(wrong) > 10
+    assert not {name: what for name, what in wrong.items() if what}
 
 
 # ------------------------------------------------------------------------ what is no such file

@@ -482,6 +482,9 @@ TABLE = [
         lambda _: {"depth": np.ones((2, 3)), "true_depth": np.ones((2, 3))},
         {"depth": "panel", "true_depth": "panel", "range_m": "positive?"},
     ),
+    Row(
+        "analysis.true_normals", lambda _: {"scene": box()}, {"scene": "source", "sensor": "sensor"}
+    ),
     Row("analysis.true_depth", lambda _: {"scene": box()}, {"scene": "source", "sensor": "sensor"}),
     Row(
         "analysis.unambiguous_range",
@@ -856,8 +859,10 @@ LEFT_OUT = {
     "SuiteVerdict": "a result",
     "EmitterRecord": "a result",
     "Warp": "a row of the table WARPS",
+    "make_dataset": "tests/datasets has its table",
+    "load_dataset": "tests/datasets has its table",
 }
-"""Public classes that nobody makes."""
+"""Public classes that nobody makes, and functions with tables of their own."""
 
 
 @functools.cache
@@ -954,6 +959,49 @@ def test_bad_values(row, name, start, tmp_path, monkeypatch, pytestconfig):
         if what:
             wrong[label] = what
     assert not wrong
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        ({"source": "small_box"}, "settings"),
+        ({"integrator": "ao"}, "settings"),
+        ({"sampler": "independent"}, "settings"),
+        ({"width": 0}, "width"),
+        ({"start_opl": "far"}, "start_opl"),
+        ({"parameters": {"a": 1}}, "a"),
+    ],
+)
+def test_settings_of_a_render(settings, name):
+    refused = outcome(lambda: tofrender.render("cornell_box", settings=settings), name)
+    assert not refused
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # Of sockets of distributed
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_client_that_is_closed():
+    with tofrender.local_workers(1, threads=1) as client:
+        pass
+    for call in (
+        lambda: tofrender.render("cornell_box", client=client),
+        lambda: tofrender.nlos.capture("nlos_plane", client=client),
+        lambda: tofrender.nlos.reconstruct(captured(), "bp", client=client),
+        lambda: tofrender.nlos.reconstruct(captured(), "lct", client=client),
+    ):
+        assert not outcome(call, "client")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"spp": 0}, {"spp": "4"}, {"complete": None}, {"render_seconds": "long"}, {"seed": 0}],
+    ids=str,
+)
+def test_attributes_of_renders_that_are_joined(changes):
+    other = seeded(1).assign_attrs(changes)
+    assert not outcome(lambda: tofrender.merge([seeded(0), other]), next(iter(changes)))
 
 
 def public() -> set[str]:

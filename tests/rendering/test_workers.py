@@ -279,7 +279,11 @@ def test_workers_of_other_versions_are_refused(client):
         ("integrator", lambda: mi.load_dict({"type": "transient_path"}), "integrator = Transient"),
         ("sampler", lambda: mi.load_dict({"type": "independent"}), "sampler = Sampler"),
         ("client", lambda: 3, "client = 3: must be a distributed.Client"),
-        ("client", lambda: "tcp://127.0.0.1:1", "client = 'tcp://127.0.0.1:1': must be a distributed.Client"),
+        (
+            "client",
+            lambda: "tcp://127.0.0.1:1",
+            "client = 'tcp://127.0.0.1:1': must be a distributed.Client",
+        ),
         ("resume", lambda: render(box(), spp=4), "resume: must be left out"),
     ],
 )
@@ -316,9 +320,7 @@ def test_workers_beside_others(client):
 @pytest.mark.parametrize("count", [0, -1, 2.5, "two", 5000])
 def test_numbers_of_workers(count):
     with (
-        pytest.raises(
-            ValueError, match=r"count = .*: must be an integer from 1 to 1024"
-        ) as error,
+        pytest.raises(ValueError, match=r"count = .*: must be an integer from 1 to 1024") as error,
         local_workers(count),
     ):
         pass
@@ -480,7 +482,9 @@ def test_reconstructions_by_workers(client, seen, method):
 
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
 def test_other_reconstructions_refuse_workers(client, seen, method):
-    with pytest.raises(ValueError, match=f"client = .*: must be None, as method = '{method}'") as error:
+    with pytest.raises(
+        ValueError, match=f"client = .*: must be None, as method = '{method}'"
+    ) as error:
         reconstruct(seen, method, client=client, progress=False)
     one_line(error)
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
+import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..runtime import checks
-from .dataset import DIMS
+from .dataset import DIMS, ERRORS
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+FILES = "files.json"
+"""What names all files of a film, with sizes and checksums: one that is missing reads as zeros."""
+
+READ_BYTES = 1 << 24
 
 
 def require_zarr() -> Any:
@@ -49,7 +57,8 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: It is not a finished film of this package; one line.
+        ValueError: It is not a finished film of this package, or files of it are missing or cut;
+            one line.
         ImportError: The packages zarr and dask are missing; one line.
 
     Example:
@@ -67,6 +76,7 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     zarr = require_zarr()
     if not is_film(folder):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
+    _require_files(folder)
     try:
         dataset = xr.open_zarr(folder, chunks={}, consolidated=True)
         dataset = dataset.assign_coords(channel=list(map(str, dataset["channel"].values)))
@@ -80,6 +90,52 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
     dataset.encoding["source"] = str(folder)
     return dataset
+
+
+def list_files(film: Path) -> None:
+    """Write down which files a finished film has; those of tiles that are zero are not there."""
+    own = tuple(f"{name}/c/" for name in DIMS | ERRORS)
+    files = {}
+    for file in sorted(each for each in film.rglob("*") if each.is_file()):
+        name = file.relative_to(film).as_posix()
+        crc = None if name.startswith(own) else checksum(file)  # Each block of tiles has its own
+        files[name] = file.stat().st_size, crc
+    (film / FILES).write_text(json.dumps(files))
+
+
+def _require_files(film: Path) -> None:
+    """Refuse a film whose files are not those that were written.
+
+    Raises:
+        ValueError: One line that names the first.
+    """
+    try:
+        files = json.loads((film / FILES).read_text())
+        wrong = [name for name, known in files.items() if not _is_whole(film / name, *known)]
+    except (OSError, ValueError, TypeError, AttributeError):
+        files, wrong = [FILES], [FILES]
+    if wrong:
+        raise ValueError(
+            f"path = {film}: {len(wrong)} of {len(files)} files are missing, cut or damaged, the "
+            f"first is {wrong[0]}; must be as they were written, copy or render the film again"
+        )
+
+
+def _is_whole(file: Path, size: int, crc: int | None) -> bool:
+    """Whether a file is there, of this size and, if it is given, this CRC-32."""
+    try:
+        return file.stat().st_size == size and (crc is None or checksum(file) == crc)
+    except OSError:
+        return False
+
+
+def checksum(path: Path) -> int:
+    """CRC-32 of a file."""
+    value = 0
+    with open(path, "rb") as file:
+        while part := file.read(READ_BYTES):
+            value = zlib.crc32(part, value)
+    return value
 
 
 def _checked(array: Any, folder: Path) -> Any:

@@ -2,8 +2,8 @@
 
 A tile of pixels is a shard of the array `transient`, one file, in which blocks of bins can be read
 alone; every block has a CRC-32C. While a film is incomplete, receipts beside it say which tiles are
-there, with the CRC-32 of their files; at the end the metadata are consolidated, and the film moves
-out of the folder that holds both.
+there, with the CRC-32 of their files; at the end the metadata are consolidated, all files are
+listed, and the film moves out of the folder that holds both.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import os
 import warnings
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 
 from ..runtime import atomic, checks
 from .dataset import DIMS, ERRORS, check_dataset, plain_attributes
-from .films_on_disk import load_zarr, require_zarr
+from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .pieces import TILE_BYTES, Piece, Taken, tile_size
 
 if TYPE_CHECKING:
@@ -31,8 +30,6 @@ SUFFIX = ".zarr"
 FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
 BLOCK_BYTES = 4 << 20
 """Most bytes of a block that is read and checked by itself."""
-
-READ_BYTES = 1 << 24
 
 
 @dataclass
@@ -200,7 +197,7 @@ class Store:
             put_labels(group, name, values, [name])
         group["opl"].attrs.update({"units": "m", "long_name": "optical path length"})
         group.attrs.update(dict(attrs))
-        put_in_place(self.film, target)
+        put_in_place(self.film, target, listed=True)
         atomic.remove(self.folder)
 
 
@@ -217,11 +214,16 @@ def put_labels(group: Any, name: str, values: np.ndarray, axes: list[str]) -> No
     array[:] = values.astype(object) if text else values
 
 
-def put_in_place(folder: Path, target: Path) -> None:
-    """Consolidate the metadata of a group that is complete, and move it to its place."""
+def put_in_place(folder: Path, target: Path, listed: bool = False) -> None:
+    """Consolidate the metadata of a group that is complete, and move it to its place.
+
+    A film has its files `listed`, so that one that is missing is found.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
         require_zarr().consolidate_metadata(folder)
+    if listed:
+        list_files(folder)
     atomic.to_disk(folder)
     os.rename(folder, target)
     atomic.to_disk(target.parent, deep=False)
@@ -328,12 +330,3 @@ def _create(
             **common,
         )
     (folder / RECEIPTS).mkdir()
-
-
-def checksum(path: Path) -> int:
-    """CRC-32 of a file."""
-    value = 0
-    with open(path, "rb") as file:
-        while part := file.read(READ_BYTES):
-            value = zlib.crc32(part, value)
-    return value

@@ -150,13 +150,17 @@ def require_distributed() -> Any:
 
 
 def require_client(client: Any) -> None:
-    """Refuse what is no client of workers.
+    """Refuse what is no client of workers, or is closed.
 
     Raises:
         ValueError: One line that says what it is.
     """
     if not isinstance(client, require_distributed().Client):
         raise ValueError(f"client = {checks.shown(client)}: must be a distributed.Client")
+    if client.asynchronous or client.status != "running":
+        raise ValueError(
+            f"client = {checks.shown(client)}: must be connected, and not asynchronous"
+        )
 
 
 def check_client(client: Any) -> int:
