@@ -206,11 +206,11 @@ ELSEWHERE = {
     "doctor": "has no options",
     "start folder": "the course's tests",
     "dataset config": "tests/datasets",
-    "dataset --only": "test_cli_dataset.py",
-    "dataset --plan": "a switch",
-    "dataset --variant": "test_cli_dataset.py",
-    "dataset --workers": "as of render",
-    "dataset --scheduler": "as of render",
+    "dataset only": "test_cli_dataset.py",
+    "dataset plan": "a switch",
+    "dataset variant": "test_cli_dataset.py",
+    "dataset workers": "as of render",
+    "dataset scheduler": "as of render",
 }
 SUFFIXES = {"capture": ".h5", "warp": ".png"}
 WITHOUT_OUT = {"verify", "start", "submit", "grade"}

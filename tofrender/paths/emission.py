@@ -272,7 +272,7 @@ def _cones(emitters: list[mi.Emitter]) -> mi.Float:
 def _by_area(emitters: list[mi.Emitter]) -> mi.Float:
     """One over the area of each surface that shines [1/m²], by the emitter's number.
 
-    That is `pdf_position` of its shape, which would ask every living shape, some of which have none.
+    That is `pdf_position` of its shape, which would ask all living shapes; some have none.
     """
     numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros(max(numbers) + 1, dtype=np.float32)

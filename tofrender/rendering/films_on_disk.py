@@ -41,7 +41,7 @@ def require_zarr() -> Any:
 def is_film(path: str | os.PathLike) -> bool:
     """Whether a folder is a finished film on disk."""
     folder = Path(path)
-    return (folder / "zarr.json").is_file()
+    return (folder / "zarr.json").is_file() and (folder / FILES).is_file()
 
 
 def load_zarr(path: str | os.PathLike) -> xr.Dataset:
