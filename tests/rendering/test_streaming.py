@@ -389,7 +389,7 @@ def test_a_changed_byte_of_a_finished_film_is_found(out, array, place):
     content = bytearray(file.read_bytes())
     content[int(place * len(content))] ^= 1
     file.write_bytes(content)
-    with pytest.raises(ValueError, match="checksum"):
+    with pytest.raises(OSError, match="checksum"):
         film[array].values  # noqa: B018
     other = "steady" if array == "transient" else "transient"
     assert film[other].values.sum() > 0
@@ -556,7 +556,7 @@ def test_metadata_that_are_cut_are_refused(out, whole):
     text = (out / "zarr.json").read_text()
     for other in ("", text[: len(text) // 2], json.dumps({})):
         (out / "zarr.json").write_text(other)
-        with pytest.raises(ValueError, match="is zarr.json; must be as|must be a finished film") as error:
+        with pytest.raises(ValueError, match=r"is zarr.json;|must be a finished film") as error:
             load_zarr(out)
         one_line(error)
 

@@ -34,7 +34,7 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
     What a killed run has left beside `out` is removed; so is the checkpoint when the block ends
     without an error or `typer.Exit`.
     """
-    from tofrender.runtime.atomic import hidden, locked, remove, remove_leftovers
+    from tofrender.runtime.atomic import DISK_FULL, hidden, locked, remove, remove_leftovers
     from tofrender.runtime.checkpoints import Checkpoint
     from tofrender.runtime.progress import ended_by_signals
 
@@ -44,11 +44,16 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
             remove_leftovers(each)
         if path.exists() and not resume:
             typer.echo(f"note: {AGAIN} from where an earlier one was stopped", err=True)
+        checkpoint = None
         if seconds or (resume and path.exists()):
             tell = partial(typer.echo, err=True)
-            yield Checkpoint(path, seconds or NEVER_S, tell, AGAIN, resume)
-        else:
-            yield None
+            checkpoint = Checkpoint(path, seconds or NEVER_S, tell, AGAIN, resume)
+        try:
+            yield checkpoint
+        except OSError as error:
+            if error.errno not in DISK_FULL or not is_begun(path, on_disk(out)):
+                raise
+            raise OSError(f"{error}; with more room, {AGAIN}") from None
         path.unlink(missing_ok=True)
         remove(on_disk(out))
 
@@ -72,8 +77,8 @@ def on_disk(out: Path) -> Path:
     return hidden(out, ".zarr")
 
 
-def is_begun(kept: Path) -> bool:
+def is_begun(*kept: Path) -> bool:
     """Whether there is a checkpoint, or a film on the disk, finished or not."""
     from tofrender.runtime.atomic import hidden
 
-    return kept.exists() or hidden(kept, ".film").exists()
+    return any(each.exists() or hidden(each, ".film").exists() for each in kept)

@@ -112,7 +112,7 @@ def render(
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
 
-    from tofrender.rendering.job import carry_out
+    from tofrender.rendering.job import carry_out, collect
     from tofrender.rendering.renderer import make_job
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
@@ -147,6 +147,9 @@ def render(
         if client is None and format != "zarr" and not is_begun(film) and fits(job):
             earlier = _earlier(out, kept) if resume else None
             dataset = carry_out(job, earlier, kept)
+        elif client is not None and job.plan.splats:
+            require_something(resume, kept and kept.path, out)
+            dataset = collect(job, client, kept)
         else:
             require_something(resume, film, out)
             dataset = streamed(job, film, client, checkpoint, resume)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..films.recording import tell_not_finite
 from ..integrators.running import interrupted
-from ..runtime import atomic
+from ..runtime import atomic, memory
 from ..runtime.checkpoints import EVERY_S, Checkpoint
 from ..runtime.progress import deferred_stop, progress_bar
 from .dataset import coordinates
@@ -69,6 +69,13 @@ def stream(
         planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
         receipts = {piece: store.receipt(piece) for piece in planned}
         left = [piece for piece in planned if receipts[piece] is None]
+        rows, columns = store.tile
+        plan = f"{len(planned)} tiles of {rows} x {columns} pixels"
+        if len(planned) > 1 or client is not None:
+            by = "" if client is None else f", {workers} workers"
+            tell(
+                f"{plan}, {atomic.readable(memory.film_bytes(rows, columns, *shape[2:]))} each{by}"
+            )
         if len(left) < len(planned):
             tell(f"resuming from {len(planned) - len(left)} of {len(planned)} tiles")
         done = (
