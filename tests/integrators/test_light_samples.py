@@ -362,7 +362,7 @@ def test_what_is_no_number_of_points_is_refused(value):
     ids=lambda given: given["type"],
 )
 def test_integrators_with_one_connection_refuse_it(given, value):
-    with pytest.raises(ValueError, match=f"light_samples = {value}: must be left out") as error:
+    with pytest.raises(ValueError, match=f"light_samples = {value!r}: must be left out") as error:
         load_plugin("integrator", given | {"light_samples": value})
     assert "\n" not in str(error.value)
 
