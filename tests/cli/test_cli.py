@@ -271,6 +271,43 @@ def test_formats(capsys, tmp_path, layout, file):
 
 
 @pytest.mark.slow
+def test_films_that_are_joined_stay_as_they_are(capsys, tmp_path):
+    tiny = [*TINY, "--no-video", "--format", "zarr"]
+    films = [tmp_path / name / "transient.zarr" for name in ("a", "b", "both")]
+    for seed, film in enumerate(films[:2]):
+        status, _, err = run(
+            capsys, "render", "cornell_box", "--out", film.parent, *tiny, "--seed", seed
+        )
+        assert status == 0, err
+        assert names(film.parent) == {"transient.zarr", "steady.exr", "summary.png"}
+    a, b = (tofrender.load_zarr(film).load() for film in films[:2])
+    arguments = ["merge", tmp_path / "a", tmp_path / "b", "--out", tmp_path / "both"]
+    status, _, err = run(capsys, *arguments, "--format", "zarr", "--no-video")
+    assert status == 0, err
+    assert tofrender.load_zarr(films[0]).identical(a)
+    assert tofrender.load_zarr(films[1]).identical(b)
+    both = tofrender.load_zarr(films[2])
+    np.testing.assert_allclose(both["steady"], (a["steady"] + b["steady"]) / 2, rtol=1e-6)
+    assert both.attrs["spp"] == 2 * a.attrs["spp"]
+
+
+@pytest.mark.slow
+def test_a_film_outlives_files_that_cannot_be_written(capsys, tmp_path, monkeypatch):
+    arguments = ["render", "cornell_box", "--out", tmp_path / "a", *TINY, "--format", "zarr"]
+
+    def full(*_, **__):
+        raise OSError("disk full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tofrender.vis, "summary_figure", full)
+        assert run(capsys, *arguments, "--no-video")[0] == 1
+    status, _, err = run(capsys, *arguments, "--no-video", "--resume")
+    assert status == 0, err
+    assert tofrender.load_zarr(tmp_path / "a" / "transient.zarr").attrs["complete"] == 1
+    assert names(tmp_path) == {"a"}
+
+
+@pytest.mark.slow
 def test_video(capsys, tmp_path):
     folder = tmp_path / "box"
     assert run(capsys, "render", "cornell_box", "--out", folder, *TINY)[0] == 0

@@ -183,7 +183,6 @@ def write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bo
         if format == "npz":
             io.save_npz(dataset, folder / opt.FILES[format])
         elif format == "zarr":
-            dataset = placed(dataset, folder / opt.FILES[format])
             io.save_exr_layers(folder / "steady.exr", {"": dataset["steady"].values}, dataset.attrs)
         else:
             io.save_exr_stack(
@@ -196,6 +195,8 @@ def write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bo
         if video:
             io.save_video(dataset, folder / "video.mp4")
         vis.summary_figure(dataset).savefig(folder / "summary.png")
+        if format == "zarr":  # Last, as the film would be lost with the folder if others fail
+            placed(dataset, folder / opt.FILES[format])
         return sorted(path.name for path in folder.iterdir())
 
 

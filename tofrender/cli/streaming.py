@@ -53,13 +53,12 @@ def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) ->
     return stream(job, film, client=client, seconds=seconds, tell=tell, again=AGAIN)
 
 
-def placed(dataset: xr.Dataset, place: Path) -> xr.Dataset:
+def placed(dataset: xr.Dataset, place: Path) -> None:
     """Put a film on the disk: move one that is there, write one that is not."""
-    from tofrender.rendering.films_on_disk import load_zarr
     from tofrender.rendering.store import save_zarr
 
     source = dataset.encoding.get("source")
     if source is None:
-        return save_zarr(dataset, place)
-    os.rename(source, place)
-    return load_zarr(place)
+        save_zarr(dataset, place)
+    else:
+        os.rename(source, place)

@@ -79,7 +79,7 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     }
     for name in ("render_seconds", "contributions_not_finite"):
         attrs[name] = sum(render.attrs.get(name, 0) for render in renders)
-    merged = first.assign(variables).assign_attrs(attrs)
+    merged = first.assign(variables).assign_attrs(attrs).drop_encoding()  # It is no film on disk
     return merged if len(variables) > len(DIMS) else merged.drop_vars(list(ERRORS), errors="ignore")
 
 
