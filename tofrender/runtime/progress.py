@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 DELAY_S = 2.0
 """A bar appears only for work that takes longer than this [s]."""
@@ -93,8 +94,9 @@ def deferred_stop() -> Iterator[Stop]:
     def request(number, frame):
         stop.by = number
         as_before()
-        if hasattr(heard[number], "defers"):
-            heard[number](number, frame)
+        outer: Any = heard[number]
+        if hasattr(outer, "defers"):
+            outer(number, frame)
 
     vars(request)["defers"] = True  # Blocks within this one tell it
     for number in heard:
