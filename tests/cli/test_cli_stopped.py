@@ -72,9 +72,14 @@ def place(folder: Path, name: str) -> Path:
 def started(given: list[str], every: float = 0.001) -> subprocess.Popen:
     """A process that runs a command in small steps, each of which it keeps."""
     command = [sys.executable, "-c", SMALL_STEPS, *given, "--checkpoint", str(every)]
-    return subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    pipes: dict = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=ROOT, preexec_fn=_heard, **pipes)
+
+
+def _heard() -> None:
+    """Let signals arrive that tests are told to ignore, as under nohup."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def wait_for(process: subprocess.Popen, path: Path) -> float:
@@ -505,13 +510,13 @@ def test_bad_intervals(capsys, tmp_path, value):
 
 @pytest.mark.slow
 def test_files_become_whole(capsys, tmp_path, monkeypatch, whole):
-    out, expected, write = tmp_path / "out", whole("render"), cli_render._write
+    out, expected, write = tmp_path / "out", whole("render"), cli_render.write
 
     def interrupted(*arguments):
         signal.raise_signal(signal.SIGINT)
         return write(*arguments)
 
-    monkeypatch.setattr(cli_render, "_write", interrupted)
+    monkeypatch.setattr(cli_render, "write", interrupted)
     status, _, err = run(capsys, *arguments("render", out))
     assert status == 130
     assert one_line(err) == "error: interrupted while files were written, which are whole"

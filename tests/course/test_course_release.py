@@ -199,11 +199,11 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
 
 @pytest.mark.slow
 def test_dependents():
-    assert dependents(["tofrender.rendering.arrivals"]) == {
-        "tofrender.nlos.capturing": "tofrender.rendering.renderer",
-        "tofrender.rendering.renderer": "tofrender.rendering.arrivals",
-        "tofrender.rendering.window": "tofrender.rendering.arrivals",
-    } | dependents(["tofrender.rendering.renderer"])
+    found = dependents(["tofrender.rendering.arrivals"])
+    directly = {name for name, why in found.items() if why == "tofrender.rendering.arrivals"}
+    assert directly == {"tofrender.rendering.job", "tofrender.rendering.window"}
+    assert {"tofrender.rendering.renderer", "tofrender.nlos.capturing"} <= set(found)
+    assert set(dependents(["tofrender.rendering.job"])) <= set(found)
     assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}
     with_pulses = dependents(["tofrender.signals.pulses"])
     assert "tofrender.integrators.path_tracer" in with_pulses

@@ -107,7 +107,8 @@ def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
     capture = light_of(SCENES[scene], Wall(64), mode, width=0.006, bins=250)
     projections = {}  # fbp goes on with what bp ends with
 
-    def once(measured, grid, weighting, progress):
+    def once(measured, grid, weighting, progress, client):
+        assert client is None
         if (grid, weighting) not in projections:
             found = backprojection.backproject(measured, grid, weighting, progress)
             projections[grid, weighting] = found

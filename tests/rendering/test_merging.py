@@ -217,7 +217,7 @@ def test_the_same_seed_twice(parts):
 )
 def test_another_render(parts, described, options, text):
     other = render(described(), seed=7, **options)
-    with pytest.raises(ValueError, match=r"^render 3: has ") as error:
+    with pytest.raises(ValueError, match=r"^renders\[2\]: has ") as error:
         merge([parts[0], parts[1], other])
     assert text in one_line(error)
 

@@ -7,7 +7,7 @@ import os
 from typing import TYPE_CHECKING
 
 from ..nlos import make_capture
-from ..rendering.films_on_disk import is_film, require_zarr
+from ..rendering.films_on_disk import require_zarr
 from ..runtime import checks
 from .layout import GEOMETRY, ORIGINS
 
@@ -40,7 +40,7 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
         raise FileNotFoundError(f"path = {path}: does not exist; must be a data set on disk")
     require_zarr()
     wrong = f"path = {path}: must be a finished data set that `make_dataset` wrote"
-    if not is_film(folder):
+    if not (folder / "zarr.json").is_file():
         raise ValueError(wrong)
     try:
         dataset = xr.open_zarr(folder, chunks={}, consolidated=True)

@@ -49,13 +49,13 @@ def recording(film: Any, exposure: Exposure) -> Recording:
     return found(film, exposure)
 
 
-def tell_not_finite(count: int) -> None:
+def tell_not_finite(count: int, stacklevel: int = 4) -> None:
     """Warn of contributions that were left out, who called whatever has rendered."""
     if count:
         warnings.warn(
             f"{count} contributions of paths were not finite and left out; a light, a material or "
             "a texture of the scene is",
-            stacklevel=4,
+            stacklevel=stacklevel,
         )
 
 

@@ -120,7 +120,7 @@ class Job:
     @property
     def all_of_it(self) -> dict[str, Any]:
         """All that the result depends on: the recipe, the film's pixels, and more."""
-        return {"film": str(self.film), **self.more, **self.recipe}
+        return {**self.more, **self.recipe, "film": str(self.film)}
 
     def take(self, piece: Piece, **options: Any) -> Taken:
         """Render a piece, see `pieces.take`."""
@@ -249,10 +249,10 @@ def collect(
 
 def told(job: Job, dataset: xr.Dataset) -> xr.Dataset:
     """The same, with a warning of what is missing in it."""
-    tell_not_finite(dataset.attrs["contributions_not_finite"])
+    tell_not_finite(dataset.attrs["contributions_not_finite"], stacklevel=5)
     if dataset.attrs["complete"] and job.arrivals is not None:
         outside = dataset.attrs["energy_outside_window"]
-        warn_of_losses(job.film, job.arrivals, job.profile, outside)
+        warn_of_losses(job.film, job.arrivals, job.profile, outside, stacklevel=5)
     return dataset
 
 

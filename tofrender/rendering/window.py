@@ -85,12 +85,14 @@ def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     )
 
 
-def warn_of_losses(film: Any, arrivals: Arrivals, profile: Pulse | None, outside: float) -> None:
+def warn_of_losses(
+    film: Any, arrivals: Arrivals, profile: Pulse | None, outside: float, stacklevel: int = 4
+) -> None:
     """Say when light is missing, and which window would hold it."""
     if outside > LOST_ENERGY:
         first, last = arrivals.window(profile)
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
             f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (window='auto')",
-            stacklevel=4,
+            stacklevel=stacklevel,
         )
