@@ -94,7 +94,7 @@ def test_a_film_too_large_for_memory(capsys, out, monkeypatch, whole, format):
     if format != "zarr":
         assert err.startswith("note: film of 12 x 9 pixels x 40 bins: takes ")
         assert "it is rendered tile by tile on the disk\n" in err
-        assert err.count("\n") == 1
+        assert err.count("\n") == 2  # And the plan
     assert names(out.parent) == {"box"}
     monkeypatch.undo()
     if format == "npz":

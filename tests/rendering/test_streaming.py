@@ -297,6 +297,7 @@ def test_two_processes_and_a_killed_one(out, monkeypatch, capsys, whole):
     """The second is refused; after SIGKILL, it goes on with all tiles and a part of the third."""
     process = script(_PAUSED, out)
     try:
+        assert " tiles of " in process.stdout.readline(), process.stderr.read()
         assert process.stdout.readline() == "here\n", process.stderr.read()
         with pytest.raises((ValueError, OSError)) as error:
             render(box(), out=out)
