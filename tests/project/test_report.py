@@ -44,3 +44,14 @@ def test_other_figures_would_be_another_page(report, results):
 )
 def test_two_digits(report, value, shown):
     assert report.digits(value) == shown
+
+
+def test_the_page_on_what_is_lost_has_its_figures(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    lost = importlib.import_module("benchmarks.lost")
+    results = json.loads((ROOT / "benchmarks" / "lost.json").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "nothing_lost.md").read_text(encoding="utf-8")
+    assert lost.with_tables(page, results) == page
+    assert lost.table(results) in page
+    results["found"]["saving"]["save_s"] *= 2
+    assert lost.with_tables(page, results) != page

@@ -2,7 +2,7 @@
 
 A tile of pixels is a shard of the array `transient`, one file, in which blocks of bins can be read
 alone; every block has a CRC-32C. While a film is incomplete, receipts beside it say which tiles are
-there, with the CRC-32 of their files; at the end the metadata are consolidated, all files are
+there, with the CRC-32C of their files; at the end the metadata are consolidated, all files are
 listed, and the film moves out of the folder that holds both.
 """
 
@@ -37,7 +37,7 @@ class Receipt:
     """What is known of a tile on disk.
 
     Attributes:
-        files: CRC-32 of each file, by its name.
+        files: CRC-32C of each file, by its name.
         steady, transient: Sums of all values.
         not_finite: Contributions that were left out.
         seconds: Time that it took [s].

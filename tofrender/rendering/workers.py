@@ -23,7 +23,7 @@ import numpy as np
 
 from ..integrators.running import interrupted
 from ..runtime import backend, checks
-from ..runtime.progress import progress_bar
+from ..runtime.progress import deferred_stop, progress_bar
 from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
 from .store import Store
@@ -221,9 +221,12 @@ def shared_out(
                 continue
             for future in done:
                 item = asked.pop(future)
-                if future.status != "finished":
+                if future.status == "error":
                     _raise(future)
-                if item in left:
+                if future.status != "finished":  # Its worker died with it: it is made again
+                    lost = future.status == "cancelled"
+                    asked[ask(item) if lost else future] = item
+                elif item in left:
                     left.remove(item)
                     usual_s = (time.monotonic() - started) * workers / (len(items) - len(left))
                     yield item, future.result()
@@ -274,11 +277,14 @@ def collect_pieces(
         bar.update(int(done.sum()))
         try:
             for piece, result in found(left):
-                place(piece, result)
-                done[numbers[piece]] = True
+                with deferred_stop() as stop:  # A piece is there whole or not at all
+                    place(piece, result)
+                    done[numbers[piece]] = True
                 bar.update()
                 if checkpoint is not None and checkpoint.due:
                     keep()
+                if stop.requested:
+                    raise KeyboardInterrupt
         except KeyboardInterrupt:
             keep()
             again = checkpoint.again if checkpoint else ""
