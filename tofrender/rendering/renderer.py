@@ -114,7 +114,6 @@ def render(
         raise ValueError("checkpoint: must be left out with `out`, which keeps all tiles")
     if resume is not None and (out is not None or client is not None):
         raise ValueError("resume: must be left out with `out` and with a client; see `merge`")
-    name = scene_name(scene)
     if client is not None:
         packed("scene", scene)  # Refuses what cannot be sent
     job = make_job(
@@ -129,7 +128,6 @@ def render(
         temporal_bins=temporal_bins,
         errors=checks.boolean("errors", errors),
     )
-    job.name = name
     if out is not None:
         return stream(job, out, client=client, progress=progress)
     if client is not None:

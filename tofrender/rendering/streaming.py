@@ -33,7 +33,6 @@ def stream(
     *,
     client: Client | None = None,
     seconds: float = EVERY_S,
-    tile_bytes: float | None = None,
     tell: Any = print,
     again: str = "",
     progress: bool = True,
@@ -46,7 +45,6 @@ def stream(
             with the tiles of one that was stopped or killed.
         client: Workers, which see the folder too; this process alone by default.
         seconds: Time between savings of a tile under way, where no worker renders it [s].
-        tile_bytes: Memory that the bins of a tile may take [bytes].
         tell: Is called with a line that says what is gone on with.
         again: How to go on, for the message of a render that was stopped.
         progress: Whether to show a bar for work that takes more than two seconds.
@@ -65,7 +63,7 @@ def stream(
     workers = 1 if client is None else check_client(client)
     with atomic.locked(target, "out"):
         _require_room(folder, shape, 2 if job.errors else 1)
-        store = _begun(job, folder, tile_bytes, workers)
+        store = _begun(job, folder, workers)
         planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
         receipts = {piece: store.receipt(piece) for piece in planned}
         left = [piece for piece in planned if receipts[piece] is None]
@@ -101,14 +99,12 @@ def stream(
     return load_zarr(target)
 
 
-def _begun(job: Job, folder: Path, tile_bytes: float | None, workers: int) -> Store:
+def _begun(job: Job, folder: Path, workers: int) -> Store:
     """The film under way, or a new one."""
     count = whole(job).count
     plan = {"spp": count, **job.all_of_it}
     tile = Store.planned(folder).get("tile")
-    if tile is None or tile_bytes is not None:
-        tile = tile_size(job.film.shape, tile_bytes or TILE_BYTES, workers)
-    rows, columns = tile
+    rows, columns = tile or tile_size(job.film.shape, TILE_BYTES, workers)
     return Store.begin(folder, plan, job.film.shape, (rows, columns), job.errors)
 
 
