@@ -22,7 +22,8 @@ import numpy as np
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
-from ..signals.phasors import check_frequencies, phasor_parts
+from ..signals.frequencies import check_frequencies
+from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT
 
 _CHUNK = 1 << 18  # values that are converted to double precision at a time

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
-from ..signals.phasors import check_frequencies
+from ..signals.frequencies import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
 
 MAX_WRAPS = 4096

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.phasors import check_frequencies
+from ..signals.frequencies import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
 from .image import box_by_default, image_film
 from .phasor_sum import PhasorSum

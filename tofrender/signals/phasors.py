@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
+from .frequencies import check_frequencies
 from .units import SPEED_OF_LIGHT
 
 
@@ -56,28 +57,3 @@ def phasor_parts(
     ranges = ranges.reshape(-1, *[1] * (I.ndim - 1)) if many else ranges[0]
     depth = np.mod(phase, 2 * math.pi) / (2 * math.pi) * ranges
     return np.hypot(I, Q), phase, np.minimum(depth, np.nextafter(ranges, 0))
-
-
-def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[float], bool]:
-    """The frequencies [Hz] that are given as a number or a sequence, and whether as a sequence.
-
-    Raises:
-        ValueError: An empty sequence, or a frequency that is not finite and above 0.
-
-    Example:
-        >>> check_frequencies([20e6, 0])
-        Traceback (most recent call last):
-        ValueError: frequency_hz[1] = 0: must be a finite number of hertz above 0
-    """
-    try:
-        values = None if isinstance(value, str | bytes | dict) else list(value)
-    except TypeError:
-        values = None
-    if values is None:
-        return [checks.number(name, value, unit="hertz", positive=True)], False
-    if not values:
-        raise ValueError(
-            f"{name} = {checks.shown(value)}: must hold at least one frequency in hertz"
-        )
-    named = [(f"{name}[{index}]", each) for index, each in enumerate(values)]
-    return [checks.number(n, each, unit="hertz", positive=True) for n, each in named], True

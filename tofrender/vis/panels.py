@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.canvas import new_figure
-from ..signals.phasors import check_frequencies
+from ..signals.frequencies import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
 from .figures import map_axes, picture_aspect
 

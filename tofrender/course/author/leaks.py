@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +21,8 @@ from ..edition import chosen, path_of, withheld
 
 LEAST_NODES = 25
 """Syntax nodes from which on a function's body is one that only its author would write."""
+
+_PUBLIC_NAME = re.compile(r"\btofrender\.([A-Za-z]\w*)\b(?!\.\w)")
 
 _SMOKE_TEST = Path(__file__).with_name("smoke_test.py")
 
@@ -89,12 +92,14 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
 
     Returns:
         A line for each: a withheld name that is there or does not say its problem, a module that
-        cannot be imported, a part that does not work.
+        cannot be imported, a name that handout or notebook use and that is not there, a part that
+        does not work.
     """
     rubric = assignment.rubric
     question: dict[str, Any] = {
         "modules": withheld(rubric),
         "names": [[p.reference, name, p.id] for p in rubric.problems for name in p.names],
+        "used": sorted(_used(assignment) - rubric.home_of.keys()),
         "assignment": rubric.id,
     }
     result = subprocess.run(
@@ -110,3 +115,10 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
     except (IndexError, ValueError, KeyError, TypeError):
         last = (result.stderr.strip() or f"status {result.returncode}").splitlines()[-1]
         return [f"the edition cannot be tried: {last}"]
+
+
+def _used(assignment: Assignment) -> set[str]:
+    """Names of the package that handout and notebook use, as `tofrender.NAME`."""
+    files = (assignment.folder / name for name in ("README.md", "notebook.py"))
+    text = "\n".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
+    return set(_PUBLIC_NAME.findall(text))

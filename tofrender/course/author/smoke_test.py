@@ -33,6 +33,7 @@ def main(question: dict[str, Any]) -> list[str]:
         reasons += _refused(f"import {module}", module, None)
     for module, name, problem in question["names"]:
         reasons += _refused(f"from {module} import {name}", f"{module}.{name}", problem)
+    reasons += _all_there(question["used"])
     return [*reasons, *_all_import(question["modules"]), *_parts(question)]
 
 
@@ -48,6 +49,17 @@ def _refused(statement: str, what: str, problem: str | None) -> Iterator[str]:
             yield f"{what}: says {said!r}, must name problem {problem}"
     else:
         yield f"{what}: can be imported, must be withheld"
+
+
+def _all_there(names: list[str]) -> Iterator[str]:
+    """A public name that the assignment's text uses, and that needs what is withheld."""
+    import tofrender
+
+    for name in names:
+        try:
+            getattr(tofrender, name)
+        except (AttributeError, ImportError) as error:
+            yield f"tofrender.{name}: handout or notebook use it: {error}"
 
 
 def _all_import(withheld: dict) -> Iterator[str]:

@@ -127,7 +127,7 @@ class _Work:
         """The independent solutions, with what their notebook has written."""
         self.say("solutions: running the notebook")
         target = self.folder / "right"
-        shutil.copytree(self.assignment.solutions, target)
+        shutil.copytree(self.assignment.solutions, target, dirs_exist_ok=True)
         for name in self.assignment.given:
             shutil.copy(self.assignment.starter / name, target)
         mutants.solve_notebook(self.assignment, target, self._edition)
