@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -66,7 +68,7 @@ class Project:
         self.folder = base / "my clone"
         for name in (
             ".ci/setup",
-            ".ci/constraints.txt",
+            ".ci/requirements.txt",
             "pyproject.toml",
             "tofrender/runtime/llvm.py",
         ):
@@ -227,10 +229,10 @@ def test_the_second_run_does_nothing(user):
     assert "pip" not in user.ran
 
 
-def test_new_constraints_are_installed_into_the_same_environment(user):
+def test_new_pins_are_installed_into_the_same_environment(user):
     user.library("libLLVM.so.19.1")
     user.setup()
-    with (user.folder / ".ci/constraints.txt").open("a") as file:
+    with (user.folder / ".ci/requirements.txt").open("a") as file:
         file.write("another==1.0\n")
     assert user.setup().returncode == 0
     assert "-m pip install" in user.ran
@@ -391,7 +393,7 @@ def test_two_at_once_install_once(user, flock):
     ]
     said = [run.communicate(timeout=60) for run in runs]
     assert [run.returncode for run in runs] == [0, 0], said
-    assert user.calls.read_text().count("-m pip install") == 1
+    assert user.calls.read_text().count("pip install --disable-pip-version-check --no-input --require-hashes") == 1
     assert sum("Waiting for another set-up" in out for out, _ in said) == 1
     assert not (user.folder / ".setup-lock.d").exists()
 
@@ -402,3 +404,26 @@ def test_a_lock_whose_holder_was_killed_is_taken(user):
     (user.folder / ".setup-lock.d/pid").write_text("999999999")
     assert user.setup(PATH=without_flock(user)).returncode == 0
     assert not (user.folder / ".setup-lock.d").exists()
+
+
+def test_a_package_with_another_hash_is_refused(user):
+    """What pip says of one: its own words."""
+    user.library("libLLVM.so.19.1")
+    (user.base / "pip-says").write_text(
+        "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE. If you have\n"
+    )
+    result = user.setup()
+    assert result.returncode == 1
+    assert "a package is not the one of .ci/requirements.txt: its hash is another" in result.stderr
+
+
+def test_all_that_the_package_needs_is_pinned_with_hashes():
+    pins = (ROOT / ".ci/requirements.txt").read_text()
+    blocks = re.split(r"\n(?=[a-zA-Z0-9])", pins)[1:]
+    names = {re.match(r"[\w.-]+", block)[0].lower().replace("_", "-") for block in blocks}
+    assert all("==" in block and "--hash=sha256:" in block for block in blocks)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"]
+    wanted = [*project["project"]["dependencies"], *(d for each in extras.values() for d in each)]
+    needed = {re.match(r"[\w.-]+", one)[0].lower().replace("_", "-") for one in wanted}
+    assert needed - {"tofrender"} <= names
