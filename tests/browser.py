@@ -1,0 +1,63 @@
+"""Debian's Chromium, driven by Playwright, for tests that look at pages as a reader does."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+INSTALL = "apt-get install -y --no-install-recommends chromium"
+
+
+@cache
+def chromium() -> str:
+    """Where Chromium is; root on Debian gets it installed, others skip the test with a reason."""
+    with (Path(tempfile.gettempdir()) / f"tofrender-chromium-{os.getuid()}").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # Several pytest workers ask at once
+        found = next(filter(None, map(shutil.which, NAMES)), None)
+        if found is None and os.getuid() == 0 and shutil.which("apt-get"):
+            command = f"{INSTALL} || (apt-get update && {INSTALL})"
+            subprocess.run(["sh", "-c", command], capture_output=True, timeout=280, check=False)
+            found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip(f"no Chromium; run: sudo {INSTALL}")
+    return found
+
+
+@contextmanager
+def page(*, dark: bool = False, offline: bool = False, **options: Any) -> Iterator[Any]:
+    """A page of a browser without a window; its errors are in the list `page.errors`.
+
+    Args:
+        dark: Whether the reader prefers dark pages.
+        offline: Whether there is no network at all.
+        options: More of Playwright's `new_context`, like `viewport`.
+    """
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        context = browser.new_context(
+            color_scheme="dark" if dark else "light", offline=offline, **options
+        )
+        page = context.new_page()
+        page.errors = []
+        page.on("pageerror", lambda error: page.errors.append(str(error)))
+        page.on(
+            "console",
+            lambda said: page.errors.append(said.text) if said.type == "error" else None,
+        )
+        try:
+            yield page
+        finally:
+            browser.close()
