@@ -77,6 +77,8 @@ def density_panels(all_axes: Any, verdict: Verdict) -> None:
             xlabel=verdict.domain.labels[0],
             ylabel="cos θ" if directions else verdict.domain.labels[1],
         )
+        if verdict.domain.down:
+            axes.invert_yaxis()
         axes.locator_params(nbins=5)
         axes.set_box_aspect(1)
 
