@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import hmac
 import html
 import ipaddress
+import logging
 import os
 import secrets
 import signal
@@ -23,8 +23,6 @@ LOOPBACK = "127.0.0.1"
 FIRST_PORT, PORTS = 5006, 100
 MAX_MESSAGE = 64 << 20
 """Largest message from a browser, such as a file [bytes]."""
-
-_TAKEN = {errno.EADDRINUSE, errno.EACCES}
 
 ASK = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>
 <meta name="color-scheme" content="light dark"><body style="font: 16px system-ui; margin: 3em">
@@ -88,6 +86,8 @@ def serve(
     if port is not None:
         checks.integer("port", port, 1, 65535)
     token = "" if is_loopback(host) else secrets.token_urlsafe(16)
+    for noisy in ("bokeh.server.views.ws", "tornado.access"):
+        logging.getLogger(noisy).setLevel(logging.ERROR)
     server = _bind(make, title, host, port, token)
     ended = threading.Event()
 
@@ -116,11 +116,18 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
     from panel.io.server import get_server
 
     more: dict[str, Any] = {"auth_provider": _by_token(title, token)} if token else {}
-    wanted = [port] if port is not None else [*range(FIRST_PORT, FIRST_PORT + PORTS), 0]
+    any_port, reason = _try(host, 0)
+    if reason:
+        raise ValueError(f"host = {host!r}: must be an address to listen on ({reason})")
+    wanted = [port] if port is not None else [*range(FIRST_PORT, FIRST_PORT + PORTS), any_port]
     for each in wanted:
-        free = each or _free_port(host)
+        free, reason = _try(host, each)
+        if reason and port is not None:
+            raise ValueError(f"port = {port}: must be free to listen on ({reason})")
+        if reason:
+            continue
         origins = ["*"] if token else [f"{name}:{free}" for name in (host, "localhost")]
-        try:
+        with suppress(OSError):  # Somebody was faster
             return get_server(
                 make,
                 port=free,
@@ -130,18 +137,18 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
                 websocket_max_message_size=MAX_MESSAGE,
                 **more,
             )
-        except (OSError, SystemExit) as error:
-            if port is not None or getattr(error, "errno", None) not in _TAKEN:
-                reason = getattr(error, "strerror", None) or "cannot be used"
-                name = f"port = {port}" if port is not None else f"host = {host!r}"
-                raise ValueError(f"{name}: must be free to listen on ({reason})") from None
     raise ValueError(f"host = {host!r}: has no free port")
 
 
-def _free_port(host: str) -> int:
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as found:
-        found.bind((host, 0))
-        return found.getsockname()[1]
+def _try(host: str, port: int) -> tuple[int, str]:
+    """A port that is free, and why it is not, "" if it is; for port 0 any."""
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as found:
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
+            found.bind((host, port))
+            return found.getsockname()[1], ""
+    except OSError as error:
+        return port, error.strerror or str(error)
 
 
 def _url(host: str, port: int, token: str) -> str:

@@ -132,7 +132,8 @@ def doctor() -> None:
 
 
 for command in (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp),
+    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct),
+    *(warp.warptest, warp.warp),
     *(course.start, course.submit, course.release, course.verify),
     *(grade.grade, render.render, merge.merge, dataset.dataset),
 ):

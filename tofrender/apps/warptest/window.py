@@ -26,8 +26,8 @@ SIDE = 264
 HEAD = """<h1>Warp tester</h1>
 <p class="quiet">Points of the unit square, warped; and a χ² test of the warp against its density.</p>"""
 
-WAITING = "Not tested yet. The test takes new points of its own, whichever are drawn."
-STALE_FILE = "The file has changed; points are drawn anew, the test has to be run again."
+WAITING = looks.box("", "Not tested yet", "The test takes points of its own, whichever are drawn.")
+CHANGED = looks.box("", "The file has changed", "Its points are drawn anew; run the test again.")
 
 
 class Plot(pn.custom.JSComponent):
@@ -67,7 +67,7 @@ class Window:
         self.plot = Plot(sizing_mode="stretch_both", min_height=300)
         self.about = looks.text(sizing_mode="stretch_width", margin=(0, 6))
         self.trouble = looks.text(sizing_mode="stretch_width", visible=False, margin=(0, 6, 8, 6))
-        self.said = looks.text(looks.box("", WAITING), sizing_mode="stretch_width", margin=(0, 6))
+        self.said = looks.text(WAITING, sizing_mode="stretch_width", margin=(0, 6))
         self.panels = looks.text(sizing_mode="stretch_width", margin=(4, 6))
 
     # ------------------------------------------------------------------------------ controls
@@ -280,7 +280,7 @@ class Window:
         self.verdict = None
         self.save.disabled = True
         self.panels.object = ""
-        self.said.object = looks.box("", WAITING)
+        self.said.object = WAITING
 
     async def _test(self, _: Any) -> None:
         source, name, values = self.source.value, self.subject.value, self.values()
@@ -326,7 +326,7 @@ class Window:
         if await self.engine.call(self.engine.has_changed):
             self._offer(self.subject.value)
             await self._redraw(None)
-            self.said.object = looks.box("", STALE_FILE)
+            self.said.object = CHANGED
 
     # ------------------------------------------------------------------------------ the layout
 
