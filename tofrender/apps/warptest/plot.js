@@ -233,7 +233,7 @@ function draw_solid(c, box, model, [azimuth, elevation], points, lines, shown, c
   }
   if (shown.grid) {
     const paint = (where, side, alpha) => {
-      const near = (i) => side(where[i]) && Math.hypot(...where[i].map((v, k) => v - where[i - 1][k])) < 0.6 * R;
+      const near = (i) => side(where[i]) && Math.hypot(...where[i].map((v, k) => v - where[i - 1][k])) < 0.3 * R;
       polyline(c, where.length, (i) => where[i][0], (i) => where[i][1], near, colours.grid, alpha);
     };
     both(lines, paint, 0.22, 0.8);

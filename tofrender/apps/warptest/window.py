@@ -64,7 +64,7 @@ class Window:
         self.drawn: Drawn | None = None
         self._busy = self._again = self._quiet = False
         self._make_controls(subject)
-        self.plot = Plot(sizing_mode="stretch_both", min_height=300)
+        self.plot = Plot(sizing_mode="stretch_width", height=385)
         self.about = looks.text(sizing_mode="stretch_width", margin=(0, 6))
         self.trouble = looks.text(sizing_mode="stretch_width", visible=False, margin=(0, 6, 8, 6))
         self.said = looks.text(WAITING, sizing_mode="stretch_width", margin=(0, 6))
@@ -358,16 +358,18 @@ class Window:
             width=SIDE + 12,
             margin=(0, 12, 0, 8),
         )
-        left = pn.Column(self.about, self.plot, sizing_mode="stretch_both", min_width=330)
+        half = {"sizing_mode": "stretch_width", "styles": {"flex": "1 1 330px"}}
+        left = pn.Column(self.about, self.plot, min_width=330, **half)
         right = pn.Column(
             self.trouble,
             self.said,
             looks.text(f'<p class="quiet">{html.escape(NO_PROOF)}</p>', margin=(8, 10)),
-            sizing_mode="stretch_width",
             min_width=330,
+            **half,
         )
-        top = pn.Row(left, right, sizing_mode="stretch_width", height=440)
-        main = pn.Column(top, self.panels, sizing_mode="stretch_width", margin=(10, 10, 0, 0))
+        wide = {"sizing_mode": "stretch_width", "min_width": 330}
+        top = pn.Row(left, right, styles={"flex-wrap": "wrap"}, **wide)
+        main = pn.Column(top, self.panels, margin=(10, 10, 0, 0), **wide)
         return pn.Row(controls, main, sizing_mode="stretch_width")
 
     async def _first(self) -> None:
