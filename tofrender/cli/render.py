@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -139,7 +140,10 @@ def render(
     )
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
-    opt.check_out(out, (height, width, films * count, channels), precision)
+    bins = (height, width, films * count)
+    opt.check_out(out, (*bins, channels), precision)
+    if checkpoint:  # which has the samples' weight of each bin, too
+        opt.check_room(out, math.prod((*bins, channels)), math.prod((*bins, channels + 1)))
 
     # ---------------------------------------------------------------------- render and write
     with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
@@ -179,7 +183,8 @@ def write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bo
     """Write all files into `out`, which appears whole; returns their names."""
     from tofrender import io, vis
 
-    with io.output_folder(out, overwrite=True) as folder:
+    needed = io.output.stack_bytes(dataset["transient"].shape, precision)
+    with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
         if format == "npz":
             io.save_npz(dataset, folder / opt.FILES[format])
         elif format == "zarr":
