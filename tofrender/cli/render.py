@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -140,10 +139,10 @@ def render(
     )
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
-    bins = (height, width, films * count)
-    opt.check_out(out, (*bins, channels), precision)
+    cells = height * width * films * count
+    opt.check_out(out, (height, width, films * count, channels), precision)
     if checkpoint:  # which has the samples' weight of each bin, too
-        opt.check_room(out, math.prod((*bins, channels)), math.prod((*bins, channels + 1)))
+        opt.check_room(out, cells * channels, cells * (channels + 1))
 
     # ---------------------------------------------------------------------- render and write
     with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
