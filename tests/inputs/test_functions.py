@@ -414,7 +414,12 @@ TABLE = [
     Row(
         "vis.tonemap",
         lambda _: {"values": np.ones((2, 3, 3))},
-        {"values": "light", "exposure": "positive?", "percentile": "cent"},
+        {"values": "light", "exposure": "positive?", "percentile": "cent", "shadows": "stops"},
+    ),
+    Row(
+        "vis.growing_exposure",
+        lambda _: {"values": CUBE},
+        {"values": "cube", "share": "fraction", "most_stops": "stops"},
     ),
     Row("vis.luminance", lambda _: {"values": np.ones((2, 3))}, {"values": "colours"}),
     Row(
