@@ -16,9 +16,7 @@ import numpy as np
 
 from . import checks
 from .atomic import check_writable, remove_leftovers, replacing
-
-EVERY_S = 30.0
-"""Work between two savings [s], unless saving takes long."""
+from .progress import EVERY_S
 
 COST = 0.02
 """Part of the time that saving may take."""
