@@ -9,6 +9,7 @@ import typer
 
 from ..runtime import checks
 from .options import (
+    Dpi,
     Seed,
     Variant,
     check_apart,
@@ -16,9 +17,11 @@ from .options import (
     checked,
     choice,
     definition,
+    dots,
     integer,
     number,
     real,
+    say,
 )
 
 SUFFIXES = (".png", ".pdf", ".svg")
@@ -78,6 +81,7 @@ def warptest(
     points: Points = "independent",
     count: Count = 1024,
     samples: Samples = 1_000_000,
+    dpi: Dpi = None,
     seed: Seed = 0,
     host: Host = "127.0.0.1",
     port: Port = None,
@@ -91,7 +95,8 @@ def warptest(
     they change. With --headless all that is there is tested, or only NAME.
     """
     if headless:
-        _headless(name, module, out, alpha, image, parameters, points, count, samples, seed, variant)
+        given = _parameters(name, alpha, image, parameters)
+        _headless(name, module, given, out, points, count, samples, dpi, seed, variant)
         return
     if out is not None:
         raise ValueError(f"--out = {out}: must be left out without --headless")
@@ -122,6 +127,7 @@ def warp(
     parameters: Parameters = None,
     points: Points = "independent",
     count: Count = 1024,
+    dpi: Dpi = None,
     seed: Seed = 0,
     variant: Variant = None,
 ) -> None:
@@ -133,13 +139,16 @@ def warp(
     for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
         if name == wants and value is None:
             raise ValueError(f"--{option}: must be given, {name} needs it")
-    _headless(name, None, out, alpha, image, parameters, points, count, 1_000_000, seed, variant)
+    given = _parameters(name, alpha, image, parameters)
+    _headless(name, None, given, out, points, count, 1_000_000, dpi, seed, variant)
 
 
 def _parameters(
-    name: str, alpha: float | None, image: str | None, parameters: Any
+    name: str | None, alpha: float | None, image: str | None, parameters: Any
 ) -> dict[str, Any]:
     """What is given for a subject; one that it does not take is refused."""
+    if name is None and (parameters or alpha is not None or image is not None):
+        raise ValueError("NAME: must be given with --alpha, --image or -D")
     for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
         if value is not None and name != wants:
             raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
@@ -150,13 +159,12 @@ def _parameters(
 def _headless(
     name: str | None,
     module: Path | None,
+    given: dict[str, Any],
     out: Path | None,
-    alpha: float | None,
-    image: str | None,
-    parameters: Any,
     points: str,
     count: int,
     samples: int,
+    dpi: int | None,
     seed: int,
     variant: str | None,
 ) -> None:
@@ -165,11 +173,8 @@ def _headless(
         if name is None:
             raise ValueError(f"--out = {out}: must be left out without NAME")
         check_file_out(out, *SUFFIXES, overwrite=True)
-        if image is not None:
-            check_apart(out, Path(image))
-    given = _parameters(name, alpha, image, parameters) if name else {}
-    if name is None and (parameters or alpha is not None or image is not None):
-        raise ValueError("NAME: must be given with --alpha, --image or -D")
+        if "image" in given:
+            check_apart(out, Path(given["image"]))
 
     from tofrender.runtime import backend
 
@@ -177,44 +182,34 @@ def _headless(
     backend.require_vectorised()
 
     from tofrender.apps.warptest import engine as engines
+    from tofrender.runtime.atomic import replacing
 
     engine = engines.Engine(module)
-    source = engines.LIBRARY if engine.module is None else engines.MODULE
-    names = [name] if name else engine.names(source)
+    names = [name] if name else engine.names(engine.sources[-1])
     bad = 0
     try:
-        for number_of, tested in enumerate(names):
-            passed = False
+        for place, tested in enumerate(names):
             try:
-                case = engine.case(source, tested, given)
+                case = engine.case(engine.sources[-1], tested, given)
                 # One chance of a false alarm for all
-                own = (seed + number_of) % (checks.MAX_SEED + 1)
+                own = (seed + place) % (checks.MAX_SEED + 1)
                 verdict = case.test(samples=samples, seed=own, tests=len(names))
+                drawn = None if out is None else engines.draw(case, points, count, seed)
             except engines.NoAnswer as error:
-                typer.echo(f"{tested}: FAILED, {error}")
-            else:
-                passed = verdict.passed
-                if out is not None:
-                    drawn = engines.draw(case, points, count, seed)
-                    _write(out, engines.save(drawn, verdict, f"{count} {points} points", _of(out)))
-                typer.echo(str(verdict))
-                if out is not None:
-                    typer.echo(f"{out}")
-            bad += not passed
+                say(f"{tested}: FAILED, {error}")
+                bad += 1
+                continue
+            said = [str(verdict)]
+            if out is not None and drawn is not None:
+                with replacing(out) as temporary:
+                    figure = engines.figure(drawn, verdict, f"{count} {points} points")
+                    figure.savefig(temporary, **dots(dpi))
+                said.append(str(out))
+            say(*said)
+            bad += not verdict.passed
     finally:
         engine.close()
     if len(names) > 1:
-        typer.echo(f"{len(names) - bad} of {len(names)} passed")
+        say(f"{len(names) - bad} of {len(names)} passed")
     if bad:
         raise typer.Exit(1)
-
-
-def _of(out: Path) -> str:
-    return out.suffix[1:].lower()
-
-
-def _write(out: Path, content: bytes) -> None:
-    from tofrender.runtime.atomic import replacing
-
-    with replacing(out) as temporary:
-        temporary.write_bytes(content)

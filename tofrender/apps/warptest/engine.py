@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mitsuba as mi
 import numpy as np
@@ -25,6 +25,9 @@ from ...sampling.verdicts import Verdict
 from ...vis.warps import warp_figure
 from .sources import Library, Module, find_module, why_withheld
 from .subjects import SUBJECTS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 T = TypeVar("T")
 LIBRARY, MODULE = "library", "module"
@@ -148,19 +151,22 @@ def panels(verdict: Verdict) -> str:
     return drawn.replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1)
 
 
-def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
-    """The figure of points and verdict, as `tofrender warp` writes it.
+def figure(drawn: Drawn, verdict: Verdict, title: str) -> Figure:
+    """Points above the verdict.
 
     Args:
         drawn: Points.
         verdict: What the test found.
         title: Above the points.
-        format: "png", "pdf" or "svg".
     """
     there = np.isfinite(drawn.points).all(axis=0)
-    figure = warp_figure(drawn.points[:, there], verdict, title)
+    return warp_figure(drawn.points[:, there], verdict, title)
+
+
+def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
+    """The same as a file, "png", "pdf" or "svg"."""
     stream = io.BytesIO()
-    figure.savefig(stream, format=format)
+    figure(drawn, verdict, title).savefig(stream, format=format)
     return stream.getvalue()
 
 
