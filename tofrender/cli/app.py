@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from . import course, dataset, grade, merge, nlos, render, time, warp
+from . import course, dataset, grade, merge, nlos, render, report, time, warp
 from .options import BAD_INPUT, FAILURE, INTERRUPTED
 
 app = typer.Typer(
@@ -132,7 +132,7 @@ def doctor() -> None:
 
 
 for command in (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp),
+    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(course.start, course.submit, course.release, course.verify),
     *(grade.grade, render.render, merge.merge, dataset.dataset),
 ):

@@ -8,9 +8,19 @@
  * - `destroy()` removes it all.
  */
 
-import { choices, fill, follow, isDark, list, make, slider, tick } from "./parts.js";
+import {
+  choices,
+  fill,
+  follow,
+  isDark,
+  lineSwatch,
+  list,
+  make,
+  slider,
+  tick,
+} from "./parts.js";
 import { paintLight, paintMap, range, toneCurve, white, whiteOfAll } from "./picture.js";
-import { Axes, drawCurves, drawPhasors, short, STYLES } from "./plot.js";
+import { Axes, drawCurves, drawPhasors, short, signed, STYLES } from "./plot.js";
 import { largest, largestAcross, phasorParts, Recording, SPEED_OF_LIGHT } from "./recording.js";
 
 const NEAR = 14; // px, of a marker or a gate's edge
@@ -75,7 +85,7 @@ class Explorer {
       exposure: 0,
       gamma: 2.2,
       colours: this.isVolume ? "false" : "colour",
-      smooth: false,
+      smooth: header.grid.step > 1,
       pixels: [],
       active: 0,
       channel: "luminance",
@@ -167,7 +177,7 @@ class Explorer {
     const total = this.isVolume ? largest(light) : this.luminance(this.recording.gate(0, this.recording.count));
     const order = Array.from(total.keys()).filter((i) => total[i] > 0);
     order.sort((a, b) => total[a] - total[b]);
-    const found = [0.93, 0.5].map((part) => order[Math.floor(part * (order.length - 1))] ?? 0);
+    const found = (this.isVolume ? [1] : [0.93, 0.5]).map((part) => order[Math.floor(part * (order.length - 1))] ?? 0);
     return [...new Set(found)].map((i) => [i % light.width, Math.floor(i / light.width)]);
   }
 
@@ -219,7 +229,7 @@ class Explorer {
     });
     parts.exposure = slider("Exposure", {
       ...{ min: -8, max: 8, step: 0.1, value: 0 },
-      say: (stops) => `${stops > 0 ? "+" : ""}${stops.toFixed(1)} EV`,
+      say: (stops) => `${stops > 0 ? "+" : ""}${signed(stops.toFixed(1))} EV`,
       moved: (exposure) => set({ exposure }),
     });
     parts.gamma = slider("Gamma", {
@@ -768,12 +778,7 @@ class Explorer {
     const ink = this.ink();
     drawCurves(parts.plot, recording, [...orders, ...curves], marks, words, { log: now.log, dark, ink });
     parts.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of ${this.spoken()}`);
-    parts.legend.hidden = !orders.length && !recording.errors;
-    parts.legend.textContent = [
-      recording.errors ? "Bars and bands: one standard error." : "",
-      orders.length ? `Thin lines, of pixel ${now.active + 1}: ` : "",
-      active?.orders.map(({ name }, k) => `${name} ${LINES[k % LINES.length]}`).join(", ") ?? "",
-    ].join(" ").trim();
+    this.drawLegend(active, dark);
     const shown = isVolume ? "here" : now.view === "gate" ? "in the gate" : "now";
     const rows = curves.map(({ values }, k) => {
       const peak = values.indexOf(values.reduce((a, b) => Math.max(a, b), 0));
@@ -784,8 +789,23 @@ class Explorer {
       const when = isVolume ? [`${short(at, 4)} m`] : [`${short(nanoseconds(at), 4)} ns`, `${short(at, 4)} m`];
       return [this.chip(k, dark), this.named(now.pixels[k]), short(light), ...when, this.cross(k)];
     });
-    const headings = isVolume ? ["", "pixel", shown, "brightest at", ""] : ["", "pixel", shown, "peak", "", ""];
+    const headings = isVolume
+      ? ["", "column", shown, "brightest at", ""]
+      : ["", "pixel", shown, "peak time", "peak path", ""];
     fill(parts.pixels, [headings, ...rows]);
+  }
+
+  /** What thin lines and bars are. */
+  drawLegend(active, dark) {
+    const { parts, recording, now } = this;
+    const words = recording.errors ? ["Bars and bands are one standard error."] : [];
+    if (active?.orders.length) words.push(`Thin lines are parts of pixel ${now.active + 1}:`);
+    const keys = (active?.orders ?? []).map(({ name }, k) => {
+      const swatch = lineSwatch(DASHES[k % DASHES.length], colourOf(active.style, dark));
+      return make("span", { className: "key" }, swatch, name);
+    });
+    parts.legend.hidden = !words.length;
+    parts.legend.replaceChildren(words.join(" "), ...keys);
   }
 
   phasors() {
@@ -801,11 +821,11 @@ class Explorer {
     const phasors = this.phasors();
     drawPhasors(parts.plane, phasors, { dark, ink: this.ink() });
     const rows = phasors.map(({ amplitude, phase, depth }, k) => [
-      ...[this.chip(k, dark), short(amplitude), `${phase.toFixed(3)} rad`, `${depth.toFixed(3)} m`],
+      ...[this.chip(k, dark), short(amplitude), `${signed(phase.toFixed(3))} rad`, `${depth.toFixed(3)} m`],
     ]);
     const ambiguous = `depth (below ${short(SPEED_OF_LIGHT / (2 * now.frequency))} m)`;
     fill(parts.phasors, [["", "amplitude", "phase", ambiguous], ...rows]);
-    const said = phasors.map(({ phase }, k) => `${k + 1}: ${phase.toFixed(2)} rad`).join(", ");
+    const said = phasors.map(({ phase }, k) => `${k + 1}: ${signed(phase.toFixed(2))} rad`).join(", ");
     parts.plane.setAttribute("aria-label", `Phasors of pixels in their plane, phases ${said}`);
   }
 
@@ -841,7 +861,7 @@ class Explorer {
       words.push(`wall (${Array.from(points.slice(from, from + 3), (each) => short(each)).join(", ")}) m`);
     }
     const response = this.curve(at).values;
-    words.push(`${short(response[now.bin])} ${this.isVolume ? "at" : "at"} ${this.when(now.bin)}`);
+    words.push(`${short(response[now.bin])} at ${this.when(now.bin)}`);
     if (this.about.geometry.mode === "confocal") words.push("each point is lit by itself");
     parts.readout.textContent = words.join("  ·  ");
     parts.readout.dataset.pixel = String(i);
@@ -888,7 +908,6 @@ class Explorer {
 }
 
 const PHASORS = [["depth", "Depth"], ["phase", "Phase"], ["amplitude", "Amplitude"]];
-const LINES = ["- -", "· ·", "– ·", "·  ·", "—  —", "·   ·"];
 const KEYS =
   "Keys: ← → a step in time (Shift: ten), Home and End the first and the last, Space plays. In the " +
   "picture: arrows move the chosen pixel (Shift: ten), 1 to 6 choose, Enter adds, Delete removes. " +

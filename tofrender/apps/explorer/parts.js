@@ -85,6 +85,19 @@ export function tick(name, chosen, title = "") {
   return element;
 }
 
+/** A short line, as a legend shows one. */
+export function lineSwatch(dash, colour) {
+  const name = "http://www.w3.org/2000/svg";
+  const [picture, line] = ["svg", "line"].map((tag) => document.createElementNS(name, tag));
+  const set = (element, attributes) =>
+    Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
+  set(picture, { width: 28, height: 10, "aria-hidden": "true" });
+  set(line, { x1: 0, y1: 5, x2: 28, y2: 5, stroke: colour, "stroke-width": 1.5 });
+  set(line, { "stroke-dasharray": dash.join(" ") });
+  picture.append(line);
+  return picture;
+}
+
 /** Rows of cells, the first row of headings; what has not changed stays, with the reader's focus. */
 export function fill(table, [headings, ...rows]) {
   if (table.rows.length !== rows.length + 1) {

@@ -32,10 +32,15 @@ export function short(value, digits = 3) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e-3 && size < 1e5) return String(Number(value.toPrecision(digits)));
+  if (size >= 1e-3 && size < 1e5) return signed(Number(value.toPrecision(digits)));
   const [front, power] = value.toExponential(digits - 1).split("e");
   const raised = String(Number(power)).replace(/./g, (sign) => RAISED[sign]);
-  return `${Number(front)}·10${raised}`;
+  return `${signed(Number(front))}·10${raised}`;
+}
+
+/** A number's text with a minus sign. */
+export function signed(text) {
+  return String(text).replace("-", "−");
 }
 
 const RAISED = Object.fromEntries([..."-0123456789"].map((sign, k) => [sign, "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"[k]]));
@@ -260,5 +265,5 @@ function decades(low, high) {
 }
 
 function plain(value) {
-  return String(Number(value.toPrecision(6)));
+  return signed(Number(value.toPrecision(6)));
 }

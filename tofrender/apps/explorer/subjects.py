@@ -13,7 +13,7 @@ import numpy as np
 from ...nlos.captures import ON_WALL, check_capture
 from ...nlos.reconstruction.depths import check_volume, depth_map
 from ...rendering.cubes import Cube
-from ...rendering.dataset import time_axis
+from ...rendering.dataset import QUANTITIES, time_axis
 from ...runtime import checks
 from ...signals.colour import LUMINANCE
 from ...signals.units import ns_to_opl
@@ -240,15 +240,15 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
     """The light of all strategies of a pyramid, and that of each number of bounces."""
     if "weighting" not in data.dims or not {"s", "t"} <= set(data.coords):
         raise ValueError("data with strategies: must be a result of strategy_pyramid")
-    weighted = data.sel(weighting="mis", drop=True)
+    weighted = data.sel(weighting="mis", drop=True).assign_attrs(quantity=QUANTITIES[0])
     length = (data["s"] + data["t"]).values
     orders = {}
     for vertices in sorted({int(n) for n in length}):
         bounces = vertices - 2
         part = weighted.isel(strategy=np.flatnonzero(length == vertices)).sum("strategy")
         name = "lamp, seen directly" if not bounces else f"{bounces} bounce{'s' * (bounces > 1)}"
-        orders[name] = part.assign_attrs(data.attrs)
-    return weighted.sum("strategy").assign_attrs(data.attrs), orders
+        orders[name] = part
+    return weighted.sum("strategy", keep_attrs=True), orders
 
 
 # ------------------------------------------------------------------------------------------ parts
