@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.progress import hidden, status
-from . import course, dataset, grade, merge, nlos, render, time, warp
+from . import course, dataset, grade, merge, nlos, render, report, time, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -152,7 +152,6 @@ def doctor(as_json: Json = False) -> None:
 
 SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp),
-    warp.warptest,
     *(render.render, merge.merge, dataset.dataset),
 )
 """Commands that show that they work; the others say each thing that they have done."""
@@ -160,5 +159,6 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
+    *(report.report, warp.warptest),
 ):
     app.command()(_telling(command))
