@@ -114,7 +114,7 @@ def warptest(
     given = _parameters(subject, alpha, image, parameters)
     make = application(subject, module=module, **given)
     try:
-        serve(make, "Warp tester", host=host, port=port, browser=browser, tell=typer.echo)
+        serve(make, "Warp tester", host=host, port=port, browser=browser, tell=say)
     finally:
         make.engine.close()
 

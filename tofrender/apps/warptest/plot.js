@@ -57,6 +57,7 @@ export function render({ model }) {
     move(...steps[event.key]);
     event.preventDefault();
   });
+  model.ready += 1; // From now on, what is sent arrives
   return root;
 }
 

@@ -33,6 +33,7 @@ CHANGED = looks.box("", "The file has changed", "Its points are drawn anew; run 
 class Plot(pn.custom.JSComponent):
     """The canvas of points and grid; `plot.js` says what each parameter is."""
 
+    ready = param.Integer(default=0)
     points = param.Bytes(default=b"")
     lines = param.Bytes(default=b"")
     dimensions = param.Integer(default=2)
@@ -333,7 +334,7 @@ class Window:
     def layout(self) -> Any:
         """All of it."""
         self._show_parameters()
-        pn.state.onload(self._first)
+        self.plot.param.watch(self._redraw, "ready")
         if self.engine.module is not None:
             pn.state.add_periodic_callback(self.look_again, period=1000)
         mark = looks.text
@@ -371,9 +372,6 @@ class Window:
         top = pn.Row(left, right, styles={"flex-wrap": "wrap"}, **wide)
         main = pn.Column(top, self.panels, margin=(10, 10, 0, 0), **wide)
         return pn.Row(controls, main, sizing_mode="stretch_width")
-
-    async def _first(self) -> None:
-        await self._redraw(None)
 
 
 def described(verdict: Verdict, samples: int) -> str:
