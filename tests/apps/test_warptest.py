@@ -338,7 +338,10 @@ def test_headless_tests_all_of_the_package(tmp_path, capsys):
         (["tent", "-D", "alpha=1"], "alpha = 1: must be left out; tent has the parameters: none"),
         (["--port", "0"], "--port = 0: must be an integer from 1 to 65535"),
         (["tent", "--samples", "10"], "--samples = 10: must be an integer from 1000 to 16777216"),
-        (["--host", "not a host", "--no-browser"], "host = 'not a host': must be an address to listen"),
+        (
+            ["--host", "not a host", "--no-browser"],
+            "host = 'not a host': must be an address to listen",
+        ),
     ],
 )
 def test_bad_options_of_the_command(capsys, tmp_path, monkeypatch, arguments, said):

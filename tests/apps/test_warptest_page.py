@@ -30,7 +30,9 @@ def opened(*arguments, size=(1280, 800), dark=False, cwd=None):
             own = (command.url, "data:", "blob:")
             there.on(
                 "request",
-                lambda asked: None if asked.url.startswith(own) else there.elsewhere.append(asked.url),
+                lambda asked: (
+                    None if asked.url.startswith(own) else there.elsewhere.append(asked.url)
+                ),
             )
             there.goto(command.url)
             there.command = command

@@ -31,7 +31,9 @@ def text(markup: str = "", **options: Any) -> Any:
 
 def box(kind: str, title: str, body: str = "") -> str:
     """A message: "good", "bad" or "" (a note), with a title and more in HTML."""
-    return f'<div class="box {kind}" role="status"><strong>{html.escape(title)}</strong>{body}</div>'
+    return (
+        f'<div class="box {kind}" role="status"><strong>{html.escape(title)}</strong>{body}</div>'
+    )
 
 
 def trouble(title: str, error: BaseException) -> str:

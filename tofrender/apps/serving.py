@@ -197,4 +197,3 @@ def _by_token(title: str, token: str) -> Any:
             return Refusal
 
     return ByToken()
-

@@ -159,6 +159,6 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
-    *(report.report, warp.warptest, view.view),
+    *(report.report, warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))

@@ -81,3 +81,40 @@ def view(
         serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
     finally:
         looked_at.close()
+
+
+def compare(
+    one: Annotated[
+        str,
+        typer.Argument(metavar="SCENE|FILE", help="A scene of the course, or a picture's file."),
+    ] = "veach",
+    two: Annotated[
+        str | None, typer.Argument(metavar="[FILE]", help="Another picture of the same size.")
+    ] = None,
+    host: Host = "127.0.0.1",
+    port: Port = None,
+    browser: Browser = True,
+    variant: opt.Variant = None,
+) -> None:
+    """Look at two pictures under a divider that one drags.
+
+    Of a scene of the course they are rendered by the techniques that are chosen in the page, and
+    their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.
+    """
+    from tofrender.apps.serving import require_panel, serve
+    from tofrender.runtime import backend
+
+    require_panel()
+    backend.activate(variant)
+    backend.require_vectorised()
+
+    from tofrender.apps.compare.pictures import SCENES, opened, same_size
+    from tofrender.apps.compare.window import application
+
+    if two is None:
+        make = application(scene=checks.one_of("SCENE|FILE", one, SCENES))
+    else:
+        files = opened(one), opened(two)
+        same_size(*files)
+        make = application(files=files)
+    serve(make, "Two pictures", host=host, port=port, browser=browser, tell=opt.say)

@@ -59,9 +59,7 @@ class Domain:
         return self.to_points(np.zeros((2, 1))).shape[0]
 
 
-def rectangle(
-    low: tuple[float, float], high: tuple[float, float], *, down: bool = False
-) -> Domain:
+def rectangle(low: tuple[float, float], high: tuple[float, float], *, down: bool = False) -> Domain:
     """The rectangle between two corners in the plane; with `down`, drawn with y downwards.
 
     Example:
@@ -123,7 +121,7 @@ DOMAINS: dict[str, Callable[[], Domain]] = {
     "sphere": sphere,
     "hemisphere": lambda: sphere(upper_only=True),
 }
-"""Domains by name: the unit square under two names, [-1, 1]^2 too, all directions, the upper half."""
+"""Domains by name: the unit square and [-1, 1]^2, each under two names; all directions, or half."""
 
 
 def find(domain: Any) -> Domain:

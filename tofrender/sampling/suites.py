@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks
@@ -48,6 +47,7 @@ class Case:
         """Run `chi_square_test` with the keyword arguments given.
 
         Example:
+            >>> import drjit as dr
             >>> even = lambda p: dr.full(mi.Float, 1, dr.width(p))
             >>> Case(lambda sample: sample, even, "square").test(samples=20_000).passed
             True

@@ -110,7 +110,8 @@ class Window:
     def layout(self) -> Any:
         """All of it."""
         self.explorer.param.watch(self._begin, "ready")
-        pn.state.add_periodic_callback(self._look, period=EVERY_MS)
+        look: Any = self._look
+        pn.state.add_periodic_callback(look, period=EVERY_MS)
         buttons = [self.stop, self.save] if self.looked_at.is_live else []
         wrap = {"flex-wrap": "wrap", "align-items": "center"}
         self.region.styles = wrap
@@ -170,9 +171,7 @@ class Window:
             self.said.object = ""
             if not region:
                 self._offer_region(data, contents)
-        self.explorer.param.update(
-            version=self.explorer.version + 1, contents=packed(contents)
-        )
+        self.explorer.param.update(version=self.explorer.version + 1, contents=packed(contents))
 
     def _offer_region(self, data: Any, contents: Contents) -> None:
         """Parts can be looked at in full where all of it had to be reduced."""

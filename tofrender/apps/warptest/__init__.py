@@ -78,7 +78,9 @@ def application(subject: str = "tent", *, module: Any = None, **parameters: Any)
 
         if looks.page_style() not in pn.config.raw_css:
             pn.config.raw_css = [*pn.config.raw_css, looks.page_style()]
-        return Window(engine, subject, {k: v for k, v in values.items() if k in parameters}).layout()
+        return Window(
+            engine, subject, {k: v for k, v in values.items() if k in parameters}
+        ).layout()
 
     make.engine = engine  # pyright: ignore[reportFunctionMemberAccess]
     return make

@@ -137,7 +137,8 @@ def panels(verdict: Verdict) -> str:
 
     names = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
     style: dict[str, Any] = dict.fromkeys(names, INK)
-    with matplotlib.rc_context(style | {"font.size": 9, "savefig.dpi": 160}):
+    options: Any = style | {"font.size": 9, "savefig.dpi": 160}
+    with matplotlib.rc_context(options):
         figure = new_figure(9.9, 2.85, "compressed")
         density_panels(figure.subplots(1, 3), verdict)
         figure.patch.set_alpha(0)

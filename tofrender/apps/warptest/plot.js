@@ -1,7 +1,7 @@
 // Points of a warp and the grid that it bends, in the plane or on the sphere.
 //
 // The model has `points` and `lines`, float32 with one coordinate after the other (NaN ends a
-// line), `dimensions`, `view` ("2D" or "3D"), `show`, `low`, `high`, `labels`, `down`, `upper`,
+// line), `dimensions`, `view` ("2D" or "3D"), `parts`, `low`, `high`, `labels`, `down`, `upper`,
 // `alt`. Directions in 2D are unrolled: azimuth to the right, cosine of the polar angle upwards.
 
 const TURN = [-0.6, 0.42];
@@ -20,7 +20,7 @@ export function render({ model }) {
   const redraw = () => {
     if (!pending) pending = requestAnimationFrame(() => ((pending = 0), draw(canvas, model, turn)));
   };
-  const names = ["points", "lines", "dimensions", "view", "show", "low", "high", "labels"];
+  const names = ["points", "lines", "dimensions", "view", "parts", "low", "high", "labels"];
   for (const name of [...names, "down", "upper", "alt"]) model.on(name, redraw);
   const size = new ResizeObserver(redraw);
   size.observe(root);
@@ -75,7 +75,7 @@ function draw(canvas, model, turn) {
   const d = model.dimensions;
   const points = columns(model.points, d);
   const lines = columns(model.lines, d);
-  const shown = { points: model.show.includes("points"), grid: model.show.includes("grid") };
+  const shown = { points: model.parts.includes("points"), grid: model.parts.includes("grid") };
   const colours = colours_of(canvas);
   const solid = d === 3 && model.view === "3D";
   canvas.setAttribute("aria-label", model.alt);

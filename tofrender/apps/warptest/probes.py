@@ -19,8 +19,8 @@ KINDS = {2: "mi.Point2f", 3: "mi.Vector3f"}
 def sample(theirs: Any, subject: str, values: dict[str, Any], numbers: np.ndarray) -> list[Any]:
     """Warped points of the unit square's; of a light also which are valid, and their densities."""
     given = SUBJECTS[subject]
-    result = _made(theirs, subject, values)[0](mi.Point2f(np.ascontiguousarray(numbers)))
-    points, *more = result if isinstance(result, tuple) else (result,)
+    result: Any = _made(theirs, subject, values)[0](mi.Point2f(np.ascontiguousarray(numbers)))
+    points, *more = result if isinstance(result, tuple) and result else (result,)
     size = given.dimensions
     if not dr.is_array_v(points) or dr.depth_v(points) != 2 or dr.size_v(points) != size:
         came = type(points).__name__

@@ -38,7 +38,7 @@ class Plot(pn.custom.JSComponent):
     lines = param.Bytes(default=b"")
     dimensions = param.Integer(default=2)
     view = param.String(default="2D")
-    show = param.List(default=["points", "grid"])
+    parts = param.List(default=["points", "grid"])
     low = param.List(default=[0.0, 0.0])
     high = param.List(default=[1.0, 1.0])
     labels = param.List(default=["x", "y"])
@@ -238,8 +238,8 @@ class Window:
 
     def _failed(self) -> str:
         """The head of what is said of a failure."""
-        is_theirs = self.source.value == MODULE and self.engine.module is not None
-        file = self.engine.module.file_of(self.subject.value) if is_theirs else ""
+        module = self.engine.module if self.source.value == MODULE else None
+        file = "" if module is None else module.file_of(self.subject.value)
         return f"{SUBJECTS[self.subject.value].title}: {file or 'this package'} gives no points"
 
     def _send(self, drawn: Drawn) -> None:
@@ -254,7 +254,7 @@ class Window:
             lines=np.ascontiguousarray(drawn.lines).tobytes(),
             dimensions=subject.dimensions,
             view=self.view.value,
-            show=list(self.show.value),
+            parts=list(self.show.value),
             low=list(domain.low),
             high=list(domain.high),
             labels=list(domain.labels),
@@ -268,7 +268,7 @@ class Window:
         self.about.object = f'<h2>{title}</h2><p class="quiet">{density}{turn}</p>'
 
     def _view(self, _: Any) -> None:
-        self.plot.param.update(view=self.view.value, show=list(self.show.value))
+        self.plot.param.update(view=self.view.value, parts=list(self.show.value))
 
     def _say_trouble(self, title: str, error: BaseException) -> None:
         self.trouble.object = looks.trouble(title, error)
@@ -336,7 +336,8 @@ class Window:
         self._show_parameters()
         self.plot.param.watch(self._redraw, "ready")
         if self.engine.module is not None:
-            pn.state.add_periodic_callback(self.look_again, period=1000)
+            watch: Any = self.look_again
+            pn.state.add_periodic_callback(watch, period=1000)
         mark = looks.text
         figure = pn.Row(self.format, self.save, width=SIDE + 12, margin=0)
         controls = pn.Column(
