@@ -235,7 +235,7 @@ def note(line: str) -> None:
     say(line, err=True)
 
 
-def dots(dpi: int | None) -> dict[str, int]:
+def dots(dpi: int | None) -> dict[str, Any]:
     """What `savefig` is told, if anything."""
     return {} if dpi is None else {"dpi": dpi}
 

@@ -26,8 +26,7 @@ def write(
     from tofrender.io.parallel import at_once
 
     def summary() -> None:
-        dots: Any = opt.dots(dpi)
-        vis.summary_figure(dataset).savefig(folder / f"summary.{figure}", **dots)
+        vis.summary_figure(dataset).savefig(folder / f"summary.{figure}", **opt.dots(dpi))
 
     def transient() -> None:
         _transient(dataset, folder, format, precision, progress=not video)
