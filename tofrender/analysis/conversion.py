@@ -103,7 +103,7 @@ def transient_to_phasor(
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window and is missing from "
             "the phasors; use a longer window, or accumulate phasors per path",
-            stacklevel=2,
+            stacklevel=3,
         )
 
     centres = start + (np.arange(cube.shape[2]) + 0.5) * width
