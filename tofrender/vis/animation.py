@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..signals.units import opl_to_ns
 from .figures import picture_aspect, pixel_axes, time_axes
 from .tone import auto_exposure, tonemap
@@ -22,6 +22,7 @@ _INTERVAL_MS = 50
 _PLAYER_FRAMES, _PLAYER_DPI = 100, 72
 
 
+@in_style
 def visualize_transient(
     data: Any, start_opl: float | None = None, bin_width_opl: float | None = None
 ) -> FuncAnimation:
@@ -109,6 +110,7 @@ def _error_of(data: Any, x: int, y: int) -> np.ndarray | None:
     return data["transient_error"].sel(x=int(x), y=int(y)).values
 
 
+@in_style
 def plot_pixel_transient(
     data: Any,
     x: int,
@@ -146,13 +148,16 @@ def plot_pixel_transient(
     """
     sequence = Transient.of(data, start_opl, bin_width_opl, quantity)
     response = sequence.pixel(x, y)
-    figure = new_figure(7.0, 3.8)
+    width = figure_width(5.5)
+    figure = new_figure(width, 1.2 + 0.33 * width)
     axes = figure.add_subplot()
-    styles = zip(("tab:red", "tab:green", "tab:blue"), "RGB", strict=True)
+    styles = [(palette().ink, "L", "-")]
+    if response.shape[1] == 3:
+        styles = list(zip(palette().channels, "RGB", ("-", "--", ":"), strict=True))
     errors = _error_of(data, x, y)
-    for channel, (color, name) in enumerate(styles if response.shape[1] == 3 else [("black", "L")]):
+    for channel, (color, name, dashes) in enumerate(styles):
         time_ns, line = opl_to_ns(sequence.opl), response[:, channel]
-        axes.plot(time_ns, line, color=color, label=name)
+        axes.plot(time_ns, line, color=color, linestyle=dashes, label=name)
         if errors is not None:
             low, high = line - errors[:, channel], line + errors[:, channel]
             axes.fill_between(time_ns, low, high, color=color, alpha=0.25, lw=0)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style
+from ..runtime.plots import PictureGrid, few_ticks
 from ..sampling.figures import caption, density_panels, verdict_figure
 from ..sampling.verdicts import Verdict
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["verdict_figure", "warp_figure"]
 
 
+@in_style
 def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     """Warped points and the density they should have, above the verdict of a chi-square test.
 
@@ -43,13 +45,12 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     points = checks.real_array("points", points, np.float64)
     if points.ndim != 2 or len(points) not in (2, 3) or not points.size:
         raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
-    figure = new_figure(11.5, 10.0, "compressed")
-    (first, expected), (observed, difference) = figure.subplots(2, 2)
+    grid = PictureGrid(figure_width(5.5), 2, 2, 1.0, own_y=True, **caption(verdict))
+    first = grid.axes(0, 0, title)
     _points(first, points, verdict)
-    first.set_title(title)
-    density_panels((observed, expected, difference), verdict)
-    caption(figure, verdict)
-    return figure
+    names = ("expected density", "observed density", "difference")
+    density_panels(grid, verdict, [(0, 1), (1, 0), (1, 1)], names)
+    return grid.figure
 
 
 def _points(axes: Axes, points: np.ndarray, verdict: Verdict) -> None:
@@ -65,8 +66,7 @@ def _points(axes: Axes, points: np.ndarray, verdict: Verdict) -> None:
         labels = ("φ [rad]", "cos θ")
     axes.scatter(x, y, s=size, linewidths=0)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.locator_params(nbins=5)
-    axes.set_box_aspect(1)
+    few_ticks(axes)
     if points.shape[0] == 2:
         (low_x, low_y), (high_x, high_y) = verdict.domain.low, verdict.domain.high
         axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y))
