@@ -128,6 +128,20 @@ def test_exposure_grows_as_light_fades():
     assert (vis.growing_exposure(values, share=0) == gains[0]).all()
 
 
+def test_a_lamp_in_view_does_not_make_all_the_rest_late():
+    """It lights one pixel in a thousand, a thousand times as bright as the walls."""
+    values = np.full((50, 40, 12), 1.0, np.float32)
+    values[:, :, :2], values[:, :, -3:] = 0, 0
+    plain = vis.growing_exposure(values)
+    values[:2, 0, 3] = 1000
+    gains = vis.growing_exposure(values)
+    assert (gains[:9] == gains[0]).all()
+    np.testing.assert_allclose(gains[0], plain[0], rtol=1e-6)
+    assert vis.lit_bins(values) == slice(2, 9)
+    assert vis.lit_bins(0 * values) == slice(0, 12)
+    assert vis.lit_bins(values, stops=32) == slice(2, 9)
+
+
 @pytest.mark.parametrize("fill", [0.0, -1.0, np.nan, np.inf, 1e-300])
 def test_exposure_without_usable_light(fill):
     gains = vis.growing_exposure(np.full((2, 3, 4), fill))

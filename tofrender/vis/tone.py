@@ -53,7 +53,8 @@ def _lit(values: np.ndarray) -> np.ndarray:
 def growing_exposure(values: Any, *, share: float = 0.75, most_stops: float = 6.0) -> np.ndarray:
     """Gains, one a bin, that grow as the light of a sequence fades, so that late light is seen.
 
-    With the mean light m_k of bin k, and M_k the most that is still to come in bin k or later,
+    With the mean m_k of bin k's light, where none counts as more than white at `auto_exposure`, and
+    M_k the most that is still to come in bin k or later,
 
         gain_k = auto_exposure · 2^stops_k,    stops_k = min(most_stops, share · log2(M_0 / M_k))
 
@@ -79,17 +80,47 @@ def growing_exposure(values: Any, *, share: float = 0.75, most_stops: float = 6.
     """
     share = checks.number("share", share, low=0, high=1)
     most = checks.number("most_stops", most_stops, low=0, high=32)
-    sequence = Transient(Cube.of("values", values), 0.0, 1.0)
-    light = np.zeros(sequence.bins)
-    for (*_, bins), values in sequence.lights():
-        light[bins] += values.sum(axis=(0, 1), dtype=np.float64)
+    gain, light = _light_of_bins(values)
     to_come = np.maximum.accumulate(light[::-1])[::-1]
-    fading = np.full(sequence.bins, math.inf)
+    fading = np.full(light.size, math.inf)
     np.divide(to_come[0], to_come, out=fading, where=to_come > 0)
     stops = np.minimum(most, share * np.log2(fading) if share and to_come[0] > 0 else 0.0)
     with np.errstate(over="ignore"):
-        gains = auto_exposure(sequence.values) * 2**stops * np.ones(sequence.bins)
+        gains = gain * 2**stops * np.ones(light.size)
     return np.minimum(gains, np.finfo(np.float64).max)
+
+
+def lit_bins(values: Any, *, stops: float = 6.0) -> slice:
+    """The bins that a film of a sequence needs: before and after them it is dark.
+
+    Args:
+        values: As for `growing_exposure`.
+        stops: A bin is dark whose mean light, where none counts as more than white, is so many
+            factors of 2 below the brightest bin's; in (0, 32].
+
+    Returns:
+        From the first bin that is not dark to the last; all where there is no light.
+
+    Raises:
+        ValueError: Another shape, or a number out of range.
+
+    Example:
+        >>> lit_bins(np.array([0, 0, 8, 0, 1, 0.01, 0]) * np.ones((2, 2, 1)))
+        slice(2, 5, None)
+    """
+    stops = checks.number("stops", stops, positive=True, high=32)
+    _, light = _light_of_bins(values)
+    lit = np.flatnonzero(light > light.max() * 2.0**-stops)
+    return slice(int(lit[0]), int(lit[-1]) + 1) if lit.size else slice(0, light.size)
+
+
+def _light_of_bins(values: Any) -> tuple[float, np.ndarray]:
+    """The gain `auto_exposure`, and the sum of each bin's luminance, where none is above white."""
+    sequence = Transient(Cube.of("values", values), 0.0, 1.0)
+    gain, light = auto_exposure(sequence.values), np.zeros(sequence.bins)
+    for (*_, bins), pixels in sequence.lights():
+        light[bins] += np.minimum(pixels, 1 / gain).sum(axis=(0, 1), dtype=np.float64)
+    return gain, light
 
 
 def tonemap(
