@@ -171,7 +171,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "file": (set(), {"folder": ".", "long": "x" * 5000 + ".npz", "nothing": "none.npz"}),
     "checkpoint": (set(), {"folder": ".", "long": "x" * 5000 + ".npz"}),
     "renders": (set(), {"one": [xr.Dataset()] * 2}),
-    "figure": ({"text", "digits"}, {"no folder": "no/a.png"}),
+    "figure": (set(), {"no folder": "no/a.png", "another ending": "a.jpg", "folder": "."}),
     "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
 }
 

@@ -214,7 +214,8 @@ def write(
             )
         if video:
             io.save_video(dataset, folder / "video.mp4")
-        vis.summary_figure(dataset).savefig(folder / f"summary.{figure}", **opt.dots(dpi))
+        summary = folder / f"summary.{figure}"
+        io.save_figure(vis.summary_figure(dataset), summary, **opt.dots(dpi))
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
             placed(dataset, folder / opt.FILES[format])
         return sorted(path.name for path in folder.iterdir())

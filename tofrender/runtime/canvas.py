@@ -74,7 +74,8 @@ class _Style:
     width: float | None = None
 
 
-_STYLE: ContextVar[_Style] = ContextVar("style", default=_Style())
+_USUAL = _Style()
+_STYLE: ContextVar[_Style] = ContextVar("style", default=_USUAL)
 
 
 @contextmanager
@@ -229,7 +230,7 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
         figure: A `matplotlib.figure.Figure`, this package's or another.
         path: A file name that ends in .png, .pdf or .svg. A file that is there is replaced when
             the new one is complete.
-        dpi: Pixels per inch, 20 to 1200; of the pictures inside of a PDF or SVG too.
+        dpi: Pixels per inch, 20 to 2400; of the pictures inside of a PDF or SVG too.
 
     Returns:
         `path`.
@@ -253,7 +254,7 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
 
     checks.instance("figure", figure, Figure, "a figure of Matplotlib")
     target = check_figure_path(path)
-    dpi = checks.number("dpi", dpi, low=20, high=1200)
+    dpi = checks.number("dpi", dpi, low=20, high=2400)
     check_writable(path)
     kind = target.suffix.lower()
     with replacing(target) as temporary, rc_context(_SAVED):

@@ -39,8 +39,8 @@ def light_in_flight(
 
     - `"arrival"`: the mean arrival time, weighted by luminance;
     - `"peak"`: the centre of the brightest bin;
-    - `"rainbow"`: bands of equal arrival time. The colours go once around in `period_ns`: they say the
-      argument of the phasor P = sum over bins of L exp(2πi t / period_ns). The saturation is
+    - `"rainbow"`: bands of equal arrival time. The colours go around once in `period_ns`: they
+      tell the argument of the phasor P = sum over bins of L exp(2πi t / period_ns). They fade by
       sqrt(abs P / sum of L), so that light spread over more than a period turns grey instead of
       taking a colour that means nothing.
 

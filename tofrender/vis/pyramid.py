@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ..rendering.dataset import time_axis
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import fit_height, wrapped
+from ..runtime.plots import wrapped
 from .figures import picture_aspect
 from .tone import auto_exposure, tonemap
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_WIDTH, _LEAST, _ROOM = 1.2, 0.42, 0.8
-"""Widths of a picture: usual, least, and from which on its title is written out [inches]."""
+_WIDTH, _LEAST, _ROOM, _BETWEEN, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
+"""Widths of a picture: usual, least, from which on its title is written out; gaps [inches]."""
 
 
 @in_style
@@ -70,22 +70,24 @@ def pyramid_figure(
     rows = int((pyramid["s"] + pyramid["t"]).max()) - 1
     wide = max(figure_width(max(3.4, min(7.0, _WIDTH * (rows + 1)))), _LEAST * (rows + 1))
     each = wide / (rows + 1)
-    height = each * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
-    figure = new_figure(wide, (height + 0.3) * rows + 0.6)
-    grid = figure.add_gridspec(rows, 2 * (rows + 1))
+    high = (each - _BETWEEN) * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
+    named = _title(weighting, what, stops) if title is None else title
+    named = wrapped(named if each > _ROOM else f"{named}\nnumbers are s, t", wide - 0.1)
+    top = 0.1 + 0.155 * len(named.splitlines())
+    tall = top + rows * (high + _ABOVE) + 0.07
+    figure = new_figure(wide, tall, layout=None)
+    figure.suptitle(named, y=1 - 0.07 / tall, va="top")
     for picture in chosen.sel(weighting=weighting):
         s, t = int(picture["s"]), int(picture["t"])
         segments = s + t - 1
-        left = rows - segments + 2 * s
-        axes = figure.add_subplot(grid[segments - 1, left : left + 2])
+        left = (rows - segments + 2 * s) / 2 * each + _BETWEEN / 2
+        bottom = tall - top - segments * (high + _ABOVE)
+        box = (left / wide, bottom / tall, (each - _BETWEEN) / wide, high / tall)
+        axes = figure.add_axes(box, xticks=[], yticks=[])
         gain = exposure * 2 ** (stops * (segments - 1))
         axes.imshow(tonemap(picture.values, exposure=gain))
-        named = f"s = {s}, t = {t}" if each > _ROOM else f"{s}, {t}"
-        axes.set_title(named, fontsize=7, pad=2)
-        axes.set(xticks=[], yticks=[])
-    named = _title(weighting, what, stops) if title is None else title
-    figure.suptitle(wrapped(named if each > _ROOM else f"{named}\nnumbers are s, t", wide))
-    fit_height(figure)
+        label = f"s = {s}, t = {t}" if each > _ROOM else f"{s}, {t}"
+        axes.set_title(label, fontsize=7, pad=2)
     return figure
 
 
