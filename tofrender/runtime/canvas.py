@@ -182,6 +182,7 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
     from matplotlib import rc_context, rcParams
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     settings = {name: rcParams[name] for name in _settings()}
 
@@ -199,10 +200,20 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
             self.savefig(stream, format="png")
             return stream.getvalue()
 
+    class Layout(ConstrainedLayoutEngine):
+        def execute(self, fig: Figure) -> None:
+            """Places to five digits: noise in the last ones would make other files each time."""
+            super().execute(fig)
+            for axes in fig.axes:
+                place = axes.get_position(original=True).bounds
+                axes._set_position([round(part, 5) for part in place])  # pyright: ignore
+
     class Canvas(FigureCanvasAgg):
         def draw_idle(self, *args: Any, **kwargs: Any) -> None:
             """There is no window to refresh; without this every frame is drawn twice."""
 
+    if layout in ("constrained", "compressed"):
+        layout = Layout(compress=layout == "compressed")
     figure = Picture(figsize=(width, height), layout=layout)
     Canvas(figure)
     return figure

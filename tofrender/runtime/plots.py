@@ -119,8 +119,9 @@ def hatch_patch(meaning: str, dark: bool = False) -> Any:
 
 def fit_height(figure: Figure) -> None:
     """Give a figure the height that its contents need at its width; make it too high before."""
-    figure.draw_without_rendering()
-    figure.set_figheight(max(1.0, figure.get_tightbbox().height + 2 * PAD))
+    for _ in range(2):
+        figure.draw_without_rendering()
+        figure.set_figheight(max(1.0, figure.get_tightbbox().height + 2 * PAD))
 
 
 # ------------------------------------------------------------------------- grids of pictures
@@ -201,7 +202,8 @@ class PictureGrid:
         """The axes of a picture, with options as of `add_axes`."""
         box = self._box(self._left(column), self.tops[row] + self.high, self.wide, self.high)
         axes = self.figure.add_axes(box, **options)
-        axes.set_title(wrapped(title, self.wide + 0.1))
+        size = min(9.0, max(6.0, 72 * (self.wide + 0.1) / (0.56 * max(1, len(title)))))
+        axes.set_title(wrapped(title, self.wide + 0.1, size), fontsize=size)
         return axes
 
     def trim(self, axes: Axes, row: int, column: int) -> None:

@@ -77,7 +77,7 @@ def density_panels(
         label, extend = unit, "max"
         if name == "difference":
             options = {"cmap": "RdBu_r", "vmin": -5, "vmax": 5}
-            label, extend = "(observed − expected) / √expected", "both"
+            label, extend = "standard deviations", "both"
         axes = grid.axes(row, column, name)
         values = panels[name][rows]
         shown = axes.pcolormesh(

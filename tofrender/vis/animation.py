@@ -30,10 +30,7 @@ _KEYS = {
 _SIGNS = "\n".join(
     (
         "<style>.animation .fa {font-style: normal; font-size: 11px}",
-        *(
-            f'.animation .fa-{name}::before {{content: "{sign}"}}'
-            for name, sign in _BUTTONS.items()
-        ),
+        *(f'.animation .fa-{name}::before {{content: "{sign}"}}' for name, sign in _KEYS.items()),
         "</style>",
     )
 )
