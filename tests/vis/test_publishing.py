@@ -403,7 +403,7 @@ def test_a_folder_is_no_file(tmp_path):
 @pytest.mark.slow
 def test_players_open_on_the_brightest_frame_and_play():
     """Not on the one with the most light, which may be the lamp alone."""
-    values = np.zeros((8, 8, 12), np.float32)
+    values = np.zeros((32, 32, 12), np.float32)
     values[0, 0, 1], values[:, :, 7] = 1000, 1
     animation = vis.visualize_transient(values, 3.5, 0.02)
     assert animation._fig.axes[0].images[0].get_array().mean() > 99  # pyright: ignore

@@ -202,7 +202,7 @@ class PictureGrid:
         """The axes of a picture, with options as of `add_axes`."""
         box = self._box(self._left(column), self.tops[row] + self.high, self.wide, self.high)
         axes = self.figure.add_axes(box, **options)
-        size = min(9.0, max(6.0, 72 * (self.wide + 0.1) / (0.56 * max(1, len(title)))))
+        size = min(9.0, max(6.0, 71.9 * (self.wide + 0.1) / (0.56 * max(1, len(title)))))
         axes.set_title(wrapped(title, self.wide + 0.1, size), fontsize=size)
         return axes
 

@@ -31,7 +31,7 @@ def verdict_figure(verdict: Verdict) -> Figure:
         verdict: What `chi_square_test` returns.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `figure.savefig(...)` writes it.
+        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Example:
         >>> from tofrender.sampling import warp_case

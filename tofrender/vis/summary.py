@@ -31,7 +31,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
             pixel, one that peaks early and one that peaks late.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `figure.savefig(...)` writes it.
+        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Raises:
         ValueError: A pixel outside the image.

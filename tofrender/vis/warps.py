@@ -30,7 +30,7 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
         title: Title of the first panel.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `figure.savefig(...)` writes it.
+        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Example:
         >>> from tofrender.sampling import grid, warp_case
