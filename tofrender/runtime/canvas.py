@@ -138,9 +138,9 @@ def in_style(function: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
     return drawn
 
 
-def _settings() -> dict[str, Any]:
+def _settings() -> dict[Any, Any]:
     """What Matplotlib calls rcParams."""
-    from matplotlib import cycler
+    from cycler import cycler
 
     colours = palette()
     inked = ("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color")
@@ -221,7 +221,7 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
 # ----------------------------------------------------------------------------------- saving
 
-_SAVED = {"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "tofrender"}
+_SAVED: dict[Any, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "tofrender"}
 """Text stays text, and names inside of files stay the same."""
 
 _METADATA: dict[str, dict[str, str | None]] = {

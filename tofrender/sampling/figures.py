@@ -92,7 +92,7 @@ def density_panels(
         grid.bar(shown, row, column, label, extend=extend)
 
 
-def caption(verdict: Verdict) -> dict[str, str]:
+def caption(verdict: Verdict) -> dict[str, Any]:
     """The verdict as the title of a `PictureGrid`, in the colour of good or of bad."""
     lines = [textwrap.shorten(line, 150) for line in str(verdict).splitlines()]
     colours = palette()

@@ -56,7 +56,8 @@ def time_axes(axes: Axes, sequence: Transient) -> None:
     factor, formatter = scale_of(max(map(abs, axes.get_ylim())))
     axes.yaxis.set_major_formatter(formatter)
     quantity = with_factor(sequence.quantity, factor)
-    narrow = axes.get_figure(root=True).get_figwidth() < COLUMN
+    figure: Any = axes.get_figure(root=True)
+    narrow = figure.get_figwidth() < COLUMN
     axes.set_ylabel(quantity.replace(" [", "\n[") if narrow else quantity)
     axes.set_xlim(opl_to_ns(sequence.opl[0]), opl_to_ns(sequence.opl[-1]) + 1e-9)
     axes.grid(alpha=0.3)

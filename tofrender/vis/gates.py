@@ -66,7 +66,8 @@ def gate_figure(
     from matplotlib.colors import ListedColormap, Normalize
 
     wide = figure_width(4.6)
-    high = wide * picture_aspect(*picture.shape[:2], 0.4, 2.0) + 1.0
+    rows, columns = picture.shape[:2]
+    high = wide * picture_aspect(rows, columns, 0.4, 2.0) + 1.0
     figure = new_figure(wide, high, "compressed")
     axes = figure.add_subplot()
     axes.imshow(picture, interpolation="nearest")

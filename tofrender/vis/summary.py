@@ -75,6 +75,8 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     peak.set_title(wrapped("time of the brightest bin", width / 2 - 0.4))
     colour_bar(shown, peak, "time [ns]", below=width < COLUMN, extend=beyond)
     pixel_axes(steady)
+    for axes in (steady, peak):
+        axes.set_anchor("N")
     peak.set_ylabel("")
     peak.tick_params(labelleft=False)
     for index, ((x, y), response) in enumerate(zip(pairs, responses, strict=True)):

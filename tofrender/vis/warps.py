@@ -47,14 +47,15 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
         raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
     grid = PictureGrid(figure_width(5.5), 2, 2, 1.0, own_y=True, **caption(verdict))
     first = grid.axes(0, 0, title)
-    _points(first, points, verdict)
+    _points(first, points, verdict, grid.wide)
     names = ("expected density", "observed density", "difference")
     density_panels(grid, verdict, [(0, 1), (1, 0), (1, 1)], names)
     return grid.figure
 
 
-def _points(axes: Axes, points: np.ndarray, verdict: Verdict) -> None:
-    size = float(np.clip(600 / np.sqrt(points.shape[1]), 0.2, 12))
+def _points(axes: Axes, points: np.ndarray, verdict: Verdict, wide: float) -> None:
+    """Points on axes of so many inches, the smaller the more there are."""
+    size = (wide / 4.5) ** 2 * float(np.clip(600 / np.sqrt(points.shape[1]), 0.2, 12))
     if points.shape[0] == 2:
         x, y = points
         labels = verdict.domain.labels
