@@ -117,7 +117,8 @@ def written(figure: Figure, monkeypatch) -> list:
     def noted(self, renderer, *args, **kwargs):
         if self.get_visible() and self.get_text().strip():
             box = self.get_window_extent(renderer)
-            texts.append(SimpleNamespace(text=self.get_text(), box=box, colour=self.get_color()))
+            kept = {"text": self.get_text(), "box": box, "colour": self.get_color()}
+            texts.append(SimpleNamespace(**kept, axes=self.axes))
         return draw(self, renderer, *args, **kwargs)
 
     figure.canvas.draw()
@@ -125,6 +126,16 @@ def written(figure: Figure, monkeypatch) -> list:
         patched.setattr(Text, "draw", noted)
         figure.canvas.draw()
     return texts
+
+
+def apart(one, other) -> bool:
+    """Whether boxes do not overlap, by more than a pixel."""
+    return (
+        one.x1 - 1 < other.x0
+        or other.x1 - 1 < one.x0
+        or one.y1 - 1 < other.y0
+        or other.y1 - 1 < one.y0
+    )
 
 
 @pytest.mark.slow
@@ -147,13 +158,11 @@ def test_text_is_whole_apart_and_readable(name, width, theme, monkeypatch):
         assert box.y1 < top + 1, each
         assert contrast(each.colour, figure.get_facecolor()) >= 4.5, each
     for one, other in itertools.combinations(texts, 2):
-        apart = (
-            one.box.x1 - 1 < other.box.x0
-            or other.box.x1 - 1 < one.box.x0
-            or one.box.y1 - 1 < other.box.y0
-            or other.box.y1 - 1 < one.box.y0
-        )
-        assert apart, (one, other)
+        assert apart(one.box, other.box), (one, other)
+    for each, axes in itertools.product(texts, figure.axes):
+        assert each.axes is axes or apart(each.box, axes.get_window_extent()), (each, axes)
+    for one, other in itertools.combinations(figure.axes, 2):
+        assert apart(one.get_window_extent(), other.get_window_extent())
 
 
 @pytest.mark.slow

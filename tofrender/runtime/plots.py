@@ -67,9 +67,11 @@ def colour_bar(
     """A colour bar with few, short numbers, to the right of axes or below them, or in `cax`."""
     place = options.get("cax", axes)
     if place is axes:
-        options |= {"aspect": 14, "pad": 0.03} if below else {"aspect": 22, "pad": 0.02}
+        usual = {"aspect": 14, "pad": 0.03} if below else {"aspect": 22, "pad": 0.02}
+        options = usual | options
+    first = place if hasattr(place, "figure") else place[0]
     where = "bottom" if below else "right"
-    bar = place.figure.colorbar(shown, ax=axes, location=where, **options)
+    bar = first.figure.colorbar(shown, ax=axes, location=where, **options)
     low, high = shown.get_clim()
     factor, formatter = scale_of(max(abs(low), abs(high)))
     bar.set_ticks(_ticks(low, high, 3 if below else 6))

@@ -72,11 +72,13 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     first, last, beyond = most_of(peak_ns)
     times = {"cmap": "viridis", "vmin": first, "vmax": last}
     shown = map_axes(peak, peak_ns, extent=sequence.extent, **times)
-    peak.set_title(wrapped("time of the brightest bin", width / 2 - 0.4))
-    colour_bar(shown, peak, "time [ns]", below=width < COLUMN, extend=beyond)
+    peak.set_title("brightest bin" if width < COLUMN else "time of the brightest bin")
+    if width < COLUMN:
+        told = "time of the brightest bin [ns]"
+        colour_bar(shown, [steady, peak], told, below=True, extend=beyond, aspect=30)
+    else:
+        colour_bar(shown, peak, "time [ns]", extend=beyond)
     pixel_axes(steady)
-    for axes in (steady, peak):
-        axes.set_anchor("N")
     peak.set_ylabel("")
     peak.tick_params(labelleft=False)
     for index, ((x, y), response) in enumerate(zip(pairs, responses, strict=True)):
