@@ -312,6 +312,7 @@ TABLE = [
             "fps": "rate",
             "exposure": "positive?",
             "min_size": "side",
+            "all_bins": "boolean",
             "progress": "boolean",
         },
     ),
@@ -414,8 +415,14 @@ TABLE = [
     Row(
         "vis.tonemap",
         lambda _: {"values": np.ones((2, 3, 3))},
-        {"values": "light", "exposure": "positive?", "percentile": "cent"},
+        {"values": "light", "exposure": "positive?", "percentile": "cent", "shadows": "stops"},
     ),
+    Row(
+        "vis.growing_exposure",
+        lambda _: {"values": CUBE},
+        {"values": "cube", "share": "fraction", "most_stops": "stops"},
+    ),
+    Row("vis.lit_bins", lambda _: {"values": CUBE}, {"values": "cube", "stops": "positive"}),
     Row("vis.luminance", lambda _: {"values": np.ones((2, 3))}, {"values": "colours"}),
     Row(
         "vis.Transient",

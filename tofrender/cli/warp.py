@@ -8,7 +8,18 @@ from typing import Annotated, Literal
 import typer
 
 from ..runtime import checks
-from .options import Seed, Variant, check_apart, check_file_out, choice, integer, real
+from .options import (
+    Dpi,
+    Seed,
+    Variant,
+    check_apart,
+    check_file_out,
+    choice,
+    dots,
+    integer,
+    real,
+    say,
+)
 
 SUFFIXES = (".png", ".pdf", ".svg")
 
@@ -33,6 +44,7 @@ def warp(
     ] = None,
     points: Annotated[PointSet, choice(PointSet, "Point set to draw.")] = "independent",
     count: Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")] = 1024,
+    dpi: Dpi = None,
     seed: Seed = 0,
     variant: Variant = None,
 ) -> None:
@@ -70,8 +82,7 @@ def warp(
     drawn = to_numpy(case.sample(point_set(points, count, seed)), count)
     figure = warp_figure(drawn, verdict, f"{count} {points} points")
     with replacing(out) as temporary:
-        figure.savefig(temporary)
-    typer.echo(str(verdict))
-    typer.echo(f"{out}")
+        figure.savefig(temporary, **dots(dpi))
+    say(str(verdict), str(out))
     if not verdict.passed:
         raise typer.Exit(1)

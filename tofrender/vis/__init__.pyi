@@ -10,6 +10,8 @@ from .reconstructions import reconstruction_figure as reconstruction_figure
 from .summary import summary_figure as summary_figure
 from .tone import (
     auto_exposure as auto_exposure,
+    growing_exposure as growing_exposure,
+    lit_bins as lit_bins,
     tonemap as tonemap,
 )
 from .transient import Transient as Transient, luminance as luminance
