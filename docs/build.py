@@ -88,24 +88,27 @@ def assemble() -> None:
 
 
 def state() -> str:
-    """A name for what the package is now: pictures are made again when it changes."""
+    """A name for the package as it is and the size of notebooks: pictures follow both."""
     digest = hashlib.sha256()
     for path in sorted((ROOT / "tofrender").rglob("*.py")):
         digest.update(path.read_bytes())
+    digest.update(os.environ.get("TOFRENDER_NOTEBOOK_SIZE", "").encode())
     return digest.hexdigest()[:16]
 
 
 def make_film(folder: Path) -> None:
     """The film of the start page, and the picture that is there until it plays."""
-    import tofrender
     from PIL import Image
+
+    import tofrender
 
     dataset = tofrender.render(
         "cornell_box",
         spp=256,
         window=(4.4, 10.4),
-        temporal_bins=150,
-        settings={"width": 240, "height": 240, "pulse_width_opl": 0.06},
+        bins=150,
+        size=(240, 240),
+        pulse_width=0.06,
         progress=False,
     )
     folder.mkdir(parents=True, exist_ok=True)
@@ -115,6 +118,15 @@ def make_film(folder: Path) -> None:
     exposure = tofrender.vis.auto_exposure(dataset["transient"].values)
     poster = Image.fromarray(tofrender.tonemap(frame, exposure=exposure))
     poster.resize((480, 480)).save(folder / "cornell_box.png")
+
+
+def quiet_kernels(folder: Path) -> None:
+    """Run notebooks with no settings of the user's, and without what kernels say of themselves."""
+    settings = folder / "profile_default" / "ipython_kernel_config.py"
+    settings.parent.mkdir(parents=True, exist_ok=True)
+    settings.write_text("get_config().Application.log_level = 40\n")
+    os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
 
 
 def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
@@ -163,7 +175,9 @@ def faults() -> list[str]:
             elif aim in anchors and unquote(parts.fragment) not in anchors[aim]:
                 wrong.append(f"{here}: {name} {address}: no such place on that page")
     for style in HTML.rglob("*.css"):
-        for address in re.findall(r"(?:@import\s*|url\()[\"']?(https?:[^\"')]*)", style.read_text()):
+        for address in re.findall(
+            r"(?:@import\s*|url\()[\"']?(https?:[^\"')]*)", style.read_text()
+        ):
             wrong.append(f"{style.relative_to(HTML)}: loads {address}")
     return wrong
 
@@ -182,6 +196,9 @@ def build(quick: bool = False) -> int:
     stamp.write_text(now)
     if not (SOURCE / "_static/made/cornell_box.png").exists():
         make_film(SOURCE / "_static/made")
+    if not quick:
+        quiet_kernels(BUILD / "ipython")
+    HTML.joinpath("_static").mkdir(parents=True, exist_ok=True)
     options = ["-W", "--keep-going", "-q", "-d", str(BUILD / "doctrees")]
     if quick:
         options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=False"]

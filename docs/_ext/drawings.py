@@ -22,10 +22,11 @@ def inlined(svg: str, words: str) -> str:
 
 
 def film(folder: str, name: str, words: str) -> str:
-    """A film that plays by itself, silently, and can be stopped."""
+    """A film that plays by itself, silently, and can be stopped, with its words below."""
     return (
-        f'<video class="film" src="{folder}/{name}.mp4" poster="{folder}/{name}.png" '
-        f'aria-label="{escape(words)}" autoplay loop muted playsinline controls></video>'
+        f'<figure class="film"><video src="{folder}/{name}.mp4" poster="{folder}/{name}.png" '
+        f"autoplay loop muted playsinline controls></video>"
+        f"<figcaption>{escape(words)}</figcaption></figure>"
     )
 
 

@@ -45,7 +45,12 @@ def _expand(found: re.Match[str]) -> str:
     home = importlib.import_module(found[1])
     entries = [_entry(home, name) for name in found[2].split()]
     lines = ["````{eval-rst}", f".. currentmodule:: {found[1]}", "", ".. autosummary::"]
-    lines += ["   :nosignatures:", "", *(f"   ~{_within(name, found[1])}" for _, name in entries), ""]
+    lines += [
+        "   :nosignatures:",
+        "",
+        *(f"   ~{_within(name, found[1])}" for _, name in entries),
+        "",
+    ]
     for kind, name in entries:
         lines += [f".. auto{kind}:: {name}"]
         lines += ["   :members:", ""] if kind in ("class", "module") else [""]

@@ -2,8 +2,8 @@
 When light arrives, in one picture
 ==================================
 
-Hue is the time of each pixel's light, so that a front is a band of one colour. One colour comes back after
-``period_ns``.
+Hue is the time of each pixel's light, so that a front is a band of one colour. One colour comes
+back after ``period_ns``.
 """
 
 import tofrender
@@ -12,7 +12,7 @@ dataset = tofrender.render(
     "cornell_box_flash",
     spp=128,
     window=(5.0, 13.0),
-    temporal_bins=200,
-    settings={"width": 128, "height": 128},
+    bins=200,
+    size=(128, 128),
 )
-figure = tofrender.light_in_flight(dataset, style="rainbow", period_ns=1.5)
+figure = tofrender.light_in_flight(dataset, style="rainbow", period_ns=3.0)

@@ -2,8 +2,8 @@
 What a pixel sees
 =================
 
-The response of one pixel of the floor: first the lamp's direct light, then what walls and boxes send. The band is
-the standard error of each bin, from the same render.
+The response of one pixel of the floor: first the lamp's direct light, then what walls and boxes
+send. The band is the standard error of each bin, from the same render.
 """
 
 import tofrender
@@ -13,7 +13,7 @@ dataset = tofrender.render(
     spp=256,
     errors=True,
     window=(5.0, 10.0),
-    temporal_bins=100,
-    settings={"width": 64, "height": 64},
+    bins=100,
+    size=(64, 64),
 )
 figure = tofrender.plot_pixel_transient(dataset, x=32, y=60)

@@ -2,8 +2,8 @@
 One instant
 ===========
 
-A camera that is open for a tenth of a nanosecond. The integrator looks for light of one length only, which takes
-fewer samples than to sort all of it.
+A camera that is open for a tenth of a nanosecond. The integrator looks for light of one length
+only, which takes fewer samples than to sort all of it.
 """
 
 import matplotlib.pyplot as plt

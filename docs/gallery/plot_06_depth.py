@@ -2,8 +2,9 @@
 Depth from phase
 ================
 
-The depth camera of a phone: its lamp is a wave, and each pixel measures by how much the wave lags. 50 MHz wraps after
-3 m; with 20 MHz beside it, depth is one again. All frequencies come from one trace.
+The depth camera of a phone: its lamp is a wave, and each pixel measures by how much the wave
+lags. 50 MHz wraps after 3 m; with 20 MHz beside it, depth is one again. All frequencies come from
+one trace.
 """
 
 import tofrender

@@ -2,8 +2,8 @@
 Light through glass
 ===================
 
-A glass sphere focuses the light of a small lamp on the floor. Paths from the camera hardly find that lamp; paths
-from both ends do. Light in glass is late: it goes slower there.
+A glass sphere focuses the light of a small lamp on the floor. Paths from the camera hardly find
+that lamp; paths from both ends do. Light in glass is late: it goes slower there.
 """
 
 import tofrender
@@ -13,7 +13,7 @@ dataset = tofrender.render(
     integrator={"type": "transient_bdpt", "max_depth": 6},
     spp=64,
     window=(4.8, 7.2),
-    temporal_bins=80,
-    settings={"width": 96, "height": 96},
+    bins=80,
+    size=(96, 96),
 )
 tofrender.visualize_transient(dataset)

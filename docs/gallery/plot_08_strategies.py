@@ -2,8 +2,8 @@
 Who finds the light
 ===================
 
-A path of light with so many vertices from the lamp and so many from the camera: each way of making it finds other
-light. Weighted, they add up to the picture.
+A path of light with so many vertices from the lamp and so many from the camera: each way of
+making it finds other light. Weighted, they add up to the picture.
 """
 
 import tofrender

@@ -2,7 +2,8 @@
 A scene of your own
 ===================
 
-A steady Mitsuba scene gets a time axis by ``window`` and ``temporal_bins``. Here: a lamp, a floor, three balls.
+A steady Mitsuba scene gets a time axis by ``window`` and ``temporal_bins``. Here: a lamp, a
+floor, three balls.
 """
 
 import mitsuba as mi
@@ -31,5 +32,5 @@ for number, colour in enumerate(([0.8, 0.2, 0.1], [0.9, 0.9, 0.9], [0.1, 0.3, 0.
         "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": colour}},
     }
 
-dataset = tofrender.render(scene, spp=64, window="auto", temporal_bins=100)
-figure = tofrender.light_in_flight(dataset, style="rainbow", period_ns=1.0)
+dataset = tofrender.render(scene, spp=64, window="auto", bins=100)
+figure = tofrender.light_in_flight(dataset, style="rainbow", period_ns=2.0)

@@ -2,8 +2,8 @@
 Do samples follow their density?
 ================================
 
-Points of the square, bent into Beckmann's distribution of microfacet normals, and the chi-square test that compares
-how many fall into each cell with how many should.
+Points of the square, bent into Beckmann's distribution of microfacet normals, and the chi-square
+test that compares how many fall into each cell with how many should.
 """
 
 import numpy as np
