@@ -11,8 +11,8 @@ from films_in_parts import ROUNDING, box, crop, with_film
 from nlos_support import builder
 from support import agree, with_integrator
 
-from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole
 from tofrender.rendering.asked import Asked
+from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole
 from tofrender.rendering.renderer import make_job
 from tofrender.runtime.memory import film_bytes
 

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from . import options as opt
-from .render import Format, Precision, write
+from .render import Format, Precision
+from .writing import write
 
 
 def merge(

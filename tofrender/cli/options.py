@@ -128,19 +128,34 @@ def size(example: str, help: str) -> Any:
     return checked(check, help, metavar="WxH")
 
 
+def pulse(name: str, value: Any) -> str | float:
+    """The check of an option that is a pulse's width: auto, none, or metres.
+
+    Example:
+        >>> pulse("", "0.05")
+        0.05
+    """
+    if value in ("auto", "none"):
+        return value
+    width = number(value)
+    if isinstance(width, str):
+        raise ValueError(f"{name} = {checks.shown(value)}: must be auto, none, or metres above 0")
+    return checks.width(name, width)
+
+
 def span(name: str, value: Any) -> str | tuple[float, float]:
-    """The check of an option that is a window: auto, or where it starts and stops.
+    """The check of an option that is a window: auto, scene, or where it starts and stops.
 
     Example:
         >>> span("", "3.5,15")
         (3.5, 15.0)
     """
     ends = [number(end) for end in str(value).split(",")]
-    if value == "auto" or any(isinstance(end, str) for end in ends) or len(ends) != 2:
-        if value != "auto":
-            allowed = "auto, or start,stop in metres of path, like 3.5,15"
-            raise ValueError(f"{name} = {checks.shown(value)}: must be {allowed}")
-        return "auto"
+    if value in ("auto", "scene"):
+        return value
+    if any(isinstance(end, str) for end in ends) or len(ends) != 2:
+        allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
+        raise ValueError(f"{name} = {checks.shown(value)}: must be {allowed}")
     start, stop = (checks.metres(name, end) for end in ends)
     if not start < stop < start + checks.MAX_OPL:
         raise ValueError(f"{name} = {value}: must end after it starts, and not at infinity")
@@ -220,7 +235,7 @@ def note(line: str) -> None:
     say(line, err=True)
 
 
-def dots(dpi: int | None) -> dict[str, int]:
+def dots(dpi: int | None) -> dict[str, Any]:
     """What `savefig` is told, if anything."""
     return {} if dpi is None else {"dpi": dpi}
 

@@ -12,6 +12,7 @@ from ..runtime import checks
 from ..runtime.progress import EVERY_S
 from . import options as opt
 from .answers import Json, answer, of_render
+from .first_sight import NONE, OWN, at_first_sight, tell_first_sight
 from .keeping import (
     AGAIN,
     Resume,
@@ -22,7 +23,8 @@ from .keeping import (
     require_something,
     tell,
 )
-from .streaming import fits, placed, streamed
+from .streaming import fits, streamed
+from .writing import write
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,12 +64,18 @@ def render(
         opt.checked(
             opt.span,
             "Where all bins start and stop, metres of path; auto finds what holds the light.",
-            metavar="auto|START,STOP",
-            autocompletion=opt.completion.among(["auto"]),
+            metavar="auto|scene|START,STOP",
+            autocompletion=opt.completion.among(["auto", OWN]),
         ),
     ] = None,
     pulse_width: Annotated[
-        float | None, opt.positive("metres", "Gaussian pulse's standard deviation, metres.")
+        Any,
+        opt.checked(
+            opt.pulse,
+            "Gaussian pulse's standard deviation, metres; auto takes a 128th of the window.",
+            metavar="auto|none|METRES",
+            autocompletion=opt.completion.among(["auto", NONE]),
+        ),
     ] = None,
     max_depth: opt.MaxDepth = None,
     integrator: Annotated[
@@ -102,8 +110,10 @@ def render(
 ) -> None:
     """Render SCENE in time.
 
-    What is left out stays as the scene has it. DIR gets the transient image, its sum over time
-    (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
+    What is left out stays as the scene has it, but for time: a built-in scene, or one whose film is
+    steady, gets a window that holds its light and a pulse that suits it, unless one of --start-opl,
+    --bin-width, --window and --pulse-width is given. DIR gets the transient image, its sum over
+    time (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
     earlier run made is replaced. What is done is kept beside DIR while it renders; Ctrl-C, SIGTERM
     and SIGHUP write it as far as it is. With --resume, a run goes on from a stopped one, or from a
     render in DIR that has fewer samples.
@@ -119,30 +129,31 @@ def render(
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
 
-    from tofrender.rendering.asked import Asked
     from tofrender.rendering.job import carry_out, collect
     from tofrender.rendering.renderer import make_job
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
 
-    asked = Asked(
-        scene=find_scene(scene),
-        spp=spp,
-        seed=seed,
-        size=size,
-        bins=bins,
-        start_opl=start_opl,
-        bin_width=bin_width,
-        window=window,
-        pulse_width=pulse_width,
-        max_depth=max_depth,
-        integrator=integrator,
-        sampler=sampler,
-        sensor=sensor,
-        define=dict(define or ()),
-        errors=errors,
-    )
+    words = {
+        "scene": find_scene(scene),
+        "spp": spp,
+        "seed": seed,
+        "size": size,
+        "bins": bins,
+        "start_opl": start_opl,
+        "bin_width": bin_width,
+        "window": window,
+        "pulse_width": pulse_width,
+        "max_depth": max_depth,
+        "integrator": integrator,
+        "sampler": sampler,
+        "sensor": sensor,
+        "define": dict(define or ()),
+        "errors": errors,
+    }
+    asked = at_first_sight(**words)
     job = make_job(asked)
+    tell_first_sight(asked, job)
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
     cells = height * width * films * count
@@ -182,58 +193,6 @@ def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
         kept.resume = False
     opt.note(f"resuming from {earlier.attrs['spp']} samples per pixel in {out}")
     return earlier
-
-
-def write(
-    dataset: xr.Dataset,
-    out: Path,
-    format: str,
-    precision: str,
-    video: bool,
-    figure: str,
-    dpi: int | None,
-) -> list[str]:
-    """Write all files into `out`, which appears whole; returns their names."""
-    from tofrender import io, vis
-
-    needed = io.output.stack_bytes(dataset["transient"].shape, precision)
-    with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
-        if format == "npz":
-            io.save_npz(dataset, folder / opt.FILES[format])
-        elif format == "png":
-            _pictures(dataset, folder)
-        elif format == "zarr":
-            io.save_exr_layers(folder / "steady.exr", {"": dataset["steady"].values}, dataset.attrs)
-        else:
-            io.save_exr_stack(
-                dataset,
-                folder / opt.FILES[format],
-                layout=format,
-                precision=precision,
-                overwrite=True,
-            )
-        if video:
-            io.save_video(dataset, folder / "video.mp4")
-        vis.summary_figure(dataset).savefig(folder / f"summary.{figure}", **opt.dots(dpi))
-        if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            placed(dataset, folder / opt.FILES[format])
-        return sorted(path.name for path in folder.iterdir())
-
-
-def _pictures(dataset: xr.Dataset, folder: Path) -> None:
-    """Write tone-mapped pictures of all bins, and of their sum."""
-    from PIL import Image, PngImagePlugin
-
-    from tofrender import io, vis
-
-    frames = io.save_png_frames(dataset, folder / "frames")
-    for each in list(frames.iterdir()):
-        each.rename(folder / each.name)
-    frames.rmdir()
-    mark = PngImagePlugin.PngInfo()
-    mark.add_text("Software", "tofrender")
-    picture = Image.fromarray(vis.tonemap(dataset["steady"].values))
-    picture.save(folder / "steady.png", pnginfo=mark)
 
 
 def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> list[str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.dataset import DIMS, ERRORS, check_dataset, plain_attributes, require_finite
+from ..rendering.labels import labelled
 from ..runtime import checks
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
         attrs=about["attrs"],
     )
     check_dataset(dataset)
-    return dataset
+    return labelled(dataset)
 
 
 def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
+from ..rendering.labels import labelled
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.colour import luminance
@@ -264,7 +265,7 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         attrs=foreign | about.get("attrs", {}),
         **given,
     )
-    return capture.assign_coords(_pixels(about.get("pixels", {}), capture))
+    return labelled(capture.assign_coords(_pixels(about.get("pixels", {}), capture)))
 
 
 def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:

@@ -43,7 +43,7 @@ class Asked:
         start_opl: Where they start [m].
         bin_width: Width of each [m].
         window: (start, stop) of all [m], or "auto".
-        pulse_width: Standard deviation of a Gaussian pulse [m].
+        pulse_width: Standard deviation of a Gaussian pulse [m], or "auto".
         max_depth: Longest path, in segments; -1 for any.
         integrator: A plugin's name, a dict or an integrator.
         sampler: A sampler's name, or a sampler.
@@ -68,7 +68,7 @@ class Asked:
     start_opl: float | None = None
     bin_width: float | None = None
     window: Any = None
-    pulse_width: float | None = None
+    pulse_width: float | str | None = None
     max_depth: int | None = None
     integrator: Any = None
     sampler: Any = None
@@ -149,6 +149,8 @@ class Asked:
         if self.size is not None:
             given |= dict(zip(("width", "height"), self.size, strict=True))
         values = {its: getattr(self, name) for name, its in SETTINGS.items()}
+        if is_auto(self.pulse_width):  # Once the light was looked at
+            values["pulse_width_opl"] = None
         given |= {its: value for its, value in values.items() if value is not None}
         if self.window is not None and self.bins is not None:
             # One that is to be found takes the place of this one
@@ -195,9 +197,9 @@ def start_and_width(window: Any, bins: int) -> tuple[float, float]:
     return start, (stop - start) / bins
 
 
-def is_auto(window: Any) -> bool:
-    """Whether the window is to be found."""
-    return isinstance(window, str) and window == "auto"
+def is_auto(value: Any) -> bool:
+    """Whether a window or a pulse's width is to be found."""
+    return isinstance(value, str) and value == "auto"
 
 
 def _size(name: str, value: Any) -> None:
@@ -215,7 +217,7 @@ _CHECKS = {
     "bins": lambda name, value: checks.integer(name, value, 1, checks.MAX_BINS),
     "start_opl": checks.metres,
     "bin_width": lambda name, value: checks.metres(name, value, positive=True),
-    "pulse_width": checks.width,
+    "pulse_width": lambda name, value: is_auto(value) or checks.width(name, value),
     "max_depth": checks.depth,
     "define": checks.mapping,
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +17,11 @@ from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
 from ..scenes.settings import INTEGRATORS
-from .asked import Asked, either
+from .asked import Asked, either, is_auto
 from .job import Job, carry_out, collect, decide
 from .store import check_film
 from .streaming import stream
-from .window import windowed_film
+from .window import pulse_width_for, windowed_film
 from .workers import check_workers, workers_for
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def render(
     start_opl: float | None = None,
     bin_width: float | None = None,
     window: str | tuple[float, float] | None = None,
-    pulse_width: float | None = None,
+    pulse_width: float | str | None = None,
     max_depth: int | None = None,
     integrator: Any = None,
     sampler: str | mi.Sampler | None = None,
@@ -72,7 +73,8 @@ def render(
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
             of the light. It takes the place of `start_opl` and `bin_width`. With `bins`, a scene
             whose film is steady turns transient.
-        pulse_width: Standard deviation of a Gaussian pulse [m]; by default the integrator's pulse.
+        pulse_width: Standard deviation of a Gaussian pulse [m]; "auto" takes a 128th of the window,
+            unless the integrator has a pulse; by default the integrator's.
         max_depth: Longest path, in segments; -1 for any. By default the integrator's.
         integrator: A plugin name, a dict or an integrator; by default the scene's. By name or dict
             it takes the place of the scene's while that is loaded, and what it does not say of
@@ -172,6 +174,10 @@ def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:
         asked: What is asked for.
         axis: Number, start and width [m] of the bins, if they were decided elsewhere.
     """
+    if is_auto(asked.pulse_width):
+        without = make_job(replace(asked, pulse_width=None), axis)
+        width = pulse_width_for(without)
+        return without if width is None else make_job(replace(asked, pulse_width=width), axis)
     scene, apart = opened(asked)
     tracer = _integrator(scene, apart)
     if tracer.needs_lights:

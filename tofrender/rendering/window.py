@@ -17,6 +17,10 @@ MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
 
 
+PULSES = 128
+"""Standard deviations of the pulse that is chosen for a window, in that window."""
+
+
 def windowed_film(
     film: Any,
     window: Any = None,
@@ -81,3 +85,14 @@ def warn_of_losses(
             f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (`window='auto'`)",
             stacklevel=stacklevel,
         )
+
+
+def pulse_width_for(job: Any) -> float | None:
+    """A pulse that makes a film of few paths smooth and still shows wavefronts.
+
+    Its standard deviation [m] is a 128th of the window, rounded to two digits; a path then lights
+    about five of 300 bins. None where the light has a pulse already, or bins are as wide as that.
+    """
+    film = job.film
+    width = float(f"{(film.end_opl() - film.start_opl) / PULSES:.2g}")
+    return None if job.tracer.pulse or width < film.bin_width_opl / 2 else width

@@ -59,23 +59,15 @@ class Bar:
             "bar_format": STATUS if total is None else None,
         }
         self._end, self._began = threading.Event(), time.monotonic()
-        if enabled and is_watched():
-            _shown.append(self)
-            threading.Thread(target=self._keep_shown, daemon=True).start()
-        else:
-            self._end.set()
+        self._enabled = enabled and is_watched()
+        if self._enabled and "ipykernel" in sys.modules:
+            with warnings.catch_warnings():  # Which concern all threads
+                warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
+                _tqdm()
 
     def update(self, count: int = 1) -> None:
         """Count units that are done."""
         self.n += count
-
-    def close(self) -> None:
-        """Take the bar away."""
-        if not self._end.is_set():
-            self._end.set()
-            with _lock:
-                _shown.remove(self)
-                self._clear()
 
     def _keep_shown(self) -> None:
         """Draw the bar until the end, if it is the innermost one."""
@@ -107,10 +99,17 @@ class Bar:
                 bar.close()
 
     def __enter__(self) -> Bar:
+        if self._enabled:
+            _shown.append(self)
+            threading.Thread(target=self._keep_shown, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._end.set()
+        if self._enabled:
+            with _lock:
+                _shown.remove(self)
+                self._clear()
 
 
 def progress_bar(
@@ -159,11 +158,9 @@ def hidden() -> Iterator[None]:
 
 def _tqdm() -> Any:
     """The class of bars for terminal or notebook."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
-        from tqdm.auto import tqdm
+    from tqdm.auto import tqdm
 
-        return tqdm
+    return tqdm
 
 
 SIGNALS = tuple(

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, time_axis
+from ..rendering.labels import TIME, labelled
 from ..runtime import checks, memory
 
 if TYPE_CHECKING:
@@ -72,10 +73,10 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     attrs |= {"start_opl": start + first * width, "camera_unwarp": 1}
     name = {"units": "m", "long_name": "optical path length without the camera's segment"}
     cube = (DIMS["transient"], unwarped, dataset["transient"].attrs)
-    result = dataset.drop_vars(["transient", "opl"]).assign(transient=cube)
+    result = dataset.drop_vars(["transient", "opl", TIME], errors="ignore").assign(transient=cube)
     result = result.assign_coords(opl=("opl", opl, name))
     result.attrs = attrs
-    return result[["transient", "steady"]]
+    return labelled(result[["transient", "steady"]])
 
 
 def _moved(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:
