@@ -105,16 +105,15 @@ def make_film(folder: Path) -> None:
     dataset = tofrender.render(
         "cornell_box",
         spp=256,
-        window=(4.4, 10.4),
-        bins=150,
         size=(240, 240),
+        bins=150,
+        window=(3.9, 11.0),
         pulse_width=0.06,
         progress=False,
     )
     folder.mkdir(parents=True, exist_ok=True)
     tofrender.save_video(dataset, folder / "cornell_box.mp4", fps=25, min_size=480, progress=False)
-    brightest = int(dataset["transient"].sum(("y", "x", "channel")).argmax())
-    frame = dataset["transient"].isel(opl=brightest).values
+    frame = dataset["transient"].sel(opl=5.9, method="nearest").values
     exposure = tofrender.vis.auto_exposure(dataset["transient"].values)
     poster = Image.fromarray(tofrender.tonemap(frame, exposure=exposure))
     poster.resize((480, 480)).save(folder / "cornell_box.png")
@@ -126,6 +125,7 @@ def quiet_kernels(folder: Path) -> None:
     settings.parent.mkdir(parents=True, exist_ok=True)
     settings.write_text("get_config().Application.log_level = 40\n")
     os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
+    os.environ["TQDM_DISABLE"] = "1"  # A page needs no bars
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
 
 

@@ -38,9 +38,10 @@ suppress_warnings = ["config.cache"]  # The gallery's scraper is a function
 
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE.parent / "notebooks")
-nb_execution_timeout = 120
+nb_execution_timeout = 600
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+nb_ipywidgets_js = {}  # They would be loaded from the network
 nb_number_source_lines = False
 
 autodoc_typehints = "signature"
@@ -59,6 +60,7 @@ sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parent / "examples"),
     "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (figures.scrape, "matplotlib"),
     "capture_repr": ("_repr_html_",),
     "abort_on_example_error": True,

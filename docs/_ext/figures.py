@@ -33,6 +33,6 @@ def _brightest(dataset: Any, path: str) -> None:
     from tofrender.vis import auto_exposure, tonemap
 
     transient = dataset["transient"]
-    frame = transient.isel(opl=int(transient.sum(("y", "x", "channel")).argmax())).values
+    frame = transient.isel(opl=int(transient.sum(("y", "x", "channel")).values.argmax())).values
     image = Image.fromarray(tonemap(frame, exposure=auto_exposure(transient.values)))
     image.resize((400, 400 * image.height // image.width)).save(path)

@@ -11,8 +11,8 @@ import tofrender
 dataset = tofrender.render(
     "caustic",
     integrator={"type": "transient_bdpt", "max_depth": 6},
-    spp=64,
-    window=(4.8, 7.2),
+    spp=128,
+    window=(5.2, 7.6),
     bins=80,
     size=(96, 96),
 )
