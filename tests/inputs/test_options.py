@@ -329,7 +329,7 @@ def test_warp_images(tmp_path, capsys, what):
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert said.startswith("error: image = ")
+    assert said.startswith("error: --image = ")
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):

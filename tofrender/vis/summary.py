@@ -9,6 +9,7 @@ import numpy as np
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.canvas import new_figure
+from ..runtime.progress import shown
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .figures import map_axes, picture_aspect, pixel_axes, time_axes
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@shown("Drawing the summary")
 def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     """One page about a render: the steady image, when each pixel is brightest, a few responses.
 
