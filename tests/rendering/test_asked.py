@@ -107,9 +107,8 @@ def test_steady_scenes_turn_transient():
 
 @pytest.mark.slow
 def test_an_xml_file_has_parameters():
-    dataset = render(
-        ROOT / "scenes" / "cornell_box.xml", spp=1, size=(4, 4), define={"max_depth": 2}
-    )
+    file = ROOT / "scenes" / "cornell_box.xml"
+    dataset = render(file, spp=1, size=(4, 4), define={"max_depth": 2})
     assert dataset.attrs["max_depth"] == 2
 
 

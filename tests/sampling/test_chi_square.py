@@ -13,10 +13,10 @@ import pytest
 from support import ALPHA, COMPARISONS, area_light
 
 from tofrender.sampling import bsdf_case, chi_square_suite, chi_square_test, light_case, warp_case
-from tofrender.sampling.suites import Case
 from tofrender.sampling.domains import DOMAINS, find
 from tofrender.sampling.histograms import cell_edges, cell_of, integrate, pearson
 from tofrender.sampling.statistics import smallest_allowed
+from tofrender.sampling.suites import Case
 from tofrender.sampling.warps import (
     square_to_beckmann,
     square_to_beckmann_pdf,

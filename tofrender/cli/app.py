@@ -10,7 +10,6 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
 from functools import wraps
 from typing import Annotated, Any
@@ -98,9 +97,8 @@ def _telling(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def told(**options: Any) -> None:
         speak_of(command, options)
-        silent = nullcontext() if options.get("progress", True) else hidden()
         try:
-            with silent, status(name, shown):
+            with hidden(not options.get("progress", True)), status(name, shown):
                 command(**options)
         except KeyboardInterrupt as stopped:
             raise RuntimeError from stopped

@@ -235,8 +235,8 @@ def note(line: str) -> None:
     say(line, err=True)
 
 
-def dots(dpi: int | None) -> dict[str, int]:
-    """What `savefig` is told, if anything."""
+def dots(dpi: int | None) -> dict[str, Any]:
+    """What `save_figure` is told, if anything."""
     return {} if dpi is None else {"dpi": dpi}
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from ..runtime import checks
+from ..runtime.canvas import FIGURE_SUFFIXES
 from .options import (
     Dpi,
     Seed,
@@ -23,8 +24,6 @@ from .options import (
     real,
     say,
 )
-
-SUFFIXES = (".png", ".pdf", ".svg")
 
 Warp = Literal[
     "tent",
@@ -172,7 +171,7 @@ def _headless(
     if out is not None:
         if name is None:
             raise ValueError(f"--out = {out}: must be left out without NAME")
-        check_file_out(out, *SUFFIXES, overwrite=True)
+        check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
         if "image" in given:
             check_apart(out, Path(given["image"]))
 
@@ -182,7 +181,7 @@ def _headless(
     backend.require_vectorised()
 
     from tofrender.apps.warptest import engine as engines
-    from tofrender.runtime.atomic import replacing
+    from tofrender.runtime.canvas import save_figure
 
     engine = engines.Engine(module)
     names = [name] if name else engine.names(engine.sources[-1])
@@ -201,9 +200,8 @@ def _headless(
                 continue
             said = [str(verdict)]
             if out is not None and drawn is not None:
-                with replacing(out) as temporary:
-                    figure = engines.figure(drawn, verdict, f"{count} {points} points")
-                    figure.savefig(temporary, **dots(dpi))
+                figure = engines.figure(drawn, verdict, f"{count} {points} points")
+                save_figure(figure, out, **dots(dpi))
                 said.append(str(out))
             say(*said)
             bad += not verdict.passed

@@ -54,6 +54,8 @@ def in_options(message: str) -> str:
         return found[0] if not option else f"{option} {found[3]}" if found[3] else option
 
     message = re.sub(r"\A(\w+)( = |:)", first, message)
+    if "variant" in _options:
+        message = re.sub(r"call mi\.set_variant\('(\w+)'\) first", r"give --variant \1", message)
     return re.sub(r"`(\w+)(='?([^`']*)'?)?`", quoted, message)
 
 

@@ -26,8 +26,8 @@ def write(
     from tofrender.io.parallel import at_once
 
     def summary() -> None:
-        dots: Any = opt.dots(dpi)
-        vis.summary_figure(dataset).savefig(folder / f"summary.{figure}", **dots)
+        page = vis.summary_figure(dataset)
+        io.save_figure(page, folder / f"summary.{figure}", **opt.dots(dpi))
 
     def transient() -> None:
         _transient(dataset, folder, format, precision, progress=not video)

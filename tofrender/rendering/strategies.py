@@ -17,6 +17,7 @@ from ..scenes.loading import load_plugin, require_light
 from .asked import Asked, either
 from .dataset import coordinates
 from .job import film_of_light, sampler_for
+from .labels import labelled
 from .renderer import opened
 from .window import check_window, windowed_film
 
@@ -117,7 +118,7 @@ def strategy_pyramid(
                 found["steady"].append(steady)
                 found["transient"].append(transient)
                 bar.update(1)
-    return xr.Dataset(
+    pyramid = xr.Dataset(
         {
             what: (
                 ("weighting", "strategy", "y", "x", *axes, "channel"),
@@ -146,6 +147,7 @@ def strategy_pyramid(
             "seed": seed,
         },
     )
+    return labelled(pyramid)
 
 
 def _picture(

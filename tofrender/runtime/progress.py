@@ -8,12 +8,15 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
-DELAY_S = 0.7
+P, R = ParamSpec("P"), TypeVar("R")
+
+DELAY_S = 0.5
 """Work that takes longer [s] is shown, so that something is to be seen within a second."""
 
 REFRESH_S = 0.1
@@ -26,8 +29,11 @@ STATUS = "{desc} ... {elapsed}"
 
 
 def is_watched() -> bool:
-    """Whether somebody looks at stderr: it is a terminal, or a notebook's."""
-    return not _hidden and (sys.stderr.isatty() or "ipykernel" in sys.modules)
+    """Whether somebody looks at stderr: it is a terminal, or a notebook's, and not a worker's."""
+    processes = sys.modules.get("multiprocessing.process")
+    if processes is not None and processes.parent_process() is not None:
+        return False
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 _hidden: list[None] = []
@@ -59,23 +65,15 @@ class Bar:
             "bar_format": STATUS if total is None else None,
         }
         self._end, self._began = threading.Event(), time.monotonic()
-        if enabled and is_watched():
-            _shown.append(self)
-            threading.Thread(target=self._keep_shown, daemon=True).start()
-        else:
-            self._end.set()
+        self._enabled = enabled and not _hidden and is_watched()
+        if self._enabled and "ipykernel" in sys.modules:
+            with warnings.catch_warnings():  # Which concern all threads
+                warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
+                _tqdm()
 
     def update(self, count: int = 1) -> None:
         """Count units that are done."""
         self.n += count
-
-    def close(self) -> None:
-        """Take the bar away."""
-        if not self._end.is_set():
-            self._end.set()
-            with _lock:
-                _shown.remove(self)
-                self._clear()
 
     def _keep_shown(self) -> None:
         """Draw the bar until the end, if it is the innermost one."""
@@ -107,10 +105,17 @@ class Bar:
                 bar.close()
 
     def __enter__(self) -> Bar:
+        if self._enabled:
+            _shown.append(self)
+            threading.Thread(target=self._keep_shown, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._end.set()
+        if self._enabled:
+            with _lock:
+                _shown.remove(self)
+                self._clear()
 
 
 def progress_bar(
@@ -138,6 +143,20 @@ def status(description: str, enabled: bool = True) -> Bar:
     return Bar(description, None, "", enabled)
 
 
+def shown(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A decorator of functions that may take long: a status line tells what they do."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def told(*args: P.args, **kwargs: P.kwargs) -> R:
+            with status(description):
+                return function(*args, **kwargs)
+
+        return told
+
+    return decorate
+
+
 @contextmanager
 def cleared() -> Iterator[None]:
     """Take bars from the screen while something else is written there."""
@@ -148,8 +167,11 @@ def cleared() -> Iterator[None]:
 
 
 @contextmanager
-def hidden() -> Iterator[None]:
-    """Show no bars within the block."""
+def hidden(wanted: bool = True) -> Iterator[None]:
+    """Show no bars within the block, if that is `wanted`."""
+    if not wanted:
+        yield
+        return
     _hidden.append(None)
     try:
         yield
@@ -159,11 +181,9 @@ def hidden() -> Iterator[None]:
 
 def _tqdm() -> Any:
     """The class of bars for terminal or notebook."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
-        from tqdm.auto import tqdm
+    from tqdm.auto import tqdm
 
-        return tqdm
+    return tqdm
 
 
 SIGNALS = tuple(

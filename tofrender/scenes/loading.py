@@ -17,6 +17,7 @@ from typing import Any, Unpack
 import mitsuba as mi
 
 from ..runtime import checks, plugins
+from ..runtime.progress import shown
 from . import BUILT_IN
 from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
@@ -29,6 +30,7 @@ LONGEST = 500
 """Characters of an error of Mitsuba's that are told."""
 
 
+@shown("Loading the scene")
 def load_scene(
     source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,

@@ -14,7 +14,8 @@ import numpy as np
 
 from ...course.judge.client import NoAnswer
 from ...runtime import backend, checks
-from ...runtime.canvas import new_figure
+from ...runtime.canvas import in_style, palette
+from ...runtime.plots import PictureGrid
 from ...runtime.withheld import Withheld
 from ...samplers import padded_sobol
 from ...sampling import points
@@ -127,29 +128,20 @@ def _warped(case: Case, numbers: np.ndarray) -> np.ndarray:
 
 # ----------------------------------------------------------------------------------- figures
 
-INK = "#0a0b0c"
-"""A colour that stands for that of the page's text."""
 
-
+@in_style
 def panels(verdict: Verdict) -> str:
     """Observed and expected density and their difference as SVG, in the colours of the page."""
-    import matplotlib
-
-    names = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
-    style: dict[str, Any] = dict.fromkeys(names, INK)
-    options: Any = style | {"font.size": 9, "savefig.dpi": 160}
-    with matplotlib.rc_context(options):
-        figure = new_figure(9.9, 2.85, "compressed")
-        density_panels(figure.subplots(1, 3), verdict)
-        figure.patch.set_alpha(0)
-        for axes in figure.axes:
-            axes.patch.set_alpha(0)
-        stream = io.StringIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None})
+    grid = PictureGrid(8.0, 1, 3, 1.0, own_y=True)
+    density_panels(grid, verdict, [(0, 0), (0, 1), (0, 2)])
+    stream = io.StringIO()
+    grid.figure.savefig(stream, format="svg", dpi=200, metadata={"Date": None})
     drawn = stream.getvalue()
-    drawn = drawn[drawn.index("<svg") :].replace(INK, "currentColor")
+    colours = palette()
+    drawn = drawn[drawn.index("<svg") :].replace(f"fill: {colours.paper}", "fill: none")
     alt = "Observed density, expected density, and their difference in standard deviations"
-    return drawn.replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1)
+    drawn = drawn.replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1)
+    return drawn.replace(colours.ink, "currentColor")
 
 
 def figure(drawn: Drawn, verdict: Verdict, title: str) -> Figure:

@@ -24,7 +24,8 @@ SIDE = 264
 """Width of the controls [px]."""
 
 HEAD = """<h1>Warp tester</h1>
-<p class="quiet">Points of the unit square, warped; and a χ² test of the warp against its density.</p>"""
+<p class="quiet">Points of the unit square, warped; and a χ² test of the warp
+against its density.</p>"""
 
 WAITING = looks.box("", "Not tested yet", "The test takes points of its own, whichever are drawn.")
 CHANGED = looks.box("", "The file has changed", "Its points are drawn anew; run the test again.")
