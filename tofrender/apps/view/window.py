@@ -231,6 +231,7 @@ def application(looked_at: Saved | Live, out: Path) -> Any:
     def make() -> Any:
         if looks.page_style() not in pn.config.raw_css:
             pn.config.raw_css = [*pn.config.raw_css, looks.page_style()]
+        looked_at.begin()
         return Window(looked_at, thread, out).layout()
 
     return make
