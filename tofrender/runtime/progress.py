@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 DELAY_S = 0.5
 """Work that takes longer [s] is shown, so that something is to be seen within a second."""
