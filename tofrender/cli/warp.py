@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from ..runtime import checks
+from ..runtime.canvas import FIGURE_SUFFIXES
 from .options import (
     Dpi,
     Seed,
@@ -20,8 +21,6 @@ from .options import (
     real,
     say,
 )
-
-SUFFIXES = (".png", ".pdf", ".svg")
 
 Warp = Literal[
     "tent",
@@ -55,7 +54,7 @@ def warp(
     """
     from tofrender.runtime import backend
 
-    check_file_out(out, *SUFFIXES, overwrite=True)
+    check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
     if image is not None:
         check_apart(out, Path(image))
     backend.activate(variant)
@@ -75,14 +74,13 @@ def warp(
             raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
     case = warp_case(name, **({wanted: given[wanted]} if wanted else {}))
 
-    from tofrender.runtime.atomic import replacing
+    from tofrender.runtime.canvas import save_figure
     from tofrender.vis.warps import warp_figure
 
     verdict = case.test(seed=seed)
     drawn = to_numpy(case.sample(point_set(points, count, seed)), count)
     figure = warp_figure(drawn, verdict, f"{count} {points} points")
-    with replacing(out) as temporary:
-        figure.savefig(temporary, **dots(dpi))
+    save_figure(figure, out, **dots(dpi))
     say(str(verdict), str(out))
     if not verdict.passed:
         raise typer.Exit(1)
