@@ -102,6 +102,7 @@ class Bar:
         """Take it from the screen."""
         bar, self._bar = self._bar, None
         if bar is not None:
+            bar.total = None  # Else a notebook keeps one that was closed early, in red
             with suppress(OSError, ValueError):
                 bar.close()
 
