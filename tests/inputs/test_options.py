@@ -180,6 +180,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--variant": "choice",
         },
     ),
+    "report": (["render.npz"], {"source": "file", "--megabytes": "positive"}),
     "release": (["a1"], {"assignment": "choice"}),
     "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
     "start": (["a1", "folder"], {"assignment": "choice"}),
@@ -204,6 +205,7 @@ ELSEWHERE = {
     "--errors": "a switch",
     "scenes": "has no options",
     "doctor": "has no options",
+    "report title": "any text",
     "start folder": "the course's tests",
     "dataset config": "tests/datasets",
     "dataset only": "test_cli_dataset.py",
@@ -212,7 +214,7 @@ ELSEWHERE = {
     "dataset workers": "as of render",
     "dataset scheduler": "as of render",
 }
-SUFFIXES = {"capture": ".h5", "warp": ".png"}
+SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png"}
 WITHOUT_OUT = {"verify", "start", "submit", "grade"}
 
 
