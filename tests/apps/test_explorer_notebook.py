@@ -48,34 +48,36 @@ def lab(folder: Path):
     """The address of a JupyterLab of this folder; it ends with the block, and its port is free."""
     pytest.importorskip("jupyterlab")
     port, token = free_port(), secrets.token_hex(16)
+    address, log = f"http://127.0.0.1:{port}", folder / "lab.log"
     own = {f"JUPYTER_{name}_DIR": str(folder / name) for name in ("CONFIG", "DATA", "RUNTIME")}
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    server = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root"),
-            *("--ServerApp.ip=127.0.0.1", f"--ServerApp.port={port}", "--ServerApp.port_retries=0"),
-            *(f"--IdentityProvider.token={token}", f"--ServerApp.root_dir={folder}"),
-            *(
-                "--LabApp.news_url=None",
-                "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate",
-            ),
-            "--expose-app-in-browser",
-        ],
-        cwd=folder,
-        env=os.environ | own | {"PYTHONPATH": paths, "HOME": str(folder)},
-        stdout=subprocess.DEVNULL,
-        stderr=(folder / "lab.log").open("wb"),
-        start_new_session=True,
-    )
+    with log.open("wb") as opened:
+        server = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root"),
+                *(
+                    "--ServerApp.ip=127.0.0.1",
+                    f"--ServerApp.port={port}",
+                    "--ServerApp.port_retries=0",
+                ),
+                *(f"--IdentityProvider.token={token}", f"--ServerApp.root_dir={folder}"),
+                "--expose-app-in-browser",
+            ],
+            cwd=folder,
+            env=os.environ | own | {"PYTHONPATH": paths, "HOME": str(folder)},
+            stdout=subprocess.DEVNULL,
+            stderr=opened,
+            start_new_session=True,
+        )
     try:
         for _ in range(300):
             try:
-                urllib.request.urlopen(f"http://127.0.0.1:{port}/api?token={token}", timeout=5)
+                urllib.request.urlopen(f"{address}/api?token={token}", timeout=5).close()
                 break
             except (urllib.error.URLError, OSError):
-                assert server.poll() is None, (folder / "lab.log").read_text()
+                assert server.poll() is None, log.read_text()
                 time.sleep(0.2)
-        yield f"http://127.0.0.1:{port}", token
+        yield address, token
     finally:
         server.send_signal(signal.SIGTERM)
         server.wait(30)
@@ -94,28 +96,37 @@ def notebook(source: str) -> str:
     return json.dumps(whole | {"nbformat": 4, "nbformat_minor": 5})
 
 
+def wait_for_kernel(page) -> None:
+    """Until it has been idle for two seconds: it is so for a moment before it connects."""
+    told = "document.querySelector('.jp-Notebook-ExecutionIndicator')?.dataset.status"
+    idle = 0
+    for _ in range(600):
+        idle = idle + 1 if page.evaluate(f"window.jupyterapp && {told}") == "idle" else 0
+        if idle == 20:
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("the kernel is not idle")
+
+
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_widget_in_jupyterlab(tmp_path, dark):
     data = make_dataset(24, 32, 40)
     tofrender.save_npz(data, tmp_path / "data.npz")
     (tmp_path / "look.ipynb").write_text(notebook(CELL))
-    if dark:
-        settings = tmp_path / "CONFIG/lab/user-settings/@jupyterlab/apputils-extension"
-        settings.mkdir(parents=True)
-        theme = {"theme": "JupyterLab Dark"}
-        (settings / "themes.jupyterlab-settings").write_text(json.dumps(theme))
+    settings = tmp_path / "CONFIG/lab/user-settings/@jupyterlab/apputils-extension"
+    settings.mkdir(parents=True)
+    theme = {"theme": "JupyterLab Dark" if dark else "JupyterLab Light"}
+    quiet = {"fetchNews": "false", "checkForUpdates": False}
+    for name, own in (("themes", theme), ("notification", quiet)):
+        (settings / f"{name}.jupyterlab-settings").write_text(json.dumps(own))
     size = {"width": 1400, "height": 1100}
     with lab(tmp_path) as (address, token), browser.page(viewport=size) as page:
         page.goto(f"{address}/lab/tree/look.ipynb?token={token}")
         page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=90_000)
-        page.wait_for_function("window.jupyterapp !== undefined", timeout=60_000)
-        page.wait_for_function(
-            "document.querySelector('.jp-Notebook-ExecutionIndicator')?.dataset.status === 'idle'",
-            timeout=60_000,
-        )
+        wait_for_kernel(page)
         page.errors.clear()
         page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
-        page.wait_for_selector(".tof-explorer canvas.tof-picture", timeout=90_000)
+        page.wait_for_selector(".tof-explorer canvas.tof-picture", timeout=60_000)
         page.wait_for_timeout(500)
         assert page.locator(".tof-explorer h2").inner_text() == "In a notebook"
         assert page.locator(".tof-explorer.dark").count() == dark

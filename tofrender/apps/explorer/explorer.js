@@ -442,7 +442,8 @@ class Explorer {
   pressed(event) {
     const { key, target, shiftKey } = event;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const own = target.matches("input, select, textarea");
+    const own = target.matches("input, select");
+    if (own) event.stopPropagation(); // Notebooks have other uses for arrows
     const { bin, gate, playing, view } = this.now;
     const steps = { ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity };
     if (key === " " && !target.matches("button, select, summary, input[type=checkbox]")) {
