@@ -7,6 +7,8 @@ import json
 import numpy as np
 import xarray as xr
 
+from tofrender.rendering.labels import labelled
+
 START, WIDTH = 3.5, 0.02
 
 
@@ -33,7 +35,7 @@ def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs
         "complete": 1,
         "render_seconds": 0.1,
     }
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             "transient": (("y", "x", "opl", "channel"), transient, {"long_name": "radiance"}),
             "steady": (("y", "x", "channel"), transient.sum(axis=2)),
@@ -46,6 +48,7 @@ def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs
         },
         attrs=standard | attrs,
     )
+    return labelled(dataset)
 
 
 def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:

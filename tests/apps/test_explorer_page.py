@@ -25,7 +25,8 @@ STATE = "document.getElementById('explorer').explorer.state()"
 BYTES = """() => {
   const canvas = document.querySelector(".tof-picture");
   const { width, height } = canvas;
-  return { width, height, bytes: [...canvas.getContext("2d").getImageData(0, 0, width, height).data] };
+  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+  return { width, height, bytes: [...data] };
 }"""
 
 

@@ -6,21 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-import typer
 from PIL import Image
 
 from tofrender.cli import app as cli, warp as cli_warp
-from tofrender.cli.warp import warp
 from tofrender.sampling.warps import WARPS
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
+def run(capsys):
     """Exit status, stdout and stderr of `tofrender warp`."""
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.callback()(lambda: None)
-    app.command()(warp)
-    monkeypatch.setattr(cli, "app", app)
 
     def call(*arguments: object) -> tuple[int, str, str]:
         status = cli.main(["warp", *map(str, arguments)])
@@ -75,16 +69,19 @@ def test_broken_density_fails(run, tmp_path, monkeypatch):
     [
         (["bekmann"], "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),
         (["beckmann"], "--alpha: must be given, beckmann needs it"),
-        (["beckmann", "--alpha", "0"], "alpha = 0: must be a finite number from 1e-06 to 1e+06"),
+        (["beckmann", "--alpha", "0"], "--alpha = 0: must be a finite number from 1e-06 to 1e+06"),
         (["beckmann", "--alpha", "x"], "--alpha = x: must be a number from 0"),
         (["tent", "--alpha", "1"], "--alpha = 1: must be left out, tent has none"),
         (["tent", "--image", "a.exr"], "--image = a.exr: must be left out, tent has none"),
         (["hierarchical"], "--image: must be given, hierarchical needs it"),
-        (["hierarchical", "--image", "nope.exr"], "image = 'nope.exr': must be a file that exists"),
+        (
+            ["hierarchical", "--image", "nope.exr"],
+            "--image = 'nope.exr': must be a file that exists",
+        ),
         (["tent", "--points", "gird"], "--points = 'gird': did you mean 'grid'?"),
         (["tent", "--count", "0"], "--count = 0: must be an integer from 1 to 16777216"),
         (["tent", "--seed", "-1"], "--seed = -1: must be an integer from 0 to 4294967295"),
-        (["tent", "--variant", "scalar_rgb"], "variant = 'scalar_rgb': cannot render in time"),
+        (["tent", "--variant", "scalar_rgb"], "--variant = 'scalar_rgb': cannot render in time"),
     ],
 )
 def test_bad_input(run, tmp_path, arguments, message):

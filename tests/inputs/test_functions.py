@@ -77,6 +77,11 @@ def verdict() -> Any:
 
 
 @functools.cache
+def drawn() -> Any:
+    return tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1)
+
+
+@functools.cache
 def record() -> Any:
     return sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0, 0, 0), mi.Point2f(0.5, 0.5))
 
@@ -174,11 +179,20 @@ TABLE = [
             "scene": "source",
             "spp": "count?",
             "seed": "seed",
+            "size": "sizes?",
+            "bins": "count?",
+            "start_opl": "metres?",
+            "bin_width": "width?",
+            "pulse_width": "pulse-width?",
+            "max_depth": "depth?",
+            "define": "mapping?",
             "integrator": "choice?",
             "sensor": "sensor",
             "sampler": "choice?",
             "window": "window?",
             "temporal_bins": "count?",
+            "workers": "count?",
+            "scheduler": "choice?",
             "resume": "dataset?",
             "settings": "mapping?",
             "errors": "boolean",
@@ -211,8 +225,10 @@ TABLE = [
             "parameters": "mapping?",
             "spp": "count?",
             "seed": "seed",
+            "size": "sizes?",
             "sensor": "sensor",
             "window": "window?",
+            "bins": "count?",
             "temporal_bins": "count?",
             "progress": "boolean",
         },
@@ -319,6 +335,7 @@ TABLE = [
             "fps": "rate",
             "exposure": "positive?",
             "min_size": "side",
+            "all_bins": "boolean",
             "progress": "boolean",
         },
     ),
@@ -387,6 +404,23 @@ TABLE = [
         | AXIS,
     ),
     Row(
+        "vis.gate_figure",
+        lambda _: {"image": np.ones((2, 3, 3)), "opl": 5.9, "pulse_width_opl": 0.03},
+        {
+            "image": "light",
+            "opl": "metres",
+            "pulse_width_opl": "positive",
+            "exposure": "positive?",
+            "title": "label?",
+        },
+    ),
+    Row("vis.figure_style", lambda _: {}, {"theme": "choice?", "width": "inches?"}),
+    Row(
+        "io.save_figure",
+        lambda out: {"figure": drawn(), "path": out / "a.png"},
+        {"figure": "object", "path": "path but text, digits, lines", "dpi": "dots"},
+    ),
+    Row(
         "vis.phasor_panel",
         lambda _: {
             "frequencies_hz": [20e6],
@@ -428,8 +462,14 @@ TABLE = [
     Row(
         "vis.tonemap",
         lambda _: {"values": np.ones((2, 3, 3))},
-        {"values": "light", "exposure": "positive?", "percentile": "cent"},
+        {"values": "light", "exposure": "positive?", "percentile": "cent", "shadows": "stops"},
     ),
+    Row(
+        "vis.growing_exposure",
+        lambda _: {"values": CUBE},
+        {"values": "cube", "share": "fraction", "most_stops": "stops"},
+    ),
+    Row("vis.lit_bins", lambda _: {"values": CUBE}, {"values": "cube", "stops": "positive"}),
     Row("vis.luminance", lambda _: {"values": np.ones((2, 3))}, {"values": "colours"}),
     Row(
         "vis.Transient",
@@ -911,7 +951,7 @@ def function(name: str) -> Any:
 def called(row: Row, out: Path, /, **changes: Any) -> Any:
     """The result of a call; what is a context is entered."""
     result = function(row.name)(**row.good(out) | changes)
-    if row.name in ("io.output_folder", "io.replacing", "local_workers"):
+    if row.name in ("io.output_folder", "io.replacing", "local_workers", "vis.figure_style"):
         with result as inner:
             return not isinstance(inner, Path) or inner.exists() or inner.touch()
     return result

@@ -59,12 +59,21 @@ KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
     "metres": (NUMBERS, {"zero", "minus one", "a fraction", "huge", "large"}),
     "positive": (NUMBERS, {"a fraction", "huge", "large"}),
     "width": (NUMBERS, {"a fraction", "huge", "large"}),
+    "pulse": (NUMBERS | {"capitals": "AUTO"}, {"a fraction", "huge", "large"}),
     "from 0": (NUMBERS, {"zero", "a fraction", "huge", "large"}),
     "from 1": (NUMBERS, {"a fraction", "huge", "large"}),
     "from 30": (NUMBERS, {"huge", "large"}),
     "alpha": (NUMBERS, {"a fraction"}),
     "depth": (NUMBERS, {"minus one"}),
     "choice": (NAMES, set()),
+    "sensor": (NUMBERS, {"zero"}),
+    "dpi": (NUMBERS, set()),
+    "span": (
+        NUMBERS
+        | {"one end": "3", "three": "1,2,3", "backwards": "15,3", "empty span": "3,3"}
+        | {"capitals": "AUTO", "nan end": "3,nan", "far": "0,1e13", "text ends": "a,b"},
+        set(),
+    ),
     "size": (
         NUMBERS
         | {"0x8": "0x8", "8x": "8x", "8x8x8": "8x8x8", "-8x8": "-8x8", "8.5x8": "8.5x8"}
@@ -99,15 +108,18 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--bins": "count",
             "--start-opl": "metres",
             "--bin-width": "width",
-            "--window": "choice",
-            "--pulse-width": "positive",
+            "--window": "span",
+            "--pulse-width": "pulse",
             "--max-depth": "depth",
             "--integrator": "choice",
             "--sampler": "choice",
+            "--sensor": "sensor",
             "--variant": "choice",
             "--seed": "seed",
             "--format": "choice",
             "--precision": "choice",
+            "--figure": "choice",
+            "--dpi": "dpi",
             "-D": "definition",
             "--workers": "count",
             "--scheduler": "address",
@@ -124,6 +136,8 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--max-depth": "depth",
             "--seed": "seed",
             "--variant": "choice",
+            "--figure": "choice",
+            "--dpi": "dpi",
             "--checkpoint": "from 0",
         },
     ),
@@ -161,13 +175,21 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
         {
             "source": "file",
             "--method": "choice",
+            "--figure": "choice",
+            "--dpi": "dpi",
             "--workers": "count",
             "--scheduler": "address",
         },
     ),
     "merge": (
         ["a", "b"],
-        {"sources": "render", "--format": "choice", "--precision": "choice"},
+        {
+            "sources": "render",
+            "--format": "choice",
+            "--precision": "choice",
+            "--figure": "choice",
+            "--dpi": "dpi",
+        },
     ),
     "warp": (
         ["beckmann", "--alpha", "0.5", "--count", "4"],
@@ -176,6 +198,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--alpha": "alpha",
             "--points": "choice",
             "--count": "count",
+            "--dpi": "dpi",
             "--seed": "seed",
             "--variant": "choice",
         },
@@ -203,9 +226,11 @@ ELSEWHERE = {
     "--video": "a switch",
     "--resume": "a switch",
     "--errors": "a switch",
-    "scenes": "has no options",
-    "doctor": "has no options",
     "report title": "any text",
+    "--json": "a switch",
+    "--progress": "a switch",
+    "scenes": "has no other options",
+    "doctor": "has no other options",
     "start folder": "the course's tests",
     "dataset config": "tests/datasets",
     "dataset only": "test_cli_dataset.py",
@@ -307,7 +332,7 @@ def test_warp_images(tmp_path, capsys, what):
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert said.startswith("error: image = ")
+    assert said.startswith("error: --image = ")
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):

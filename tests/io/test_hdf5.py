@@ -16,6 +16,7 @@ from made_dataset import assert_same
 
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
+from tofrender.rendering.labels import labelled
 from tofrender.runtime import atomic
 
 modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
@@ -37,7 +38,7 @@ def example(mode="confocal", **kwargs) -> xr.Dataset:
 @modes
 @pytest.mark.parametrize("legs", [False, True])
 def test_round_trip_is_exact(tmp_path, mode, legs):
-    capture = example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7])
+    capture = labelled(example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7]))
     values = capture["transient"].values
     values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.finfo(np.float32).max
     path = tmp_path / "capture.h5"
@@ -69,7 +70,7 @@ def test_pixels_off_the_wall_come_back(tmp_path, seed):
     on_wall[seed, 1:3] = True, False
     capture["on_wall"] = (("y", "x"), on_wall)
     again = load_capture(save_capture(capture, tmp_path / "part.h5"))
-    assert again.identical(capture)
+    assert again.identical(labelled(capture))
 
 
 def test_unknown_devices_come_back_unknown(tmp_path):

@@ -522,7 +522,7 @@ def decode(path: Path) -> np.ndarray:
 def test_video_shows_every_bin_with_its_time(tmp_path, suffix, channels):
     dataset = make_dataset(height=7, width=9, bins=8, channels=channels)
     dataset["transient"].values[:2] = np.nan
-    path = io.save_video(dataset, tmp_path / f"v{suffix}", fps=25)
+    path = io.save_video(dataset, tmp_path / f"v{suffix}", fps=25, all_bins=True)
     frames = decode(path)
     assert len(frames) == 8
     height, width = frames.shape[1:3]
@@ -535,6 +535,27 @@ def test_video_shows_every_bin_with_its_time(tmp_path, suffix, channels):
     assert labels[:, :, :10].max() < 80
     for before, after in pairwise(labels):
         assert np.abs(before - after).max() > 80
+
+
+def test_video_keeps_late_light_visible_and_leaves_out_the_dark(tmp_path):
+    """Light that halves with every frame; three dark bins before it and ten after."""
+    dataset = make_dataset(height=384, width=384, bins=24)
+    light = np.concatenate([np.zeros(3), 0.5 ** np.arange(11), np.zeros(10)])
+    dataset["transient"].values[:] = light[:, None]
+    frames = decode(io.save_video(dataset, tmp_path / "v.mp4"))[:, 100:300, 100:300]
+    assert len(frames) == 6  # Each that is brighter than 2^-6 of the first
+    assert frames[0].mean() > 240
+    # Half of the fading is made up for, and the dark is lifted by a stop more
+    linear = 0.5 ** (0.5 * np.arange(6))
+    srgb = 255 * (1.055 * linear ** (1 / 2.4) - 0.055)
+    assert (frames.mean((1, 2, 3)) >= srgb - 4).all()
+    assert frames[-1].mean() < 200
+    for path in tmp_path.iterdir():
+        path.unlink()
+    same = decode(io.save_video(dataset, tmp_path / "v.mp4", exposure=1, all_bins=True))
+    assert len(same) == 24
+    linear = same[3:9, 100:300, 100:300].mean((1, 2, 3)) / 255
+    np.testing.assert_allclose(((linear + 0.055) / 1.055) ** 2.4, 0.5 ** np.arange(6), rtol=0.1)
 
 
 def test_video_colors_survive(tmp_path):

@@ -231,7 +231,7 @@ def test_scatter_is_the_standard_error():
 def test_the_mean_is_that_of_the_parts():
     """Each part is a render of its own, and the errors are theirs by NumPy."""
     whole = render(box(), spp=16, errors=True)
-    job = tofrender.rendering.renderer.make_job(box(), spp=1)
+    job = tofrender.rendering.renderer.make_job(tofrender.rendering.asked.Asked(box(), spp=1))
     parts = [
         pieces._at_once(job, pieces.whole(job), None, None, 0, False, seed_of(0, 0, part))
         for part in range(16)

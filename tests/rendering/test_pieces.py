@@ -11,6 +11,7 @@ from films_in_parts import ROUNDING, box, crop, with_film
 from nlos_support import builder
 from support import agree, with_integrator
 
+from tofrender.rendering.asked import Asked
 from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole
 from tofrender.rendering.renderer import make_job
 from tofrender.runtime.memory import film_bytes
@@ -20,7 +21,7 @@ CUT = (4, 5)
 
 
 def job_of(described, **options):
-    return make_job(described, **{"spp": 8} | options)
+    return make_job(Asked(described, **{"spp": 8} | options))
 
 
 def put_together(job, size=CUT) -> dict[str, np.ndarray]:
@@ -189,7 +190,8 @@ def test_tiles_of_other_samplers(sampler):
     """
     job, cut, at_once = job_of(box(6, 4), spp=64, sampler=sampler), [], []
     for seed in range(16):
-        seeded = dataclasses.replace(job, seed=seed)
+        asked = dataclasses.replace(job.asked, seed=seed)
+        seeded = dataclasses.replace(job, asked=asked)
         cut.append(put_together(seeded, (2, 6)))
         at_once.append(take(seeded, whole(job), progress=False).arrays)
     steady, expected = (np.stack([each["steady"] for each in films]) for films in (cut, at_once))

@@ -406,17 +406,17 @@ def test_no_warning_where_little_is_lost():
 @pytest.mark.parametrize("window", [(0.0, 1.0), (2.5, 3.5), (5.0, 100.0), (-5.0, -1.0)])
 def test_window_without_light_is_refused(window):
     """Before the light, between two arrivals (at 2 m and 4 m), after it, and before time 0."""
-    with pytest.raises(ValueError, match="no light arrives in this window") as error:
+    with pytest.raises(ValueError, match="no light arrives in it") as error:
         render(two_walls(), window=window)
     text = str(error.value)
-    assert f"{window[0]:g} m, {window[1]:g} m" in text
+    assert f"window = {window[0]:g} m to {window[1]:g} m: " in text
     assert "must overlap" in text
     assert "\n" not in text
 
 
 @pytest.mark.usefixtures("no_work")
 def test_film_whose_own_window_has_no_light_is_refused():
-    with pytest.raises(ValueError, match=r"start_opl, end = 0 m, 2 m: no light arrives"):
+    with pytest.raises(ValueError, match=r"window = 0 m to 2 m: no light arrives"):
         render(box(start_opl=0.0, temporal_bins=100, bin_width_opl=0.02))
 
 
@@ -451,10 +451,18 @@ def test_a_steady_scene_with_a_window_and_bins():
 
 
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize("options", [{}, {"window": "auto"}, {"temporal_bins": 30}])
-def test_a_steady_film_lacks_bins(options):
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, r"film = HDRFilm: .* give `bins` and `window`"),
+        ({"window": "auto"}, r"film = HDRFilm: .* give `bins` and `window`"),
+        ({"bins": 30}, r"bins = 30: .* is steady; .* give `start_opl` and `bin_width` too"),
+        ({"bin_width": 0.5, "bins": 3}, r"bins = 3: .* is steady; .* give `start_opl` too"),
+    ],
+)
+def test_a_steady_film_lacks_bins(options, message):
     steady = tofrender.cornell_box_steady_state(width=8, height=8)
-    with pytest.raises(ValueError, match=r"film = HDRFilm: .* give both window and temporal_bins"):
+    with pytest.raises(ValueError, match=message):
         render(steady, integrator="transient_path", **options)
 
 
@@ -505,7 +513,19 @@ _BAD = [
     *[("spp", v, f"{_INTEGER} 1 to 16777216") for v in (0, -1, 1.5, "64", True, np.nan, 1 << 25)],
     *[("seed", v, f"{_INTEGER} 0 to 4294967295") for v in (-1, 0.5, "1", None, 1 << 32)],
     *[("sensor", v, f"{_INTEGER} 0 to 0") for v in (-1, 1, "0", 0.0)],
-    *[("temporal_bins", v, f"{_INTEGER} 1 to 1048576") for v in (0, -3, 2.5, "300", 1 << 21)],
+    *[
+        (name, v, f"{_INTEGER} 1 to 1048576")
+        for name in ("bins", "temporal_bins")
+        for v in (0, -3, 2.5, "300", 1 << 21)
+    ],
+    *[("size", v, "must be (width, height) in pixels") for v in (4, "4x4", (4,), (4, 4, 4))],
+    *[("bin_width", v, f"{_METRES} above 0") for v in (0, -1, np.nan, "wide")],
+    *[("start_opl", v, _METRES) for v in (np.inf, "late", True)],
+    *[("pulse_width", v, _METRES) for v in (0, -1.0, np.nan)],
+    *[("max_depth", v, "must be -1 (no limit) or an integer") for v in (0, 1.5, "deep")],
+    *[("define", v, "must be a dict") for v in (3, "a=1", [("a", 1)])],
+    *[("workers", v, f"{_INTEGER} 1 to 1024") for v in (0, -1, 1.5, "2")],
+    *[("scheduler", v, "must be an address like tcp") for v in ("here", 7)],
     ("sampler", "halton", "must be one of padded_sobol, independent"),
     ("sampler", "padded-sobol", "did you mean 'padded_sobol'"),
     ("sampler", 5, "must be one of padded_sobol"),

@@ -35,6 +35,7 @@ from support import with_integrator
 import tofrender
 from tofrender import load_zarr, save_zarr
 from tofrender.rendering import pieces
+from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.store import Store
 from tofrender.rendering.streaming import stream
@@ -272,6 +273,7 @@ from films_in_parts import box, in_small_steps, in_tiles
 import pytest, tofrender
 from tofrender.rendering import pieces
 from tofrender.rendering.store import Store
+from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.streaming import stream
 in_tiles(pytest.MonkeyPatch(), 2)
@@ -287,7 +289,7 @@ def slow(*arguments, **options):
             print("here", flush=True)
             time.sleep(60)
 Store.put, pieces.steps = counted, slow
-job = make_job(box(), spp=8)
+job = make_job(Asked(box(), spp=8))
 stream(job, sys.argv[1], seconds=1e-9, progress=False)
 """
 
@@ -596,7 +598,7 @@ def test_read_only_places(out):
 
 
 def test_streaming_a_job_says_how_to_go_on(out, monkeypatch):
-    job = make_job(box(), spp=8)
+    job = make_job(Asked(box(), spp=8))
     with monkeypatch.context() as patch:
         in_small_steps(patch)
         stopped_after(patch, 2)

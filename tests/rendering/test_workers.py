@@ -30,6 +30,7 @@ from tofrender import local_workers
 from tofrender.cli.options import Size
 from tofrender.nlos import capture, reconstruct
 from tofrender.rendering import workers
+from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.workers import workers_of
 from tofrender.scenes.packing import packed, unpacked
@@ -151,7 +152,10 @@ def test_scenes_pack_as_they_are(variant):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(np.array(again["b"][0]), np.array(pixels))
     assert again["b"][1:] == [2.5, "text"]
-    marks = {make_job(s, spp=1).recipe["fingerprint"] for s in (box(), unpacked(packed("", box())))}
+    marks = {
+        make_job(Asked(s, spp=1)).recipe["fingerprint"]
+        for s in (box(), unpacked(packed("", box())))
+    }
     assert len(marks) == 1
 
 

@@ -354,6 +354,7 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
         patch.setattr(os, "fsync", full)
         with pytest.warns(UserWarning, match=r"^no checkpoint was saved: ") as caught:
             checkpoint.save(16, 64, arrays(2.0))
+        checkpoint.save(18, 64, arrays(2.0))  # Says no more, or it would be an error here
     assert "\n" not in str(caught[0].message)
     kept = begun(path)
     assert kept.done == 8
@@ -361,6 +362,10 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
     assert names(path.parent) == [path.name]
     checkpoint.save(24, 64, arrays())  # There is room again
     assert begun(path).done == 24
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", full)
+        with pytest.warns(UserWarning, match=r"^no checkpoint was saved: "):
+            checkpoint.save(32, 64, arrays())
 
 
 def test_a_folder_that_goes_away_is_a_warning(tmp_path):

@@ -26,7 +26,7 @@ def watched(monkeypatch):
     monkeypatch.setattr(progress, "is_watched", lambda: True)
 
 
-def two_updates(**options) -> None:
+def two_updates(last: float = 0.0, **options) -> None:
     """Short work until 0.3 s, then one more update."""
     with progress_bar("Working", 8, **options) as bar:
         bar.update(1)
@@ -35,15 +35,16 @@ def two_updates(**options) -> None:
         print("early", file=sys.stderr)
         time.sleep(0.3)
         bar.update(1)
+        time.sleep(last)
 
 
-def test_the_delay_is_two_seconds():
-    assert progress.DELAY_S == 2.0
+def test_something_is_to_be_seen_within_a_second():
+    assert progress.DELAY_S + progress.REFRESH_S < 1
 
 
 def test_the_bar_comes_after_the_delay(capsys, monkeypatch):
     monkeypatch.setattr(progress, "DELAY_S", 0.3)
-    two_updates()
+    two_updates(last=0.2)
     early, late = capsys.readouterr().err.split("early\n")
     assert "Working" not in early
     assert "Working" in late
@@ -72,6 +73,7 @@ def test_render_shows_a_bar(capsys, monkeypatch, shown):
 
     monkeypatch.setattr(pieces, "steps", slow)
     monkeypatch.setattr(progress, "DELAY_S", 0.0)
+    monkeypatch.setattr(progress, "REFRESH_S", 0.02)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
     tofrender.render(scene, spp=256, progress=shown)
@@ -91,7 +93,7 @@ def test_a_quick_render_shows_nothing(capfd):
 
 
 _NOTEBOOK = """
-import sys, types, warnings
+import sys, time, types, warnings
 warnings.simplefilter("error")
 sys.modules["ipywidgets"] = None  # Not installed
 shell = types.SimpleNamespace(config={"IPKernelApp": {}})
@@ -103,7 +105,7 @@ from tofrender.runtime import progress
 progress.DELAY_S = 0
 with progress.progress_bar("Working", 2) as bar:
     bar.update(1)
-    bar.refresh()
+    time.sleep(0.5)
 """
 
 
@@ -115,6 +117,71 @@ def test_in_a_notebook_without_ipywidgets():
     assert result.returncode == 0, result.stderr
     assert "Working" in result.stderr
     assert "Warning" not in result.stderr
+
+
+def test_work_that_counts_nothing_for_long_is_shown(capsys, monkeypatch):
+    """As while kernels are compiled: no step is done, but a bar is there, with its clock."""
+    monkeypatch.setattr(progress, "DELAY_S", 0.1)
+    with progress_bar("Working", 8):
+        time.sleep(0.4)
+    assert "Working:   0%" in capsys.readouterr().err
+
+
+def test_a_status_says_what_is_done(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "DELAY_S", 0.1)
+    with progress.status("Loading"):
+        time.sleep(0.3)
+    said = capsys.readouterr().err
+    assert "Loading ... 00:00" in said
+    assert said.endswith("\r")  # Nothing stays
+
+
+def test_inner_work_takes_the_place_of_the_outer(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "DELAY_S", 0.1)
+    monkeypatch.setattr(progress, "REFRESH_S", 0.02)
+    with progress.status("Outer"):
+        time.sleep(0.25)
+        with progress_bar("Inner", 3) as bar:
+            bar.update()
+            time.sleep(0.25)
+            print("within", file=sys.stderr)
+            time.sleep(0.1)
+        time.sleep(0.25)
+    before, after = capsys.readouterr().err.split("within\n")
+    assert before.index("Outer") < before.index("Inner")
+    assert "Outer" not in before[before.index("Inner") :]
+    assert after.rindex("Inner") < after.rindex("Outer")
+    assert "\n" not in before + after  # One line at a time
+
+
+def test_what_is_said_meanwhile_has_a_line_of_its_own(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "DELAY_S", 0.0)
+    with progress.status("Working"):
+        time.sleep(0.2)
+        with progress.cleared():
+            print("a note", file=sys.stderr)
+        time.sleep(0.1)
+    line = capsys.readouterr().err.split("\n")[0]
+    assert line.rpartition("\r")[2] == "a note"
+
+
+def test_hidden_bars(capsys, monkeypatch):
+    monkeypatch.undo()
+    monkeypatch.setattr(progress, "DELAY_S", 0.0)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with progress.hidden(), progress_bar("Working", 3):
+        time.sleep(0.1)
+    assert capsys.readouterr().err == ""
+    assert progress.is_watched()
+
+
+def test_threads_end_with_their_bars():
+    before = threading.active_count()
+    for _ in range(20):
+        with progress_bar("Working", 3), progress.status("Within"):
+            pass
+    time.sleep(0.1)
+    assert threading.active_count() <= before
 
 
 # ------------------------------------------------------------------------------------ Ctrl-C

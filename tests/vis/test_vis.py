@@ -93,6 +93,63 @@ def test_bad_percentile(percentile):
         vis.tonemap(np.ones((2, 2)), percentile=percentile)
 
 
+def test_shadows_lift_the_dark_and_keep_white_and_hues():
+    rng = np.random.default_rng(0)
+    hues = rng.uniform(0.1, 1, (50, 1, 3)) * [[[1, 0.5, 0]]]
+    values = hues / hues.max(axis=2, keepdims=True) * np.geomspace(1e-4, 1, 40)[:, None]
+    linear = vis.tonemap(values, exposure=1) / 255
+    lifted = vis.tonemap(values, exposure=1, shadows=3) / 255
+    assert (lifted >= linear).all()
+    assert (lifted[:, -1] == linear[:, -1]).all()
+    assert (np.diff(lifted.max(axis=2), axis=1) >= 0).all()
+
+    def light(srgb):
+        return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+    ratios = light(lifted)[..., 1] / light(lifted)[..., 0]
+    steps = 2 / (255 * lifted[..., 1].clip(1 / 255))  # Of eight bits, as a part
+    assert (np.abs(ratios / (values[..., 1] / values[..., 0]) - 1) < 0.05 + 3 * steps).all()
+    dark = light(vis.tonemap(np.full((1, 1), 1e-3), exposure=1, shadows=6)[0, 0, 0] / 255)
+    assert dark == pytest.approx(64e-3, rel=0.25)  # k = 390 bends it by a sixth already
+
+
+def test_exposure_grows_as_light_fades():
+    bins, decay = 30, 0.8
+    values = np.zeros((4, 5, bins, 3), np.float32)
+    values[..., 5:, :] = (decay ** np.arange(bins - 5))[:, None]
+    values[0, 0, 0], values[1, 1, 12] = 0.5, np.nan  # a first glimpse; unfinished
+    gains = vis.growing_exposure(values, share=0.5, most_stops=20)
+    assert gains[0] == vis.auto_exposure(values)
+    assert (gains[:6] == gains[0]).all()
+    np.testing.assert_allclose(gains[6:12] / gains[5:11], decay**-0.5, rtol=1e-5)
+    assert (np.diff(gains) >= 0).all()
+    capped = vis.growing_exposure(values, most_stops=2)
+    assert capped[-1] == 4 * capped[0]
+    assert (vis.growing_exposure(values, share=0) == gains[0]).all()
+
+
+def test_a_lamp_in_view_does_not_make_all_the_rest_late():
+    """It lights one pixel in a thousand, a thousand times as bright as the walls."""
+    values = np.full((50, 40, 12), 1.0, np.float32)
+    values[:, :, :2], values[:, :, -3:] = 0, 0
+    plain = vis.growing_exposure(values)
+    values[:2, 0, 3] = 1000
+    gains = vis.growing_exposure(values)
+    assert (gains[:9] == gains[0]).all()
+    np.testing.assert_allclose(gains[0], plain[0], rtol=1e-6)
+    assert vis.lit_bins(values) == slice(2, 9)
+    assert vis.lit_bins(0 * values) == slice(0, 12)
+    assert vis.lit_bins(values, stops=32) == slice(2, 9)
+
+
+@pytest.mark.parametrize("fill", [0.0, -1.0, np.nan, np.inf, 1e-300])
+def test_exposure_without_usable_light(fill):
+    gains = vis.growing_exposure(np.full((2, 3, 4), fill))
+    assert gains.shape == (4,)
+    assert np.isfinite(gains).all()
+    assert (gains == gains[0]).all()
+
+
 # ------------------------------------------------------------------- animation and one pixel
 
 
@@ -192,8 +249,8 @@ def test_summary_shows_title_and_axes_with_units(tmp_path):
     )
     assert {axes.get_xlabel() for axes in (steady, peak)} == {"x [pixel]"}
     assert plot.get_xlabel() == bar.get_ylabel() == "time [ns]"
-    assert plot.get_ylabel() == "radiance per bin [W m$^{-2}$ sr$^{-1}$]"
-    assert len(plot.lines) == 3
+    assert plot.get_ylabel() == "radiance per bin [10⁻³ W m⁻² sr⁻¹]"
+    assert len([line for line in plot.lines if line.get_xdata().size]) == 3
     shown = peak.images[0].get_array()
     assert np.ma.getmaskarray(np.ma.masked_invalid(shown))[:, :2].all()
     energy = vis.luminance(dataset["transient"].values)

@@ -10,17 +10,20 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import wraps
 from typing import Annotated, Any
 
 import typer
 
+from ..runtime.progress import hidden, status
 from . import course, dataset, grade, merge, nlos, render, report, time, warp
-from .options import BAD_INPUT, FAILURE, INTERRUPTED
+from .answers import Json, answer
+from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
+from .wording import in_options, speak_of
 
 app = typer.Typer(
     help="Renders light in flight: transient images of Mitsuba scenes.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -42,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         True
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    speak_of(None, {})
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", UserWarning)
@@ -66,11 +70,11 @@ def _explain(error: BaseException) -> int:
         return _complain(told, getattr(error, "status", INTERRUPTED))
     bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
     status = BAD_INPUT if isinstance(error, bad) else FAILURE
-    return _complain(str(error) or type(error).__name__, status)
+    return _complain(in_options(str(error)) or type(error).__name__, status)
 
 
 def _warn(message: Warning | str, *_: Any) -> None:
-    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+    note(f"warning: {' '.join(in_options(str(message)).split())}")
 
 
 def _complain(message: str, status: int) -> int:
@@ -83,12 +87,19 @@ def _complain(message: str, status: int) -> int:
 
 
 def _telling(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose Ctrl-C reaches `_explain`: Typer would end it without a word."""
+    """A command that is seen to work, and says what goes wrong in words of its options.
+
+    Its Ctrl-C reaches `_explain`: Typer would end it without a word.
+    """
+    name = f"tofrender {command.__name__}"
+    shown = command in SHOWN
 
     @wraps(command)
     def told(**options: Any) -> None:
+        speak_of(command, options)
         try:
-            command(**options)
+            with hidden(not options.get("progress", True)), status(name, shown):
+                command(**options)
         except KeyboardInterrupt as stopped:
             raise RuntimeError from stopped
 
@@ -114,26 +125,37 @@ def _options(
 
 
 @app.command()
-def scenes() -> None:
+def scenes(as_json: Json = False) -> None:
     """List the built-in scenes."""
     from tofrender.scenes import BUILT_IN, describe
 
     width = max(map(len, BUILT_IN))
-    for name in BUILT_IN:
-        typer.echo(f"{name:{width}}  {describe(name)}")
+    found = [{"name": name, "description": describe(name)} for name in BUILT_IN]
+    lines = (f"{each['name']:{width}}  {each['description']}" for each in found)
+    answer("scenes", as_json, {"scenes": found}, lines)
 
 
 @app.command()
-def doctor() -> None:
+def doctor(as_json: Json = False) -> None:
     """Check whether rendering works here, and say what to do if not."""
-    from tofrender.runtime.doctor import main as diagnose
+    from tofrender.runtime import doctor
 
-    raise typer.Exit(diagnose())
+    if not as_json:
+        raise typer.Exit(doctor.main())
+    checks = doctor.diagnose()
+    works = doctor.works(checks)
+    answer("doctor", True, {"works": works, "checks": [asdict(each) for each in checks]}, ())
+    raise typer.Exit(0 if works else FAILURE)
 
+
+SHOWN = (
+    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
+    *(render.render, merge.merge, dataset.dataset),
+)
+"""Commands that show that they work; the others say each thing that they have done."""
 
 for command in (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
-    *(course.start, course.submit, course.release, course.verify),
-    *(grade.grade, render.render, merge.merge, dataset.dataset),
+    *SHOWN,
+    *(course.start, course.submit, course.release, course.verify, grade.grade),
 ):
     app.command()(_telling(command))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -70,7 +69,7 @@ def dataset(
     from tofrender.runtime.progress import ended_by_signals
 
     if plan:
-        typer.echo(str(plan_dataset(config, only)))
+        opt.say(str(plan_dataset(config, only)))
         return
     assert out is not None
     if resume and not Store.planned(under_way(out)):
@@ -82,11 +81,11 @@ def dataset(
             only=only,
             client=client,
             resume=resume,
-            tell=partial(typer.echo, err=True),
+            tell=opt.note,
             again=AGAIN,
         )
     count = made.sizes["record"]
-    typer.echo(f"{out}: {count} record{'s' * (count != 1)}, {', '.join(_large(made))}")
+    opt.say(f"{out}: {count} record{'s' * (count != 1)}, {', '.join(_large(made))}")
 
 
 def _large(made: Any) -> list[str]:

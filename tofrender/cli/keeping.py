@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +22,7 @@ Resume = Annotated[
     bool, typer.Option("--resume", help="Go on where a run was stopped or killed, up to --spp.")
 ]
 
-EVERY_S, NEVER_S = 30.0, 1e9
+NEVER_S = 1e9
 AGAIN = "the same command with --resume goes on"
 
 
@@ -43,11 +42,10 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         for each in (out, path):
             remove_leftovers(each)
         if path.exists() and not resume:
-            typer.echo(f"note: {AGAIN} from where an earlier one was stopped", err=True)
+            opt.note(f"note: {AGAIN} from where an earlier one was stopped")
         checkpoint = None
         if seconds or (resume and path.exists()):
-            tell = partial(typer.echo, err=True)
-            checkpoint = Checkpoint(path, seconds or NEVER_S, tell, AGAIN, resume)
+            checkpoint = Checkpoint(path, seconds or NEVER_S, opt.note, AGAIN, resume)
         try:
             yield checkpoint
         except OSError as error:

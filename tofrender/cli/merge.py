@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from . import options as opt
-from .render import Format, Precision, write
+from .render import Format, Precision
+from .writing import write
 
 
 def merge(
@@ -19,6 +20,8 @@ def merge(
     format: Annotated[Format, opt.choice(Format, "How to store the transient.")] = "frames",
     precision: Annotated[Precision, opt.choice(Precision, "Numbers in the EXR files.")] = "float",
     video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
 ) -> None:
     """Join renders of one scene with other seeds, from any machines.
 
@@ -42,6 +45,6 @@ def merge(
     height, width, bins, channels = merged["transient"].shape
     opt.check_out(out, (height, width, bins, channels), precision)
     with deferred_stop():
-        files = write(merged, out, format, precision, video)
+        files = write(merged, out, format, precision, video, figure, dpi)
     names = [name for name in files if not name.startswith("frame_")]
-    typer.echo(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")
+    opt.say(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")

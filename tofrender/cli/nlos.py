@@ -8,9 +8,14 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .keeping import AGAIN, EVERY_S, Resume, Seconds, keeping, require_something, tell
+from ..runtime.progress import EVERY_S
+from . import completion
+from .answers import Capture, Json, Reconstruct, answer
+from .keeping import AGAIN, Resume, Seconds, keeping, require_something, tell
 from .options import (
     INTERRUPTED,
+    Dpi,
+    Figure,
     Out,
     Scheduler,
     Seed,
@@ -24,6 +29,8 @@ from .options import (
     check_room,
     choice,
     client_of,
+    dots,
+    note,
     size,
 )
 
@@ -32,7 +39,12 @@ Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
 
 
 def capture(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene with a relay wall.")],
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help="A scene with a relay wall.", autocompletion=completion.scene
+        ),
+    ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file to write.")],
     mode: Annotated[Mode, choice(Mode, "Which points of the wall are lit.")] = "confocal",
     grid: Annotated[Size | None, size("64x64", "Points on the wall.")] = None,
@@ -46,6 +58,7 @@ def capture(
     scheduler: Scheduler = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
+    as_json: Json = False,
 ) -> None:
     """Capture a hidden scene by its relay wall.
 
@@ -92,13 +105,29 @@ def capture(
         captured.attrs["scene"] = str(source)
         with deferred_stop() as stop:
             io.save_capture(captured, out, overwrite=resume)
-        if not captured.attrs.get("complete", 1):
+        rows, columns = captured["sensor_grid"].shape[:2]
+        bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
+        complete = bool(captured.attrs.get("complete", 1))
+        facts: Capture = {
+            "out": str(out),
+            "complete": complete,
+            "scene": str(source),
+            "mode": mode,
+            "columns": columns,
+            "rows": rows,
+            "bins": bins,
+            "start_opl": captured.attrs["start_opl"],
+            "bin_width": step,
+            "spp": int(captured.attrs["spp"]),
+            "seed": seed,
+        }
+        line = f"{out}: {mode}, {columns}x{rows} points, {bins} bins of {1000 * step:g} mm"
+        if complete or as_json:
+            answer("capture", as_json, facts, [line])
+        if not complete:
             done = f"{captured.attrs['spp']} samples per pixel; {AGAIN}"
-            typer.echo(f"error: interrupted after {done}", err=True)
+            note(f"error: interrupted after {done}")
             raise typer.Exit(INTERRUPTED)
-    rows, columns = captured["sensor_grid"].shape[:2]
-    bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
-    typer.echo(f"{out}: {mode}, {columns}x{rows} points, {bins} bins of {1000 * step:g} mm")
     tell(stop)
 
 
@@ -106,8 +135,11 @@ def reconstruct(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="What `capture` has written.")],
     out: Out,
     method: Annotated[Method, choice(Method, "How to reconstruct.")] = "lct",
+    figure: Figure = "png",
+    dpi: Dpi = 150,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    as_json: Json = False,
 ) -> None:
     """Reconstruct the hidden scene of a capture.
 
@@ -115,9 +147,9 @@ def reconstruct(
     """
     check_out(out)
     check_apart(out, source)
-    for option, value in (("--workers", workers), ("--scheduler", scheduler)):
+    for name, value in (("workers", workers), ("scheduler", scheduler)):
         if value is not None and method not in ("bp", "fbp"):
-            raise ValueError(f"{option} = {value}: must be left out with --method {method}")
+            raise ValueError(f"{name} = {value}: must be left out with `method={method}`")
     import numpy as np
 
     from tofrender import io, nlos, vis
@@ -138,7 +170,17 @@ def reconstruct(
         for name, image in (("brightness", brightness), ("depth", depth)):
             values = np.asarray(image.values, np.float32)[..., None]
             io.save_exr_layers(folder / f"{name}.exr", {"": values}, attrs)
-        vis.reconstruction_figure(volume).savefig(folder / "volume.png", dpi=150)
+        drawn = vis.reconstruction_figure(volume)
+        io.save_figure(drawn, folder / f"volume.{figure}", **dots(dpi))
     seen = depth.values[np.isfinite(depth.values)]
-    where = f"median depth {np.median(seen):.3f} m" if seen.size else "nothing found"
-    typer.echo(f"{out}: volume.npz, brightness.exr, depth.exr, volume.png; {where}")
+    median = float(np.median(seen)) if seen.size else None
+    where = "nothing found" if median is None else f"median depth {median:.3f} m"
+    files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
+    facts: Reconstruct = {
+        "out": str(out),
+        "files": files,
+        "source": str(source),
+        "method": method,
+        "median_depth": median,
+    }
+    answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

@@ -8,16 +8,17 @@ are replaced, as they do not say the value: each is refused in one line, `--opti
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 
 import typer
 
 from ..runtime import checks
+from ..runtime.progress import cleared
+from . import completion
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,11 +26,14 @@ if TYPE_CHECKING:
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
 """What the command's exit status is, if not 0."""
 
+MAX_SENSOR = 1 << 16
+
 LEAST_ROOM = 1 << 20
 """What a figure and a few headers take on a disk [bytes]."""
 
 FILES = {
     "frames": "",
+    "png": "",
     "multipart": "stack.exr",
     "npz": "transient.npz",
     "zarr": "transient.zarr",
@@ -105,7 +109,9 @@ def positive(unit: str, help: str) -> Any:
 
 def choice(names: Any, help: str, **info: Any) -> Any:
     """An option that is one of the names of a `Literal`."""
-    return checked(partial(checks.one_of, allowed=get_args(names)), help, **info)
+    allowed = get_args(names)
+    complete = completion.among(allowed)
+    return checked(partial(checks.one_of, allowed=allowed), help, autocompletion=complete, **info)
 
 
 def size(example: str, help: str) -> Any:
@@ -122,22 +128,46 @@ def size(example: str, help: str) -> Any:
     return checked(check, help, metavar="WxH")
 
 
+def pulse(name: str, value: Any) -> str | float:
+    """The check of an option that is a pulse's width: auto, none, or metres.
+
+    Example:
+        >>> pulse("", "0.05")
+        0.05
+    """
+    if value in ("auto", "none"):
+        return value
+    width = number(value)
+    if isinstance(width, str):
+        raise ValueError(f"{name} = {checks.shown(value)}: must be auto, none, or metres above 0")
+    return checks.width(name, width)
+
+
+def span(name: str, value: Any) -> str | tuple[float, float]:
+    """The check of an option that is a window: auto, scene, or where it starts and stops.
+
+    Example:
+        >>> span("", "3.5,15")
+        (3.5, 15.0)
+    """
+    ends = [number(end) for end in str(value).split(",")]
+    if value in ("auto", "scene"):
+        return value
+    if any(isinstance(end, str) for end in ends) or len(ends) != 2:
+        allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
+        raise ValueError(f"{name} = {checks.shown(value)}: must be {allowed}")
+    start, stop = (checks.metres(name, end) for end in ends)
+    if not start < stop < start + checks.MAX_OPL:
+        raise ValueError(f"{name} = {value}: must end after it starts, and not at infinity")
+    return start, stop
+
+
 def definition(name: str, value: Any) -> tuple[str, str]:
     """The check of an option that is a name and a value."""
     key, separator, text = str(value).partition("=")
     if not separator or not key:
         raise ValueError(f"{name} {value}: must be name=value, like spp=64")
     return key, text
-
-
-def address(name: str, value: Any) -> str:
-    """The check of an option that is the address of a scheduler."""
-    found = re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?(\[[\w:%.]+\]|[^\s/:]+):(\d{1,5})", str(value))
-    if not found or not 0 < int(found[4]) < 1 << 16:
-        raise ValueError(
-            f"{name} = {checks.shown(value)}: must be an address like tcp://10.0.0.1:8786"
-        )
-    return found[0]
 
 
 def number(text: Any) -> Any:
@@ -162,7 +192,9 @@ def number(text: Any) -> Any:
 Scene = Annotated[
     str,
     typer.Argument(
-        metavar="SCENE", help="Built-in name (see `tofrender scenes`) or Mitsuba XML file."
+        metavar="SCENE",
+        help="Built-in name (see `tofrender scenes`) or Mitsuba XML file.",
+        autocompletion=completion.scene,
     ),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder to write, made whole.")]
@@ -173,31 +205,52 @@ MaxDepth = Annotated[
 ]
 Seed = Annotated[int, integer(0, checks.MAX_SEED, "Random seed.")]
 Variant = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Mitsuba variant, e.g. llvm_ad_rgb.")
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Mitsuba variant, e.g. llvm_ad_rgb.",
+        autocompletion=completion.among(completion.VARIANTS),
+    ),
 ]
 Workers = Annotated[int | None, integer(1, 1024, "Render by so many processes here.")]
+Progress = Annotated[bool, typer.Option(help="Show a bar for work that takes long.")]
+Drawing = Literal["png", "pdf", "svg"]
+Figure = Annotated[Drawing, choice(Drawing, "File of the figure; pdf and svg are vectors.")]
+Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pixels.")]
 Scheduler = Annotated[
-    str | None, checked(address, "Render by the workers of a Dask scheduler.", metavar="ADDRESS")
+    str | None,
+    checked(checks.address, "Render by the workers of a Dask scheduler.", metavar="ADDRESS"),
 ]
+
+
+def say(*lines: str, err: bool = False) -> None:
+    """Say something on stdout, or on stderr."""
+    with cleared():
+        for line in lines:
+            typer.echo(line, err=err)
+
+
+def note(line: str) -> None:
+    """Say something on stderr."""
+    say(line, err=True)
+
+
+def dots(dpi: int | None) -> dict[str, Any]:
+    """What `save_figure` is told, if anything."""
+    return {} if dpi is None else {"dpi": dpi}
 
 
 @contextmanager
 def client_of(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     """The workers that are asked for, None if none are."""
-    if workers is not None and scheduler is not None:
-        raise ValueError("--scheduler: must be left out with --workers")
-    if workers is not None:
-        from tofrender.rendering.workers import local_workers
-
-        with local_workers(workers) as client:
-            yield client
-    elif scheduler is not None:
-        from tofrender.rendering.workers import workers_of
-
-        with workers_of(scheduler) as client:
-            yield client
-    else:
+    if workers is None and scheduler is None:
         yield None
+        return
+    from tofrender.rendering.workers import check_workers, workers_for
+
+    check_workers(workers=workers, scheduler=scheduler)
+    with workers_for(workers, scheduler) as client:
+        yield client
 
 
 # ------------------------------------------------------------------------------------- the folder
@@ -251,7 +304,7 @@ def _of_out(error: Exception) -> str:
 
 def check_format(format: str, precision: str) -> None:
     """Refuse half precision where files hold single."""
-    if format in ("npz", "zarr") and precision != "float":
+    if format in ("npz", "zarr", "png") and precision != "float":
         raise ValueError(f"--precision = {precision}: must be float with --format {format}")
 
 
@@ -270,6 +323,5 @@ def load_render(out: Path, option: str) -> xr.Dataset:
         if path.exists():
             return load(path)
     name = checks.shown(str(out))
-    raise ValueError(
-        f"{option}: {name} holds no render; must be what `tofrender render` has written"
-    )
+    what = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
+    raise ValueError(f"{option}: {name} holds {what}; must be what `tofrender render` has written")

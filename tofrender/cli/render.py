@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..runtime import checks
+from ..runtime.progress import EVERY_S
 from . import options as opt
+from .answers import Json, answer, of_render
+from .first_sight import NONE, OWN, at_first_sight, tell_first_sight
 from .keeping import (
     AGAIN,
-    EVERY_S,
     Resume,
     Seconds,
     is_begun,
@@ -21,7 +23,8 @@ from .keeping import (
     require_something,
     tell,
 )
-from .streaming import fits, placed, streamed
+from .streaming import fits, streamed
+from .writing import write
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,8 +43,7 @@ Integrator = Literal[
 Sampler = Literal[
     "padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler"
 ]
-Window = Literal["auto"]
-Format = Literal["frames", "multipart", "npz", "zarr"]
+Format = Literal["frames", "png", "multipart", "npz", "zarr"]
 Precision = Literal["half", "float"]
 
 
@@ -58,10 +60,22 @@ def render(
         float | None, opt.positive("metres", "Width of a bin, metres of path.")
     ] = None,
     window: Annotated[
-        Window | None, opt.choice(Window, "Find the window that holds the light.")
+        Any,
+        opt.checked(
+            opt.span,
+            "Where all bins start and stop, metres of path; auto finds what holds the light.",
+            metavar="auto|scene|START,STOP",
+            autocompletion=opt.completion.among(["auto", OWN]),
+        ),
     ] = None,
     pulse_width: Annotated[
-        float | None, opt.positive("metres", "Gaussian pulse's standard deviation, metres.")
+        Any,
+        opt.checked(
+            opt.pulse,
+            "Gaussian pulse's standard deviation, metres; auto takes a 128th of the window.",
+            metavar="auto|none|METRES",
+            autocompletion=opt.completion.among(["auto", NONE]),
+        ),
     ] = None,
     max_depth: opt.MaxDepth = None,
     integrator: Annotated[
@@ -70,15 +84,20 @@ def render(
     sampler: Annotated[
         Sampler | None, opt.choice(Sampler, "Mitsuba's sampler, or padded_sobol.")
     ] = None,
+    sensor: Annotated[int, opt.integer(0, opt.MAX_SENSOR, "Number of the sensor.")] = 0,
     variant: opt.Variant = None,
     seed: opt.Seed = 0,
     format: Annotated[Format, opt.choice(Format, "How to store the transient.")] = "frames",
     precision: Annotated[Precision, opt.choice(Precision, "Numbers in the EXR files.")] = "float",
-    defines: Annotated[
+    define: Annotated[
         list[Any] | None,
-        opt.checked(opt.definition, "XML parameter; repeatable.", "-D", metavar="NAME=VALUE"),
+        opt.checked(
+            opt.definition, "XML parameter; repeatable.", "-D", "--define", metavar="NAME=VALUE"
+        ),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
     errors: Annotated[
         bool, typer.Option("--errors", help="Measure the noise of each bin.")
     ] = False,
@@ -86,11 +105,15 @@ def render(
     scheduler: opt.Scheduler = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
+    progress: opt.Progress = True,
+    as_json: Json = False,
 ) -> None:
     """Render SCENE in time.
 
-    What is left out stays as the scene has it. DIR gets the transient image, its sum over time
-    (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
+    What is left out stays as the scene has it, but for time: a built-in scene, or one whose film is
+    steady, gets a window that holds its light and a pulse that suits it, unless one of --start-opl,
+    --bin-width, --window and --pulse-width is given. DIR gets the transient image, its sum over
+    time (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
     earlier run made is replaced. What is done is kept beside DIR while it renders; Ctrl-C, SIGTERM
     and SIGHUP write it as far as it is. With --resume, a run goes on from a stopped one, or from a
     render in DIR that has fewer samples.
@@ -101,12 +124,6 @@ def render(
     from tofrender.runtime import backend
 
     # -------------------------------------------------------- check everything, start nothing
-    if window is not None:
-        for option, value in (("--start-opl", start_opl), ("--bin-width", bin_width)):
-            if value is not None:
-                raise ValueError(f"{option} = {value:g}: must be left out, --window auto finds it")
-        if bins is not None:  # lets a steady scene turn transient; the window found replaces it
-            start_opl, bin_width = 0.0, 1.0
     opt.check_format(format, precision)
     opt.check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
@@ -117,29 +134,32 @@ def render(
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
 
-    found = find_scene(scene)
-    job = make_job(
-        found,
-        spp=spp,
-        seed=seed,
-        sampler=sampler,
-        integrator=integrator,
-        window=window,
-        errors=errors,
-        settings={
-            "parameters": dict(defines or ()),
-            "width": size and size.width,
-            "height": size and size.height,
-            "temporal_bins": bins,
-            "start_opl": start_opl,
-            "bin_width_opl": bin_width,
-            "max_depth": max_depth,
-            "pulse_width_opl": pulse_width,
-        },
-    )
+    words = {
+        "scene": find_scene(scene),
+        "spp": spp,
+        "seed": seed,
+        "size": size,
+        "bins": bins,
+        "start_opl": start_opl,
+        "bin_width": bin_width,
+        "window": window,
+        "pulse_width": pulse_width,
+        "max_depth": max_depth,
+        "integrator": integrator,
+        "sampler": sampler,
+        "sensor": sensor,
+        "define": dict(define or ()),
+        "errors": errors,
+    }
+    asked = at_first_sight(**words)
+    job = make_job(asked)
+    tell_first_sight(asked, job)
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
+    cells = height * width * films * count
     opt.check_out(out, (height, width, films * count, channels), precision)
+    if checkpoint:  # which has the samples' weight of each bin, too
+        opt.check_room(out, cells * channels, cells * (channels + 1))
 
     # ---------------------------------------------------------------------- render and write
     with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
@@ -154,11 +174,11 @@ def render(
             require_something(resume, film, out)
             dataset = streamed(job, film, client, checkpoint, resume)
         with deferred_stop() as stop:
-            files = write(dataset, out, format, precision, video)
-        _report(dataset, out, files)
+            files = write(dataset, out, format, precision, video, figure, dpi)
+        answer("render", as_json, of_render(dataset, out, files), _report(dataset, out, files))
         if not dataset.attrs["complete"]:
             done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
-            typer.echo(f"error: interrupted after {done}", err=True)
+            opt.note(f"error: interrupted after {done}")
             raise typer.Exit(opt.INTERRUPTED)
     tell(stop)
 
@@ -171,37 +191,12 @@ def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
     earlier = opt.load_render(out, "--resume")
     if kept is not None and earlier.attrs["spp"] != first:  # DIR has changed since
         kept.resume = False
-    typer.echo(f"resuming from {earlier.attrs['spp']} samples per pixel in {out}", err=True)
+    opt.note(f"resuming from {earlier.attrs['spp']} samples per pixel in {out}")
     return earlier
 
 
-def write(dataset: xr.Dataset, out: Path, format: str, precision: str, video: bool) -> list[str]:
-    """Write all files into `out`, which appears whole; returns their names."""
-    from tofrender import io, vis
-
-    with io.output_folder(out, overwrite=True) as folder:
-        if format == "npz":
-            io.save_npz(dataset, folder / opt.FILES[format])
-        elif format == "zarr":
-            io.save_exr_layers(folder / "steady.exr", {"": dataset["steady"].values}, dataset.attrs)
-        else:
-            io.save_exr_stack(
-                dataset,
-                folder / opt.FILES[format],
-                layout=format,
-                precision=precision,
-                overwrite=True,
-            )
-        if video:
-            io.save_video(dataset, folder / "video.mp4")
-        vis.summary_figure(dataset).savefig(folder / "summary.png")
-        if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            placed(dataset, folder / opt.FILES[format])
-        return sorted(path.name for path in folder.iterdir())
-
-
-def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> None:
-    """Say what was written, how long it took, and what the window missed."""
+def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> list[str]:
+    """What was written, how long it took, and what the window missed."""
     frames = [name for name in files if name.startswith("frame_")]
     names = [name for name in files if name not in frames]
     if frames:
@@ -209,8 +204,8 @@ def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> None:
     attrs = dataset.attrs
     seconds = attrs["render_seconds"]
     samples = dataset.sizes["y"] * dataset.sizes["x"] * attrs["spp"]
-    typer.echo(f"{out}: {', '.join(names)}")
-    typer.echo(
+    return [
+        f"{out}: {', '.join(names)}",
         f"{seconds:.1f} s, {samples / seconds:,.0f} samples per second, "
-        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window"
-    )
+        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the window",
+    ]

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
+from . import options as opt
 from .keeping import AGAIN
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ def fits(job: Job) -> bool:
     try:
         job.require_memory(whole(job).count)
     except MemoryError as error:
-        typer.echo(f"note: {error}; it is rendered tile by tile on the disk", err=True)
+        opt.note(f"note: {error}; it is rendered tile by tile on the disk")
         return False
     return True
 
@@ -41,7 +39,7 @@ def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) ->
             atomic.remove(left)
     if is_film(film):
         dataset = load_zarr(film)
-        wanted = job.recipe | {"spp": whole(job).count, "errors": job.errors}
+        wanted = job.recipe | {"spp": whole(job).count, "errors": job.asked.errors}
         found = dataset.attrs | {"errors": "transient_error" in dataset}
         wanted["shape"], found["shape"] = job.film.shape, dataset["transient"].shape
         for name, value in wanted.items():
@@ -49,8 +47,7 @@ def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) ->
             if its != value:
                 raise ValueError(f"--resume: was rendered with {name} = {its!r}; must be {value!r}")
         return dataset
-    tell = partial(typer.echo, err=True)
-    return stream(job, film, client=client, seconds=seconds, tell=tell, again=AGAIN)
+    return stream(job, film, client=client, seconds=seconds, tell=opt.note, again=AGAIN)
 
 
 def placed(dataset: xr.Dataset, place: Path) -> None:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..runtime.progress import EVERY_S
 from . import options as opt
-from .keeping import EVERY_S, Resume, Seconds, keeping, require_something, tell
+from .answers import Gate, Json, Phasor, answer
+from .keeping import Resume, Seconds, keeping, require_something, tell
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,8 +41,11 @@ def phasor(
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
+    as_json: Json = False,
 ) -> None:
     """Phasor images: I, Q, amplitude, phase and depth at each frequency.
 
@@ -57,10 +62,13 @@ def phasor(
             if value is not None:
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
+        from tofrender.runtime.progress import deferred_stop
 
         rendered = opt.load_render(Path(source), "RENDER_DIR")
         opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
+        with deferred_stop() as stop:
+            files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
         loaded, sensor, samples, traits = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
@@ -76,10 +84,17 @@ def phasor(
                 loaded, sensor, freq, samples, seed, integrator, checkpoint=kept
             )
             with deferred_stop() as stop:
-                _write_phasors(out, freq, parts, source)
-        tell(stop)
-        return
-    _write_phasors(out, freq, parts, source)
+                files = _write_phasors(out, freq, parts, source, figure, dpi)
+    facts: Phasor = {
+        "out": str(out),
+        "files": files,
+        "source": source,
+        "frequencies_hz": freq,
+        "width": parts[0].shape[2],
+        "height": parts[0].shape[1],
+    }
+    answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
+    tell(stop)
 
 
 def gate(
@@ -96,16 +111,15 @@ def gate(
     variant: opt.Variant = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
+    as_json: Json = False,
 ) -> None:
     """Render SCENE at one instant, given as a path length.
 
     Paths are those of the scene's integrator. DIR gets gate.exr, the radiance per metre of path at
-    that instant, and picture.png.
+    that instant, and picture.png, which says when it is and how bright.
     """
     opt.check_out(out)
     loaded, sensor, samples, traits = _load(scene, spp, size, max_depth, variant)
-    from PIL import Image
-
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
     from tofrender.runtime.progress import deferred_stop
@@ -122,8 +136,20 @@ def gate(
         attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
-            Image.fromarray(vis.tonemap(image)).save(folder / "picture.png")
-    typer.echo(f"{out}: gate.exr, picture.png")
+            drawn = vis.gate_figure(image, at, pulse_width)
+            io.save_figure(drawn, folder / "picture.png")
+    facts: Gate = {
+        "out": str(out),
+        "files": ["gate.exr", "picture.png"],
+        "scene": scene,
+        "at": at,
+        "pulse_width": pulse_width,
+        "spp": samples,
+        "seed": seed,
+        "width": image.shape[1],
+        "height": image.shape[0],
+    }
+    answer("gate", as_json, facts, [f"{out}: gate.exr, picture.png"])
     tell(stop)
 
 
@@ -159,9 +185,14 @@ def _values(sensor: Any) -> int:
 
 
 def _write_phasors(
-    out: Path, frequencies: list[float], parts: tuple[np.ndarray, ...], source: str
-) -> None:
-    """EXR files and the panel."""
+    out: Path,
+    frequencies: list[float],
+    parts: tuple[np.ndarray, ...],
+    source: str,
+    figure: str,
+    dpi: int | None,
+) -> list[str]:
+    """Write EXR files and the panel; returns their names."""
     from tofrender import io, vis
 
     names = ("I", "Q", "amplitude", "phase", "depth")
@@ -171,6 +202,7 @@ def _write_phasors(
             layers = {name: part[k] for name, part in zip(names, parts, strict=True)}
             files.append(f"phasor_{frequency:.0f}Hz.exr")
             io.save_exr_layers(folder / files[-1], layers, {"frequency_hz": frequency})
-        figure = vis.phasor_panel(frequencies, *parts, title=f"{source}")
-        figure.savefig(folder / "panel.png")
-    typer.echo(f"{out}: {', '.join(files)}, panel.png")
+        panel = vis.phasor_panel(frequencies, *parts, title=f"{source}")
+        files.append(f"panel.{figure}")
+        io.save_figure(panel, folder / files[-1], **opt.dots(dpi))
+    return files

@@ -8,9 +8,19 @@ from typing import Annotated, Literal
 import typer
 
 from ..runtime import checks
-from .options import Seed, Variant, check_apart, check_file_out, choice, integer, real
-
-SUFFIXES = (".png", ".pdf", ".svg")
+from ..runtime.canvas import FIGURE_SUFFIXES
+from .options import (
+    Dpi,
+    Seed,
+    Variant,
+    check_apart,
+    check_file_out,
+    choice,
+    dots,
+    integer,
+    real,
+    say,
+)
 
 Warp = Literal[
     "tent",
@@ -33,6 +43,7 @@ def warp(
     ] = None,
     points: Annotated[PointSet, choice(PointSet, "Point set to draw.")] = "independent",
     count: Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")] = 1024,
+    dpi: Dpi = None,
     seed: Seed = 0,
     variant: Variant = None,
 ) -> None:
@@ -43,7 +54,7 @@ def warp(
     """
     from tofrender.runtime import backend
 
-    check_file_out(out, *SUFFIXES, overwrite=True)
+    check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
     if image is not None:
         check_apart(out, Path(image))
     backend.activate(variant)
@@ -63,15 +74,13 @@ def warp(
             raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
     case = warp_case(name, **({wanted: given[wanted]} if wanted else {}))
 
-    from tofrender.runtime.atomic import replacing
+    from tofrender.runtime.canvas import save_figure
     from tofrender.vis.warps import warp_figure
 
     verdict = case.test(seed=seed)
     drawn = to_numpy(case.sample(point_set(points, count, seed)), count)
     figure = warp_figure(drawn, verdict, f"{count} {points} points")
-    with replacing(out) as temporary:
-        figure.savefig(temporary)
-    typer.echo(str(verdict))
-    typer.echo(f"{out}")
+    save_figure(figure, out, **dots(dpi))
+    say(str(verdict), str(out))
     if not verdict.passed:
         raise typer.Exit(1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..nlos import make_capture
 from ..rendering.films_on_disk import require_zarr
+from ..rendering.labels import labelled, labels_of
 from ..runtime import checks
 from .layout import GEOMETRY, ORIGINS
 
@@ -49,7 +50,13 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     if dataset.attrs.get("kind") != KIND:
         raise ValueError(wrong)
     texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
-    dataset = dataset.assign_coords(texts)
+    dataset = labelled(dataset.assign_coords(texts))
+    for name, variable in dataset.variables.items():
+        its = {
+            "long_name": str(name).replace("_", " ")
+        }  # Of what was drawn only CONFIG knows units
+        for key, text in (its | labels_of(str(name).removeprefix("capture_"), {})).items():
+            variable.attrs.setdefault(key, text)
     dataset.encoding["source"] = str(folder)
     return dataset
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.dataset import DIMS, ERRORS, check_dataset, plain_attributes, require_finite
+from ..rendering.labels import labelled
 from ..runtime import checks
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
         attrs=about["attrs"],
     )
     check_dataset(dataset)
-    return dataset
+    return labelled(dataset)
 
 
 def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:
@@ -111,9 +112,9 @@ def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:
         raise ValueError(f"path = {path}: {error}") from None
 
 
-def warn_of_not_finite(dataset: xr.Dataset) -> None:
+def warn_of_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:
     """Say that a file will not be readable, rather than lose what it took hours to render."""
     try:
         require_finite(dataset)
     except ValueError as error:
-        warnings.warn(f"{error}; what is written now cannot be read again", stacklevel=3)
+        warnings.warn(f"{error}; what is written now cannot be read again", stacklevel=stacklevel)

@@ -1,4 +1,4 @@
-"""Threads for work on many frames."""
+"""Threads for work on many frames, and for several writers."""
 
 from __future__ import annotations
 
@@ -27,3 +27,15 @@ def for_each(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def at_once(first: Callable[[], Any], *others: Callable[[], Any]) -> None:
+    """Call functions at the same time, the first one in this thread.
+
+    All have ended when the first error is raised.
+    """
+    with ThreadPoolExecutor(max(1, len(others))) as pool:
+        futures = [pool.submit(each) for each in others]
+        first()
+        for each in futures:
+            each.result()

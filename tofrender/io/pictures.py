@@ -1,4 +1,8 @@
-"""PNG frames and videos of light in flight, with the time written below each picture."""
+"""PNG frames and videos of light in flight, with the time written below each picture.
+
+Unless an exposure is given, late light is kept visible: the exposure grows as light fades, which
+the time's line says in stops, and the dark is lifted by a stop.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.atomic import replacing
 from ..runtime.progress import progress_bar
-from ..vis import Transient, auto_exposure, tonemap
+from ..vis import Transient, growing_exposure, lit_bins, tonemap
 from .output import check_file, check_output, check_room, check_writable, output_folder
 from .parallel import for_each
 
@@ -25,6 +29,7 @@ if TYPE_CHECKING:
 
 _LONGEST_SIDE = 4096
 _PICTURE = 1 << 10  # The least that one takes, bytes
+_MADE_UP, _LIFTED = 0.5, 1.0  # Share of the fading that exposure makes up for; stops for the dark
 _INK, _PAPER = (235, 235, 235), (16, 16, 16)
 
 
@@ -42,7 +47,8 @@ def save_png_frames(
     Args:
         dataset: The result of `render`.
         path: The folder; it appears whole or not at all.
-        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white.
+        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white, and
+            late light brighter, see `vis.growing_exposure`.
         min_size: Smaller images are enlarged until their shorter side has so many pixels.
         overwrite: Replace an earlier output of this package. Other content never is.
         progress: Show a bar if it takes more than two seconds.
@@ -90,17 +96,20 @@ def save_video(
     fps: float = 30,
     exposure: float | None = None,
     min_size: int = 384,
+    all_bins: bool = False,
     progress: bool = True,
 ) -> Path:
-    """Write a video of one frame for each bin: H.264 in .mp4, or an animated .gif.
+    """Write a video, a frame a bin, of the bins in which it is not dark: H.264 in .mp4, or a .gif.
 
     Args:
         dataset: The result of `render`.
         path: A file name that ends in .mp4 or .gif. A file that is there is replaced when the
             new one is complete.
         fps: Frames per second, above 0 and at most 120; at most 50 for a .gif.
-        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white.
+        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white, and
+            late light brighter, see `vis.growing_exposure`.
         min_size: Smaller images are enlarged until their shorter side has so many pixels.
+        all_bins: Show the dark before and after the light, see `vis.lit_bins`, too.
         progress: Show a bar if it takes more than two seconds.
 
     Returns:
@@ -124,11 +133,13 @@ def save_video(
     kind = target.suffix.lower()
     fastest = 50 if kind == ".gif" else 120
     fps = checks.number("fps", fps, positive=True, high=fastest)
+    checks.boolean("all_bins", all_bins)
     frames = _Frames(dataset, exposure, min_size)
     check_writable(path)
     check_room(path, _PICTURE)
     with replacing(path) as temporary:
-        _encode(frames, temporary, kind, fps, progress)
+        shown = slice(0, frames.count) if all_bins else lit_bins(frames.sequence.values)
+        _encode(frames, shown, temporary, kind, fps, progress)
     return target
 
 
@@ -141,16 +152,18 @@ class _Frames:
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
         check_dataset(dataset)
         self.sequence = Transient.of(dataset)
-        if exposure is None:
-            self.exposure = auto_exposure(self.sequence.values)
-        else:
-            self.exposure = checks.number("exposure", exposure, positive=True)
         (height, width), self.count = self.sequence.size, self.sequence.bins
+        if exposure is None:
+            self.gains = growing_exposure(self.sequence.values, share=_MADE_UP)
+            self.lifted = _LIFTED
+        else:
+            given = checks.number("exposure", exposure, positive=True)
+            self.gains, self.lifted = np.full(self.count, given), 0.0
         wanted = -(-min_size // min(height, width))
         self.scale = max(1, min(wanted, _LONGEST_SIDE // max(height, width)))
         self.height, self.width = height * self.scale, width * self.scale
         size = max(15, min(self.height, self.width) // 22)
-        label = max((self.sequence.label(index) for index in (0, self.count - 1)), key=len)
+        label = max((self._label(index) for index in (0, self.count - 1)), key=len)
         font = ImageFont.load_default(size)
         self.canvas_width = _even(max(self.width, int(font.getlength(label)) + size))
         self.canvas_height = _even(self.height + 2 * size)
@@ -160,22 +173,32 @@ class _Frames:
         """Frame `index`, uint8 (height, width, 3), both sides even."""
         from PIL import Image, ImageDraw
 
-        picture = tonemap(self.sequence.values.frame(index), exposure=self.exposure)
+        linear = self.sequence.values.frame(index)
+        picture = tonemap(linear, exposure=self.gains[index], shadows=self.lifted)
         picture = picture.repeat(self.scale, axis=0).repeat(self.scale, axis=1)
         image = Image.new("RGB", (self.canvas_width, self.canvas_height), _PAPER)
         image.paste(Image.fromarray(picture), ((self.canvas_width - self.width) // 2, 0))
         middle = (self.canvas_width // 2, (self.height + self.canvas_height) // 2)
-        label = self.sequence.label(index)
+        label = self._label(index)
         ImageDraw.Draw(image).text(middle, label, fill=_INK, font=self.font, anchor="mm")
         return np.asarray(image)
+
+    def _label(self, index: int) -> str:
+        """When it is, and how much brighter than the first frame it is drawn."""
+        label = self.sequence.label(index)
+        if self.gains[-1] == self.gains[0]:
+            return label
+        return f"{label}   +{np.log2(self.gains[index] / self.gains[0]):.1f} stops"
 
 
 def _even(length: int) -> int:
     return length + length % 2
 
 
-def _encode(frames: _Frames, target: Path, kind: str, fps: float, progress: bool) -> None:
-    """Pipe the frames to ffmpeg."""
+def _encode(
+    frames: _Frames, shown: slice, target: Path, kind: str, fps: float, progress: bool
+) -> None:
+    """Pipe the frames of some bins to ffmpeg."""
     import imageio_ffmpeg
 
     size = f"{frames.canvas_width}x{frames.canvas_height}"
@@ -189,8 +212,9 @@ def _encode(frames: _Frames, target: Path, kind: str, fps: float, progress: bool
         )
         pipe = cast(BinaryIO, process.stdin)
         try:
-            with progress_bar("Writing video", frames.count, enabled=progress) as bar:
-                for index in range(frames.count):
+            indices = range(frames.count)[shown]
+            with progress_bar("Writing video", len(indices), enabled=progress) as bar:
+                for index in indices:
                     pipe.write(frames.draw(index).tobytes())
                     bar.update()
         except BrokenPipeError:
@@ -212,7 +236,7 @@ def _encode(frames: _Frames, target: Path, kind: str, fps: float, progress: bool
 
 _FORMATS: dict[str, list[str]] = {
     ".mp4": [
-        *("-c:v", "libx264", "-preset", "medium", "-crf", "18", "-pix_fmt", "yuv420p"),
+        *("-c:v", "libx264", "-preset", "veryfast", "-crf", "18", "-pix_fmt", "yuv420p"),
         *("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-movflags", "+faststart"),
         *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1"),
         *("-f", "mp4"),

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import check_attributes, plain_attributes, time_axis
+from ..rendering.labels import TIME, labelled, with_time
 from ..runtime import checks, memory
 
 if TYPE_CHECKING:
@@ -155,8 +156,7 @@ def make_capture(
     standard = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1", "mode": mode}
     standard |= {"start_opl": start, "bin_width_opl": width}
     standard["counts_first_and_last_legs"] = int(legs)
-    capture = xr.Dataset(variables, coords=coords, attrs=more | standard)
-    capture["opl"].attrs.update(units="m", long_name="optical path length")
+    capture = labelled(xr.Dataset(variables, coords=coords, attrs=more | standard))
     check_capture(capture)
     return capture
 
@@ -214,8 +214,11 @@ def check_capture(dataset: Any) -> None:
     if any(v.dtype.kind != "f" for name, v in dataset.data_vars.items() if name != ON_WALL):
         raise ValueError("capture: all variables must hold real numbers")
     axes = {axis for each in expected.values() for axis in each}
-    if set(dataset.coords) != axes or not all(dataset.sizes.values()):
-        raise ValueError(f"capture with {dict(dataset.sizes)}: must have coordinates on all axes")
+    if set(dataset.coords) - {TIME} != axes or not all(dataset.sizes.values()):
+        raise ValueError(
+            f"capture with {dict(dataset.sizes)}: must have coordinates on all axes, and no "
+            "other but time"
+        )
     if dataset.sizes["channel"] not in (1, 3) or dataset.sizes["xyz"] != 3:
         raise ValueError(f"capture with {dict(dataset.sizes)}: must have 1 or 3 channels, 3 xyz")
     if mode == "single" and dataset["laser_grid"].shape != (1, 1, 3):
@@ -349,8 +352,8 @@ def _earlier(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
                 new[here, steps + 1 : steps + 1 + bins] += old[here] * late[here]
     start -= float(legs.max())
     attrs = capture.attrs | {"start_opl": start, "counts_first_and_last_legs": 0}
-    result = capture.drop_vars(["transient", "opl"]).assign_attrs(attrs)
+    result = capture.drop_vars(["transient", "opl", TIME], errors="ignore").assign_attrs(attrs)
     result["transient"] = (capture["transient"].dims, moved, capture["transient"].attrs)
     result = result.assign_coords(opl=start + (np.arange(bins + extra) + 0.5) * width)
     result["opl"].attrs.update(capture["opl"].attrs)
-    return result[list(capture.data_vars)]
+    return with_time(result[list(capture.data_vars)])

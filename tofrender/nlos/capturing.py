@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..rendering.asked import Asked
 from ..rendering.job import Job, carry_out, collect, decide
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
@@ -120,8 +121,7 @@ def capture(
     else:
         with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
             warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
-            job = _job(place)
-            job.name = name
+            job = _job(place, name)
             if client is None:
                 dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
             else:
@@ -145,24 +145,18 @@ def capture(
     return without_first_leg(data) if one_leg else data
 
 
-def _job(place: Place, bins: Any = None) -> Job:
+def _job(place: Place, name: str = "scene", axis: Any = None) -> Job:
     """A single or confocal capture as a render."""
-    job = decide(
-        *(place.plan(), place.integrator, place.scene),
-        name="scene",
-        spp=place.spp,
-        seed=place.seed,
-        sensor=place.sensor,
-        bins=bins,
-        origin=(_job_again, place.arguments),
-    )
+    asked = Asked(name, spp=place.spp, seed=place.seed, sensor=place.sensor)
+    origin = _job_again, place.arguments
+    job = decide(place.plan(), place.integrator, place.scene, asked, origin, axis)
     job.more = place.more
     return job
 
 
-def _job_again(bins: Any, **arguments: Any) -> Job:
+def _job_again(axis: Any, **arguments: Any) -> Job:
     """The same in a worker."""
-    return _job(place_of_capture(**arguments), bins)
+    return _job(place_of_capture(**arguments), axis=axis)
 
 
 def _tell_misses(on_wall: np.ndarray) -> None:
@@ -176,7 +170,7 @@ def _tell_misses(on_wall: np.ndarray) -> None:
         )
 
 
-def _laser_points_again(bins: Any, **arguments: Any) -> LaserPoints:
+def _laser_points_again(axis: Any, **arguments: Any) -> LaserPoints:
     """The same in a worker."""
     return LaserPoints(place_of_capture(**arguments), _laser_points_again)
 

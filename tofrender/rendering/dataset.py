@@ -1,7 +1,7 @@
 """The Dataset that `render` returns: how it is labelled, and how others read it.
 
 `transient (y, x, opl, channel)` and `steady (y, x, channel)`, float32; coordinates are pixels, bin
-centres [m] and channel names; attributes are text, ints and floats.
+centres as `opl` [m] and `time` [ns], and channel names; attributes are text, ints and floats.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from ..runtime import checks
 from .cubes import Cube
+from .labels import TIME, check_time, labelled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,13 +56,13 @@ def transient_dataset(
     import xarray as xr
 
     size = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
-    dataset = xr.Dataset(
-        {name: ((DIMS | ERRORS)[name], array) for name, array in arrays.items()},
-        coords=coordinates(film),
-        attrs=attrs | size,
+    return labelled(
+        xr.Dataset(
+            {name: ((DIMS | ERRORS)[name], array) for name, array in arrays.items()},
+            coords=coordinates(film),
+            attrs=attrs | size,
+        )
     )
-    dataset["opl"].attrs.update(units="m", long_name="optical path length")
-    return dataset
 
 
 def check_dataset(dataset: Any) -> None:
@@ -81,8 +82,11 @@ def check_dataset(dataset: Any) -> None:
             f"dataset with {found}: must hold the float32 variables {DIMS}, their errors or no "
             "other"
         )
-    if set(dataset.coords) != set(DIMS["transient"]) or not all(dataset.sizes.values()):
-        raise ValueError(f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes")
+    if set(dataset.coords) - {TIME} != set(DIMS["transient"]) or not all(dataset.sizes.values()):
+        raise ValueError(
+            f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes, and no "
+            "other but time"
+        )
     first_pixel(dataset)
     check_attributes("dataset", dataset)
 
@@ -133,8 +137,10 @@ def time_axis(dataset: xr.Dataset) -> tuple[float, float]:
     """Start of the first bin and width of the bins [m], from the coordinate `opl`.
 
     Raises:
-        ValueError: The bins are not consecutive, or the attribute `bin_width_opl` is missing.
+        ValueError: The bins are not consecutive, `time` is another than that of `opl`, or the
+            attribute `bin_width_opl` is missing.
     """
+    check_time(dataset)
     width = checks.metres("bin_width_opl", dataset.attrs.get("bin_width_opl"), positive=True)
     centres = np.asarray(dataset["opl"].values, dtype=np.float64)
     if not np.allclose(np.diff(centres), width, rtol=1e-3, atol=0):

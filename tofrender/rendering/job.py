@@ -24,10 +24,11 @@ from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import Arrivals, find_arrivals
+from .asked import Asked, is_auto
 from .dataset import check_dataset, coordinates, require_finite, transient_dataset
 from .errors import parts_of
 from .pieces import TILE_BYTES, Piece, Taken, ranges, take, tile_size, tiles, whole
-from .window import check_window, is_auto, warn_of_losses, windowed_film
+from .window import check_window, warn_of_losses, windowed_film
 from .workers import check_client, collect_pieces, pieces_by_workers
 
 if TYPE_CHECKING:
@@ -47,42 +48,33 @@ class Job:
         plan: What is done with camera rays.
         tracer: The integrator whose plan that is.
         scene: The scene.
-        name: What the Dataset calls it.
-        sensor: Number of the sensor.
+        asked: What is asked of it.
         film: The film with its window, empty.
         profile: The pulse that it sees light with.
         arrivals: When light arrives, None if nobody looked.
-        sampler: The sampler that was asked for, see `sampler_for`.
-        spp: Samples per pixel that were asked for, None for the scene's.
-        seed: Seed of all random numbers.
-        errors: Whether error bars are wanted.
-        origin: The function that has decided it, and its arguments but for the window.
+        origin: The function that decides it again in a worker, and its arguments but for the
+            time axis.
         more: What else the result depends on.
     """
 
     plan: Plan
     tracer: Any
     scene: mi.Scene
-    name: str
-    sensor: int
+    asked: Asked
     film: Any
     profile: Pulse | None
     arrivals: Arrivals | None
-    sampler: str | mi.Sampler | None
-    spp: int | None
-    seed: int
-    errors: bool = False
     origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None
     more: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def camera(self) -> mi.Sensor:
         """The sensor."""
-        return self.scene.sensors()[self.sensor]
+        return self.scene.sensors()[self.asked.sensor]
 
     def points(self, first: int = 0) -> mi.Sampler:
         """The sampler for what is missing after `first` samples per pixel."""
-        return sampler_for(self.camera, self.sampler, self.spp, first)
+        return sampler_for(self.camera, self.asked.sampler, self.asked.spp, first)
 
     def recording(self, film: Any = None) -> Recording:
         """How light is recorded on the job's film, or on another one.
@@ -106,12 +98,12 @@ class Job:
             "bin_width_opl": film.bin_width_opl,
             "pulse": str(tracer.pulse or "none"),
             "temporal_filter": tracer.temporal_filter or "as rfilter",
-            "sensor": self.sensor,
+            "sensor": self.asked.sensor,
             "integrator": type(tracer).__name__,
             "max_depth": tracer.max_depth,
             "camera_unwarp": int(tracer.camera_unwarp),
             "sampler": _sampler_name(self.points()),
-            "seed": self.seed,
+            "seed": self.asked.seed,
             "variant": mi.variant(),
             "fingerprint": fingerprint(self.scene, self.camera, tracer),
             "versions": versions(),
@@ -135,7 +127,7 @@ class Job:
         channels = self.film.shape[3]
         folds = 2 if spp > MAX_ADDED else 1
         copies = folds * (2 if self.plan.splats else 1)
-        scatter = 2 * channels / memory.stride(channels) if self.errors else 0
+        scatter = 2 * channels / memory.stride(channels) if self.asked.errors else 0
         memory.require_film(*self.film.shape, copies=copies + scatter)
 
 
@@ -143,32 +135,26 @@ def decide(
     plan: Plan,
     tracer: Any,
     scene: mi.Scene,
-    *,
-    name: str,
-    sensor: int,
-    spp: int | None,
-    seed: int,
-    sampler: str | mi.Sampler | None = None,
-    window: str | tuple[float, float] | None = None,
-    temporal_bins: int | None = None,
-    bins: tuple[int, float, float] | None = None,
-    errors: bool = False,
-    origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None,
+    asked: Asked,
+    origin: tuple[Callable[..., Job], Mapping[str, Any]],
+    axis: tuple[int, float, float] | None = None,
 ) -> Job:
     """Find the window, and refuse what makes no sense in it.
+
+    The arguments are as a `Job` has them; `axis` is the number, start and width [m] of the bins, if
+    they were decided elsewhere.
 
     Raises:
         ValueError: No light can reach the window; one line.
     """
-    camera = scene.sensors()[sensor]
-    if bins is not None:
-        film, profile, arrivals = transient_film(camera.film(), *bins), None, None
+    camera = scene.sensors()[asked.sensor]
+    if axis is not None:
+        film, profile, arrivals = transient_film(camera.film(), *axis), None, None
     else:
-        film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
+        film, profile, arrivals = film_of_light(plan, tracer, camera, asked)
         check_window(film, arrivals, profile)
-    found = film, profile, arrivals
-    job = Job(plan, tracer, scene, name, sensor, *found, sampler, spp, seed, errors, origin)
-    if errors:
+    job = Job(plan, tracer, scene, asked, film, profile, arrivals, origin)
+    if asked.errors:
         parts_of(whole(job).count)
     return job
 
@@ -204,7 +190,7 @@ def collect(
         KeyboardInterrupt: It was stopped; one line.
     """
     workers = check_client(client)
-    if job.plan.splats and job.errors:
+    if job.plan.splats and job.asked.errors:
         raise ValueError("errors = True: must be False with a client for light that lands anywhere")
     all_of_it, checkpoint = whole(job), Checkpoint.of(checkpoint)
     job.require_memory(all_of_it.count)
@@ -216,7 +202,7 @@ def collect(
         pieces = tiles(job, tile_size(job.film.shape, TILE_BYTES, workers))
     height, width, _, channels = job.film.shape
     shapes = {"transient": job.film.shape, "steady": (height, width, channels)}
-    names = [*shapes, *(f"{name}_error" for name in shapes)] if job.errors else list(shapes)
+    names = [*shapes, *(f"{name}_error" for name in shapes)] if job.asked.errors else list(shapes)
     films: dict[str, np.ndarray] = {
         n: np.zeros(shapes[n.removesuffix("_error")], np.float32) for n in names
     }
@@ -241,7 +227,7 @@ def collect(
         progress=progress,
     )
     seconds = time.perf_counter() - start
-    errors = {name: films[f"{name}_error"] for name in shapes} if job.errors else {}
+    errors = {name: films[f"{name}_error"] for name in shapes} if job.asked.errors else {}
     found = films["steady"], films["transient"]
     taken = Taken(*found, all_of_it.count, int(films["not_finite"][0]), seconds, errors)
     return told(job, labelled(job, taken, True))
@@ -278,7 +264,7 @@ def labelled(
     outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
     outside = min(max(outside, 0.0), 1.0)
     attrs = job.recipe | {
-        "scene": job.name,
+        "scene": job.asked.name,
         "spp": first + taken.done,
         "energy_outside_window": outside,
         "complete": int(complete),
@@ -292,7 +278,7 @@ def labelled(
 
 
 def film_of_light(
-    plan: Plan, tracer: Any, camera: mi.Sensor, window: Any, temporal_bins: int | None, seed: int
+    plan: Plan, tracer: Any, camera: mi.Sensor, asked: Asked
 ) -> tuple[Any, Pulse | None, Arrivals]:
     """The film with its window.
 
@@ -300,15 +286,15 @@ def film_of_light(
         The film, the pulse that it sees, and when light arrives.
     """
     exposure = tracer.exposure()
-    film = windowed_film(camera.film(), window, temporal_bins)
+    film = windowed_film(camera.film(), *asked.timing)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
-    arrivals = find_arrivals(plan, camera, film, seed)
-    if is_auto(window):
+    arrivals = find_arrivals(plan, camera, film, asked.seed)
+    if is_auto(asked.window):
         if not arrivals.any:
             raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
-        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), temporal_bins)
+        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), asked.bins)
         profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
-        film = windowed_film(camera.film(), arrivals.window(profile), temporal_bins)
+        film = windowed_film(camera.film(), arrivals.window(profile), asked.bins)
     return film, profile, arrivals
 
 
@@ -350,6 +336,7 @@ def _check_resume(resume: xr.Dataset, job: Job) -> None:
     for name, value in coordinates(job.film).items():
         if not np.array_equal(resume[name].values, value):
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
-    if job.errors != ("transient_error" in resume):
-        has = "no errors" if job.errors else "errors"
-        raise ValueError(f"resume: has {has}; must be as asked for, errors = {job.errors}")
+    errors = job.asked.errors
+    if errors != ("transient_error" in resume):
+        has = "no errors" if errors else "errors"
+        raise ValueError(f"resume: has {has}; must be as asked for, errors = {errors}")

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.progress import shown
 from .dataset import DIMS, ERRORS, check_dataset, require_finite
+from .labels import labelled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +26,7 @@ MOST_SPP = 1 << 48
 """Samples per pixel of a render that was itself joined."""
 
 
+@shown("Joining renders")
 def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join renders of one scene into one with all their samples.
 
@@ -80,7 +83,9 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     for name in ("render_seconds", "contributions_not_finite"):
         attrs[name] = sum(render.attrs.get(name, 0) for render in renders)
     merged = first.assign(variables).assign_attrs(attrs).drop_encoding()  # It is no film on disk
-    return merged if len(variables) > len(DIMS) else merged.drop_vars(list(ERRORS), errors="ignore")
+    if len(variables) == len(DIMS):
+        merged = merged.drop_vars(list(ERRORS), errors="ignore")
+    return labelled(merged)
 
 
 def _check_numbers(attrs: Mapping[str, Any]) -> None:

@@ -159,13 +159,13 @@ def take(
     """
     kept = None
     if checkpoint is not None:
-        parts = piece.count if job.errors else 0  # Of parts none may change
+        parts = piece.count if job.asked.errors else 0  # Of parts none may change
         made = {"resume": resumed, "errors": parts, **job.all_of_it}
         if piece != whole(job, resumed):
             made |= {"piece": str(asdict(piece))}
         kept = checkpoint.begin(made, piece.count, UNIT, resumed)
     start = time.perf_counter()
-    taking = _in_parts if job.errors else _at_once
+    taking = _in_parts if job.asked.errors else _at_once
     taken = taking(job, piece, checkpoint, kept, resumed, progress)
     taken.seconds = time.perf_counter() - start + (kept.seconds if kept else 0.0)
     return taken
@@ -186,7 +186,7 @@ def _at_once(
     points.set_sample_count(piece.count)
     part = Part(first=piece.first, tile=tile, kept=kept)
     done = run(
-        steps(job.plan, record, job.camera, points, job.seed if seed is None else seed, part),
+        steps(job.plan, record, job.camera, points, job.asked.seed if seed is None else seed, part),
         *(record, piece.count),
         done=part.done,
         before=before,
@@ -228,7 +228,7 @@ def _in_parts(
             begun = None
             if kept and part * count < done:
                 begun = Kept(done - part * count, count, 0.0, kept.arrays)
-            seed = seed_of(job.seed, piece.first, part)
+            seed = seed_of(job.asked.seed, piece.first, part)
             taken = _at_once(
                 *(job, own, within, begun if part == first else None),
                 *(before + part * count, progress, seed),

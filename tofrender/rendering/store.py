@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import atomic, checks
+from ..runtime.progress import shown
 from .dataset import DIMS, ERRORS, check_dataset, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
+from .labels import TIME, labels_of
 from .pieces import TILE_BYTES, Piece, Taken, tile_size
 
 if TYPE_CHECKING:
@@ -194,8 +196,11 @@ class Store:
         """Write coordinates and attributes, and move the film to its place."""
         group = self._group()
         for name, values in coordinates.items():
+            if name == TIME:
+                continue
             put_labels(group, name, values, [name])
-        group["opl"].attrs.update({"units": "m", "long_name": "optical path length"})
+        for name, array in group.arrays():
+            array.attrs.update(labels_of(name, attrs))
         group.attrs.update(dict(attrs))
         put_in_place(self.film, target, listed=True)
         atomic.remove(self.folder)
@@ -229,6 +234,7 @@ def put_in_place(folder: Path, target: Path, listed: bool = False) -> None:
     atomic.to_disk(target.parent, deep=False)
 
 
+@shown("Writing Zarr")
 def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     """Write a Dataset of `render` as a film on disk, tile by tile.
 

@@ -11,12 +11,14 @@ import numpy as np
 
 from ..films.recording import recording, tell_not_finite
 from ..integrators.passes import steps
-from ..runtime import checks, memory
+from ..runtime import backend, checks, memory
 from ..runtime.progress import progress_bar
 from ..scenes.loading import load_plugin, require_light
+from .asked import Asked, either
 from .dataset import coordinates
 from .job import film_of_light, sampler_for
-from .renderer import opened, scene_name
+from .labels import labelled
+from .renderer import opened
 from .window import check_window, windowed_film
 
 if TYPE_CHECKING:
@@ -35,8 +37,10 @@ def strategy_pyramid(
     parameters: Mapping[str, Any] | None = None,
     spp: int | None = None,
     seed: int = 0,
+    size: tuple[int, int] | None = None,
     sensor: int = 0,
     window: str | tuple[float, float] | None = None,
+    bins: int | None = None,
     temporal_bins: int | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
@@ -54,9 +58,11 @@ def strategy_pyramid(
         parameters: Further parameters of `transient_bdpt`, by name.
         spp: Samples per pixel of each picture, 1 to 2^24; by default the scene's.
         seed: Seed of all random numbers.
+        size: Width and height [pixels]; by default the film's.
         sensor: Number of the sensor.
         window: As for `render`; "auto" is found from all strategies together.
-        temporal_bins: Number of bins; by default the film's.
+        bins: Number of bins; by default the film's.
+        temporal_bins: The same by its old name.
         progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
@@ -78,7 +84,9 @@ def strategy_pyramid(
     """
     import xarray as xr
 
-    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    backend.require_vectorised()
+    bins = either("bins", bins, temporal_bins)
+    asked = Asked(scene, spp, seed, size, bins, window=window, integrator=KIND, sensor=sensor)
     checks.one_of("mis", mis, ("power", "balance"))
     checks.boolean("progress", progress)
     shared = checks.mapping("parameters", parameters)
@@ -87,12 +95,11 @@ def strategy_pyramid(
             raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")
     shared |= {"type": KIND, "max_depth": max_depth}
     tracer = load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
-    name = scene_name(scene)
-    scene, sensor, _ = opened(scene, sensor, KIND, window, temporal_bins)
+    scene, _ = opened(asked)
     require_light(scene)
     camera = scene.sensors()[sensor]
     plan = tracer.plan(scene, camera)
-    film, profile, arrivals = film_of_light(plan, tracer, camera, window, temporal_bins, seed)
+    film, profile, arrivals = film_of_light(plan, tracer, camera, asked)
     check_window(film, arrivals, profile)
     points = sampler_for(camera, None, spp)
     strategies = [
@@ -111,7 +118,7 @@ def strategy_pyramid(
                 found["steady"].append(steady)
                 found["transient"].append(transient)
                 bar.update(1)
-    return xr.Dataset(
+    pyramid = xr.Dataset(
         {
             what: (
                 ("weighting", "strategy", "y", "x", *axes, "channel"),
@@ -130,7 +137,7 @@ def strategy_pyramid(
             "t": ("strategy", [t for _, t in strategies]),
         },
         attrs={
-            "scene": name,
+            "scene": asked.name,
             "units": "W m^-2 sr^-1",
             "start_opl": film.start_opl,
             "bin_width_opl": film.bin_width_opl,
@@ -140,6 +147,7 @@ def strategy_pyramid(
             "seed": seed,
         },
     )
+    return labelled(pyramid)
 
 
 def _picture(

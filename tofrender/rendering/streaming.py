@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from ..films.recording import tell_not_finite
 from ..integrators.running import interrupted
 from ..runtime import atomic, memory
-from ..runtime.checkpoints import EVERY_S, Checkpoint
-from ..runtime.progress import deferred_stop, progress_bar
+from ..runtime.checkpoints import Checkpoint
+from ..runtime.progress import EVERY_S, deferred_stop, progress_bar
 from .dataset import coordinates
 from .films_on_disk import load_zarr
 from .pieces import TILE_BYTES, Piece, tile_size, tiles, whole
@@ -62,7 +62,7 @@ def stream(
     shape = job.film.shape
     workers = 1 if client is None else check_client(client)
     with atomic.locked(target, "out"):
-        _require_room(folder, shape, 2 if job.errors else 1)
+        _require_room(folder, shape, 2 if job.asked.errors else 1)
         store = _begun(job, folder, workers)
         planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
         receipts = {piece: store.receipt(piece) for piece in planned}
@@ -105,7 +105,7 @@ def _begun(job: Job, folder: Path, workers: int) -> Store:
     plan = {"spp": count, **job.all_of_it}
     tile = Store.planned(folder).get("tile")
     rows, columns = tile or tile_size(job.film.shape, TILE_BYTES, workers)
-    return Store.begin(folder, plan, job.film.shape, (rows, columns), job.errors)
+    return Store.begin(folder, plan, job.film.shape, (rows, columns), job.asked.errors)
 
 
 def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:
@@ -142,7 +142,7 @@ def _attributes(job: Job, receipts: list[Receipt]) -> dict[str, Any]:
     steady = sum(receipt.steady for receipt in receipts)
     outside = 1 - sum(receipt.transient for receipt in receipts) / steady if steady else 0.0
     return job.recipe | {
-        "scene": job.name,
+        "scene": job.asked.name,
         "spp": whole(job).count,
         "energy_outside_window": min(max(outside, 0.0), 1.0),
         "complete": 1,

@@ -6,8 +6,8 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from ..films.image import time_bins, transient_film
-from ..runtime import checks
 from .arrivals import PATHS, Arrivals
+from .asked import is_auto, start_and_width
 from .dataset import LOST_ENERGY
 
 if TYPE_CHECKING:
@@ -17,45 +17,34 @@ MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
 
 
-def windowed_film(film: Any, window: Any, temporal_bins: int | None) -> Any:
-    """An empty film of the same pixels as `film`, with the window that is asked for."""
-    own = time_bins(film)
-    if own is None and (window is None or temporal_bins is None):
+PULSES = 128
+"""Standard deviations of the pulse that is chosen for a window, in that window."""
+
+
+def windowed_film(
+    film: Any,
+    window: Any = None,
+    bins: int | None = None,
+    start_opl: float | None = None,
+    bin_width: float | None = None,
+) -> Any:
+    """An empty film of the same pixels as `film`, with the time axis that is asked for.
+
+    The arguments are those of `Asked`; None leaves the film's own.
+    """
+    if window is not None:
+        start_opl, bin_width = 0.0, 1.0  # Until they are known
+    own = time_bins(film) or (None, None, None)
+    words = (bins, start_opl, bin_width)
+    axis: Any = [o if word is None else word for o, word in zip(own, words, strict=True)]
+    if None in axis:
         raise ValueError(
             f"film = {film.class_name()}: has no time bins; must be transient_hdr_film, or give "
-            "both window and temporal_bins"
+            "`bins` and `window`"
         )
-    bins = own[0] if own and temporal_bins is None else temporal_bins
-    bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
-    if is_auto(window):
-        start, width = 0.0, 1.0  # Until the light was looked at
-    elif window is not None:
-        start, width = start_and_width(window, bins)
-    else:
-        assert own is not None
-        _, start, width = own
-    return transient_film(film, bins, start, width)
-
-
-def start_and_width(window: Any, bins: int) -> tuple[float, float]:
-    """Start and bin width of a window given as (start, stop)."""
-    try:
-        start, stop = window
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"window = {checks.shown(window)}: must be 'auto' or (start, stop) in metres"
-        ) from None
-    start, stop = checks.metres("window[0]", start), checks.metres("window[1]", stop)
-    if not start < stop < start + checks.MAX_OPL:
-        raise ValueError(
-            f"window = {checks.shown(window)}: must end after it starts, and not at infinity"
-        )
-    return start, (stop - start) / bins
-
-
-def is_auto(window: Any) -> bool:
-    """Whether the window is to be found."""
-    return isinstance(window, str) and window == "auto"
+    if window is not None and not is_auto(window):
+        axis[1:] = start_and_width(window, axis[0])
+    return transient_film(film, *axis)
 
 
 def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
@@ -75,8 +64,8 @@ def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
     first, last = arrivals.window(profile, 1.0)
     if not 0 < arrivals.between(start / 1.25, stop * 1.25, profile) < MANY_HITS:
         raise ValueError(
-            f"start_opl, end = {start:g} m, {stop:g} m: no light arrives in this window; "
-            f"it must overlap {first:g} m to {last:g} m"
+            f"window = {start:g} m to {stop:g} m: no light arrives in it; "
+            f"must overlap {first:g} m to {last:g} m"
         )
     warnings.warn(
         f"none of {PATHS} test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
@@ -93,6 +82,17 @@ def warn_of_losses(
         first, last = arrivals.window(profile)
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
-            f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (window='auto')",
+            f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (`window='auto'`)",
             stacklevel=stacklevel,
         )
+
+
+def pulse_width_for(job: Any) -> float | None:
+    """A pulse that makes a film of few paths smooth and still shows wavefronts.
+
+    Its standard deviation [m] is a 128th of the window, rounded to two digits; a path then lights
+    about five of 300 bins. None where the light has a pulse already, or bins are as wide as that.
+    """
+    film = job.film
+    width = float(f"{(film.end_opl() - film.start_opl) / PULSES:.2g}")
+    return None if job.tracer.pulse or width < film.bin_width_opl / 2 else width

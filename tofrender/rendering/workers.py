@@ -54,7 +54,7 @@ class Order:
         make: Makes a job of `arguments`; found by its name in the worker's own package.
         arguments: Plain values, by name.
         variant: Mitsuba's variant.
-        bins: Number of the bins, their start and width [m].
+        axis: Number of the bins, their start and width [m].
         fingerprint: Of scene, sensor and integrator.
         key: Tells orders apart.
     """
@@ -62,7 +62,7 @@ class Order:
     make: Callable[..., Any]
     arguments: Mapping[str, Any]
     variant: str
-    bins: tuple[int, float, float]
+    axis: tuple[int, float, float]
     fingerprint: str
     key: str
 
@@ -73,16 +73,15 @@ def order_of(job: Any) -> Order:
     Raises:
         ValueError: It holds an object that cannot be sent; one line.
     """
-    assert job.origin is not None
     make, arguments = job.origin
     for name in ("integrator", "sampler"):
         if not isinstance(arguments.get(name), str | Mapping | None):
             kind = type(arguments[name]).__name__
             raise ValueError(f"{name} = {kind}: cannot be sent to workers; must be a name")
     film, mark = job.film, job.recipe["fingerprint"]
-    bins = film.shape[2], film.start_opl, film.bin_width_opl
+    axis = film.shape[2], film.start_opl, film.bin_width_opl
     sent = {name: packed(name, value) for name, value in arguments.items()}
-    return Order(make, sent, mi.variant() or "", bins, mark, uuid.uuid4().hex)
+    return Order(make, sent, mi.variant() or "", axis, mark, uuid.uuid4().hex)
 
 
 @contextmanager
@@ -134,6 +133,41 @@ def workers_of(scheduler: str) -> Iterator[Client]:
         ) from None
     with client:
         yield client
+
+
+@contextmanager
+def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
+    """A client of what is asked for: processes here, a scheduler's, or None if neither is."""
+    if workers is not None:
+        with local_workers(workers) as client:
+            yield client
+    elif scheduler is not None:
+        with workers_of(scheduler) as client:
+            yield client
+    else:
+        yield None
+
+
+def check_workers(**given: Any) -> bool:
+    """Whether workers are asked for, in one of three ways.
+
+    Args:
+        **given: `workers`, `scheduler` and `client`, None where that is not the way.
+
+    Raises:
+        ValueError: They are asked for in two ways, or in a wrong one; one line.
+    """
+    names = [name for name, value in given.items() if value is not None]
+    if len(names) > 1:
+        raise ValueError(f"{names[1]}: must be left out with `{names[0]}`")
+    for name in names:
+        if name == "workers":
+            checks.integer(name, given[name], 1, MOST)
+        elif name == "scheduler":
+            checks.address(name, given[name])
+        else:
+            require_client(given[name])
+    return bool(names)
 
 
 def require_distributed() -> Any:
@@ -331,7 +365,7 @@ def _job(order: Order) -> Any:
     if order.key not in _jobs:
         _jobs.clear()
         backend.activate(order.variant)
-        job = order.make(**unpacked(order.arguments), bins=order.bins)
+        job = order.make(**unpacked(order.arguments), axis=order.axis)
         if job.recipe["fingerprint"] != order.fingerprint:
             raise ValueError("scene: differs on this worker's machine; must be the same there")
         if os.environ.get(THREADS):  # Only now, as Mitsuba reads files by several threads

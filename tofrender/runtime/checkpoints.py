@@ -16,9 +16,7 @@ import numpy as np
 
 from . import checks
 from .atomic import check_writable, remove_leftovers, replacing
-
-EVERY_S = 30.0
-"""Work between two savings [s], unless saving takes long."""
+from .progress import EVERY_S
 
 COST = 0.02
 """Part of the time that saving may take."""
@@ -94,6 +92,7 @@ class Checkpoint:
         self._recipe: dict[str, Any] = {}
         self._began = self._saved = time.monotonic()
         self._cost = self._before = 0.0
+        self._told = False
 
     @classmethod
     def of(cls, given: Checkpoint | str | os.PathLike | None) -> Checkpoint | None:
@@ -171,8 +170,11 @@ class Checkpoint:
             with replacing(self.path, needed_bytes=size) as temporary, open(temporary, "wb") as out:
                 all_of_it: dict[str, Any] = {_ABOUT: np.array(about), **arrays}
                 np.savez(out, **all_of_it)
+            self._told = False
         except OSError as error:
-            warnings.warn(f"no checkpoint was saved: {error}", stacklevel=4)
+            if not self._told:  # Once until there is room again
+                warnings.warn(f"no checkpoint was saved: {error}", stacklevel=4)
+            self._told = True
         self._saved = time.monotonic()
         self._cost = self._saved - start
 

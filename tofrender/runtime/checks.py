@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import os
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -427,3 +428,20 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
     hint = f"did you mean {close[0]!r}? Must" if close else "must"
     known = ", ".join(each or "''" for each in allowed)
     raise ValueError(f"{name} = {shown(value)}: {hint} be one of {known}")
+
+
+def address(name: str, value: Any) -> str:
+    """Return the address of a scheduler.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> address("scheduler", "10.0.0.1")
+        Traceback (most recent call last):
+        ValueError: scheduler = '10.0.0.1': must be an address like tcp://10.0.0.1:8786
+    """
+    found = re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?(\[[\w:%.]+\]|[^\s/:]+):(\d{1,5})", str(value))
+    if not isinstance(value, str) or not found or not 0 < int(found[4]) < 1 << 16:
+        raise ValueError(f"{name} = {shown(value)}: must be an address like tcp://10.0.0.1:8786")
+    return found[0]

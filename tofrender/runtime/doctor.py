@@ -109,9 +109,14 @@ def report(checks: list[Check], console: Console | None = None) -> int:
         if check.remedy:
             text = Text.assemble("\n", (f"{check.name}: ", "bold"), check.remedy)
             console.print(text, soft_wrap=True)
-    works = all(check.ok or not check.required for check in checks)
-    console.print("\nRendering will work." if works else "\nRendering will not work.")
-    return 0 if works else 1
+    found = works(checks)
+    console.print("\nRendering will work." if found else "\nRendering will not work.")
+    return 0 if found else 1
+
+
+def works(checks: list[Check]) -> bool:
+    """Whether rendering will work."""
+    return all(check.ok or not check.required for check in checks)
 
 
 def main() -> int:

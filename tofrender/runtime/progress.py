@@ -2,26 +2,126 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import threading
+import time
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
-DELAY_S = 2.0
-"""A bar appears only for work that takes longer than this [s]."""
+P, R = ParamSpec("P"), TypeVar("R")
+
+DELAY_S = 0.5
+"""Work that takes longer [s] is shown, so that something is to be seen within a second."""
+
+REFRESH_S = 0.1
+"""A bar is drawn anew so often [s]."""
+
+EVERY_S = 30.0
+"""Work between two savings of a checkpoint [s], unless saving takes long."""
+
+STATUS = "{desc} ... {elapsed}"
 
 
 def is_watched() -> bool:
-    """Whether somebody looks at stderr: it is a terminal, or a notebook's."""
+    """Whether somebody looks at stderr: it is a terminal, or a notebook's, and not a worker's."""
+    processes = sys.modules.get("multiprocessing.process")
+    if processes is not None and processes.parent_process() is not None:
+        return False
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
-def progress_bar(description: str, total: int | None, *, unit: str = "frame", enabled: bool = True):
-    """A tqdm bar, for terminal or notebook, that shows up after two seconds.
+_hidden: list[None] = []
+_shown: list[Bar] = []  # Those that are open, the innermost last
+_lock = threading.RLock()
+
+
+class Bar:
+    """A tqdm bar that appears after `DELAY_S` even if nothing is done until then.
+
+    What is within another one, a bar or a status line, takes its place while it is shown.
+
+    Args:
+        description: What is being done.
+        total: Number of units; None shows what is being done and for how long.
+        unit: What is counted.
+
+    Attributes:
+        n: Units that are done.
+    """
+
+    def __init__(self, description: str, total: int | None, unit: str, enabled: bool) -> None:
+        self.n, self._bar = 0, None
+        self._made: dict[str, Any] = {
+            "desc": description,
+            "total": total,
+            "unit": unit,
+            "unit_scale": unit == "B",
+            "bar_format": STATUS if total is None else None,
+        }
+        self._end, self._began = threading.Event(), time.monotonic()
+        self._enabled = enabled and not _hidden and is_watched()
+        if self._enabled and "ipykernel" in sys.modules:
+            with warnings.catch_warnings():  # Which concern all threads
+                warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
+                _tqdm()
+
+    def update(self, count: int = 1) -> None:
+        """Count units that are done."""
+        self.n += count
+
+    def _keep_shown(self) -> None:
+        """Draw the bar until the end, if it is the innermost one."""
+        wait = DELAY_S
+        while not self._end.wait(wait):
+            wait = REFRESH_S if self._made["total"] else 5 * REFRESH_S
+            with _lock, suppress(OSError, ValueError):  # stderr may be closed
+                if not self._end.is_set():
+                    self._draw()
+
+    def _draw(self) -> None:
+        inner = _shown[_shown.index(self) + 1 :]
+        if any(each._bar is not None for each in inner):
+            return
+        for outer in _shown[: _shown.index(self)]:
+            outer._clear()
+        if self._bar is None:
+            self._bar = _tqdm()(leave=False, delay=1e-9, **self._made)
+            self._bar.start_t -= time.monotonic() - self._began
+            self._bar.last_print_t = math.inf  # It takes away only what it knows to be shown
+        self._bar.n = self.n
+        self._bar.refresh()
+
+    def _clear(self) -> None:
+        """Take it from the screen."""
+        bar, self._bar = self._bar, None
+        if bar is not None:
+            with suppress(OSError, ValueError):
+                bar.close()
+
+    def __enter__(self) -> Bar:
+        if self._enabled:
+            _shown.append(self)
+            threading.Thread(target=self._keep_shown, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        if self._enabled:
+            with _lock:
+                _shown.remove(self)
+                self._clear()
+
+
+def progress_bar(
+    description: str, total: int | None, *, unit: str = "frame", enabled: bool = True
+) -> Bar:
+    """A bar for terminal or notebook that shows up within a second.
 
     Args:
         description: What is being done.
@@ -29,19 +129,61 @@ def progress_bar(description: str, total: int | None, *, unit: str = "frame", en
         unit: What is counted; "B" counts bytes with prefixes.
         enabled: False makes a bar that shows nothing, as does a stderr that is a file or a pipe.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
-        from tqdm.auto import tqdm
+    return Bar(description, total, unit, enabled)
 
-    return tqdm(
-        desc=description,
-        total=total,
-        unit=unit,
-        unit_scale=unit == "B",
-        delay=DELAY_S,
-        disable=not (enabled and is_watched()),
-        leave=False,
-    )
+
+def status(description: str, enabled: bool = True) -> Bar:
+    """A line that says what is being done, and for how long, where nothing can be counted.
+
+    Example:
+        >>> with status("Loading"):
+        ...     sum(range(10))
+        45
+    """
+    return Bar(description, None, "", enabled)
+
+
+def shown(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A decorator of functions that may take long: a status line tells what they do."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def told(*args: P.args, **kwargs: P.kwargs) -> R:
+            with status(description):
+                return function(*args, **kwargs)
+
+        return told
+
+    return decorate
+
+
+@contextmanager
+def cleared() -> Iterator[None]:
+    """Take bars from the screen while something else is written there."""
+    with _lock:
+        for each in _shown:
+            each._clear()
+        yield
+
+
+@contextmanager
+def hidden(wanted: bool = True) -> Iterator[None]:
+    """Show no bars within the block, if that is `wanted`."""
+    if not wanted:
+        yield
+        return
+    _hidden.append(None)
+    try:
+        yield
+    finally:
+        _hidden.pop()
+
+
+def _tqdm() -> Any:
+    """The class of bars for terminal or notebook."""
+    from tqdm.auto import tqdm
+
+    return tqdm
 
 
 SIGNALS = tuple(

@@ -153,7 +153,7 @@ def _change_film(film: Any, settings: Mapping[str, Any]) -> bool:
         if missing:
             raise ValueError(
                 f"{window[0]} = {settings[window[0]]!r}: the scene's film is steady; to make it "
-                f"transient, give {' and '.join(missing)} too"
+                f"transient, give {' and '.join(f'`{each}`' for each in missing)} too"
             )
         become(film, TRANSIENT_FILM, FILM_KEPT)
     for setting, value in settings.items():

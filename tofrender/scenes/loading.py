@@ -17,8 +17,9 @@ from typing import Any, Unpack
 import mitsuba as mi
 
 from ..runtime import checks, plugins
+from ..runtime.progress import shown
 from . import BUILT_IN
-from .editing import change, name_shapes, use_own_plugins
+from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .peers import use_own_names
 from .settings import Settings, check_settings
@@ -29,6 +30,7 @@ LONGEST = 500
 """Characters of an error of Mitsuba's that are told."""
 
 
+@shown("Loading the scene")
 def load_scene(
     source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,
@@ -119,6 +121,17 @@ def parse_file_of(path: Path, parameters: Mapping[str, Any]) -> Any:
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
     return state
+
+
+def has_bins(path: Path, parameters: Mapping[str, Any]) -> bool:
+    """Whether a film of an XML file has time bins of its own.
+
+    Raises:
+        ValueError: The file or a parameter is wrong; one line.
+        FileNotFoundError: There is no such file.
+    """
+    nodes = parse_file_of(path, parameters).nodes
+    return any(node.props.plugin_name() == TRANSIENT_FILM for node in nodes)
 
 
 def load_plugin(what: str, description: Mapping[str, Any]) -> Any:

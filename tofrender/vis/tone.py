@@ -9,6 +9,7 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..runtime import checks
+from .transient import Transient
 
 _SAMPLES = 1 << 21
 
@@ -49,7 +50,86 @@ def _lit(values: np.ndarray) -> np.ndarray:
     return values[(values > 0) & np.isfinite(values)]
 
 
-def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 99.5) -> np.ndarray:
+def growing_exposure(values: Any, *, share: float = 0.75, most_stops: float = 6.0) -> np.ndarray:
+    """Gains, one a bin, that grow as the light of a sequence fades, so that late light is seen.
+
+    With the mean m_k of bin k's light, where none counts as more than white at `auto_exposure`, and
+    M_k the most that is still to come in bin k or later,
+
+        gain_k = auto_exposure · 2^stops_k,    stops_k = min(most_stops, share · log2(M_0 / M_k))
+
+    The gain never falls, so nothing flickers; until the brightest bin it is `auto_exposure`. A
+    picture drawn with it should say so, for instance by log2(gain_k / gain_0), in stops.
+
+    Args:
+        values: Linear values, (height, width, bins) or (height, width, bins, channels) with 1 or 3
+            channels, also a `Cube`.
+        share: Part of the fading that is made up for, in [0, 1]; 0 keeps bins comparable.
+        most_stops: The most that a bin is brightened, a factor of 2 each, at most 32.
+
+    Returns:
+        float64 (bins,), finite, above 0, and never falling.
+
+    Raises:
+        ValueError: Another shape, or a number out of range.
+
+    Example:
+        >>> fading = np.ones((2, 2, 1)) * 0.5 ** np.arange(4)
+        >>> growing_exposure(fading, share=1.0, most_stops=2)
+        array([1., 2., 4., 4.])
+    """
+    share = checks.number("share", share, low=0, high=1)
+    most = checks.number("most_stops", most_stops, low=0, high=32)
+    gain, light = _light_of_bins(values)
+    to_come = np.maximum.accumulate(light[::-1])[::-1]
+    fading = np.full(light.size, math.inf)
+    np.divide(to_come[0], to_come, out=fading, where=to_come > 0)
+    stops = np.minimum(most, share * np.log2(fading) if share and to_come[0] > 0 else 0.0)
+    with np.errstate(over="ignore"):
+        gains = gain * 2**stops * np.ones(light.size)
+    return np.minimum(gains, np.finfo(np.float64).max)
+
+
+def lit_bins(values: Any, *, stops: float = 6.0) -> slice:
+    """The bins that a film of a sequence needs: before and after them it is dark.
+
+    Args:
+        values: As for `growing_exposure`.
+        stops: A bin is dark whose mean light, where none counts as more than white, is so many
+            factors of 2 below the brightest bin's; in (0, 32].
+
+    Returns:
+        From the first bin that is not dark to the last; all where there is no light.
+
+    Raises:
+        ValueError: Another shape, or a number out of range.
+
+    Example:
+        >>> lit_bins(np.array([0, 0, 8, 0, 1, 0.01, 0]) * np.ones((2, 2, 1)))
+        slice(2, 5, None)
+    """
+    stops = checks.number("stops", stops, positive=True, high=32)
+    _, light = _light_of_bins(values)
+    lit = np.flatnonzero(light > light.max() * 2.0**-stops)
+    return slice(int(lit[0]), int(lit[-1]) + 1) if lit.size else slice(0, light.size)
+
+
+def _light_of_bins(values: Any) -> tuple[float, np.ndarray]:
+    """The gain `auto_exposure`, and the sum of each bin's luminance, where none is above white."""
+    sequence = Transient(Cube.of("values", values), 0.0, 1.0)
+    gain, light = auto_exposure(sequence.values), np.zeros(sequence.bins)
+    for (*_, bins), pixels in sequence.lights():
+        light[bins] += np.minimum(pixels, 1 / gain).sum(axis=(0, 1), dtype=np.float64)
+    return gain, light
+
+
+def tonemap(
+    values: Any,
+    *,
+    exposure: float | None = None,
+    percentile: float = 99.5,
+    shadows: float = 0.0,
+) -> np.ndarray:
     """Turn linear radiance into an sRGB picture.
 
     Args:
@@ -59,16 +139,22 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
         exposure: Gain; `1` is shown as white after it. None takes `auto_exposure` of `values`;
             give one number for all frames of a sequence to keep them comparable.
         percentile: For `auto_exposure`, in (0, 100].
+        shadows: How many stops (factors of 2) brighter the dark is drawn, 0 to 16. White and hues
+            stay; in between the curve is logarithmic: a pixel's strongest channel V in [0, 1] is
+            drawn as log(1 + kV) / log(1 + k), whose slope at 0, k / log(1 + k), is 2^shadows.
 
     Returns:
         uint8 (height, width, 3).
 
     Raises:
-        ValueError: Another shape, or an exposure that is not a finite number above 0.
+        ValueError: Another shape, an exposure that is not a finite number above 0, or `shadows`
+            out of range.
 
     Example:
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
+        >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1, shadows=2)[..., 0]
+        array([[  0, 224, 255]], dtype=uint8)
     """
     linear = checks.real_array("values", values)
     if linear.ndim == 2:
@@ -81,9 +167,15 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
     if exposure is None:
         exposure = auto_exposure(linear, percentile=percentile)
     exposure = checks.number("exposure", exposure, positive=True)
+    shadows = checks.number("shadows", shadows, low=0, high=16)
     unfinished = np.isnan(linear).any(axis=2)
     with np.errstate(over="ignore"):
         shown = np.clip(np.nan_to_num(linear * np.float32(exposure), nan=0), 0, 1)
+    if shadows:
+        k = _curvature(shadows)
+        value = shown.max(axis=2, keepdims=True)
+        lifted = np.log1p(k * value) / math.log1p(k)
+        shown = shown * np.divide(lifted, value, out=np.zeros_like(value), where=value > 0)
     srgb = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * shown ** (1 / 2.4) - 0.055)
     picture = np.rint(255 * srgb).astype(np.uint8)
     picture = np.repeat(picture, 3, axis=2) if picture.shape[2] == 1 else picture
@@ -91,3 +183,13 @@ def tonemap(values: Any, *, exposure: float | None = None, percentile: float = 9
         rows, columns = np.nonzero(unfinished)
         picture[rows, columns] = np.where((rows + columns) % 8 < 4, 38, 58)[:, None]
     return picture
+
+
+def _curvature(stops: float) -> float:
+    """The k with k / log(1 + k) = 2^stops, for stops above 0."""
+    slope = 2**stops
+    low, high = 1e-12, 3 * slope * math.log(3 * slope)
+    for _ in range(100):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if middle / math.log1p(middle) < slope else (low, middle)
+    return high

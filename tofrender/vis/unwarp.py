@@ -8,12 +8,15 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, time_axis
+from ..rendering.labels import TIME, labelled
 from ..runtime import checks, memory
+from ..runtime.progress import shown
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
+@shown("Unwarping")
 def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     """Leave the way from the camera to the first surface out of every pixel's times.
 
@@ -72,10 +75,10 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     attrs |= {"start_opl": start + first * width, "camera_unwarp": 1}
     name = {"units": "m", "long_name": "optical path length without the camera's segment"}
     cube = (DIMS["transient"], unwarped, dataset["transient"].attrs)
-    result = dataset.drop_vars(["transient", "opl"]).assign(transient=cube)
+    result = dataset.drop_vars(["transient", "opl", TIME], errors="ignore").assign(transient=cube)
     result = result.assign_coords(opl=("opl", opl, name))
     result.attrs = attrs
-    return result[["transient", "steady"]]
+    return labelled(result[["transient", "steady"]])
 
 
 def _moved(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:

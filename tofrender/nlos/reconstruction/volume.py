@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...rendering.labels import labelled
 from ...runtime import checks
 from .measured import Measured, WallFrame
 
@@ -183,4 +184,4 @@ def volume_dataset(
     )
     for axis, name in names.items():
         dataset[axis].attrs.update(units="m", long_name=name)
-    return dataset
+    return labelled(dataset)

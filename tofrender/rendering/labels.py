@@ -1,0 +1,113 @@
+"""Units and names of all variables and coordinates of Datasets, and `time` beside `opl`.
+
+`time` [ns] is a second coordinate along `opl` [m] with an index of its own: `sel(time=...)` works
+as `sel(opl=...)` does. It is always made from `opl`, never kept in files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..signals.units import opl_to_ns
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+TIME = "time"
+
+AGREES = 1e-9
+"""Part of itself by which a time may differ from its length over c."""
+
+AXES: dict[str, dict[str, str]] = {
+    "x": {"units": "pixel", "long_name": "column"},
+    "y": {"units": "pixel", "long_name": "row"},
+    "laser_x": {"units": "point", "long_name": "column of the lit point"},
+    "laser_y": {"units": "point", "long_name": "row of the lit point"},
+    "opl": {"units": "m", "long_name": "optical path length"},
+    "time": {"units": "ns", "long_name": "time"},
+    "channel": {"units": "1", "long_name": "channel"},
+    "xyz": {"units": "1", "long_name": "axis of the world"},
+    "axis": {"units": "1", "long_name": "axis of the volume"},
+    "weighting": {"units": "1", "long_name": "weights"},
+    "strategy": {"units": "1", "long_name": "strategy s,t"},
+    "record": {"units": "1", "long_name": "record"},
+    "frequency": {"units": "Hz", "long_name": "frequency"},
+    "part": {"units": "1", "long_name": "part of the phasor"},
+    "wall_x": {"units": "point", "long_name": "column of the wall"},
+    "wall_y": {"units": "point", "long_name": "row of the wall"},
+    "s": {"units": "1", "long_name": "vertices from a light"},
+    "t": {"units": "1", "long_name": "vertices from the lens"},
+}
+"""What coordinates are."""
+
+VARIABLES: dict[str, dict[str, str]] = {
+    "sensor_grid": {"units": "m", "long_name": "points looked at"},
+    "sensor_normals": {"units": "1", "long_name": "normals of the wall where it is looked at"},
+    "laser_grid": {"units": "m", "long_name": "points lit"},
+    "laser_normals": {"units": "1", "long_name": "normals of the wall where it is lit"},
+    "sensor_origin": {"units": "m", "long_name": "place of the sensor"},
+    "laser_origin": {"units": "m", "long_name": "place of the laser"},
+    "on_wall": {"units": "1", "long_name": "whether a pixel looks at the wall"},
+    "intensity": {"units": "1", "long_name": "intensity"},
+    "normals": {"units": "1", "long_name": "normals"},
+    "attempt": {"units": "1", "long_name": "draws that were tried"},
+    "render_seed": {"units": "1", "long_name": "seed of the render"},
+    "energy_outside_window": {"units": "1", "long_name": "energy outside the window"},
+    "made_with": {"units": "1", "long_name": "all that made it"},
+    "frame_origin": {"units": "m", "long_name": "origin of the volume"},
+    "frame_axes": {"units": "1", "long_name": "axes of the volume"},
+}
+"""What variables are, but for light, which the Dataset's attributes say."""
+
+
+def labels_of(name: str, attrs: Mapping[str, Any]) -> dict[str, str]:
+    """Units and long name of a variable or coordinate of a Dataset with these attributes."""
+    known = AXES.get(name) or VARIABLES.get(name)
+    if known is not None:
+        return known
+    what, _, error = name.partition("_")
+    if what not in ("transient", "steady") or error not in ("", "error"):
+        return {}
+    quantity = "radiance" if what == "steady" else str(attrs.get("quantity", "radiance per bin"))
+    units = str(attrs.get("units", "W m^-2 sr^-1"))
+    if what == "steady" and units == "W m^-3 sr^-1":
+        units = "W m^-2 sr^-1"
+    return {"units": units, "long_name": f"standard error of {quantity}" if error else quantity}
+
+
+def labelled(dataset: xr.Dataset) -> xr.Dataset:
+    """The Dataset with units and names where there are none, and `time` where there is `opl`."""
+    dataset = with_time(dataset)
+    for name, variable in dataset.variables.items():
+        for key, text in labels_of(str(name), dataset.attrs).items():
+            variable.attrs.setdefault(key, text)
+    return dataset
+
+
+def with_time(dataset: xr.Dataset) -> xr.Dataset:
+    """The Dataset with `time` made anew from its `opl`, if it has that along an axis."""
+    if "opl" not in dataset.dims or "opl" not in dataset.coords:
+        return dataset.drop_vars(TIME, errors="ignore")
+    time = opl_to_ns(np.asarray(dataset["opl"].values, np.float64))
+    if TIME in dataset.coords:
+        dataset = dataset.drop_vars(TIME)
+    return dataset.assign_coords({TIME: ("opl", time, dict(AXES[TIME]))}).set_xindex(TIME)
+
+
+def check_time(dataset: xr.Dataset) -> None:
+    """Refuse a Dataset whose times are not those of its lengths.
+
+    Raises:
+        ValueError: One line that says how to mend it.
+    """
+    if TIME not in dataset.coords:
+        return
+    time, opl = (np.asarray(dataset[name].values, np.float64) for name in (TIME, "opl"))
+    if time.shape != opl.shape or not np.allclose(time, opl_to_ns(opl), rtol=AGREES, atol=AGREES):
+        raise ValueError(
+            "coordinate time: must be opl / c in ns; must be dropped where opl is changed, "
+            "dataset.drop_vars('time')"
+        )
