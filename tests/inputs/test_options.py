@@ -203,6 +203,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--variant": "choice",
         },
     ),
+    "report": (["render.npz"], {"source": "file", "--megabytes": "positive"}),
     "release": (["a1"], {"assignment": "choice"}),
     "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
     "start": (["a1", "folder"], {"assignment": "choice"}),
@@ -225,6 +226,7 @@ ELSEWHERE = {
     "--video": "a switch",
     "--resume": "a switch",
     "--errors": "a switch",
+    "report title": "any text",
     "--json": "a switch",
     "--progress": "a switch",
     "scenes": "has no other options",
@@ -237,7 +239,7 @@ ELSEWHERE = {
     "dataset workers": "as of render",
     "dataset scheduler": "as of render",
 }
-SUFFIXES = {"capture": ".h5", "warp": ".png"}
+SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png"}
 WITHOUT_OUT = {"verify", "start", "submit", "grade"}
 
 
