@@ -1,5 +1,6 @@
 from . import (
     analysis as analysis,
+    apps as apps,
     course as course,
     datasets as datasets,
     films as films,
@@ -23,6 +24,11 @@ from .analysis import (
     true_normals as true_normals,
     unambiguous_range as unambiguous_range,
     unwrap as unwrap,
+)
+from .apps import (
+    explore as explore,
+    report as report,
+    warptest as warptest,
 )
 from .datasets import (
     load_dataset as load_dataset,

@@ -59,6 +59,7 @@ KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
     "metres": (NUMBERS, {"zero", "minus one", "a fraction", "huge", "large"}),
     "positive": (NUMBERS, {"a fraction", "huge", "large"}),
     "width": (NUMBERS, {"a fraction", "huge", "large"}),
+    "pulse": (NUMBERS | {"capitals": "AUTO"}, {"a fraction", "huge", "large"}),
     "from 0": (NUMBERS, {"zero", "a fraction", "huge", "large"}),
     "from 1": (NUMBERS, {"a fraction", "huge", "large"}),
     "from 30": (NUMBERS, {"huge", "large"}),
@@ -108,7 +109,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--start-opl": "metres",
             "--bin-width": "width",
             "--window": "span",
-            "--pulse-width": "positive",
+            "--pulse-width": "pulse",
             "--max-depth": "depth",
             "--integrator": "choice",
             "--sampler": "choice",
@@ -251,7 +252,7 @@ def no_work(monkeypatch):
     for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
-    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
 
 
 @pytest.fixture(scope="module")
@@ -329,7 +330,7 @@ def test_warp_images(tmp_path, capsys, what):
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert said.startswith("error: image = ")
+    assert said.startswith("error: --image = ")
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):

@@ -22,6 +22,7 @@ import numpy as np
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
+from ..runtime.progress import shown
 from ..signals.frequencies import check_frequencies
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT
@@ -29,6 +30,7 @@ from ..signals.units import SPEED_OF_LIGHT
 _CHUNK = 1 << 18  # values that are converted to double precision at a time
 
 
+@shown("Converting to phasors")
 def transient_to_phasor(
     transient_data: Any,
     frequency_hz: float | Sequence[float],
@@ -101,7 +103,7 @@ def transient_to_phasor(
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window and is missing from "
             "the phasors; use a longer window, or accumulate phasors per path",
-            stacklevel=2,
+            stacklevel=3,
         )
 
     centres = start + (np.arange(cube.shape[2]) + 0.5) * width

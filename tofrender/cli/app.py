@@ -10,7 +10,6 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
 from functools import wraps
 from typing import Annotated, Any
@@ -18,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.progress import hidden, status
-from . import course, dataset, grade, merge, nlos, render, time, warp
+from . import course, dataset, grade, merge, nlos, render, report, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -98,9 +97,8 @@ def _telling(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def told(**options: Any) -> None:
         speak_of(command, options)
-        silent = nullcontext() if options.get("progress", True) else hidden()
         try:
-            with silent, status(name, shown):
+            with hidden(not options.get("progress", True)), status(name, shown):
                 command(**options)
         except KeyboardInterrupt as stopped:
             raise RuntimeError from stopped
@@ -159,5 +157,6 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
+    *(report.report, warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))

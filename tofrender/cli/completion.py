@@ -33,8 +33,8 @@ def among(names: Iterable[str]) -> Callable[[str], list[str]]:
 
 def scene(incomplete: str) -> list[str]:
     """Completes a built-in scene, an XML file, or a folder on the way to one."""
-    asked = incomplete.replace("-", "_")
-    return [name for name in SCENES if name.startswith(asked)] + paths(incomplete, ".xml")
+    names = [name.replace("_", "-") for name in SCENES] if "-" in incomplete else SCENES
+    return among(names)(incomplete) + paths(incomplete, ".xml")
 
 
 def paths(incomplete: str, *suffixes: str) -> list[str]:

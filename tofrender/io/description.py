@@ -112,9 +112,9 @@ def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:
         raise ValueError(f"path = {path}: {error}") from None
 
 
-def warn_of_not_finite(dataset: xr.Dataset) -> None:
+def warn_of_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:
     """Say that a file will not be readable, rather than lose what it took hours to render."""
     try:
         require_finite(dataset)
     except ValueError as error:
-        warnings.warn(f"{error}; what is written now cannot be read again", stacklevel=3)
+        warnings.warn(f"{error}; what is written now cannot be read again", stacklevel=stacklevel)

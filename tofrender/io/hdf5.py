@@ -22,6 +22,7 @@ from ..rendering.dataset import plain_attributes
 from ..rendering.labels import labelled
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
+from ..runtime.progress import shown
 from ..signals.colour import luminance
 from .description import refuse_not_finite, warn_of_not_finite
 from .output import check_file, check_room, check_writable
@@ -45,6 +46,7 @@ _OURS = "tofrender"  # our part of scene_info
 _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
+@shown("Writing HDF5")
 def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a capture as HDF5 in the layout of y-tal, which reads it as its own.
 
@@ -89,7 +91,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     check_capture(capture)
     target = check_file(path, *_SUFFIXES, overwrite=overwrite)
     check_writable(path)
-    warn_of_not_finite(capture)
+    warn_of_not_finite(capture, stacklevel=4)
     fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     needed += 4 * math.prod(cube.shape[:-1])
@@ -156,6 +158,7 @@ def _yaml(value: Any) -> str:
     return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
+@shown("Reading HDF5")
 def load_capture(path: str | os.PathLike) -> xr.Dataset:
     """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
 

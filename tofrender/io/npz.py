@@ -16,6 +16,7 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import ERRORS, check_dataset
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
+from ..runtime.progress import shown
 from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
 from .output import check_output, stack_bytes
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 _ARRAYS = ("transient", "steady", "y", "x", "opl")
 
 
+@shown("Writing NPZ")
 def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
 
@@ -60,7 +62,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
     check_dataset(dataset)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)
-    warn_of_not_finite(dataset)
+    warn_of_not_finite(dataset, stacklevel=4)
     needed = stack_bytes(shape)
     with replacing(path, needed_bytes=needed) as temporary, ZipFile(temporary, "w") as archive:
         _write(archive, "tofrender", Cube(np.array(json.dumps(describe(dataset)))))
@@ -78,6 +80,7 @@ def _write(archive: ZipFile, name: str, cube: Cube) -> None:
             member.write(np.ascontiguousarray(values).data)
 
 
+@shown("Reading NPZ")
 def load_npz(path: str | os.PathLike) -> xr.Dataset:
     """Read what `save_npz` wrote: the same Dataset, bit by bit.
 

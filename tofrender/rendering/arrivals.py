@@ -13,6 +13,7 @@ import numpy as np
 from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
+from ..runtime.progress import shown
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
@@ -86,6 +87,7 @@ class Arrivals:
         return int(self.hits[overlaps].sum())
 
 
+@shown("Looking for light")
 def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arrivals:
     """Trace 16384 paths through random pixels of a film's crop and note when light arrives."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})

@@ -12,6 +12,7 @@ import mitsuba as mi
 
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.progress import hidden, status
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
@@ -158,13 +159,15 @@ def render(
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
     if shared:
         packed("scene", scene)  # Refuses what cannot be sent
-    job = make_job(asked)
-    with nullcontext(client) if client is not None else workers_for(workers, scheduler) as client:
-        if out is not None:
-            return stream(job, out, client=client, progress=progress)
-        if client is not None:
-            return collect(job, client, checkpoint, progress)
-        return carry_out(job, resume, checkpoint, progress)
+    with hidden(not progress), status("Rendering"):
+        job = make_job(asked)
+        own = nullcontext(client) if client is not None else workers_for(workers, scheduler)
+        with own as client:
+            if out is not None:
+                return stream(job, out, client=client)
+            if client is not None:
+                return collect(job, client, checkpoint)
+            return carry_out(job, resume, checkpoint)
 
 
 def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:

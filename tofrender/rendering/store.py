@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import atomic, checks
+from ..runtime.progress import shown
 from .dataset import DIMS, ERRORS, check_dataset, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
@@ -233,6 +234,7 @@ def put_in_place(folder: Path, target: Path, listed: bool = False) -> None:
     atomic.to_disk(target.parent, deep=False)
 
 
+@shown("Writing Zarr")
 def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     """Write a Dataset of `render` as a film on disk, tile by tile.
 

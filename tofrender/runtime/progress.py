@@ -8,12 +8,16 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
-DELAY_S = 0.7
+P = ParamSpec("P")
+R = TypeVar("R")
+
+DELAY_S = 0.5
 """Work that takes longer [s] is shown, so that something is to be seen within a second."""
 
 REFRESH_S = 0.1
@@ -26,8 +30,11 @@ STATUS = "{desc} ... {elapsed}"
 
 
 def is_watched() -> bool:
-    """Whether somebody looks at stderr: it is a terminal, or a notebook's."""
-    return not _hidden and (sys.stderr.isatty() or "ipykernel" in sys.modules)
+    """Whether somebody looks at stderr: it is a terminal, or a notebook's, and not a worker's."""
+    processes = sys.modules.get("multiprocessing.process")
+    if processes is not None and processes.parent_process() is not None:
+        return False
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 _hidden: list[None] = []
@@ -59,7 +66,7 @@ class Bar:
             "bar_format": STATUS if total is None else None,
         }
         self._end, self._began = threading.Event(), time.monotonic()
-        self._enabled = enabled and is_watched()
+        self._enabled = enabled and not _hidden and is_watched()
         if self._enabled and "ipykernel" in sys.modules:
             with warnings.catch_warnings():  # Which concern all threads
                 warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
@@ -95,6 +102,7 @@ class Bar:
         """Take it from the screen."""
         bar, self._bar = self._bar, None
         if bar is not None:
+            bar.total = None  # Else a notebook keeps one that was closed early, in red
             with suppress(OSError, ValueError):
                 bar.close()
 
@@ -137,6 +145,20 @@ def status(description: str, enabled: bool = True) -> Bar:
     return Bar(description, None, "", enabled)
 
 
+def shown(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A decorator of functions that may take long: a status line tells what they do."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def told(*args: P.args, **kwargs: P.kwargs) -> R:
+            with status(description):
+                return function(*args, **kwargs)
+
+        return told
+
+    return decorate
+
+
 @contextmanager
 def cleared() -> Iterator[None]:
     """Take bars from the screen while something else is written there."""
@@ -147,8 +169,11 @@ def cleared() -> Iterator[None]:
 
 
 @contextmanager
-def hidden() -> Iterator[None]:
-    """Show no bars within the block."""
+def hidden(wanted: bool = True) -> Iterator[None]:
+    """Show no bars within the block, if that is `wanted`."""
+    if not wanted:
+        yield
+        return
     _hidden.append(None)
     try:
         yield

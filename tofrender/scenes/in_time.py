@@ -57,7 +57,7 @@ def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns
     if wrapper in WRAPPERS and now != wrapper:
         warnings.warn(
             f"integrator = {wrapper!r}: becomes {now!r}, its {WRAPPERS[wrapper]} are left out",
-            stacklevel=5,
+            stacklevel=6,
         )
 
 

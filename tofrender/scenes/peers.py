@@ -65,4 +65,4 @@ def _scan(props: Any) -> None:
 
 
 def _tell(text: str) -> None:
-    warnings.warn(text, stacklevel=5)
+    warnings.warn(text, stacklevel=6)

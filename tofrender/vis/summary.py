@@ -10,6 +10,7 @@ from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import COLUMN, colour_bar, most_of, wrapped
+from ..runtime.progress import shown
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .figures import explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@shown("Drawing the summary")
 @in_style
 def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     """One page about a render: the steady image, when each pixel is brightest, a few responses.

@@ -1,0 +1,373 @@
+"""For scripts and shells: --json, completion, pictures and figures of other kinds."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import types
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddict
+
+import numpy as np
+import pytest
+from films_in_parts import in_small_steps
+from PIL import Image
+from test_cli import COMMAND, ROOT, TINY, names, refused, run
+from test_outputs import captured
+
+import tofrender
+from tofrender import io
+from tofrender.cli import answers, completion, render as cli_render
+from tofrender.rendering import pieces
+from tofrender.runtime import doctor
+
+SCHEMAS = {
+    "render": answers.Render,
+    "phasor": answers.Phasor,
+    "gate": answers.Gate,
+    "capture": answers.Capture,
+    "reconstruct": answers.Reconstruct,
+    "scenes": answers.Scenes,
+    "doctor": answers.Doctor,
+}
+ALL = {"command": str, "version": str}
+SMALL = ["--size", "6x5", "--spp", "1"]
+
+
+# ------------------------------------------------------------------------------------------ json
+
+
+def mistakes(value: Any, kind: Any, where: str = "") -> list[str]:
+    """Where a value is not of its type."""
+    if is_typeddict(kind):
+        hints = get_type_hints(kind)
+        if set(value) != set(hints):
+            return [f"{where}: has {sorted(value)}, must have {sorted(hints)}"]
+        return [m for name in hints for m in mistakes(value[name], hints[name], f"{where}.{name}")]
+    if get_origin(kind) is list:
+        return [
+            m
+            for k, each in enumerate(value)
+            for m in mistakes(each, *get_args(kind), f"{where}[{k}]")
+        ]
+    if get_origin(kind) in (Union, types.UnionType):
+        return [] if any(not mistakes(value, each) for each in get_args(kind)) else [where]
+    good = type(value) is kind or (kind is float and type(value) is int)
+    return [] if good else [f"{where} = {value!r}: must be {kind}"]
+
+
+def said(capsys, *arguments: object) -> dict:
+    """The object that a command says, which is of its schema; stdout has nothing else."""
+    status, out, err = run(capsys, *arguments, "--json")
+    assert status == 0, err
+    assert out.count("\n") == 1
+    return checked(json.loads(out), str(arguments[0]))
+
+
+def checked(found: dict, command: str) -> dict:
+    """Facts of a command without what all have."""
+    assert found.pop("command") == command
+    assert found.pop("version") == tofrender.__version__
+    assert not mistakes(found, SCHEMAS[command], command)
+    return found
+
+
+@pytest.mark.slow
+def test_json_of_a_render_and_its_phasors(capsys, tmp_path):
+    out = tmp_path / "böx"
+    facts = said(capsys, "render", "cornell_box", "--out", out, *TINY, "--seed", 7, "--no-video")
+    assert facts["out"] == str(out)
+    assert set(facts["files"]) == names(out)
+    wanted = {"width": 8, "height": 6, "bins": 20, "bin_width": 0.3, "spp": 4, "seed": 7}
+    assert wanted.items() <= facts.items()
+    assert facts["complete"] is True
+    dataset = tofrender.load_exr_stack(out)
+    assert facts["energy_outside_window"] == dataset.attrs["energy_outside_window"]
+    again = said(capsys, "phasor", out, "--freq", "2e7", "--freq", "5e7", "--out", tmp_path / "p")
+    assert again["frequencies_hz"] == [2e7, 5e7]
+    assert set(again["files"]) == names(tmp_path / "p")
+    assert (again["width"], again["height"]) == (8, 6)
+
+
+@pytest.mark.slow
+def test_json_of_phasors_and_gates_of_a_scene(capsys, tmp_path):
+    options = [*SMALL, "--out", tmp_path / "out"]
+    facts = said(capsys, "phasor", "cornell_box", "--freq", "2e7", *options)
+    assert facts["source"] == "cornell_box"
+    facts = said(capsys, "gate", "cornell_box", "--at", "6", *options)
+    assert (facts["at"], facts["spp"], facts["width"]) == (6, 1, 6)
+    assert set(facts["files"]) == names(tmp_path / "out")
+
+
+@pytest.mark.slow
+def test_json_of_a_capture_and_its_reconstruction(capsys, tmp_path):
+    file = tmp_path / "wall.h5"
+    facts = said(capsys, "capture", "nlos_plane", "--grid", "3x2", "--spp", "1", "--out", file)
+    assert (facts["columns"], facts["rows"], facts["mode"]) == (3, 2, "confocal")
+    found = said(capsys, "reconstruct", file, "--method", "bp", "--out", tmp_path / "out")
+    assert set(found["files"]) == names(tmp_path / "out")
+
+
+@pytest.mark.slow
+def test_json_of_nothing_found(capsys, tmp_path):
+    dark = captured()
+    dark["transient"][:] = 0
+    io.save_capture(dark, tmp_path / "dark.h5")
+    out = tmp_path / "out"
+    facts = said(capsys, "reconstruct", tmp_path / "dark.h5", "--method", "bp", "--out", out)
+    assert facts["median_depth"] is None
+
+
+def test_json_of_the_scenes(capsys):
+    facts = said(capsys, "scenes")
+    assert [each["name"] for each in facts["scenes"]] == list(tofrender.scenes.BUILT_IN)
+
+
+@pytest.mark.parametrize("ok", [True, False])
+def test_json_of_the_doctor(capsys, monkeypatch, ok):
+    checks = [
+        doctor.Check("Python", True, "3.11"),
+        doctor.Check("CUDA", False, "no driver", "update it", required=False),
+        doctor.Check("LLVM", ok, "none", "" if ok else "install it"),
+    ]
+    monkeypatch.setattr(doctor, "diagnose", lambda: checks)
+    status, out, err = run(capsys, "doctor", "--json")
+    assert (status, err) == (0 if ok else 1, "")
+    facts = checked(json.loads(out), "doctor")
+    assert facts["works"] is ok
+    assert facts["checks"][2]["remedy"] == ("" if ok else "install it")
+
+
+def test_errors_leave_stdout_empty(capsys, tmp_path):
+    arguments = ["render", "cornell_box", "--json", "--out", tmp_path / "out"]
+    assert "--spp = 0: must be" in refused(capsys, *arguments, "--spp", "0")
+    assert "did you mean" in refused(capsys, "render", "cornel_box", *arguments[2:])
+
+
+@pytest.mark.slow
+def test_json_of_a_render_that_was_stopped(capsys, tmp_path, monkeypatch):
+    steps = pieces.steps
+
+    def stopped(*arguments):
+        for number, done in enumerate(steps(*arguments)):
+            if not number:
+                signal.raise_signal(signal.SIGINT)
+            yield done
+
+    monkeypatch.setattr(pieces, "steps", stopped)
+    in_small_steps(monkeypatch, 8 * 6)
+    arguments = ["render", "cornell_box", *TINY, "--no-video", "--out", tmp_path / "a"]
+    status, out, err = run(capsys, *arguments, "--json")
+    assert status == 130
+    facts = checked(json.loads(out), "render")
+    assert facts["complete"] is False
+    assert facts["spp"] == 2
+    assert "with --resume goes on" in err
+
+
+def test_the_page_has_all_keys():
+    page = (ROOT / "docs" / "for_scripts.md").read_text()
+    for command, schema in SCHEMAS.items():
+        part = re.search(rf"^## {command}\n(.*?)^## ", page, re.DOTALL | re.MULTILINE)[1]
+        rows = [line.split("|")[1] for line in part.splitlines()[2:] if line.startswith("|")]
+        told = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+        assert told == list(get_type_hints(schema)) or set(told) == set(get_type_hints(schema))
+        for nested in (answers.Scene, answers.Check):
+            if nested.__name__.lower() + "s" in told:
+                assert set(get_type_hints(nested)) <= set(re.findall(r"`(\w+)`", part))
+
+
+# ------------------------------------------------------------------------------------ completion
+
+
+def completed(shell: str, line: str, cwd: Path = ROOT) -> list[str]:
+    """What a shell is told to complete a line to, as its script asks."""
+    words = line.split(" ")
+    asked = {
+        "bash": {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)},
+        "zsh": {"_TYPER_COMPLETE_ARGS": line},
+        "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+    }[shell]
+    environment = os.environ | asked | {"_TOFRENDER_COMPLETE": f"complete_{shell}"}
+    environment["PYTHONPATH"] = str(ROOT)
+    done = subprocess.run(COMMAND, env=environment, capture_output=True, text=True, cwd=cwd)
+    assert done.stderr == ""
+    if shell == "zsh":
+        return re.findall(r'"([^"]+)"(?::|\n|\)|$)', done.stdout.replace("\\", ""))
+    return [each.split("\t")[0] for each in done.stdout.split()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete(shell):
+    assert "cornell_box_glass" in " ".join(completed(shell, "tofrender render cornell_box_g"))
+    assert "transient_bdpt" in completed(shell, "tofrender render x --integrator transient_b")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("tofrender rend", ["render"]),
+        ("tofrender render x --form", ["--format"]),
+        ("tofrender render x --format m", ["multipart"]),
+        ("tofrender render x --sampler pad", ["padded_sobol"]),
+        ("tofrender render x --variant llvm_ad_s", ["llvm_ad_spectral"]),
+        ("tofrender gate sphere-light-l", ["sphere-light-large"]),
+        ("tofrender capture nlos_z", ["nlos_z"]),
+        ("tofrender reconstruct a.h5 --method ph", ["phasor"]),
+        ("tofrender warp beck", ["beckmann"]),
+        ("tofrender render scenes/cor", ["scenes/cornell_box.xml"]),
+        ("tofrender render scenes/n", ["scenes/nlos/"]),
+    ],
+)
+def test_bash_completes(line, found):
+    assert completed("bash", line) == found
+
+
+@pytest.mark.slow
+def test_completion_is_quick():
+    """Nothing heavy is imported for it."""
+    environment = os.environ | {"_TOFRENDER_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)}
+    environment |= {"COMP_WORDS": "tofrender render c", "COMP_CWORD": "2"}
+    command = [COMMAND[0], "-X", "importtime", *COMMAND[1:]]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT)
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "tofrender.cli" in imported
+    assert not imported & {"mitsuba", "drjit", "numpy", "xarray", "matplotlib"}
+    assert "cornell_box" in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_a_shell(tmp_path, shell):
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}
+    environment["_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION"] = "1"
+    for option in ("--show-completion", "--install-completion"):
+        command = [*COMMAND, option, shell]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT)
+        assert done.returncode == 0, done.stderr
+        if option == "--show-completion":
+            assert f"complete_{shell}" in done.stdout
+    assert any("tofrender" in path.name for path in tmp_path.rglob("*") if path.is_file())
+
+
+def test_scenes_are_those_there_are():
+    assert tuple(tofrender.scenes.BUILT_IN) == completion.SCENES
+
+
+def test_paths_that_cannot_be_looked_at():
+    assert completion.paths("/no/such/folder/a", ".xml") == []
+
+
+# ----------------------------------------------------------------------------- pictures, figures
+
+
+def pixels(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image)
+
+
+@pytest.mark.slow
+def test_pictures(capsys, tmp_path):
+    out = tmp_path / "box"
+    arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "png", "--no-video"]
+    status, said_, err = run(capsys, *arguments)
+    assert status == 0, err
+    frames = {f"frame_{k:04d}.png" for k in range(20)}
+    assert names(out) == frames | {"steady.png", "summary.png"}
+    assert "frame_0000.png ... frame_0019.png, steady.png, summary.png" in said_
+    assert pixels(out / "steady.png").shape == (6, 8, 3)
+    brightest = max(pixels(out / name).mean() for name in frames)
+    assert brightest > 20
+    status, _, err = run(capsys, *arguments)  # In place of the first
+    assert status == 0, err
+    assert "holds pictures, which cannot be read back" in refused(capsys, *arguments, "--resume")
+    assert "--precision = half: must be" in refused(capsys, *arguments, "--precision", "half")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["pdf", "svg"])
+def test_vectors(capsys, tmp_path, kind):
+    out, marks = tmp_path / "out", {"pdf": b"%PDF", "svg": b"<?xml"}
+    status, _, err = run(
+        capsys, "render", "cornell_box", "--out", out, *TINY, "--no-video", "--figure", kind
+    )
+    assert status == 0, err
+    assert (out / f"summary.{kind}").read_bytes().startswith(marks[kind])
+    assert not (out / "summary.png").exists()
+    panel = tmp_path / "panel"
+    run(capsys, "phasor", out, "--freq", "2e7", "--out", panel, "--figure", kind)
+    assert (panel / f"panel.{kind}").read_bytes().startswith(marks[kind])
+    io.save_capture(captured(), tmp_path / "a.h5")
+    volume = tmp_path / "volume"
+    arguments = ["reconstruct", tmp_path / "a.h5", "--method", "bp", "--out", volume]
+    for _ in range(2):  # The second replaces the first
+        status, _, err = run(capsys, *arguments, "--figure", kind)
+        assert status == 0, err
+    assert (volume / f"volume.{kind}").read_bytes().startswith(marks[kind])
+
+
+@pytest.mark.slow
+def test_dots_per_inch(capsys, tmp_path):
+    widths = []
+    for dpi in (50, 100):
+        out = tmp_path / f"{dpi}"
+        arguments = ["--out", out, *TINY, "--no-video", "--dpi", dpi]
+        status, _, err = run(capsys, "render", "cornell_box", *arguments)
+        assert status == 0, err
+        widths.append(pixels(out / "summary.png").shape[1])
+        run(capsys, "warp", "tent", "--out", tmp_path / f"{dpi}.png", "--dpi", dpi)
+        widths.append(pixels(tmp_path / f"{dpi}.png").shape[1])
+    assert widths[2] == pytest.approx(2 * widths[0], abs=2)
+    assert widths[3] == pytest.approx(2 * widths[1], abs=2)
+
+
+# -------------------------------------------------------------------------------------- progress
+
+
+@pytest.mark.slow
+def test_a_command_is_seen_to_work_within_a_second(tmp_path):
+    """In a terminal; the clock starts when the command does, after Python has."""
+    import fcntl
+    import pty
+    import struct
+    import termios
+    import time
+
+    terminal, its = pty.openpty()
+    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+    code = (
+        "import sys, time; from tofrender.cli import main, app; from tofrender.cli import render; "
+        "import tofrender.runtime.backend as b; before = b.activate; "
+        "b.activate = lambda *a: (print('begun'), sys.stdout.flush(), time.sleep(2), before(*a)); "
+        f"main(['render', 'cornell_box', '--out', {str(tmp_path / 'a')!r}, '--size', '4x4', "
+        "'--spp', '1', '--no-video'])"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=its, stderr=its, cwd=ROOT)
+    os.close(its)
+    seen = b""
+    begun = None
+    while b"tofrender render ..." not in seen:
+        part = os.read(terminal, 4096)
+        assert part, seen
+        seen += part
+        if begun is None and b"begun" in seen:
+            begun = time.monotonic()
+    assert time.monotonic() - begun < 1
+    while True:
+        try:
+            if not os.read(terminal, 4096):
+                break
+        except OSError:
+            break
+    assert process.wait() == 0
+    os.close(terminal)
+
+
+def test_formats_are_those_that_can_be_completed():
+    assert set(get_args(cli_render.Format)) >= {"png", "frames"}
