@@ -28,6 +28,7 @@ from .analysis import (
 from .apps import (
     explore as explore,
     report as report,
+    warptest as warptest,
 )
 from .datasets import (
     load_dataset as load_dataset,

@@ -254,7 +254,7 @@ def no_work(monkeypatch):
     for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
-    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What one looks at and touches: the explorer of what was rendered, captured or reconstructed."""
+"""What one looks at and touches: the explorer, the warp tester, pictures side by side."""
 
 from ..runtime.lazy import on_demand
 

@@ -80,8 +80,8 @@ def chi_square_test(
             weight 0 where sampling failed and 1 elsewhere, or (points, weights, densities), which
             are then compared with `pdf`.
         pdf: Density at points, per unit area or steradian.
-        domain: Where the points lie: "square" ([0, 1]^2), "plane" or "disk" ([-1, 1]^2), "sphere",
-            "hemisphere", or a domain object of `mi.chi2`.
+        domain: Where the points lie: "square" or "image" ([0, 1]^2), "plane" or "disk"
+            ([-1, 1]^2), "sphere", "hemisphere", or a domain object of `mi.chi2`.
         samples: Number of samples, from 1000 to 2^24. More find smaller errors.
         resolution: Rows of cells, from 2 to 512.
         seed: Seed of the random numbers, from 0 to 2^32 - 1.

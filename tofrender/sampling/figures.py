@@ -85,6 +85,8 @@ def density_panels(
         )
         axes.set_xlabel(verdict.domain.labels[0])
         axes.set_ylabel("cos θ" if directions else verdict.domain.labels[1])
+        if verdict.domain.down:
+            axes.invert_yaxis()
         few_ticks(axes)
         grid.trim(axes, row, column)
         drawn.append((shown, row, column, label, extend))

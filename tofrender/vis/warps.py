@@ -70,7 +70,8 @@ def _points(axes: Axes, points: np.ndarray, verdict: Verdict, wide: float) -> No
     few_ticks(axes)
     if points.shape[0] == 2:
         (low_x, low_y), (high_x, high_y) = verdict.domain.low, verdict.domain.high
-        axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y))
+        ylim = (high_y, low_y) if verdict.domain.down else (low_y, high_y)
+        axes.set(xlim=(low_x, high_x), ylim=ylim)
     elif verdict.domain.upper_only:
         reach = 1.05 * float(np.max(np.hypot(x, y), initial=0.0)) or 1.0
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
