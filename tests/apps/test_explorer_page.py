@@ -362,3 +362,21 @@ def test_the_default_box_is_below_ten_megabytes_and_steps_are_quick(tmp_path):
             set_(page, bin=k)
             times.append(state(page)["milliseconds"])
         assert np.median(times) < 50
+
+
+def test_touch_adds_and_drags_pixels_and_plays(tmp_path, shown):
+    _, contents = shown
+    size = {"width": 390, "height": 840}
+    with opened(tmp_path, contents, viewport=size, has_touch=True, is_mobile=True) as page:
+        set_(page, pixels=[[4, 4]])
+        frame = page.locator(".frame").bounding_box()
+        page.touchscreen.tap(
+            frame["x"] + 20.5 / WIDE * frame["width"], frame["y"] + 10.5 / HEIGHT * frame["height"]
+        )
+        assert state(page)["pixels"] == [[4, 4], [20, 10]]
+        page.locator(".play").tap()
+        assert state(page)["playing"]
+        page.locator(".play").tap()
+        assert not state(page)["playing"]
+        page.get_by_role("radio", name="Phasor").tap()
+        assert state(page)["view"] == "phasor"
