@@ -137,6 +137,13 @@ BOX = SIZE | BINS | DEPTH
 SEEDED = {"spp": "count", "seed": "seed"}
 KEPT = {"checkpoint": "checkpoint?", "progress": "boolean"}
 AXIS = {"start_opl": "metres", "bin_width_opl": "positive"}
+SHOWN = {
+    "data": "dataset",
+    "orders": "mapping? but dict-1, dataset",
+    "distance_m": "picture?",
+    "title": "label?",
+    "megabytes": "positive but 1e30, 2**40",
+}
 SAVED = {"overwrite": "boolean", "progress": "boolean"}
 
 
@@ -371,6 +378,13 @@ TABLE = [
         "io.replacing",
         lambda out: {"path": out / "a"},
         {"path": "path", "folder": "boolean", "needed_bytes": "seed? but 2**40, 2**32"},
+    ),
+    # ---------------------------------------------------------------------------- the explorer
+    Row("explore", lambda _: {"data": data()}, SHOWN),
+    Row(
+        "report",
+        lambda out: {"data": data(), "path": out / "a.html"},
+        SHOWN | {"path": "path", "overwrite": "boolean"},
     ),
     # --------------------------------------------------------------------------------- figures
     Row(
@@ -1048,7 +1062,7 @@ def test_attributes_of_renders_that_are_joined(changes):
 def public() -> set[str]:
     """Names in the stubs of the rooms, as the table calls them."""
     names = set()
-    for room in ("", "io", "vis", "analysis", "nlos", "sampling", "scenes"):
+    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes"):
         stub = PACKAGE / room / "__init__.pyi"
         if not stub.exists():
             names |= {f"{room}.{name}" for name in function(room).__all__}

@@ -236,6 +236,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
         ["veach", "--no-browser"],
         {"one": "choice", "--variant": "choice", "--host": "choice", "--port": "count"},
     ),
+    "report": (["render.npz"], {"source": "file", "--megabytes": "positive"}),
     "release": (["a1"], {"assignment": "choice"}),
     "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
     "start": (["a1", "folder"], {"assignment": "choice"}),
@@ -258,6 +259,7 @@ ELSEWHERE = {
     "--video": "a switch",
     "--resume": "a switch",
     "--errors": "a switch",
+    "report title": "any text",
     "--json": "a switch",
     "--browser": "a switch",
     "--headless": "a switch",
@@ -276,7 +278,7 @@ ELSEWHERE = {
     "dataset workers": "as of render",
     "dataset scheduler": "as of render",
 }
-SUFFIXES = {"capture": ".h5", "warp": ".png", "warptest": ".png", "view": ".npz"}
+SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png", "warptest": ".png", "view": ".npz"}
 WITHOUT_OUT = {"verify", "start", "submit", "grade", "compare"}
 
 

@@ -188,6 +188,7 @@ def test_no_white_margins(name):
     assert max(margins) < 0.22 * figure.dpi
 
 
+@pytest.mark.slow
 def test_a_hatch_is_explained_where_there_is_one():
     whole = make_dataset(height=8, width=9, bins=20)
     for make in (vis.summary_figure, vis.light_in_flight):
@@ -203,6 +204,7 @@ def test_one_bar_for_all_intensities():
     assert len(bars) == 2
 
 
+@pytest.mark.slow
 def test_phasors_at_two_frequencies_have_a_depth_beyond_one():
     depth = np.full((4, 5), 11.0)
     phases = [4 * np.pi * f / tofrender.SPEED_OF_LIGHT * depth for f in (20e6, 50e6)]
@@ -347,6 +349,7 @@ def test_lines_are_told_apart(theme, deuteranopia):
 # ------------------------------------------------------------------------------------------ files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg", "SVG"])
 def test_files_are_whole_and_the_same_each_time(tmp_path, ending):
     paths = [tmp_path / "deep" / f"{name}.{ending}" for name in "ab"]
@@ -373,6 +376,7 @@ def test_files_are_whole_and_the_same_each_time(tmp_path, ending):
         assert "time [ns]" in texts
 
 
+@pytest.mark.slow
 def test_pictures_inside_of_vectors_are_the_same_each_time(tmp_path):
     for ending in ("pdf", "svg"):
         paths = [tmp_path / f"{name}.{ending}" for name in "ab"]

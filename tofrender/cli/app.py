@@ -149,7 +149,7 @@ def doctor(as_json: Json = False) -> None:
 
 
 SHOWN = (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp),
+    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(render.render, merge.merge, dataset.dataset),
 )
 """Commands that show that they work; the others say each thing that they have done."""
@@ -157,6 +157,6 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
-    *(report.report, warp.warptest, view.view, view.compare),
+    *(warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))

@@ -45,7 +45,7 @@ def report(
 
     named = title or data.attrs.get("scene") or source.resolve().name
     write(data, out, title=str(named), megabytes=megabytes, overwrite=True)
-    typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+    opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
 def _load(source: Path) -> xr.Dataset:

@@ -104,7 +104,7 @@ def _render(scene: str, technique: str, spp: int, seed: int) -> np.ndarray:
         if technique in TECHNIQUES:
             description["integrator"] = description["integrator"] | {"type": kind}
     loaded: Any = mi.load_dict(description)
-    return _three(np.array(mi.render(loaded, spp=spp, seed=seed), np.float32))
+    return _three(np.array(mi.render(loaded, spp=spp, seed=mi.UInt32(seed)), np.float32))
 
 
 def opened(path: Any) -> Picture:

@@ -13,12 +13,13 @@ import numpy as np
 from ...rendering.cubes import Cube
 from ...runtime import checks, memory
 from ...runtime.atomic import readable
+from ...vis.colours import phase_map
 from .codes import Scale
 from .reducing import How, Reduction, bands, reductions
 from .subjects import Subject, facts, subject_of
 
-MAPS = {"false": "inferno", "distance": "viridis", "phase": "twilight"}
-"""Matplotlib's colour maps by what they are for."""
+MAPS = {"false": "inferno", "distance": "viridis"}
+"""Matplotlib's colour maps by what they are for; of phases there is `phase_map`."""
 
 SHARE = 0.12
 """Part of a cube by which its size is estimated."""
@@ -204,8 +205,9 @@ class _Packing:
             self.add("hatch", subject.hatch, "u1")
         from matplotlib import colormaps
 
-        for name, of in MAPS.items():
-            colours = colormaps[of](np.arange(256))[:, :3]
+        maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
+        for name, of in maps.items():
+            colours = of(np.arange(256) / 255)[:, :3]
             self.add(f"map {name}", np.rint(255 * colours), "u1")
 
 

@@ -42,7 +42,7 @@ export function mount(element, data) {
 class Explorer {
   constructor(element, data) {
     this.element = element;
-    this.root = make("section", { className: "tof-explorer" });
+    this.root = make("section", { className: "tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
     this.stopped = new AbortController();
     const { signal } = this.stopped;
@@ -113,14 +113,14 @@ class Explorer {
   /** Change what is shown: the one way in, for the page's parts and for others. */
   set(changes) {
     const { now, recording } = this;
-    const before = recording.start;
     Object.assign(now, changes);
     if ("laser" in changes || "unwarped" in changes) {
+      const before = recording.start + recording.typicalWay;
       recording.choose(now);
       this.forget();
-      const moved = Math.round((before - recording.start) / recording.width);
-      now.bin += moved;
-      now.gate = { ...now.gate, first: now.gate.first + moved };
+      const later = (before - recording.start - recording.typicalWay) / recording.width;
+      now.bin += later;
+      now.gate = { ...now.gate, first: now.gate.first + later };
     }
     const last = recording.count - 1;
     now.bin = clamp(Math.round(now.bin), 0, last);
@@ -147,7 +147,7 @@ class Explorer {
       start: recording.start,
       gain: this.gain,
       milliseconds: this.milliseconds,
-      curves: now.pixels.map((pixel, k) => this.curve(pixel, k)),
+      curves: now.pixels.map((pixel, k) => plainCurve(this.curve(pixel, k))),
       phasors: this.isVolume ? [] : this.phasors(),
     };
   }
@@ -442,7 +442,8 @@ class Explorer {
   pressed(event) {
     const { key, target, shiftKey } = event;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const own = target.matches("input, select, textarea");
+    const own = target.matches("input, select");
+    if (own) event.stopPropagation(); // Notebooks have other uses for arrows
     const { bin, gate, playing, view } = this.now;
     const steps = { ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity };
     if (key === " " && !target.matches("button, select, summary, input[type=checkbox]")) {
@@ -611,7 +612,7 @@ class Explorer {
     const { recording, about, isVolume } = this;
     const [height, width] = about.peaks;
     const factor = isVolume ? 1 : isDepth ? 0.5 : 1e9 / SPEED_OF_LIGHT;
-    const values = recording.peaks().map((opl) => factor * opl);
+    const values = recording.peaks(isDepth).map((opl) => factor * opl);
     const [low, high] = range(values);
     const map = recording.part("map distance");
     const unit = isVolume || isDepth ? "m" : "ns";
@@ -649,7 +650,8 @@ class Explorer {
     const assumes = {
       amplitude: `|P| of P = Σ L exp(+i 2π f OPL / c), at ${hertz(now.frequency)}.`,
       phase: `Phase of P = Σ L exp(+i 2π f OPL / c), at ${hertz(now.frequency)}.`,
-      depth: `Depth = c (phase mod 2π) / 4π f, which wraps at c / 2f = ${short(wrapped)} m. It assumes that light and camera are in one place, and light that comes straight back.`,
+      depth: `Depth = c (phase mod 2π) / 4π f, which wraps at c / 2f = ${short(wrapped)} m. ` +
+        "It assumes that light and camera are in one place, and light that comes straight back.",
     }[now.phasor];
     const bytes = paintMap(values, { low, high, map, width });
     return { bytes, width, height, says: hertz(now.frequency), assumes, map, low, high, unit };
@@ -912,6 +914,16 @@ const KEYS =
   "Keys: ← → a step in time (Shift: ten), Home and End the first and the last, Space plays. In the " +
   "picture: arrows move the chosen pixel (Shift: ten), 1 to 6 choose, Enter adds, Delete removes. " +
   "Click to add a pixel, drag to move it; drag in the curves to move time or the gate.";
+
+/** A curve with arrays that JSON can hold. */
+function plainCurve({ values, errors, orders, ...more }) {
+  return {
+    ...more,
+    values: Array.from(values),
+    errors: errors && Array.from(errors),
+    orders: orders.map(({ name, values: own }) => ({ name, values: Array.from(own) })),
+  };
+}
 
 function colourOf(k, dark) {
   return dark ? STYLES[k].dark : STYLES[k].colour;

@@ -10,15 +10,14 @@ export function toneCurve(gamma) {
   return curve;
 }
 
-/** The value below which a part of all light is, of planes where it is above 0; 1 if there is none. */
+/** The value below which a part of what is lit is, of some pixels of planes; 1 if all is dark. */
 export function white(planes, part = 0.995) {
   const lit = [];
   for (const plane of planes) {
-    const stride = Math.max(1, Math.floor(plane.length / 65_536));
+    const stride = Math.max(1, Math.floor(plane.length / 20_011));
     for (let i = 0; i < plane.length; i += stride) if (plane[i] > 0) lit.push(plane[i]);
   }
-  lit.sort((a, b) => a - b);
-  return lit[Math.floor(part * (lit.length - 1))] || 1;
+  return Float32Array.from(lit).sort()[Math.floor(part * (lit.length - 1))] || 1;
 }
 
 /** The same of all bins of a layer, from how often each code is there. */
@@ -80,9 +79,9 @@ export function paintMap(values, { low, high, map, width }) {
 
 /** Least and largest number, those of the outermost hundredth left out. */
 export function range(values, outermost = 0.01) {
-  const known = Array.from(values)
+  const known = Float32Array.from(values)
     .filter((value) => !Number.isNaN(value))
-    .sort((a, b) => a - b);
+    .sort();
   if (!known.length) return [0, 1];
   const at = (part) => known[Math.round(part * (known.length - 1))];
   return [at(outermost), at(1 - outermost)];

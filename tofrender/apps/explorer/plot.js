@@ -32,7 +32,7 @@ export function short(value, digits = 3) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e-3 && size < 1e5) return signed(Number(value.toPrecision(digits)));
+  if (size >= 1e-4 && size < 1e5) return signed(Number(value.toPrecision(digits)));
   const [front, power] = value.toExponential(digits - 1).split("e");
   const raised = String(Number(power)).replace(/./g, (sign) => RAISED[sign]);
   return `${signed(Number(front))}·10${raised}`;

@@ -102,6 +102,12 @@ export class Recording {
     return this.start + (bin + 0.5) * this.width;
   }
 
+  /** About how much of path lengths is the way to the camera, which is in them unless unwarped. */
+  get typicalWay() {
+    if (this.unwarped || !this.distances) return 0;
+    return -this.distances.reduce((sum, each) => sum + each, 0) / this.distances.length;
+  }
+
   /** Light of a bin, a plane for each channel. */
   frame(bin) {
     const planes = newPlanes(this.light);
@@ -185,10 +191,10 @@ export class Recording {
   }
 
   /** When each pixel is brightest, as path length; NaN where it is dark. */
-  peaks() {
+  peaks(withWay) {
     const [height, width] = this.about.peaks;
     const peaks = this.part("peaks").slice(this.laser * height * width, (this.laser + 1) * height * width);
-    if (!this.unwarped) return peaks;
+    if (!this.unwarped || withWay) return peaks;
     const { step } = this.about.grid;
     return peaks.map((opl, i) => {
       const row = Math.floor(Math.floor(i / width) / step);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from ...rendering.dataset import QUANTITIES, time_axis
 from ...runtime import checks
 from ...signals.colour import LUMINANCE
 from ...signals.units import ns_to_opl
-from ...vis.transient import Transient
+from ...vis.transient import Transient, typeset
 from .reducing import How
 
 if TYPE_CHECKING:
@@ -29,8 +28,6 @@ WALL = "optical path length, laser to wall and wall to sensor included"
 HIDDEN = "optical path length, from the wall to the wall"
 
 SPOTS = {"transient": "pixels", "capture": "points", "volume": "columns"}
-
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 FACTS = {
     "mode": "Mode",
@@ -143,8 +140,7 @@ def facts(data: xr.Dataset, subject: Subject) -> list[tuple[str, str]]:
 
 def _quantity(attrs: Mapping[str, Any]) -> str:
     """With its unit, powers raised."""
-    units = re.sub(r"\^-?\d+", lambda found: found[0][1:].translate(RAISED), str(attrs["units"]))
-    return f"{attrs['quantity']} [{units}]"
+    return f"{attrs['quantity']} [{typeset(str(attrs['units']))}]"
 
 
 # ---------------------------------------------------------------------------------------- kinds

@@ -64,7 +64,7 @@ class Explorer(pn.custom.JSComponent):
     ready = param.Integer(default=0)
     version = param.Integer(default=0)
     _esm = javascript() + SHOW
-    _stylesheets = (style(),)
+    _stylesheets: Any = (style(),)
 
 
 def packed(contents: Contents) -> bytes:

@@ -20,6 +20,7 @@ def sample(theirs: Any, subject: str, values: dict[str, Any], numbers: np.ndarra
     """Warped points of the unit square's; of a light also which are valid, and their densities."""
     given = SUBJECTS[subject]
     result: Any = _made(theirs, subject, values)[0](mi.Point2f(np.ascontiguousarray(numbers)))
+    points: Any
     points, *more = result if isinstance(result, tuple) and result else (result,)
     size = given.dimensions
     if not dr.is_array_v(points) or dr.depth_v(points) != 2 or dr.size_v(points) != size:
@@ -32,11 +33,12 @@ def sample(theirs: Any, subject: str, values: dict[str, Any], numbers: np.ndarra
 def density(theirs: Any, subject: str, values: dict[str, Any], points: np.ndarray) -> np.ndarray:
     """Density at points."""
     given = SUBJECTS[subject]
-    kind = mi.Point2f if given.dimensions == 2 else mi.Vector3f
+    kind: Any = mi.Point2f if given.dimensions == 2 else mi.Vector3f
     value = _made(theirs, subject, values)[1](kind(np.ascontiguousarray(points)))
     is_number = isinstance(value, int | float) or (dr.is_array_v(value) and dr.depth_v(value) == 1)
     if not is_number or dr.is_mask_v(value):
-        name = given.names[1] if len(given.names) > 1 else f"{given.names[0]}.pdf"
+        first, *second = given.names
+        name = second[0] if second else f"{first}.pdf"
         raise TypeError(f"{name} returns a value of type {type(value).__name__}; must be mi.Float")
     return np.array(mi.Float(value))
 
