@@ -99,9 +99,7 @@ class Window:
         self.rows = pn.widgets.IntRangeSlider(label="Rows", width=240, **options)
         self.columns = pn.widgets.IntRangeSlider(label="Columns", width=240, **options)
         self.bins = pn.widgets.IntRangeSlider(label="Bins", width=240, **options)
-        self.closer = pn.widgets.Button(
-            label="Look closer", color="primary", width=120, **options
-        )
+        self.closer = pn.widgets.Button(label="Look closer", color="primary", width=120, **options)
         self.region = pn.Row(self.rows, self.columns, self.bins, self.closer, visible=False)
         self.stop.on_click(self._stop)
         self.save.on_click(self._save)
