@@ -106,8 +106,8 @@ def make_film(folder: Path) -> None:
         "cornell_box",
         spp=256,
         size=(240, 240),
-        bins=150,
-        window=(3.9, 11.0),
+        bins=220,
+        window=(3.5, 14.6),
         pulse_width=0.06,
         progress=False,
     )
