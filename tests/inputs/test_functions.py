@@ -77,6 +77,11 @@ def verdict() -> Any:
 
 
 @functools.cache
+def drawn() -> Any:
+    return tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1)
+
+
+@functools.cache
 def record() -> Any:
     return sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0, 0, 0), mi.Point2f(0.5, 0.5))
 
@@ -383,6 +388,23 @@ TABLE = [
         lambda _: {"data": CUBE, "start_opl": 1.0, "bin_width_opl": 0.1},
         {"data": "cube", "style": "choice", "period_ns": "positive?", "exposure": "positive?"}
         | AXIS,
+    ),
+    Row(
+        "vis.gate_figure",
+        lambda _: {"image": np.ones((2, 3, 3)), "opl": 5.9, "pulse_width_opl": 0.03},
+        {
+            "image": "light",
+            "opl": "metres",
+            "pulse_width_opl": "positive",
+            "exposure": "positive?",
+            "title": "label?",
+        },
+    ),
+    Row("vis.figure_style", lambda _: {}, {"theme": "choice?", "width": "inches?"}),
+    Row(
+        "io.save_figure",
+        lambda out: {"figure": drawn(), "path": out / "a.png"},
+        {"figure": "object", "path": "path but text, digits, lines", "dpi": "dots"},
     ),
     Row(
         "vis.phasor_panel",
@@ -915,7 +937,7 @@ def function(name: str) -> Any:
 def called(row: Row, out: Path, /, **changes: Any) -> Any:
     """The result of a call; what is a context is entered."""
     result = function(row.name)(**row.good(out) | changes)
-    if row.name in ("io.output_folder", "io.replacing", "local_workers"):
+    if row.name in ("io.output_folder", "io.replacing", "local_workers", "vis.figure_style"):
         with result as inner:
             return not isinstance(inner, Path) or inner.exists() or inner.touch()
     return result

@@ -59,6 +59,7 @@ KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
     "metres": (NUMBERS, {"zero", "minus one", "a fraction", "huge", "large"}),
     "positive": (NUMBERS, {"a fraction", "huge", "large"}),
     "width": (NUMBERS, {"a fraction", "huge", "large"}),
+    "pulse": (NUMBERS | {"capitals": "AUTO"}, {"a fraction", "huge", "large"}),
     "from 0": (NUMBERS, {"zero", "a fraction", "huge", "large"}),
     "from 1": (NUMBERS, {"a fraction", "huge", "large"}),
     "from 30": (NUMBERS, {"huge", "large"}),
@@ -108,7 +109,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--start-opl": "metres",
             "--bin-width": "width",
             "--window": "span",
-            "--pulse-width": "positive",
+            "--pulse-width": "pulse",
             "--max-depth": "depth",
             "--integrator": "choice",
             "--sampler": "choice",
@@ -251,7 +252,7 @@ def no_work(monkeypatch):
     for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
-    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
 
 
 @pytest.fixture(scope="module")

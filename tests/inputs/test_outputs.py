@@ -80,7 +80,7 @@ def no_work(monkeypatch):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr("tofrender.nlos.exhaustive.steps", never)
-    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
 
 
 def places(folder: Path, suffix: str) -> dict[str, str]:

@@ -170,7 +170,8 @@ def reconstruct(
         for name, image in (("brightness", brightness), ("depth", depth)):
             values = np.asarray(image.values, np.float32)[..., None]
             io.save_exr_layers(folder / f"{name}.exr", {"": values}, attrs)
-        vis.reconstruction_figure(volume).savefig(folder / f"volume.{figure}", **dots(dpi))
+        drawn = vis.reconstruction_figure(volume)
+        io.save_figure(drawn, folder / f"volume.{figure}", **dots(dpi))
     seen = depth.values[np.isfinite(depth.values)]
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"

@@ -236,7 +236,7 @@ def note(line: str) -> None:
 
 
 def dots(dpi: int | None) -> dict[str, Any]:
-    """What `savefig` is told, if anything."""
+    """What `save_figure` is told, if anything."""
     return {} if dpi is None else {"dpi": dpi}
 
 

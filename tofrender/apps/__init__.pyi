@@ -1,0 +1,3 @@
+from .explorer.page import report as report
+from .explorer.widget import explore as explore
+from .warptest import warptest as warptest
