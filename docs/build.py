@@ -214,7 +214,8 @@ def build(quick: bool = False) -> int:
     now = state()
     stamp = BUILD / "state"
     if not stamp.exists() or stamp.read_text() != now:  # The package is another
-        for folder in (SOURCE / "gallery", SOURCE / "_static/made", BUILD / "notebooks"):
+        made = (SOURCE / "gallery", SOURCE / "_static/made")
+        for folder in (*made, BUILD / "notebooks", BUILD / "doctrees"):
             shutil.rmtree(folder, ignore_errors=True)
     stamp.parent.mkdir(parents=True, exist_ok=True)
     stamp.write_text(now)
