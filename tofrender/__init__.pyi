@@ -28,8 +28,8 @@ from .analysis import (
 from .apps import (
     explore as explore,
     report as report,
-    warptest as warptest,
 )
+from .apps.warptest import warptest as warptest
 from .datasets import (
     load_dataset as load_dataset,
     make_dataset as make_dataset,

@@ -685,6 +685,7 @@ TABLE = [
         {"seed": "seed"},
     ),
     Row("sampling.warp_case", lambda _: {"name": "tent"}, {"name": "choice"}),
+    Row("warptest", lambda _: {"subject": "tent"}, {"subject": "choice", "module": "file?"}),
     Row(
         "sampling.warp_case",
         lambda _: {"name": "beckmann", "alpha": 0.3},

@@ -205,6 +205,39 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--variant": "choice",
         },
     ),
+    "warptest": (
+        ["beckmann", "--headless", "--alpha", "0.5", "--count", "4"],
+        {
+            "name": "choice",
+            "--module": "file",
+            "--alpha": "alpha",
+            "-D": "definition",
+            "--points": "choice",
+            "--count": "count",
+            "--samples": "count",
+            "--dpi": "dpi",
+            "--seed": "seed",
+            "--variant": "choice",
+            "--port": "count",
+        },
+    ),
+    "view": (
+        ["cornell_box", "--live", "--size", "4x4", "--spp", "1", "--no-browser"],
+        {
+            "source": "scene",
+            "--spp": "count",
+            "--size": "size",
+            "--max-depth": "depth",
+            "--seed": "seed",
+            "--variant": "choice",
+            "--host": "choice",
+            "--port": "count",
+        },
+    ),
+    "compare": (
+        ["veach", "--no-browser"],
+        {"one": "choice", "--variant": "choice", "--host": "choice", "--port": "count"},
+    ),
     "report": (["render.npz"], {"source": "file", "--megabytes": "positive"}),
     "release": (["a1"], {"assignment": "choice"}),
     "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
@@ -230,6 +263,12 @@ ELSEWHERE = {
     "--errors": "a switch",
     "report title": "any text",
     "--json": "a switch",
+    "--browser": "a switch",
+    "--headless": "a switch",
+    "--live": "a switch",
+    "warp parameters": "as of warptest",
+    "warptest host": "as of view",
+    "compare two": "tests/apps",
     "--progress": "a switch",
     "scenes": "has no other options",
     "doctor": "has no other options",
@@ -241,8 +280,8 @@ ELSEWHERE = {
     "dataset workers": "as of render",
     "dataset scheduler": "as of render",
 }
-SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png"}
-WITHOUT_OUT = {"verify", "start", "submit", "grade"}
+SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png", "warptest": ".png", "view": ".npz"}
+WITHOUT_OUT = {"verify", "start", "submit", "grade", "compare"}
 
 
 @pytest.fixture
@@ -257,6 +296,7 @@ def no_work(monkeypatch):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
+    monkeypatch.setattr("panel.io.server.get_server", never)
 
 
 @pytest.fixture(scope="module")

@@ -1,3 +1,2 @@
 from .explorer.page import report as report
 from .explorer.widget import explore as explore
-from .warptest import warptest as warptest

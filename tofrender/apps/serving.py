@@ -116,9 +116,9 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
     from panel.io.server import get_server
 
     more: dict[str, Any] = {"auth_provider": _by_token(title, token)} if token else {}
-    any_port, reason = _try(host, 0)
+    any_port, reason = _try(host, 0) if host else (0, "it is empty")
     if reason:
-        raise ValueError(f"host = {host!r}: must be an address to listen on ({reason})")
+        raise ValueError(f"host = {checks.shown(host)}: must be an address to listen on ({reason})")
     wanted = [port] if port is not None else [*range(FIRST_PORT, FIRST_PORT + PORTS), any_port]
     for each in wanted:
         free, reason = _try(host, each)
@@ -147,8 +147,8 @@ def _try(host: str, port: int) -> tuple[int, str]:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
             found.bind((host, port))
             return found.getsockname()[1], ""
-    except OSError as error:
-        return port, error.strerror or str(error)
+    except (OSError, UnicodeError) as error:
+        return port, getattr(error, "strerror", None) or str(error)
 
 
 def _url(host: str, port: int, token: str) -> str:

@@ -51,15 +51,15 @@ class Window:
         style: dict[str, Any] = {"stylesheets": [looks.controls_style()], "width": SIDE}
         style |= {"margin": (4, 6)}
         self.scene = pn.widgets.Select(
-            name="Scene", options=list(SCENES), value=scene or SCENES[0], **style
+            label="Scene", options=list(SCENES), value=scene or SCENES[0], **style
         )
-        self.one = pn.widgets.Select(name="Left", **style)
-        self.two = pn.widgets.Select(name="Right", **style)
+        self.one = pn.widgets.Select(label="Left", **style)
+        self.two = pn.widgets.Select(label="Right", **style)
         self.count = pn.widgets.DiscreteSlider(
-            name="Samples per pixel", options=SAMPLES, value=16, **style
+            label="Samples per pixel", options=SAMPLES, value=16, **style
         )
         self.exposure = pn.widgets.FloatSlider(
-            name="Exposure [stops]", start=-6, end=6, step=0.25, value=0, **style
+            label="Exposure [stops]", start=-6, end=6, step=0.25, value=0, **style
         )
         self.divider = Divider(sizing_mode="stretch_width")
         self.said = looks.text(width=SIDE, margin=(8, 6))

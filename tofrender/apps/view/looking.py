@@ -41,6 +41,9 @@ class Saved:
         self._seen: float | None = None
         self.look()
 
+    def begin(self) -> None:
+        """It was read when it was opened."""
+
     def look(self) -> None:
         """Read it again if it has changed."""
         try:
@@ -85,8 +88,12 @@ class Live:
         self._words = dict(words)
         self._stop = threading.Event()
         self._variant = mi.variant()
-        self._thread = threading.Thread(target=self._run, name="render", daemon=True)
-        self._thread.start()
+        self._thread = threading.Thread()
+
+    def begin(self) -> None:
+        """Start, unless it has been started before."""
+        if self._thread.ident is None:
+            self.go_on()
 
     @property
     def done(self) -> int:
@@ -126,7 +133,8 @@ class Live:
     def close(self) -> None:
         """Stop, and wait for the samples under way."""
         self.stop()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
 
     def _run(self) -> None:
         """Render in steps, each of which goes on from the one before."""

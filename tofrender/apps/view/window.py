@@ -94,14 +94,12 @@ class Window:
         options: dict[str, Any] = {"stylesheets": [looks.controls_style()], "margin": (4, 6)}
         self.explorer = Explorer(sizing_mode="stretch_width", min_height=200)
         self.said = looks.text(sizing_mode="stretch_width", margin=(4, 6))
-        self.stop = pn.widgets.Button(name="Stop", width=110, **options)
-        self.save = pn.widgets.Button(name=f"Save as {out.name}", width=220, **options)
-        self.rows = pn.widgets.IntRangeSlider(name="Rows", width=240, **options)
-        self.columns = pn.widgets.IntRangeSlider(name="Columns", width=240, **options)
-        self.bins = pn.widgets.IntRangeSlider(name="Bins", width=240, **options)
-        self.closer = pn.widgets.Button(
-            name="Look closer", button_type="primary", width=120, **options
-        )
+        self.stop = pn.widgets.Button(label="Stop", width=110, **options)
+        self.save = pn.widgets.Button(label=f"Save as {out.name}", width=220, **options)
+        self.rows = pn.widgets.IntRangeSlider(label="Rows", width=240, **options)
+        self.columns = pn.widgets.IntRangeSlider(label="Columns", width=240, **options)
+        self.bins = pn.widgets.IntRangeSlider(label="Bins", width=240, **options)
+        self.closer = pn.widgets.Button(label="Look closer", color="primary", width=120, **options)
         self.region = pn.Row(self.rows, self.columns, self.bins, self.closer, visible=False)
         self.stop.on_click(self._stop)
         self.save.on_click(self._save)
@@ -145,7 +143,7 @@ class Window:
 
     def _tell(self, it: Live) -> None:
         """How far the render is."""
-        self.stop.name = "Stop" if it.is_running else "Go on"
+        self.stop.label = "Stop" if it.is_running else "Go on"
         self.stop.disabled = not it.is_running and (it.done >= it.most or it.error is not None)
         self.save.disabled = it.data is None
         if it.error is None and not self._saved:
@@ -231,6 +229,7 @@ def application(looked_at: Saved | Live, out: Path) -> Any:
     def make() -> Any:
         if looks.page_style() not in pn.config.raw_css:
             pn.config.raw_css = [*pn.config.raw_css, looks.page_style()]
+        looked_at.begin()
         return Window(looked_at, thread, out).layout()
 
     return make

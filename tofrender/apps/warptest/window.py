@@ -66,7 +66,7 @@ class Window:
         self.drawn: Drawn | None = None
         self._busy = self._again = self._quiet = False
         self._make_controls(subject)
-        self.plot = Plot(sizing_mode="stretch_width", height=385)
+        self.plot = Plot(sizing_mode="stretch_width", height=355)
         self.about = looks.text(sizing_mode="stretch_width", margin=(0, 6))
         self.trouble = looks.text(sizing_mode="stretch_width", visible=False, margin=(0, 6, 8, 6))
         self.said = looks.text(WAITING, sizing_mode="stretch_width", margin=(0, 6))
@@ -80,28 +80,28 @@ class Window:
         if self.engine.module is not None:
             sources = {f"Yours: {self.engine.module.path.name}": MODULE} | sources
         whose = MODULE if self.engine.module is not None else LIBRARY
-        self.source = pn.widgets.Select(name="Whose", options=sources, value=whose, **style)
-        self.subject = pn.widgets.Select(name="Distribution", **style)
+        self.source = pn.widgets.Select(label="Whose", options=sources, value=whose, **style)
+        self.subject = pn.widgets.Select(label="Distribution", **style)
         self._offer(subject)
-        self.number = pn.widgets.FloatInput(name="", value=0.5, **style)
+        self.number = pn.widgets.FloatInput(label="", value=0.5, **style)
         self.slider = pn.widgets.FloatSlider(
-            start=0, end=1, value=0.5, show_value=False, name="", **style
+            start=0, end=1, value=0.5, show_value=False, label="", **style
         )
         self.image = pn.widgets.FileInput(accept=".exr,.png,.jpg", **style)
-        self.example = pn.widgets.Button(name="2 × 2 example", **style)
-        self.kind = pn.widgets.Select(name="Point set", options=[*POINT_SETS], **style)
-        self.count = pn.widgets.DiscreteSlider(name="Points", options=COUNTS, value=1024, **style)
-        self.seed = pn.widgets.IntInput(name="Seed", value=0, start=0, end=(1 << 32) - 1, **style)
+        self.example = pn.widgets.Button(label="2 × 2 example", **style)
+        self.kind = pn.widgets.Select(label="Point set", options=[*POINT_SETS], **style)
+        self.count = pn.widgets.DiscreteSlider(label="Points", options=COUNTS, value=1024, **style)
+        self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, end=(1 << 32) - 1, **style)
         self.show = pn.widgets.CheckButtonGroup(
-            name="Show", options=["points", "grid"], value=["points", "grid"], **style
+            label="Show", options=["points", "grid"], value=["points", "grid"], **style
         )
-        self.view = pn.widgets.RadioButtonGroup(name="View", options=["3D", "2D"], **style)
+        self.view = pn.widgets.RadioButtonGroup(label="View", options=["3D", "2D"], **style)
         self.samples = pn.widgets.Select(
-            name="Samples of the test", options=SAMPLES, value=1_000_000, **style
+            label="Samples of the test", options=SAMPLES, value=1_000_000, **style
         )
-        self.test = pn.widgets.Button(name="Run the χ² test", button_type="primary", **style)
+        self.test = pn.widgets.Button(label="Run the χ² test", color="primary", **style)
         self.format = pn.widgets.Select(
-            name="Figure", options=["png", "pdf", "svg"], **(style | {"width": 84})
+            label="Figure", options=["png", "pdf", "svg"], **(style | {"width": 84})
         )
         self.save = pn.widgets.FileDownload(
             callback=self._figure,
@@ -150,7 +150,7 @@ class Window:
             low, high = parameter.bounds
             value = float(self.given.get(parameter.name, parameter.default))
             self._quiet = True
-            self.number.param.update(name=parameter.label, start=None, end=None)
+            self.number.param.update(label=parameter.label, start=None, end=None)
             self.number.param.update(start=low, end=high, step=parameter.step, value=value)
             near = min(max(value, parameter.low), parameter.high)
             self.slider.param.update(
