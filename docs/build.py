@@ -97,7 +97,7 @@ def state() -> str:
 
 
 def make_film(folder: Path) -> None:
-    """The film of the start page, and the picture that is there until it plays."""
+    """The film of the start page, the picture that is there until it plays, and its explorer."""
     from PIL import Image
 
     import tofrender
@@ -106,8 +106,8 @@ def make_film(folder: Path) -> None:
         "cornell_box",
         spp=256,
         size=(240, 240),
-        bins=150,
-        window=(3.9, 11.0),
+        bins=220,
+        window=(3.5, 14.6),
         pulse_width=0.06,
         progress=False,
     )
@@ -117,13 +117,37 @@ def make_film(folder: Path) -> None:
     exposure = tofrender.vis.auto_exposure(dataset["transient"].values)
     poster = Image.fromarray(tofrender.tonemap(frame, exposure=exposure))
     poster.resize((480, 480)).save(folder / "cornell_box.png")
+    box = tofrender.render(
+        "cornell_box", spp=128, size=(128, 128), window="auto", pulse_width=0.03, progress=False
+    )
+    tofrender.report(box, folder / "explorer.html", title="The Cornell box")
+
+
+STARTUP = """
+from uuid import uuid4
+import IPython.display
+import tofrender
+
+def explore(data, **options):
+    name = f"explorer_{uuid4().hex}.html"
+    tofrender.report(data, f"MADE/{name}", megabytes=4, **options)
+    return IPython.display.IFrame(f"../_static/made/{name}", "100%", 720)
+
+tofrender.explore = explore
+"""
+"""What notebooks run first: a widget needs a kernel, so a page shows the explorer as a page."""
 
 
 def quiet_kernels(folder: Path) -> None:
     """Run notebooks with no settings of the user's, and without what kernels say of themselves."""
-    settings = folder / "profile_default" / "ipython_kernel_config.py"
-    settings.parent.mkdir(parents=True, exist_ok=True)
-    settings.write_text("get_config().Application.log_level = 40\n")
+    profile = folder / "profile_default"
+    profile.joinpath("startup").mkdir(parents=True, exist_ok=True)
+    profile.joinpath("ipython_kernel_config.py").write_text(
+        "get_config().Application.log_level = 40\n"
+    )
+    profile.joinpath("startup/explorer.py").write_text(
+        STARTUP.replace("MADE", str(SOURCE / "_static/made"))
+    )
     os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
     os.environ["TQDM_DISABLE"] = "1"  # A page needs no bars
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -190,7 +214,8 @@ def build(quick: bool = False) -> int:
     now = state()
     stamp = BUILD / "state"
     if not stamp.exists() or stamp.read_text() != now:  # The package is another
-        for folder in (SOURCE / "gallery", SOURCE / "_static/made", BUILD / "notebooks"):
+        made = (SOURCE / "gallery", SOURCE / "_static/made")
+        for folder in (*made, BUILD / "notebooks", BUILD / "doctrees"):
             shutil.rmtree(folder, ignore_errors=True)
     stamp.parent.mkdir(parents=True, exist_ok=True)
     stamp.write_text(now)

@@ -31,6 +31,7 @@ extensions = [
 ]
 exclude_patterns = ["_ext", "gallery/*.ipynb", "gallery/*.py", "gallery/*.zip", "gallery/*.json"]
 default_role = "py:obj"
+smartquotes = False  # They turn -- of options into a dash
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_block", "attrs_inline"]
 myst_heading_anchors = 4

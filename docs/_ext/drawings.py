@@ -1,7 +1,7 @@
-"""Pictures that are more: drawings in the colours of their page, and films.
+"""Pictures that are more: drawings in the colours of their page, films, pages within pages.
 
 A drawing (.svg) becomes part of the page, so that its lines have the colour of the text. A picture
-becomes a film if there is one of its name in `_static/made`.
+becomes a film, or a page to touch, if there is one of its name in `_static/made`.
 """
 
 from __future__ import annotations
@@ -39,6 +39,9 @@ def draw(app: Sphinx, doctree: nodes.document) -> None:
         elif Path(app.srcdir, "_static/made", f"{path.stem}.mp4").exists():
             depth = app.env.docname.count("/")
             html = film("../" * depth + "_static/made", path.stem, words)
+        elif Path(app.srcdir, "_static/made", f"{path.stem}.html").exists():
+            source = "../" * app.env.docname.count("/") + f"_static/made/{path.stem}.html"
+            html = f'<iframe class="touch" src="{source}" title="{escape(words)}"></iframe>'
         else:
             continue
         app.env.images.pop(image["uri"], None)

@@ -81,7 +81,8 @@ def _commands(found: re.Match[str]) -> str:
 
 def _plain(text: str) -> str:
     """Text that Markdown shows as it is."""
-    return re.sub(r"([\[\]<>*_])", r"\\\1", text)
+    text = re.sub(r"([\[\]<>*_])", r"\\\1", text)
+    return re.sub(r"(?<![\w`-])--[a-z][a-z-]*", r"`\g<0>`", text)
 
 
 def expand(app: Sphinx, docname: str, source: list[str]) -> None:

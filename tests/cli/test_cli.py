@@ -17,12 +17,12 @@ import OpenEXR
 import pytest
 
 import tofrender
+from tofrender.apps.warptest.engine import POINT_SETS
+from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.cli import nlos as cli_nlos, render as cli_render, warp as cli_warp
 from tofrender.cli.app import main
 from tofrender.cli.options import FILES
 from tofrender.runtime.atomic import hidden
-from tofrender.sampling.points import POINT_SETS
-from tofrender.sampling.warps import WARPS
 from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
 
 ROOT = Path(__file__).parents[2]
@@ -193,7 +193,7 @@ def test_choices_are_those_there_are():
         (cli_render.Format, FILES),
         (cli_nlos.Mode, tofrender.nlos.MODES),
         (cli_nlos.Method, tofrender.nlos.METHODS),
-        (cli_warp.Warp, WARPS),
+        (cli_warp.Warp, SUBJECTS),
         (cli_warp.PointSet, POINT_SETS),
     ):
         assert set(get_args(names)) == set(there)

@@ -303,6 +303,9 @@ def test_vectors(capsys, tmp_path, kind):
     panel = tmp_path / "panel"
     run(capsys, "phasor", out, "--freq", "2e7", "--out", panel, "--figure", kind)
     assert (panel / f"panel.{kind}").read_bytes().startswith(marks[kind])
+    gate = tmp_path / "gate"
+    run(capsys, "gate", "cornell_box", *SMALL, "--at", "6", "--out", gate, "--figure", kind)
+    assert (gate / f"picture.{kind}").read_bytes().startswith(marks[kind])
     io.save_capture(captured(), tmp_path / "a.h5")
     volume = tmp_path / "volume"
     arguments = ["reconstruct", tmp_path / "a.h5", "--method", "bp", "--out", volume]

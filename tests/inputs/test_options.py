@@ -152,6 +152,8 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--max-depth": "depth",
             "--seed": "seed",
             "--variant": "choice",
+            "--figure": "choice",
+            "--dpi": "dpi",
             "--checkpoint": "from 0",
         },
     ),

@@ -24,6 +24,7 @@ from .options import (
     Variant,
     Workers,
     check_apart,
+    check_client,
     check_file_out,
     check_out,
     check_room,
@@ -68,6 +69,7 @@ def capture(
     """
     from tofrender.runtime import backend
 
+    check_client(workers, scheduler)
     check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
         raise ValueError(f"--out = {out}: exists already; must be a new file")
@@ -145,6 +147,7 @@ def reconstruct(
 
     DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
     """
+    check_client(workers, scheduler)
     check_out(out)
     check_apart(out, source)
     for name, value in (("workers", workers), ("scheduler", scheduler)):

@@ -240,15 +240,21 @@ def dots(dpi: int | None) -> dict[str, Any]:
     return {} if dpi is None else {"dpi": dpi}
 
 
+def check_client(workers: int | None, scheduler: str | None) -> None:
+    """Refuse workers that are asked for in two ways."""
+    if workers is not None and scheduler is not None:
+        raise ValueError("--scheduler: must be left out with --workers")
+
+
 @contextmanager
 def client_of(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     """The workers that are asked for, None if none are."""
     if workers is None and scheduler is None:
         yield None
         return
-    from tofrender.rendering.workers import check_workers, workers_for
+    from tofrender.rendering.workers import workers_for
 
-    check_workers(workers=workers, scheduler=scheduler)
+    check_client(workers, scheduler)
     with workers_for(workers, scheduler) as client:
         yield client
 

@@ -109,6 +109,8 @@ def gate(
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
     as_json: Json = False,
@@ -137,10 +139,10 @@ def gate(
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
             drawn = vis.gate_figure(image, at, pulse_width)
-            io.save_figure(drawn, folder / "picture.png")
+            io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
     facts: Gate = {
         "out": str(out),
-        "files": ["gate.exr", "picture.png"],
+        "files": ["gate.exr", f"picture.{figure}"],
         "scene": scene,
         "at": at,
         "pulse_width": pulse_width,
@@ -149,7 +151,7 @@ def gate(
         "width": image.shape[1],
         "height": image.shape[0],
     }
-    answer("gate", as_json, facts, [f"{out}: gate.exr, picture.png"])
+    answer("gate", as_json, facts, [f"{out}: gate.exr, picture.{figure}"])
     tell(stop)
 
 
