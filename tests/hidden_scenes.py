@@ -237,3 +237,9 @@ def true_depth(patches: Patches, volume) -> np.ndarray:
 
 
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+
+def small_capture():
+    """A capture of a patch by 4 x 4 points, in 24 bins."""
+    patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+    return capture_of(patch, Wall(4), bins=24, width=0.05)

@@ -55,8 +55,7 @@ def save_stack(dataset: xr.Dataset, path: Path) -> Path:
 
 def film() -> xr.Dataset:
     dataset = picture()
-    dataset["transient"].attrs.clear()
-    dataset["opl"].attrs.update(units="m", long_name="optical path length")
+    dataset["transient"].attrs["long_name"] = "radiance per bin"
     return dataset
 
 

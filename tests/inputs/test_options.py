@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import typer
 from bad_inputs import listing, one_clear_line
+from hidden_scenes import small_capture as captured
 from made_dataset import make_dataset
-from test_outputs import captured
 
 from tofrender import io
 from tofrender.cli.app import app, main
@@ -384,7 +384,7 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):
     arguments = ["reconstruct", str(file), "--method", "bp", "--out", str(out)]
     assert main([*arguments, "--scheduler", "tcp://127.0.0.1:1"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("error: scheduler = tcp://127.0.0.1:1: does not answer; must be ")
+    assert said.startswith("error: --scheduler = tcp://127.0.0.1:1: does not answer; must be ")
     assert said.count("\n") == 1
     assert list(tmp_path.iterdir()) == [file]
 

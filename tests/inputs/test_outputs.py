@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bad_inputs import listing, one_clear_line
-from hidden_scenes import Wall, capture_of, rectangle
+from hidden_scenes import small_capture as captured
 from made_dataset import make_dataset
 
 from tofrender import io, report
@@ -23,11 +23,6 @@ from tofrender.rendering import pieces
 
 if sys.platform != "linux":
     pytest.skip("the places are Linux's", allow_module_level=True)
-
-
-def captured():
-    patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
-    return capture_of(patch, Wall(4), bins=24, width=0.05)
 
 
 def picture():

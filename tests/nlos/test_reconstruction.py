@@ -535,7 +535,7 @@ def test_figure():
         assert [a.get_title() for a in views] == ["front", "side", "top", "depth"]
         labels = [("x [m]", "y [m]"), ("z [m]", "y [m]"), ("x [m]", "z [m]"), ("x [m]", "y [m]")]
         assert [(a.get_xlabel(), a.get_ylabel()) for a in views] == labels
-        assert len(figure.axes) == 8  # with a colour bar each
+        assert len(figure.axes) == 6  # with a bar of intensity, and one of depth
         assert figure.get_suptitle() == "letter, lct"
         np.testing.assert_allclose(views[0].get_xlim(), (-1, 1), atol=1e-6)
         rows_down = float(volume["frame_axes"][1, 1]) < 0

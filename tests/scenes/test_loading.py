@@ -274,7 +274,7 @@ def test_nobody_can_tell_what_a_python_plugin_in_a_dict_is():
 
 def test_half_a_window_for_a_steady_scene():
     line = refusal("cornell_box_steady_state", temporal_bins=30)
-    assert "give start_opl and bin_width_opl too" in line
+    assert "give `start_opl` and `bin_width_opl` too" in line
 
 
 def test_integrator_without_a_transient_counterpart():
