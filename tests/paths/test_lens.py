@@ -85,6 +85,7 @@ def whole(sensor: mi.Sensor, lens: Lens, at: mi.Point3f, n: int = 1200) -> float
     return float(dr.mean(lens.arrive(at + d, at, True).density)[0]) * 2 * np.pi
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aperture", APERTURES)
 @EACH
 def test_importance_integrates_to_1(name, aperture, monkeypatch):
@@ -137,6 +138,7 @@ def test_mitsubas_importance_is_the_same(name):
 # ------------------------------------------------------------------------------- what it sees
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aperture", APERTURES)
 @EACH
 def test_points_land_where_their_ray_comes_from(name, aperture):
