@@ -15,6 +15,7 @@ import numpy as np
 
 import tofrender
 
+from .case_first_film import first_film
 from .case_lights import camera_connections, light_samples, lights
 from .case_nlos import nlos
 from .case_reconstruction import reconstruction
@@ -282,6 +283,7 @@ CASES = {
     "lights": lights,
     "light-samples": light_samples,
     "camera-connections": camera_connections,
+    "first-film": first_film,
     "nlos": nlos,
     "reconstruction": reconstruction,
     "warps": warps,
