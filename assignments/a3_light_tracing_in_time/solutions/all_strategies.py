@@ -13,6 +13,11 @@ from light_tracer import light_path, unoccluded
 from two_strategies import cosine, density_back
 
 
+def over(a, b):
+    """A quotient, 0 where there is none."""
+    return dr.select(b > 0, a / b, 0)
+
+
 class TransientBDPT(BothEnds):
     """Bidirectional path tracing in time, without the strategy (1, 1)."""
 
@@ -77,7 +82,7 @@ class Ways:
         pdf = self.scene.pdf_emitter_direction(before.si, ds, active)
         chosen = dr.select(last.mirrored, 1, last.pdf)
         ratio = self.emission.ratio(ds.emitter, ds, pdf, ds.dist)
-        ratios = self.rivals(0, t, last.si.p, ratio, chosen / pdf)
+        ratios = self.rivals(0, t, last.si.p, ratio, over(chosen, pdf))
         return light, last.opl, self.camera.position, active, ratios
 
     def next_event(self, t):
@@ -85,10 +90,10 @@ class Ways:
         last = self.eyes[t - 2]
         si, active = last.si, last.smooth
         ds, weight = self.scene.sample_emitter_direction(si, self.sampler.next_2d(), True, active)
-        active &= ds.pdf > 0
+        active = active & (ds.pdf > 0)
         f, pdf = si.bsdf().eval_pdf(self.radiance, si, si.to_local(ds.d), active)
         ratio = self.emission.ratio(ds.emitter, ds, ds.pdf, ds.dist)
-        hit = dr.select(ds.delta, 0, pdf / ds.pdf)
+        hit = dr.select(ds.delta, 0, over(pdf, ds.pdf))
         back = density_back(si, ds.d, active)
         light = last.β * f * weight
         opl = last.opl + last.η * ds.dist
@@ -147,7 +152,7 @@ class Ways:
         ratio = self.emission.ratio(emitted.emitter, ds, pdf, first.opl)
         if back is None:
             back = dr.select(self.lights[1].mirrored, 1, self.lights[1].back)
-        return ratio, dr.select(emitted.delta, 0, back / pdf)
+        return ratio, dr.select(emitted.delta, 0, over(back, pdf))
 
     def rivals(self, s, t, origin, ratio, hit, between=None, back_a=None, back_b=None):
         """Densities of all other strategies over that of (s, t).
@@ -212,10 +217,10 @@ class Ways:
         found, up, down = [], one, one
         for i in range(s, k - 1):
             above, below = step(i)
-            up = up * above / below
+            up = over(up * above, below)
             found.append(dr.select(possible(i + 1), up, 0))
         for i in range(s - 1, -1, -1):
             above, below = step(i)
-            down = down * below / above
+            down = over(down * below, above)
             found.append(dr.select(possible(i), down, 0))
         return found

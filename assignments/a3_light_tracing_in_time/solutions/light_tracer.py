@@ -25,9 +25,7 @@ def light_path(scene, sampler, emitted, count):
         vertex = Vertex(si, β, opl, η, pdf, back, mirrored, smooth, mi.Bool(active))
         path.append(vertex)
         if k + 1 < count:
-            bs, weight = bsdf.sample(
-                importance, si, sampler.next_1d(), sampler.next_2d(), active
-            )
+            bs, weight = bsdf.sample(importance, si, sampler.next_1d(), sampler.next_2d(), active)
             β = β * weight
             pdf, mirrored = bs.pdf, mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             other = mi.SurfaceInteraction3f(si)

@@ -29,12 +29,12 @@ def chain(path, m, back):
     for i in range(1, m):
         here, before = path[i], path[i - 1]
         d = dr.normalize(here.si.p - before.si.p)
-        if i == m - 1:
-            other = back
-        else:
+        other = back  # of the last but one, unless a vertex knows better
+        if i < m - 1:
             other = dr.select(path[i + 1].mirrored, 1, path[i + 1].back)
         own = dr.select(here.mirrored, 1, here.pdf)
-        ratio *= other * cosine(before.si, d) / (own * cosine(here.si, d))
+        below = own * cosine(here.si, d)
+        ratio *= dr.select(below > 0, other * cosine(before.si, d) / below, 0)
     return ratio
 
 
@@ -89,7 +89,7 @@ class TransientTwoStrategies(BothEnds):
         for m, vertex in enumerate(path, 1):
             si, active = vertex.si, vertex.smooth
             ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active)
-            active &= ds.pdf > 0
+            active = active & (ds.pdf > 0)
             f = si.bsdf().eval(ctx, si, si.to_local(ds.d), active)
             ratio = emission.ratio(ds.emitter, ds, ds.pdf, ds.dist)
             back = density_back(si, ds.d, active)

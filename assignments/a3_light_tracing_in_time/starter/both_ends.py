@@ -151,7 +151,7 @@ class BothEnds(mi.SamplingIntegrator):
                 # Samples beyond `spp` in the last block land nowhere
                 counts = (dr.arange(mi.UInt32, lanes) % at_once) + done < spp
 
-                def land(spectrum, opl, position, active, counts=counts):
+                def land(spectrum, opl, position, active, camera=camera, counts=counts):
                     share = mi.Color3f(spectrum) / spp
                     opl, active = mi.Float(opl), mi.Bool(active) & counts
                     film.add_splat(position, opl, camera.ray.wavelengths, share, active)

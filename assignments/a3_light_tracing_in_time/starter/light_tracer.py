@@ -13,9 +13,7 @@ from both_ends import BothEnds, Vertex
 from tofrender.paths.emission import Emitted
 
 
-def light_path(
-    scene: mi.Scene, sampler: mi.Sampler, emitted: Emitted, count: int
-) -> list[Vertex]:
+def light_path(scene: mi.Scene, sampler: mi.Sampler, emitted: Emitted, count: int) -> list[Vertex]:
     """The surface points that light meets: `camera_path` of `both_ends.py`, from the other end.
 
     Nobody calls this but you: another form is as good.

@@ -29,7 +29,7 @@ class View:
     def direction(self, x, y):
         """Unit vectors through film positions [pixels of the crop]."""
         width, height = self.size
-        across = (1 - 2 * ((x + self.crop[0]) / width - self.shift)) * self.half
+        across = (1 - 2 * ((x + self.crop[0]) / width + self.shift)) * self.half
         down = (1 - 2 * (y + self.crop[1]) / height) * self.half * height / width
         d = self.axis + across[..., None] * self.left + down[..., None] * self.up
         return _unit(d)
@@ -39,7 +39,7 @@ class View:
         width, height = self.size
         way = np.asarray(p, float) - self.origin
         depth = way @ self.axis
-        x = (1 - (way @ self.left) / depth / self.half) / 2 + self.shift
+        x = (1 - (way @ self.left) / depth / self.half) / 2 - self.shift
         y = (1 - (way @ self.up) / depth / self.half * width / height) / 2
         return np.stack([x * width, y * height], -1), depth
 
@@ -189,9 +189,7 @@ def into_water(view, depth, light, intensity, albedo=0.5, index=1.33, count=1 <<
     return _landing(view, r, 2 * math.pi * v, 0.0, power, 0.0, albedo)[0]
 
 
-def through_ball(
-    view, radius, light, floor_z, intensity, albedo=0.5, index=1.5, count=1 << 18
-):
+def through_ball(view, radius, light, floor_z, intensity, albedo=0.5, index=1.5, count=1 << 18):
     """Light that a ball around the origin lets through at once, from a point above it."""
     u, v = even(count, 2)
     reach = 1 - math.sqrt(1 - (radius / light) ** 2)

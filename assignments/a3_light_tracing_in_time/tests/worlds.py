@@ -146,9 +146,7 @@ def under_panel(view, half, height, radiance, albedo=0.5):
     """A floor z = 0 under a square light that faces down."""
     panel = rectangle(flat(height, half, up=False), diffuse(0.0))
     panel["emitter"] = {"type": "area", "radiance": grey(radiance)}
-    return load(
-        {"sensor": view, "floor": rectangle(flat(0.0), diffuse(albedo)), "panel": panel}
-    )
+    return load({"sensor": view, "floor": rectangle(flat(0.0), diffuse(albedo)), "panel": panel})
 
 
 def inside_sphere(view, radius, albedo, intensity):
@@ -230,7 +228,7 @@ def room(view):
     glossy = {"type": "roughconductor", "alpha": 0.4, "distribution": "ggx"}
     block = turn().translate([-0.3, -0.7, -0.2]).rotate([0, 1, 0], 30).scale([0.25, 0.3, 0.25])
     walls["block"] = {"type": "cube", "to_world": block, "bsdf": glossy}
-    panel = turn().translate([0.1, 0.8, 0.0]).rotate([1, 0, 0], 90).scale([0.3, 0.3, 1])
+    panel = turn().translate([0.1, 0.8, 0.0]).rotate([1, 0, 0], 90).scale([0.5, 0.5, 1])
     walls["panel"] = {"type": "rectangle", "to_world": panel, "bsdf": diffuse(0.0)}
-    walls["panel"]["emitter"] = {"type": "area", "radiance": rgb(8.0, 6.0, 4.0)}
+    walls["panel"]["emitter"] = {"type": "area", "radiance": rgb(3.0, 2.2, 1.5)}
     return load(walls)

@@ -1,0 +1,5 @@
+"""a3.deliverables."""
+
+import pytest
+
+pytestmark = pytest.mark.a3_deliverables
