@@ -116,7 +116,7 @@ class BothEnds(mi.SamplingIntegrator):
         raise NotImplementedError("BothEnds.sample: a subclass must define it")
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
-        """Render with the scene's own film and sampler; `mi.render` calls this.
+        """Render with the scene's own film; `mi.render` calls this.
 
         Args:
             scene: The scene.
@@ -131,8 +131,8 @@ class BothEnds(mi.SamplingIntegrator):
             the radiance that arrives in each bin.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        film, sampler = sensor.film(), sensor.sampler().clone()
-        spp = spp or sampler.sample_count()
+        film, spp = sensor.film(), spp or sensor.sampler().sample_count()
+        sampler = mi.load_dict({"type": "independent", "sample_count": spp})
         film.prepare([])
         film.expect_splats()
         picture = Splats(film, 1)
