@@ -10,7 +10,18 @@ import drjit as dr
 import mitsuba as mi
 from both_ends import BothEnds, camera_path
 from light_tracer import light_path, unoccluded
-from two_strategies import cosine, density_back
+
+
+def cosine(si, d):
+    """Cosine between a surface and a direction."""
+    return dr.abs(dr.dot(si.n, d))
+
+
+def density_back(si, d, active):
+    """Density of the direction that this path has come from, for one that comes from d."""
+    seen = mi.SurfaceInteraction3f(si)
+    seen.wi = si.to_local(d)
+    return si.bsdf().pdf(mi.BSDFContext(), seen, si.wi, active)
 
 
 def over(a, b):
