@@ -66,7 +66,7 @@ def window():
     left.annotate("axis", (1.45, 0.03), color="0.4")
     for share in np.linspace(-0.75, 0.75, 4):
         left.plot([0, 1.4], [0, 1.4 * share * half], color="tab:orange", lw=1)
-    left.annotate("1 / cos θ", (0.45, 0.17), color="tab:orange", rotation=12)
+    left.annotate("1 / cos θ", (0.4, 0.24), color="tab:orange", rotation=12)
     left.plot(0, 0, "o", color="black")
     left.annotate("pinhole", (-0.02, -0.12))
     left.set(xlim=(-0.1, 1.9), ylim=(-0.6, 0.6), xticks=(), yticks=(), aspect="equal")
@@ -120,7 +120,7 @@ FIGURES: dict[str, Callable] = {f.__name__: f for f in (flight, window, slab, st
 def main(names: list[str]) -> None:
     """Write the figures of these names, all if there are none."""
     for name in names or FIGURES:
-        FIGURES[name]().savefig(HERE / f"{name}.png")
+        FIGURES[name]().savefig(HERE / f"{name}.png", bbox_inches="tight")
         print(f"wrote {name}.png")
 
 

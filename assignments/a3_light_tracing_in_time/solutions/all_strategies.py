@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
-from both_ends import BothEnds, camera_path
-from light_tracer import light_path, unoccluded
+from both_ends import BothEnds, Vertex, camera_path
 
 
 def cosine(si, d):
@@ -22,6 +21,35 @@ def density_back(si, d, active):
     seen = mi.SurfaceInteraction3f(si)
     seen.wi = si.to_local(d)
     return si.bsdf().pdf(mi.BSDFContext(), seen, si.wi, active)
+
+
+def light_path(scene, sampler, emitted, count):
+    """Points that light meets, by a list of steps that know only the one before."""
+    ray, before, opl, η = mi.Ray3f(emitted.ray), emitted.origin, mi.Float(0), mi.Float(1)
+    β, chosen = mi.Color3f(emitted.weight), (emitted.density, mi.Float(0), mi.Bool(False))
+    active, path = mi.Bool(emitted.active), []
+    while True:
+        si = scene.ray_intersect(ray, active)
+        active = active & si.is_valid() & (dr.max(β) > 0)
+        opl = opl + η * dr.norm(si.p - before)
+        smooth = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
+        path.append(Vertex(si, β, opl, η, *chosen, smooth, active))
+        dr.eval(path[-1])
+        if len(path) == count:
+            return path
+        bs, weight = si.bsdf().sample(
+            mi.BSDFContext(mi.TransportMode.Importance),
+            *(si, sampler.next_1d(), sampler.next_2d(), active),
+        )
+        d = si.to_world(bs.wo)
+        mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+        chosen = bs.pdf, density_back(si, d, active & ~mirrored), mirrored
+        β, η, before, ray = β * weight, η * bs.eta, si.p, si.spawn_ray(d)
+
+
+def unoccluded(scene, si, point, active):
+    """Lanes in which nothing is between a surface point and another point."""
+    return active & ~scene.ray_test(si.spawn_ray_to(point), active)
 
 
 def over(a, b):

@@ -3,7 +3,8 @@
 import formulas
 import numpy as np
 import pytest
-from test_light_tracer import ASLANT, COLOUR, LIGHT, render
+from path_traced import ROOM, reference
+from test_light_tracer import ASLANT, COLOUR, LIGHT, check_bins, render
 
 from tofrender.course.judge import expect
 
@@ -54,11 +55,8 @@ def test_together(submission):
     wanted = radiance.mean(-1)[..., None] * COLOUR
     hint = "the two shares of a path add up to 1"
     expect.estimate(steady, wanted, "picture", rounding=3e-3, hint=hint)
-    edges = bins[1] + bins[2] * np.arange(bins[0] + 1)
-    wanted = np.histogram(opl, edges, weights=radiance)[0] / radiance.size
-    came = transient.mean((1, 2))[..., 0]
     hint = "both ends measure the same length, from light to lens"
-    expect.estimate(came, wanted, "radiance per bin", rounding=1e-2, hint=hint)
+    check_bins(transient, radiance / radiance.size, opl, bins, hint)
 
 
 @pytest.mark.parametrize("max_depth", [3, 4])
@@ -97,3 +95,16 @@ def test_what_one_alone_finds(submission):
         "a light that is seen directly",
         hint="hits do not count here",
     )
+
+
+def test_agrees_with_a_path_tracer(submission):
+    """A room with two glossy walls, without the lamp itself."""
+    wanted, bins = reference("glossy")
+    steady, transient = render(
+        submission, "room", ROOM, name=NAME, spp=1024, integrator={"max_depth": 4}, mirror=False
+    )
+    hint = "glossy surfaces are left with other densities from either end: Vertex.back"
+    expect.same(steady.mean((1, 2)), wanted, "film's mean", rounding=2e-3, hint=hint)
+    hint = "the same light at the same time"
+    came = transient.mean((1, 2))[:, :, 1]
+    expect.same(came, bins[:, :, 1], "green per bin", rounding=1e-2, hint=hint)

@@ -210,22 +210,26 @@ def beside_mirror(view, x, light, intensity, albedo=0.5):
     )
 
 
-def room(view):
-    """A closed room of 2 m with a panel under its ceiling, a mirror wall and a glossy block."""
+def room(view, mirror=True):
+    """A closed room of 2 m: a panel under its ceiling, a glossy block, a wall that is a mirror.
+
+    Without a mirror, that wall and the floor are glossy.
+    """
     walls = {"sensor": view}
     white, red = diffuse(0.6), {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
+    glossy = {"type": "roughconductor", "alpha": 0.4, "distribution": "ggx"}
+    clear = {"type": "conductor", "material": "none"}
     turn = mi.ScalarTransform4f
     for name, axis, angle, bsdf in (
-        ("floor", (1, 0, 0), -90, white),
+        ("floor", (1, 0, 0), -90, white if mirror else glossy),
         ("ceiling", (1, 0, 0), 90, white),
         ("left", (0, 1, 0), 90, red),
-        ("right", (0, 1, 0), -90, {"type": "conductor", "material": "none"}),
+        ("right", (0, 1, 0), -90, clear if mirror else glossy),
         ("back", (0, 1, 0), 0, white),
         ("front", (0, 1, 0), 180, white),
     ):
         matrix = turn().rotate(list(axis), angle) @ turn().translate([0, 0, -1])
         walls[name] = {"type": "rectangle", "to_world": matrix, "bsdf": bsdf}
-    glossy = {"type": "roughconductor", "alpha": 0.4, "distribution": "ggx"}
     block = turn().translate([-0.3, -0.7, -0.2]).rotate([0, 1, 0], 30).scale([0.25, 0.3, 0.25])
     walls["block"] = {"type": "cube", "to_world": block, "bsdf": glossy}
     panel = turn().translate([0.1, 0.8, 0.0]).rotate([1, 0, 0], 90).scale([0.5, 0.5, 1])
