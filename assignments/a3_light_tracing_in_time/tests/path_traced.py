@@ -1,10 +1,12 @@
 """What the package's path tracer says of a room, in which nothing has a formula.
 
-`python tests/path_traced.py` writes `path_traced.npz` anew, in about a minute.
+`python tests/path_traced.py` writes `path_traced.npz` anew, in about a minute; it needs the whole
+package, since what the camera's end finds of two strategies is in it, too.
 """
 
 from __future__ import annotations
 
+import importlib
 from functools import cache
 from pathlib import Path
 
@@ -22,9 +24,18 @@ CASES = {
 
 @cache
 def reference(case):
-    """(steady, bins) of `transient_path`, means over the film, seeds in front."""
+    """(steady, bins), means over the film, seeds in front; "camera" is one end of two strategies."""
     with np.load(FILE) as archive:
         return archive[f"{case}_steady"], archive[f"{case}_bins"]
+
+
+def means(case, scene, tracer):
+    """Arrays of a case."""
+    found = [tracer.render(scene, seed=k, spp=1 << 14) for k in range(32)]
+    film = [np.stack([np.array(each[part], float) for each in found]) for part in (0, 1)]
+    return dict(
+        zip((f"{case}_steady", f"{case}_bins"), (f.mean((1, 2)) for f in film), strict=True)
+    )
 
 
 def main() -> None:
@@ -38,10 +49,11 @@ def main() -> None:
     for case, (room, options) in CASES.items():
         scene = worlds.room(worlds.camera(**ROOM), **room)
         tracer = mi.load_dict({"type": "transient_path", "max_depth": MAX_DEPTH} | options)
-        found = [mi.render(scene, integrator=tracer, spp=1 << 15, seed=k) for k in range(32)]
-        for name, part in (("steady", 0), ("bins", 1)):
-            film = np.stack([np.array(each[part], float) for each in found])
-            arrays[f"{case}_{name}"] = film.mean((1, 2))
+        arrays |= means(case, scene, tracer)
+    props = mi.Properties()
+    props["max_depth"], props["end"] = MAX_DEPTH, "camera"
+    tracer = importlib.import_module("tofrender.integrators.two_strategies")
+    arrays |= means("camera", scene, tracer.TransientTwoStrategies(props))
     np.savez_compressed(FILE, **arrays)
 
 

@@ -109,3 +109,13 @@ def test_through_glass(submission):
     )
     hint = "a strategy that would connect to glass finds nothing: it gets no share"
     expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)
+
+
+def test_seen_lamp(submission):
+    """A panel that fills the picture: its radiance, once."""
+    upwards = {"origin": (0, 0, 0.5), "target": (0, 0, 1), "size": (3, 3), "fov": 10.0}
+    steady, _ = render(
+        submission, "under_panel", upwards, name=NAME, **PANEL, integrator={"max_depth": 3}
+    )
+    hint = "(0, 2) has all of its light, or shares it with (1, 1)"
+    expect.estimate(steady.mean((1, 2)), PANEL["radiance"], "film's mean", rounding=2e-3, hint=hint)

@@ -76,7 +76,7 @@ def test_many_bounces(submission, max_depth):
 
 
 def test_what_one_alone_finds(submission):
-    """Through glass, only light finds the camera; it has all of that. No lamp is seen."""
+    """Through glass only light finds the camera, in a mirror only the camera; no lamp is seen."""
     slab = {"bottom": 0.5, "top": 0.8, "light": 1.8, "intensity": 1.0}
     view = {"origin": (0, 0, 0.45), "target": (0, 0, 0), "fov": 120.0, "size": (4, 4)}
     part, _ = formulas.through_slab(formulas.View(**view), **slab)
@@ -85,6 +85,16 @@ def test_what_one_alone_finds(submission):
     )
     hint = "a strategy that would connect to glass finds nothing: it gets no share"
     expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)
+    seen = {"origin": (0.2, 0, 0.8), "target": (1, 0, 0.5), "fov": 15.0, "size": (3, 2)}
+    seen |= {"up": (0, 0, 1)}
+    view = formulas.View(**seen)
+    wanted = formulas.under_point(view, view.pixels(), (1.7, 0.1, 0.8), 1.0)[0].mean(-1)
+    steady, _ = render(
+        submission, "beside_mirror", seen, name=NAME, x=1.0, light=(0.3, 0.1, 0.8),
+        intensity=1.0, integrator={"max_depth": 3},
+    )  # fmt: skip
+    hint = "what is seen in a mirror is found from the camera alone, and counts in full"
+    expect.estimate(steady[..., 0], wanted, "picture in a mirror", rounding=3e-3, hint=hint)
     upwards = {"origin": (0, 0, 0.5), "target": (0, 0, 1), "size": (2, 2), "fov": 10.0}
     steady, _ = render(
         submission, "under_panel", upwards, name=NAME, **PANEL, integrator={"max_depth": 2}, seeds=2
@@ -103,8 +113,16 @@ def test_agrees_with_a_path_tracer(submission):
     steady, transient = render(
         submission, "room", ROOM, name=NAME, spp=1024, integrator={"max_depth": 4}, mirror=False
     )
-    hint = "glossy surfaces are left with other densities from either end: Vertex.back"
+    hint = "what both ends find adds up to all light but that of hits"
     expect.same(steady.mean((1, 2)), wanted, "film's mean", rounding=2e-3, hint=hint)
     hint = "the same light at the same time"
     came = transient.mean((1, 2))[:, :, 1]
     expect.same(came, bins[:, :, 1], "green per bin", rounding=1e-2, hint=hint)
+    wanted, _ = reference("camera")
+    steady, _ = render(
+        submission, "room", ROOM, name=NAME, spp=1024, mirror=False,
+        integrator={"max_depth": 4, "end": "camera"},
+    )  # fmt: skip
+    hint = "glossy surfaces are left with other densities from either end: Vertex.back"
+    what = "film's mean, end camera"
+    expect.same(steady.mean((1, 2)), wanted, what, rounding=5e-3, hint=hint)

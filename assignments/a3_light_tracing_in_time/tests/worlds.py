@@ -213,16 +213,17 @@ def beside_mirror(view, x, light, intensity, albedo=0.5):
 def room(view, mirror=True):
     """A closed room of 2 m: a panel under its ceiling, a glossy block, a wall that is a mirror.
 
-    Without a mirror, that wall and the floor are glossy.
+    Without a mirror, that wall, the floor and the ceiling are glossy. Densities of the glossy
+    material are the same from both ends, and not, as for diffuse ones, by the cosine.
     """
     walls = {"sensor": view}
     white, red = diffuse(0.6), {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
-    glossy = {"type": "roughconductor", "alpha": 0.4, "distribution": "ggx"}
+    glossy = {"type": "roughconductor", "alpha": 0.3, "sample_visible": False}
     clear = {"type": "conductor", "material": "none"}
     turn = mi.ScalarTransform4f
     for name, axis, angle, bsdf in (
         ("floor", (1, 0, 0), -90, white if mirror else glossy),
-        ("ceiling", (1, 0, 0), 90, white),
+        ("ceiling", (1, 0, 0), 90, white if mirror else glossy),
         ("left", (0, 1, 0), 90, red),
         ("right", (0, 1, 0), -90, clear if mirror else glossy),
         ("back", (0, 1, 0), 0, white),
