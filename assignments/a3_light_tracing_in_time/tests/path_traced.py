@@ -24,7 +24,7 @@ CASES = {
 
 @cache
 def reference(case):
-    """(steady, bins), means over the film, seeds in front; "camera" is one end of two strategies."""
+    """(steady, bins), means over the film, seeds in front; "camera" is one end of two."""
     with np.load(FILE) as archive:
         return archive[f"{case}_steady"], archive[f"{case}_bins"]
 

@@ -108,7 +108,7 @@ def test_what_one_alone_finds(submission):
 
 
 def test_agrees_with_a_path_tracer(submission):
-    """A room with two glossy walls, without the lamp itself."""
+    """A room with glossy walls, without the lamp itself, and what the camera's end has of it."""
     wanted, bins = reference("glossy")
     steady, transient = render(
         submission, "room", ROOM, name=NAME, spp=1024, integrator={"max_depth": 4}, mirror=False
