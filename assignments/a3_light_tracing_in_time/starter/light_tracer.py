@@ -39,8 +39,8 @@ class TransientLightTracer(BothEnds):
     def sample(self, scene, sampler, camera, lens, emission, land):
         """Follow light, and connect it.
 
-        Paths have 2 to `max_depth` segments, those at light and camera included. Light that the
-        camera sees without a surface in between does not count.
+        Paths have 2 to `max_depth` segments, those at light and camera included. You may
+        leave out light that the camera sees without a surface in between.
 
         Args:
             scene: The scene.
