@@ -85,6 +85,17 @@ def whole(sensor: mi.Sensor, lens: Lens, at: mi.Point3f, n: int = 1200) -> float
     return float(dr.mean(lens.arrive(at + d, at, True).density)[0]) * 2 * np.pi
 
 
+@pytest.mark.parametrize("name", ["plain", "offset, crop and border", "lens"])
+def test_importance_is_density_over_the_cosine_and_the_lens(name):
+    sensor = eye(name)
+    lens = Lens(sensor)
+    d = film_rays(sensor, points(64))[0].d
+    cos = np.abs(np.array(dr.dot(d, lens.axis)))
+    area = np.pi * THIN["aperture_radius"] ** 2 if name == "lens" else 1.0
+    wanted = np.array(lens.density(d)) / (cos * area)
+    np.testing.assert_allclose(np.array(lens.importance(d)), wanted, rtol=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("aperture", APERTURES)
 @EACH

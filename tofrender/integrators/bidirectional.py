@@ -65,7 +65,8 @@ class BidirectionalPlan(Plan):
         super().__init__(Vacuum(scene), self.connections, scattering, limits)
         only = sharing.only or (2, 2)  # Stands for all
         self.splats = sharing.camera_connections and (sharing.only is None or only[1] == 1)
-        self.kept = max(limits.max_depth - 2, 0) if from_camera and min(only) > 1 else 0
+        keeps = from_camera and sharing.inner and min(only) > 1
+        self.kept = max(limits.max_depth - 2, 0) if keeps else 0
         self.from_camera &= sharing.only is None or only[1] > 1
 
     def in_view(self) -> Sequence[mi.Emitter]:

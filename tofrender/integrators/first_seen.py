@@ -17,9 +17,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.camera import Tile, sampled_size
-from ..paths.lens import KINDS, Lens
 from ..paths.records import Path
 from ..paths.walk import meet
+from ..paths.window import KINDS, Window
 from .plan import Plan
 
 MOST = 32
@@ -85,12 +85,12 @@ class FirstSeen:
 def pixels_of(lamps: Any, sensor: mi.Sensor, film: Any) -> np.ndarray:
     """Numbers of the pixels that may see one of some emitters, all if one is beside the camera."""
     width, height = sampled_size(film)
-    lens = Lens(sensor)
-    first = np.ravel(np.array(lens.first))
+    window = Window(sensor)
+    first = np.ravel(np.array(window.first))
     chosen = np.zeros((height, width), dtype=bool)
     for lamp in lamps:
         box = lamp.bbox()
-        bounds = lens.pixels_of(np.array(box.min, float), np.array(box.max, float))
+        bounds = window.pixels_of(np.array(box.min, float), np.array(box.max, float))
         if bounds is None:
             return np.arange(width * height)
         low, high = np.floor(bounds[0] - first - MARGIN), np.ceil(bounds[1] - first + MARGIN)

@@ -50,12 +50,20 @@ class Sharing:
         exponent: β; 0 lets each count in full, which is right for a strategy alone.
         camera_connections: Whether strategies with t = 1 take part.
         only: The strategy (s, t) whose light counts; None for all.
+        hits: Whether strategies with s = 0 take part.
+        inner: Whether strategies with s > 1 and t > 1 take part.
     """
 
     def __init__(
-        self, exponent: int, camera_connections: bool = True, only: tuple[int, int] | None = None
+        self,
+        exponent: int,
+        camera_connections: bool = True,
+        only: tuple[int, int] | None = None,
+        hits: bool = True,
+        inner: bool = True,
     ) -> None:
         self.exponent, self.camera_connections, self.only = exponent, camera_connections, only
+        self.hits, self.inner = hits, inner
 
     def power(self, x: mi.Float) -> mi.Float:
         """m(x)."""
@@ -76,7 +84,8 @@ class Sharing:
         cos = dr.abs(dr.dot(vertex.si.n, bounce.ray.d))
         chance = dr.select(bounce.pdf > 0, dr.rcp(self.power(bounce.pdf)), 0)
         earlier = dr.select(bounce.specular, rivals.b, chance * self.sum(rivals, bounce.back))
-        return Rivals(dr.select(bounce.specular, 0, chance), self.power(cos) * earlier)
+        cut = dr.select(bounce.specular, 0, chance) if self.inner else dr.zeros(mi.Float)
+        return Rivals(cut, self.power(cos) * earlier)
 
     def sum(self, rivals: Rivals, back: mi.Float) -> mi.Float:
         """A + b m(back): all rivals, over the density of the last vertex from the other end."""

@@ -136,7 +136,8 @@ class Camera(Unseen):
         pdf = self.scene.pdf_emitter_direction(si, ds, first & ~start.delta)
         ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
         across = dr.select(cos > 0, dr.rcp(cos), 0)
-        hit = dr.select(start.delta, 0, power(start.cos * across / start.density))
+        never = start.delta | (not self.sharing.hits)
+        hit = dr.select(never, 0, power(start.cos * across / start.density))
         return Rivals(
             dr.select(first, power(ratio * across), later.a), dr.select(first, hit, later.b)
         )

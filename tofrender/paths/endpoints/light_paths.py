@@ -102,7 +102,8 @@ class LightPaths(SceneLights):
             power = self.sharing.power
             cos = dr.abs(dr.dot(vertex.si.n, link.direction))
             x = power(cos / link.rival) * self.sharing.sum(path.memory, turn.back)
-            x += dr.select(link.delta, 0, power(turn.pdf / link.pdf))
+            if self.sharing.hits:
+                x += dr.select(link.delta, 0, power(turn.pdf / link.pdf))
         return self.sharing.share(x, 1, path.depth + 2)
 
     # ---------------------------------------------------------------------------- s > 1

@@ -1,0 +1,34 @@
+"""Problem a3.two_strategies: paths from the camera and paths from the light share their light."""
+
+# ruff: noqa: F401 (imported for what you will write)
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+from both_ends import BothEnds, Vertex, camera_path
+
+
+class TransientTwoStrategies(BothEnds):
+    """Next-event estimation on paths from the camera, and connections of light to the lens.
+
+    A path that both find is shared by the power heuristic (exponent 2); one that only one of them
+    finds counts in full. Paths have 2 to `max_depth` segments. Lights that a path runs into do not
+    count.
+
+    | parameter | default | meaning |
+    |---|---|---|
+    | `end` | "both" | "camera" or "light": only what paths of this end find, with its share |
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.end = str(props.get("end", "both"))
+
+    def sample(self, scene, sampler, camera, lens, emission, land):
+        """Follow light and camera rays, and connect each to the other end.
+
+        Arguments are those of `TransientLightTracer.sample`. `lens` has `density(d)`, too, and
+        what the camera's paths find lands at `camera.position`.
+        """
+        raise NotImplementedError("a3.two_strategies: TransientTwoStrategies.sample")

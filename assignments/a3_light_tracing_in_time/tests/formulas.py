@@ -1,0 +1,211 @@
+"""Closed forms of light that a camera gets, in NumPy alone. Lengths in metres."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+class View:
+    """A pinhole: `size` pixels (width, height), `fov` degrees across its width.
+
+    `crop` is (x, y, width, height) in pixels, `shift` moves the window by a part of its width.
+    """
+
+    def __init__(
+        self, origin, target, fov=40.0, size=(8, 8), up=(0, 1, 0), crop=None, shift=0.0, **_
+    ):
+        self.origin = np.array(origin, float)
+        self.axis = _unit(np.array(target, float) - self.origin)
+        self.left = _unit(np.cross(up, self.axis))
+        self.up = np.cross(self.axis, self.left)
+        self.half, self.size, self.shift = math.tan(math.radians(fov) / 2), size, shift
+        self.crop = (0, 0, *size) if crop is None else crop
+        width, height = size
+        whole = 4 * self.half**2 * height / width
+        self.area = whole * self.crop[2] * self.crop[3] / (width * height)
+
+    def direction(self, x, y):
+        """Unit vectors through film positions [pixels of the crop]."""
+        width, height = self.size
+        across = (1 - 2 * ((x + self.crop[0]) / width + self.shift)) * self.half
+        down = (1 - 2 * (y + self.crop[1]) / height) * self.half * height / width
+        d = self.axis + across[..., None] * self.left + down[..., None] * self.up
+        return _unit(d)
+
+    def position(self, p):
+        """Film positions of points [pixels of the whole film], and their depth along the axis."""
+        width, height = self.size
+        way = np.asarray(p, float) - self.origin
+        depth = way @ self.axis
+        x = (1 - (way @ self.left) / depth / self.half) / 2 - self.shift
+        y = (1 - (way @ self.up) / depth / self.half * width / height) / 2
+        return np.stack([x * width, y * height], -1), depth
+
+    def density(self, d):
+        """Of directions of camera rays."""
+        return 1 / (self.area * (d @ self.axis) ** 3)
+
+    def pixels(self, count=8):
+        """Directions through even points of each pixel, shape (height, width, count^2, 3)."""
+        width, height = self.crop[2:]
+        inside = (np.arange(count) + 0.5) / count
+        a, b = (each.ravel() for each in np.meshgrid(inside, inside))
+        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        return self.direction(x[..., None] + a, y[..., None] + b)
+
+
+def _unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def even(count, dimensions):
+    """Even points of the unit cube, shape (dimensions, count): powers of 1 / g, g^(n+1) = g + 1."""
+    g = 2.0
+    for _ in range(60):
+        g = (1 + g) ** (1 / (dimensions + 1))
+    steps = g ** -np.arange(1.0, dimensions + 1)
+    return (0.5 + steps[:, None] * np.arange(count)) % 1
+
+
+# ------------------------------------------------------------------------------------- floor
+
+
+def on_floor(view, d, z=0.0):
+    """Where rays meet the plane at z, their lengths, and their cosines to its normal."""
+    length = (z - view.origin[2]) / d[..., 2]
+    return view.origin + length[..., None] * d, length, np.abs(d[..., 2])
+
+
+def under_point(view, d, light, intensity, albedo=0.5):
+    """A floor under a point light: radiance along rays, path lengths, and densities by area.
+
+    The densities are those of the floor's points, from the camera and from the light.
+    """
+    x, seen, cos = on_floor(view, d)
+    way = np.asarray(light, float) - x
+    far = np.linalg.norm(way, axis=-1)
+    cos_light = way[..., 2] / far
+    radiance = albedo / math.pi * intensity * cos_light / far**2
+    from_camera = view.density(d) * cos / seen**2
+    from_light = cos_light / (4 * math.pi * far**2)
+    return radiance, seen + far, from_camera, from_light
+
+
+def under_panel(view, half, height, radiance, albedo=0.5, count=1 << 17):
+    """A floor under a square light: parts of the film's mean, path lengths, and three densities.
+
+    The densities are those of strategies (0, 3), (1, 2) and (2, 1).
+    """
+    u, v, a, b = even(count, 4)
+    d = view.direction(u * view.crop[2], v * view.crop[3])
+    x, seen, cos = on_floor(view, d)
+    y = np.stack([half * (2 * a - 1), half * (2 * b - 1), 0 * a + height], -1)
+    way = y - x
+    far = np.linalg.norm(way, axis=-1)
+    cosine = height / far
+    area = 4 * half**2
+    part = albedo / math.pi * radiance * area * cosine**2 / far**2 / count
+    by_camera = view.density(d) * cos / seen**2
+    densities = [
+        by_camera * cosine**2 / (math.pi * far**2),
+        by_camera / area,
+        cosine**2 / (area * math.pi * far**2),
+    ]
+    return part, seen + far, densities
+
+
+# ------------------------------------------------------------------------------------ sphere
+
+
+def sphere_bounce(n, radius, albedo, intensity):
+    """Radiance of the n-th reflection, light and camera in the middle."""
+    return albedo**n * intensity / (math.pi * radius**2)
+
+
+def sphere_shares(view, n, exponent, inner=True):
+    """Shares of the strategies (1, t) to (s, 1) for n reflections, means over the film.
+
+    All of a sphere's points are found with equal density by area from any of them; so strategies
+    differ by the end that their path begins at: p from the camera, 1/4π from the light.
+    """
+    d = view.pixels(16)
+    p, q = view.density(d) ** exponent, (1 / (4 * math.pi)) ** exponent
+    if inner:
+        total = n * p + q
+        return [float((p / total).mean())] * n + [float((q / total).mean())]
+    return float((p / (p + q)).mean()), float((q / (p + q)).mean())
+
+
+def chord_masses(edges, radius):
+    """Shares of random chords, density r / 2R², between lengths."""
+    return np.diff(np.clip(np.asarray(edges, float) / (2 * radius), 0, 1) ** 2)
+
+
+# -------------------------------------------------------------------------------- refraction
+
+
+def fresnel(cos_i, index):
+    """Reflectance of unpolarised light; `index` is that behind the surface over that before."""
+    sin_t2 = (1 - cos_i**2) / index**2
+    cos_t = np.sqrt(np.maximum(1 - sin_t2, 0))
+    s = (cos_i - index * cos_t) / (cos_i + index * cos_t)
+    p = (index * cos_i - cos_t) / (index * cos_i + cos_t)
+    return np.where(sin_t2 >= 1, 1, (s**2 + p**2) / 2), cos_t
+
+
+def _landing(view, r, φ, z, power, opl, albedo):
+    """What light of some power that lands on a floor at (r, φ) brings to the film's mean."""
+    p = np.stack([r * np.cos(φ), r * np.sin(φ), 0 * r + z], -1)
+    position, depth = view.position(p)
+    inside = (depth > 0) & np.all((position >= 0) & (position < view.size), axis=-1)
+    way = p - view.origin
+    seen = np.linalg.norm(way, axis=-1)
+    cos = np.abs(way[:, 2]) / seen
+    d = way / seen[:, None]
+    part = power * albedo / math.pi * cos * view.density(d) / seen**2
+    return np.where(inside, part, 0), opl + seen
+
+
+def through_slab(view, bottom, top, light, intensity, albedo=0.5, index=1.5, count=1 << 18):
+    """Light that a slab lets through at once: parts of the film's mean, and path lengths."""
+    u, v = even(count, 2)
+    cos, φ = u, 2 * math.pi * v  # even in the half of all directions
+    reflected, inside = fresnel(cos, index)
+    tan, tan_in = np.sqrt(1 - cos**2) / cos, np.sqrt(1 - inside**2) / inside
+    r = (light - top + bottom) * tan + (top - bottom) * tan_in
+    opl = (light - top + bottom) / cos + index * (top - bottom) / inside
+    power = 2 * math.pi * intensity * (1 - reflected) ** 2 / count
+    return _landing(view, r, φ, 0.0, power, opl, albedo)
+
+
+def into_water(view, depth, light, intensity, albedo=0.5, index=1.33, count=1 << 18):
+    """Light that water lets in, on its floor: parts of the film's mean."""
+    u, v = even(count, 2)
+    reflected, inside = fresnel(u, index)
+    r = (light - depth) * np.sqrt(1 - u**2) / u + depth * np.sqrt(1 - inside**2) / inside
+    power = 2 * math.pi * intensity * (1 - reflected) / count
+    return _landing(view, r, 2 * math.pi * v, 0.0, power, 0.0, albedo)[0]
+
+
+def through_ball(view, radius, light, floor_z, intensity, albedo=0.5, index=1.5, count=1 << 18):
+    """Light that a ball around the origin lets through at once, from a point above it."""
+    u, v = even(count, 2)
+    reach = 1 - math.sqrt(1 - (radius / light) ** 2)
+    cos = 1 - u * reach  # even in the cone around the ball
+    sin = np.sqrt(1 - cos**2)
+    sin_i = sin * light / radius
+    cos_i = np.sqrt(1 - sin_i**2)
+    reflected, cos_t = fresnel(cos_i, index)
+    near = light * cos - radius * cos_i
+    chord = 2 * radius * cos_t
+    # In the plane of incidence: each surface turns the ray by θi - θt towards the axis
+    angle, turned = np.arcsin(sin), np.arccos(cos_i) - np.arccos(cos_t)
+    x0, z0 = near * sin, light - near * cos
+    x1, z1 = x0 + chord * np.sin(angle - turned), z0 - chord * np.cos(angle - turned)
+    out = angle - 2 * turned
+    far = (z1 - floor_z) / np.cos(out)
+    opl = near + index * chord + far
+    power = 2 * math.pi * reach * intensity * (1 - reflected) ** 2 / count
+    return _landing(view, x1 + far * np.sin(out), 2 * math.pi * v, floor_z, power, opl, albedo)

@@ -1,0 +1,64 @@
+"""a3.caustics: light that mirrors and glass have sent."""
+
+import formulas
+import numpy as np
+import pytest
+from test_light_tracer import check_bins, render
+
+from tofrender.course.judge import expect
+
+pytestmark = pytest.mark.a3_caustics
+
+BELOW = {"origin": (0, 0, 0.45), "target": (0, 0, 0), "fov": 120.0, "size": (4, 4)}
+
+
+def test_through_a_slab(submission):
+    """A point light through a slab of glass, on a floor."""
+    bins = (10, 2.2, 0.2)
+    slab = {"bottom": 0.5, "top": 0.8, "light": 1.8, "intensity": 1.0}
+    view = BELOW | {"bins": bins}
+    part, opl = formulas.through_slab(formulas.View(**view), **slab)
+    steady, transient = render(
+        submission, "under_slab", view, integrator={"max_depth": 4}, spp=4096, **slab
+    )
+    hint = "no connection ends on glass: only smooth vertices connect; the next ones go on"
+    expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)
+    hint = "in glass, light takes index times as long"
+    check_bins(transient, part, opl, bins, hint)
+
+
+def test_into_water(submission):
+    """A point light over water, whose floor a camera in it sees."""
+    water = {"depth": 0.5, "light": 1.5, "intensity": 1.0}
+    part = formulas.into_water(formulas.View(**BELOW), **water)
+    steady, _ = render(
+        submission, "under_water", BELOW, integrator={"max_depth": 3}, spp=4096, **water
+    )
+    hint = "radiance is compressed at refraction, light's power is not: TransportMode.Importance"
+    expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)
+
+
+def test_off_a_mirror(submission):
+    """A point light beside a mirror: a second light behind it."""
+    bins = (10, 2.0, 0.3)
+    options = {"origin": (0, 0, 1), "target": (0, 0, 0), "size": (4, 4), "bins": bins}
+    view = formulas.View(**options)
+    lights = [((0.3, 0.1, 0.8), 2), ((1.7, 0.1, 0.8), 3)]
+    found = [formulas.under_point(view, view.pixels(32), at, 1.0)[:2] for at, _ in lights]
+    steady, transient = render(
+        submission, "beside_mirror", options, x=1.0, light=lights[0][0], intensity=1.0, spp=8192,
+        integrator={"max_depth": 3},
+    )  # fmt: skip
+    direct, _ = render(
+        submission, "beside_mirror", options, x=1.0, light=lights[0][0], intensity=1.0, spp=8192,
+        integrator={"max_depth": 2},
+    )  # fmt: skip
+    hint = "a mirror is no vertex that connects, and is a segment more"
+    each = [radiance.mean() for radiance, _ in found]
+    expect.estimate(direct.mean((1, 2)), each[0], "film's mean, depth 2", rounding=3e-3, hint=hint)
+    expect.estimate(
+        steady.mean((1, 2)), sum(each), "film's mean, depth 3", rounding=3e-3, hint=hint
+    )
+    part = np.concatenate([r.ravel() / r.size for r, _ in found])
+    opl = np.concatenate([o.ravel() for _, o in found])
+    check_bins(transient, part, opl, bins, hint)

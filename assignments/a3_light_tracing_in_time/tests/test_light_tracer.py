@@ -1,0 +1,148 @@
+"""a3.light_tracer: light that finds the camera."""
+
+import math
+
+import formulas
+import numpy as np
+import pytest
+
+from tofrender.course.judge import expect
+
+pytestmark = pytest.mark.a3_light_tracer
+NAME = "TransientLightTracer"
+
+ASLANT = {"origin": (0.3, -1.2, 2.0), "target": (0.2, 0.1, 0.0), "size": (6, 4), "fov": 50.0}
+LIGHT = (0.5, 0.2, 1.2)
+COLOUR = (1.0, 2.0, 4.0)
+
+
+def render(submission, scene, view, spp=256, name=NAME, **options):
+    """(steady, bins), seeds in front."""
+    bins = view.get("bins", (1,))[0]
+    steady, transient = submission.ask(
+        "render", name=name, scene=scene, view=view, spp=spp, seed=submission.seed, **options
+    )
+    width, height = view.get("size", (8, 8))
+    expect.shape(transient, (len(steady), height, width, bins, 3), "bins, seeds first")
+    return steady, transient
+
+
+def check_bins(transient, part, opl, bins, hint):
+    """Bins of the film's mean: those with much light, and none before or after all light."""
+    edges = bins[1] + bins[2] * np.arange(bins[0] + 1)
+    wanted = np.histogram(opl, edges, weights=part)[0]
+    came = transient.mean((1, 2))[..., 0]
+    much, there = wanted > 0.02 * wanted.sum(), np.asarray(opl)[np.asarray(part) > 0]
+    axis = {"x": (edges[:-1] + bins[2] / 2)[much], "x_label": "opl [m]"}
+    expect.estimate(
+        came[:, much], wanted[much], "radiance per bin", rounding=1e-2, hint=hint, **axis
+    )
+    none = (edges[1:] < there.min() - 1e-3) | (edges[:-1] > there.max() + 1e-3)
+    wrong = came[:, none].sum() / max(came.sum(), 1e-30)
+    expect.close(
+        wrong, 0, "part of the light that comes too early or too late", atol=1e-6, hint=hint
+    )
+
+
+def test_picture(submission):
+    """A floor under a lamp, aslant, pixel by pixel and in colour."""
+    view = formulas.View(**ASLANT)
+    radiance = formulas.under_point(view, view.pixels(), LIGHT, 1.0)[0].mean(-1)
+    steady, transient = render(
+        *(submission, "floor", ASLANT), lights=[[LIGHT, COLOUR]], integrator={"max_depth": 2}
+    )
+    hint = "throughput x bsdf.eval (which has the cosine) x density / distance²"
+    wanted = radiance[..., None] * COLOUR
+    expect.estimate(steady, wanted, "picture", rounding=2e-3, hint=hint)
+    hint = "land() gets all light, also where a film has no bin for it"
+    expect.estimate(transient.sum(3), wanted, "sum over bins", rounding=2e-3, hint=hint)
+
+
+@pytest.mark.parametrize("near_clip", [1e-3, 0.5])
+def test_arrival(submission, near_clip):
+    """When the light arrives, mean of the film."""
+    bins = (10, 2.9, 0.1)
+    options = ASLANT | {"bins": bins, "near_clip": near_clip}
+    view = formulas.View(**options)
+    radiance, opl, _, _ = formulas.under_point(view, view.pixels(16), LIGHT, 1.0)
+    _, transient = render(
+        *(submission, "floor", options), lights=[[LIGHT, (1, 1, 1)]], integrator={"max_depth": 2}
+    )
+    hint = "from the light to the floor, and on to the lens: not to the near plane"
+    check_bins(transient, radiance / radiance.size, opl, bins, hint)
+
+
+def test_area_light(submission):
+    """A square light over a floor, which the camera does not see."""
+    bins = (8, 5.4, 0.1)
+    view = {"origin": (0, 0, 2.5), "target": (0, 0, 0), "size": (4, 4), "bins": bins}
+    part, opl, _ = formulas.under_panel(formulas.View(**view), 0.2, 3.0, 10.0)
+    steady, transient = render(
+        submission, "under_panel", view, half=0.2, height=3.0, radiance=10.0, spp=8192,
+        integrator={"max_depth": 2},
+    )  # fmt: skip
+    hint = "emitted.weight has radiance, cosine and densities already"
+    expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=2e-3, hint=hint)
+    check_bins(transient, part, opl, bins, hint)
+
+
+@pytest.mark.parametrize("max_depth", [2, 3, 4])
+def test_many_bounces(submission, max_depth):
+    """In a sphere, of which the light of each bounce is known, and when that of two arrives."""
+    bins = (12, 1.95, 0.2)
+    view = {"origin": (0, 0, 0), "target": (0, 0, 1), "bins": bins}
+    steady, transient = render(
+        submission, "inside_sphere", view, radius=1.0, albedo=0.8, intensity=3.0,
+        integrator={"max_depth": max_depth},
+    )  # fmt: skip
+    each = [formulas.sphere_bounce(n, 1.0, 0.8, 3.0) for n in range(1, max_depth)]
+    hint = "max_depth counts all segments, the one to the lens included; every vertex connects"
+    expect.estimate(
+        steady.mean((1, 2)), sum(each), f"film's mean, max_depth {max_depth}", rounding=1e-3,
+        hint=hint,
+    )  # fmt: skip
+    if max_depth == 3:
+        edges = bins[1] + bins[2] * np.arange(bins[0] + 1) - 2
+        wanted = each[1] * formulas.chord_masses(edges, 1.0)
+        wanted[0] += each[0]
+        came = transient.mean((1, 2))[..., 0]
+        hint = "each segment adds its length"
+        expect.estimate(came, wanted, "radiance per bin", rounding=2e-3, hint=hint)
+
+
+def test_what_is_in_the_way(submission):
+    """Squares between floor and camera, and between floor and lamp."""
+    view = {"origin": (0, 0, 2), "target": (0, 0, 0), "size": (2, 2)}
+    # One hides the right half of the floor from the camera, one all of it from a lamp
+    blockers = [(3.0, 0.0, 0.5, 3.0), (-0.8, 0.0, 0.98, 0.3)]
+    lights = [[(-0.8, 0.0, 1.0), (1, 1, 1)], [(-0.2, 0.1, 0.4), (1, 1, 1)]]
+    steady, _ = render(
+        submission, "floor", view, lights=lights, blockers=blockers, spp=16384,
+        integrator={"max_depth": 2},
+    )  # fmt: skip
+    seen = formulas.View(**view)
+    wanted = formulas.under_point(seen, seen.pixels(32), lights[1][0], 1.0)[0].mean(-1)
+    hidden = seen.direction(*np.meshgrid([0.5, 1.5], [0.5, 1.5]))[..., 0] > 0
+    hint = "scene.ray_test(si.spawn_ray_to(arrival.near)): something is between floor and lens"
+    wanted = np.where(hidden, 0, wanted)
+    expect.estimate(steady[..., 0], wanted, "picture", rounding=5e-3, hint=hint)
+
+
+def test_noise(submission):
+    """As little noise as one connection for each path of light leaves."""
+    options = {"origin": (0, 0, 2), "target": (0, 0, 0)}
+    view = formulas.View(**options)
+    radiance, _, by_camera, by_light = formulas.under_point(view, view.pixels(), LIGHT, 1.0)
+    # Of a path that lands at x: radiance x by_camera / by_light
+    value = radiance * by_camera / by_light
+    variance = (value * radiance).mean() - radiance.mean() ** 2
+    steady, _ = render(
+        *(submission, "floor", options), lights=[[LIGHT, (1, 1, 1)]], integrator={"max_depth": 2}
+    )
+    expected = math.sqrt(variance / (64 * 256))
+    came = steady[..., 0].mean((1, 2)).std(ddof=1)
+    expect.true(
+        came < 2.2 * expected,
+        f"standard deviation of the film's mean: expected {expected:.2e}, came {came:.2e}",
+        hint="as many paths of light as there are lanes, each of them connected",
+    )

@@ -1,0 +1,239 @@
+"""Small scenes of which the light is known in closed form, and a lens to render them with."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+# -------------------------------------------------------------------------------------- lens
+
+
+class MitsubasLens:
+    """A lens by Mitsuba's own sampling of a pinhole's importance, so that none has to be written.
+
+    Its film must not be cropped, nor its principal point shifted.
+    """
+
+    def __init__(self, sensor):
+        self.sensor = sensor
+        self.position = sensor.world_transform() @ mi.Point3f(0)
+        axis = dr.normalize(sensor.world_transform() @ mi.Vector3f(0, 0, 1))
+        self.axis, self.near = axis, mi.traverse(sensor)["near_clip"]
+
+    def sample(self, sampler):
+        return self.position
+
+    def density(self, d):
+        return self.arrive(self.position + d, self.position).density
+
+    def importance(self, d):
+        return self.density(d) / dr.dot(d, self.axis)
+
+    def arrive(self, p, lens):
+        at = dr.zeros(mi.Interaction3f, dr.width(p))
+        at.p = mi.Point3f(p)
+        ds, weight = self.sensor.sample_direction(at, mi.Point2f(0.5))
+        distance = dr.norm(p - self.position)
+        d = (p - self.position) / distance
+        seen = (ds.pdf > 0) & (dr.max(weight) > 0)
+        return Arrival(
+            lens=mi.Point3f(lens),
+            near=self.position + d * (self.near / dr.dot(d, self.axis)),
+            direction=-d,
+            distance=distance,
+            density=dr.select(seen, weight.x * dr.square(distance), 0),
+            position=mi.Point2f(ds.uv),
+            seen=seen,
+        )
+
+
+class Arrival:
+    """All that an arrival has."""
+
+    def __init__(self, **fields):
+        self.__dict__.update(fields)
+
+
+# ------------------------------------------------------------------------------------- parts
+
+
+def grey(value):
+    return {"type": "rgb", "value": [value] * 3}
+
+
+def rgb(*value):
+    return {"type": "rgb", "value": list(value)}
+
+
+def diffuse(albedo):
+    return {"type": "diffuse", "reflectance": grey(albedo)}
+
+
+def rectangle(matrix, bsdf, **more):
+    return {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **more}
+
+
+def flat(z, half=20.0, up=True):
+    """A square across the z axis, its matrix."""
+    matrix = np.diag([half, half if up else -half, 1.0 if up else -1.0, 1.0])
+    matrix[2, 3] = z
+    return matrix
+
+
+def glass(inside=1.5, outside=1.0):
+    return {"type": "dielectric", "int_ior": inside, "ext_ior": outside}
+
+
+def camera(
+    origin,
+    target,
+    fov=40.0,
+    near_clip=1e-3,
+    size=(8, 8),
+    bins=(1, 0.0, 100.0),
+    up=(0, 1, 0),
+    crop=None,
+    shift=0.0,
+    far_clip=1e4,
+):
+    """A pinhole over a film with time; `bins` is (number, start, width), `crop` (x, y, w, h)."""
+    names = ("temporal_bins", "start_opl", "bin_width_opl")
+    film = {"type": "transient_hdr_film", "width": size[0], "height": size[1]}
+    film |= dict(zip(names, (int(bins[0]), float(bins[1]), float(bins[2])), strict=True))
+    film["rfilter"] = {"type": "box"}
+    if crop is not None:
+        names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
+        film |= dict(zip(names, map(int, crop), strict=True))
+    return {
+        "type": "perspective",
+        "fov": fov,
+        "near_clip": near_clip,
+        "far_clip": far_clip,
+        "principal_point_offset_x": shift,
+        "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), list(up)),
+        "film": film,
+        "sampler": {"type": "independent", "sample_count": 16},
+    }
+
+
+def load(parts):
+    """A scene whose shapes stay apart."""
+    return mi.load_dict({"type": "scene"} | parts, parallel=False, optimize=False)
+
+
+def point(position, intensity):
+    return {"type": "point", "position": list(position), "intensity": rgb(*intensity)}
+
+
+# ------------------------------------------------------------------------------------ scenes
+
+
+def floor(view, lights, albedo=0.5, blockers=()):
+    """A floor z = 0 under point lights (position, intensity), and black squares (x, y, z, half)."""
+    parts = {"sensor": view, "floor": rectangle(flat(0.0), diffuse(albedo))}
+    for number, (position, intensity) in enumerate(lights):
+        parts[f"light_{number}"] = point(position, intensity)
+    for number, (x, y, z, half) in enumerate(blockers):
+        matrix = flat(z, half)
+        matrix[:2, 3] = x, y
+        both = {"type": "twosided", "bsdf": diffuse(0.0)}
+        parts[f"blocker_{number}"] = rectangle(matrix, both)
+    return load(parts)
+
+
+def under_panel(view, half, height, radiance, albedo=0.5):
+    """A floor z = 0 under a square light that faces down."""
+    panel = rectangle(flat(height, half, up=False), diffuse(0.0))
+    panel["emitter"] = {"type": "area", "radiance": grey(radiance)}
+    return load({"sensor": view, "floor": rectangle(flat(0.0), diffuse(albedo)), "panel": panel})
+
+
+def inside_sphere(view, radius, albedo, intensity):
+    """A diffuse sphere around a point light in its middle."""
+    sphere = {"type": "sphere", "radius": radius, "flip_normals": True, "bsdf": diffuse(albedo)}
+    return load({"sensor": view, "sphere": sphere, "light": point([0] * 3, [intensity] * 3)})
+
+
+def under_slab(view, bottom, top, light, intensity, albedo=0.5):
+    """A floor z = 0 under a wide slab of glass, and a point light above it."""
+    slab = np.diag([50.0, 50.0, (top - bottom) / 2, 1.0])
+    slab[2, 3] = (top + bottom) / 2
+    return load(
+        {
+            "sensor": view,
+            "floor": rectangle(flat(0.0, 50.0), diffuse(albedo)),
+            "slab": {"type": "cube", "to_world": mi.ScalarTransform4f(slab), "bsdf": glass()},
+            "light": point((0, 0, light), [intensity] * 3),
+        }
+    )
+
+
+def under_water(view, depth, light, intensity, index=1.33, albedo=0.5):
+    """A floor z = 0 under water of some depth, and a point light above it."""
+    surface = rectangle(flat(depth, 50.0), glass(index))
+    return load(
+        {
+            "sensor": view,
+            "floor": rectangle(flat(0.0, 50.0), diffuse(albedo)),
+            "surface": surface,
+            "light": point((0, 0, light), [intensity] * 3),
+        }
+    )
+
+
+def under_ball(view, radius, light, floor_z, intensity, index=1.5, albedo=0.5):
+    """A glass ball around the origin, a point light above it and a floor below."""
+    ball = {"type": "sphere", "radius": radius, "bsdf": glass(index)}
+    return load(
+        {
+            "sensor": view,
+            "floor": rectangle(flat(floor_z, 50.0), diffuse(albedo)),
+            "ball": ball,
+            "light": point((0, 0, light), [intensity] * 3),
+        }
+    )
+
+
+def beside_mirror(view, x, light, intensity, albedo=0.5):
+    """A floor z = 0 beside a mirror in the plane of that x, which faces -x, and a point light."""
+    # Columns: u = y, v = z, normal = -x
+    matrix = np.array([[0, 0, -1, x], [20.0, 0, 0, 0], [0, -20.0, 0, 0], [0, 0, 0, 1]])
+    mirror = rectangle(matrix, {"type": "conductor", "material": "none"})
+    return load(
+        {
+            "sensor": view,
+            "floor": rectangle(flat(0.0), diffuse(albedo)),
+            "mirror": mirror,
+            "light": point(light, [intensity] * 3),
+        }
+    )
+
+
+def room(view, mirror=True):
+    """A closed room of 2 m: a panel under its ceiling, a glossy block, a wall that is a mirror.
+
+    Without a mirror, that wall, the floor and the ceiling are glossy. Densities of the glossy
+    material are the same from both ends, and not, as for diffuse ones, by the cosine.
+    """
+    walls = {"sensor": view}
+    white, red = diffuse(0.6), {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
+    glossy = {"type": "roughconductor", "alpha": 0.3, "sample_visible": False}
+    clear = {"type": "conductor", "material": "none"}
+    turn = mi.ScalarTransform4f
+    for name, axis, angle, bsdf in (
+        ("floor", (1, 0, 0), -90, white if mirror else glossy),
+        ("ceiling", (1, 0, 0), 90, white if mirror else glossy),
+        ("left", (0, 1, 0), 90, red),
+        ("right", (0, 1, 0), -90, clear if mirror else glossy),
+        ("back", (0, 1, 0), 0, white),
+        ("front", (0, 1, 0), 180, white),
+    ):
+        matrix = turn().rotate(list(axis), angle) @ turn().translate([0, 0, -1])
+        walls[name] = {"type": "rectangle", "to_world": matrix, "bsdf": bsdf}
+    block = turn().translate([-0.3, -0.7, -0.2]).rotate([0, 1, 0], 30).scale([0.25, 0.3, 0.25])
+    walls["block"] = {"type": "cube", "to_world": block, "bsdf": glossy}
+    panel = turn().translate([0.1, 0.8, 0.0]).rotate([1, 0, 0], 90).scale([0.5, 0.5, 1])
+    walls["panel"] = {"type": "rectangle", "to_world": panel, "bsdf": diffuse(0.0)}
+    walls["panel"]["emitter"] = {"type": "area", "radiance": rgb(3.0, 2.2, 1.5)}
+    return load(walls)
