@@ -19,8 +19,8 @@ import typer
 
 import tofrender
 from tofrender.cli import app as cli, course as cli_course
-from tofrender.course import assignments, edition, material, notebooks, rubric
-from tofrender.course.author import leaks, mutants, structure, verify
+from tofrender.course import assignments, edition, material, mutants, notebooks, rubric
+from tofrender.course.author import leaks, structure, verify
 from tofrender.course.author.release import release
 from tofrender.course.dependents import dependents
 from tofrender.course.judge import running, worker

@@ -47,6 +47,18 @@ def copy(assignment: Assignment, folder: Path) -> None:
     material.write(assignment, place)
 
 
+def of_grading(assignment: Assignment, folder: Path) -> None:
+    """Write the edition that submissions see; arguments as for `copy`.
+
+    In a student edition, where an autograder runs, that is this package itself.
+    """
+    if not (PACKAGE / "runtime" / "withheld.json").is_file():
+        copy(assignment, folder)
+        return
+    ignored = shutil.ignore_patterns("__pycache__", ".*")
+    shutil.copytree(PACKAGE, folder / "tofrender", ignore=ignored)
+
+
 def version(rubric: Rubric) -> str:
     """The edition's own version, "0.1.0+a2"."""
     from tofrender import __version__

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
-from .. import material, notebooks
+from .. import material, mutants, notebooks
 from ..assignments import STAFF_TEST, Assignment
 from ..judge import running
 from ..rubric import Rubric
-from . import mutants
 
 POINTS_IN_TEXT = re.compile(
     r"\(\s*[\d.]+\s*(?:bonus )?(?:points?|pts?\.?)\s*\)|\bworth [\d.]+ |\bfor [\d.]+ points"
