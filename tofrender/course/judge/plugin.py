@@ -163,8 +163,9 @@ def pytest_configure(config: pytest.Config) -> None:
     for problem in assignment.problems:
         config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
     pictures = folder / "failures" if config.getini("submission") and folder else None
-    if config.getoption("--pictures"):
-        pictures = Path(config.getoption("--pictures")).resolve()
+    drawn = config.getoption("--pictures")
+    if drawn:
+        pictures = Path(drawn).resolve()
     expect.configure(comparisons=assignment.comparisons, pictures=pictures)
     memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
     limits = Limits(memory and int(memory * 2**30), bool(config.getoption("--confine")))
