@@ -81,7 +81,7 @@ def _files(assignment: Assignment, edition: Path, folder: str) -> Iterator[tuple
     """Names in the zip, and the files that they are."""
     for name in CHECKOUT:
         yield f"course/{name}", PACKAGE.parent / name
-    for file in sorted((edition / "tofrender").rglob("*")):
+    for file in sorted([*(edition / "tofrender").rglob("*"), edition / "scenes" / "__init__.py"]):
         if file.is_file():
             yield f"course/{file.relative_to(edition).as_posix()}", file
     for file in judging_files(assignment):
