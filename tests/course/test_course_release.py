@@ -399,6 +399,22 @@ def test_cell_keeps_what_an_editor_wrote(tmp_path):
     assert cells.save(path, "a = -2") == "wrote pulse.py"
 
 
+@pytest.mark.slow
+def test_cells_test_their_file(tiny, student):
+    solution = (tiny.solutions / "pulse.py").read_text()
+    (student / "pulse.py").write_text(solution.replace("2.50662827", "2.6"))
+    said = cells.run_tests(student, "pulse.py", "# a comment\n-k 'area or peak'")
+    assert [line.split()[:2] for line in said.splitlines() if line[0] != " "] == [
+        ["failed", "test_area"],
+        ["failed", "test_peak"],
+    ]
+    assert "is 1 / (sqrt(2 pi) sigma) there?" in said
+    assert cells.run_tests(student, "a0.range", "-k nothing") == "no tests were chosen"
+    with pytest.raises(ValueError, match=r"%%test x\.py: must be one of pulse\.py, wrapping\.py"):
+        cells.run_tests(student, "x.py")
+    assert cells.run_tests(student / "figures", "").endswith("has no tests")
+
+
 def test_stub_is_no_edit_of_the_students(tiny, student):
     assert cells.save(student / "pulse.py", "x = 1") == "wrote pulse.py"
     assert not list(student.glob("*.py.*"))

@@ -89,7 +89,7 @@ def test_lengths_start_at_the_camera(submission):
 
 def test_image(submission):
     """Each pixel sees its own path lengths."""
-    size, camera = (3, 2), (0.4, 0.0, 1.5)
+    size, camera = (3, 2), OVER["origin"]
     came = submission.ask(
         "amcw_image",
         scene="lamp",

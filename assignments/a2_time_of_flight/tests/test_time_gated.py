@@ -182,7 +182,7 @@ def test_depth(submission, max_depth):
 
 def test_many_gates(submission):
     """Pixels and gates are where they belong: (height, width, gates, channels)."""
-    size, camera = (3, 2), (0.4, 0.0, 1.5)
+    size, camera = (3, 2), OVER["origin"]
     bins = (8, 3.3, 0.1)
     view = OVER | {"fov": 60.0, "size": size}
     came = submission.ask(

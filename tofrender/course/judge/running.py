@@ -64,7 +64,7 @@ def run(
         submission: What is judged; None for what `pytest.ini` says, or the package.
         edition: Folder of the package that tests and submission see; None for this one.
         seeds: How often each test is repeated, each time under another seed.
-        more: Further options of pytest.
+        more: Further options of pytest, which may choose no test.
 
     Returns:
         The outcomes by the tests' ids.
@@ -79,7 +79,7 @@ def run(
         options += [] if tests is None else [f"tests/{test}" for test in tests]
         result = pytest(folder, options, edition)
         lines = read_report(report)
-    if result.returncode not in (OK, SOME_FAILED):
+    if result.returncode not in (OK, SOME_FAILED, *([NONE_COLLECTED] if more else [])):
         raise RuntimeError(f"pytest failed in {folder.name}: {last_lines(result)}")
     return outcomes_of(lines)
 
