@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.progress import hidden, status
-from . import course, dataset, grade, merge, nlos, render, teaching, time, warp
+from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -149,7 +149,7 @@ def doctor(as_json: Json = False) -> None:
 
 
 SHOWN = (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp),
+    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(render.render, merge.merge, dataset.dataset),
 )
 """Commands that show that they work; the others say each thing that they have done."""
@@ -158,5 +158,6 @@ for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
     *(teaching.gradescope, teaching.similarity, teaching.new_term),
+    *(warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))
