@@ -233,7 +233,7 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     for folder in students.iterdir():
         assert {"feedback.md", "feedback.html"} <= {path.name for path in folder.iterdir()}
     ben = (students / "ben" / "feedback.md").read_text()
-    assert "**Hint:** 2 \\+ 3" in ben
+    assert "**Hint:** 2 + 3" in ben
     assert "| Mean | 4 (by hand) | 4 |" in ben
     assert "![What test_arrays expected, and what came](a0_add-test_arrays_5_.png)" in ben
     assert (students / "ben" / "a0_add-test_arrays_5_.png").stat().st_size > 5000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -138,12 +139,12 @@ def _write_pages(class_: Class, folder: Path) -> None:
     say(f"{folder}: overview.html, and students/*/feedback.html")
 
 
-def _check_one(submission: Path, out: Path | None, alone: dict[str, object], jobs: int) -> Path:
+def _check_one(submission: Path, out: Path | None, alone: Mapping[str, object], jobs: int) -> Path:
     """Refuse options that do not go together; the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(f"--submission = {submission}: must be a folder or a zip that exists")
-    for name, value in (alone | {"--jobs": jobs if jobs > 1 else None}).items():
+    for name, value in {**alone, "--jobs": jobs if jobs > 1 else None}.items():
         if value is not None:
             raise ValueError(f"{name} = {value}: must be left out without --all")
     if out is None:

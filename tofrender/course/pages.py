@@ -20,7 +20,7 @@ blockquote { margin-left: 0; padding-left: 1rem; border-left: 3px solid #ccc; }
 MATH = """<script>MathJax = { tex: { inlineMath: [["\\\\(", "\\\\)"]] } };</script>
 <script defer src="https://cdn.jsdelivr.net/npm/mathjax@3/es5/tex-chtml.js"></script>
 """
-_SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~&$-])")
+_SPECIAL = re.compile(r"([\\`*_\[\]<>|~&$])")
 
 
 def write(folder: Path, name: str, text: str) -> None:

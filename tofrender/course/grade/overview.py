@@ -139,7 +139,7 @@ def separation(scores: np.ndarray) -> np.ndarray:
 
     Example:
         >>> separation(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0], [0, 0, 1.0]])).round(2)
-        array([ 0.58,  0.58, -0.82])
+        array([ 0.58,  0.58, -0.58])
     """
     found = np.full(scores.shape[1], np.nan)
     for item in range(scores.shape[1]):
