@@ -8,7 +8,7 @@ from textwrap import dedent
 from tofrender.course.assignments import Assignment
 
 FILES = {
-    "README.md": "# Tiny\n\n[[a0.pulse]]\n\nText.\n\n[[a0.range]]\n![one](figures/one.png)\n",
+    "README.md": "# Tiny\n\n[[a0.pulse]]\n\nText.\n\n[[a0.range]]\n![One dot](figures/one.png)\n",
     "exercises.md": "# Exercises\n",
     "solutions/exercises.md": "# Solutions\n",
     "figures/make.py": "print('makes one.png')\n",

@@ -102,6 +102,32 @@ right.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
+# Problem `a2.pulse_checks`. Your own pulse should pass your own test, and a pulse with twice the
+# energy should not.
+
+# %% [solution] pulse_checks.py
+
+# %%
+from pulse_checks import check_pulse
+
+
+class TwiceTheEnergy(GaussianPulse):
+    """Wrong on purpose."""
+
+    def eval(self, t):
+        """Twice the density."""
+        return 2 * super().eval(t)
+
+
+check_pulse(pulse)
+try:
+    check_pulse(TwiceTheEnergy(width_opl=0.03))
+except AssertionError as error:
+    print(f"found: {error}")
+else:
+    print("a density that integrates to 2 passes: look again")
+
+# %% [markdown]
 # ## 2. One instant, and many
 # Problem `a2.time_gated`. Start from `PathTracer` in `path_tracer.py`: carry the path's length
 # along, and weight each contribution with the pulse.

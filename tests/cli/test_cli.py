@@ -158,7 +158,9 @@ NUMBERS = {
     "capture": ["--spp", "--seed", "--grid"],
     "warp": ["--alpha", "--count", "--seed"],
     "verify": ["--seeds"],
-    "grade": ["--time-limit", "--memory"],
+    "grade": ["--time-limit", "--memory", "--jobs"],
+    "gradescope": ["--time-limit", "--memory"],
+    "new-term": ["--term"],
 }
 
 

@@ -21,7 +21,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
 from tofrender.cli import app as cli
 from tofrender.course.assignments import PACKAGE, find
-from tofrender.course.grade import grading, unpacking
+from tofrender.course.grade import classes, grading, roster, unpacking
 from tofrender.course.grade.results import Results, grades_of
 from tofrender.course.judge import processes, sandbox
 from tofrender.course.judge.running import read_report
@@ -462,7 +462,7 @@ def test_folder_with_links_and_pipes(tmp_path):
 
 def test_report_that_was_cut_off(assignment, tmp_path):
     problem = assignment.rubric.problems[0]
-    line = {"case": "", "outcome": "passed", "text": "", "seconds": 0.1}
+    line = {"case": "", "outcome": "passed", "text": "", "share": 1.0, "seconds": 0.1}
     lines = [line | {"id": "test_add.py::test_numbers"}, line | {"id": "test_add.py::test_arrays"}]
     path = tmp_path / "lines.json"
     path.write_text("".join(json.dumps(each) + "\n" for each in lines) + '{"id": "test_a')
@@ -487,6 +487,14 @@ def test_results_are_zero_at_first(assignment, tmp_path):
 # ----------------------------------------------------------------------------------- a class
 
 
+def grade_class(grader, folder: Path, table: Path, out: Path, say, **more) -> classes.Class:
+    """Grade a class as the command does."""
+    members, _ = roster.members(classes.submissions_in(folder, out), None)
+    class_ = classes.Class(grader, folder, members, table, out, **more)
+    class_.grade(say)
+    return class_
+
+
 def table_rows(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
@@ -502,7 +510,7 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
     (folder / "notes.txt").write_text("no submission")
     out, table, said = folder / "results", tmp_path / "grades.csv", []
     with grading.opened(staff) as grader:
-        grading.grade_all(grader, folder, table, out, said.append)
+        grade_class(grader, folder, table, out, said.append)
         rows = table_rows(table)
         assert list(rows[0]) == ["submission", "total", "a0.p0", "reason"]
         assert [row["submission"] for row in rows] == ["'=ana", "ben.zip"]
@@ -512,7 +520,7 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
         assert said[0].startswith("[1/2] =ana: 1 of 1 points")
 
         before = table.read_text()
-        grading.grade_all(grader, folder, table, out, said.append)
+        grade_class(grader, folder, table, out, said.append)
         assert all(line.endswith("graded before") for line in said[2:])
         assert table.read_text() == before
 
@@ -520,7 +528,7 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
         results = json.loads((out / "ben.zip.json").read_text())
         results["extra_data"]["complete"] = False  # as an interrupted run leaves it
         (out / "ben.zip.json").write_text(json.dumps(results))
-        grading.grade_all(grader, folder, table, out, said.append)
+        grade_class(grader, folder, table, out, said.append)
         assert not any(line.endswith("graded before") for line in said[4:])
         assert [row["total"] for row in table_rows(table)] == ["0", "0"]
 
@@ -563,7 +571,7 @@ def test_a_class_uses_constant_memory(tmp_path, home):
         used.append(psutil.Process().memory_info().rss)
 
     with grading.opened(staff) as grader:
-        grading.grade_all(grader, tmp_path / "class", table, tmp_path / "out", look)
+        grade_class(grader, tmp_path / "class", table, tmp_path / "out", look)
     assert [row["total"] for row in table_rows(table)] == ["1"] * 10
     assert used[-1] - used[2] < 7 * 120e3
 

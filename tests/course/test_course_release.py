@@ -19,8 +19,8 @@ import typer
 
 import tofrender
 from tofrender.cli import app as cli, course as cli_course
-from tofrender.course import assignments, edition, material, notebooks, rubric
-from tofrender.course.author import leaks, mutants, structure, verify
+from tofrender.course import assignments, edition, material, mutants, notebooks, rubric
+from tofrender.course.author import leaks, structure, verify
 from tofrender.course.author.release import release
 from tofrender.course.dependents import dependents
 from tofrender.course.judge import running, worker
@@ -76,9 +76,18 @@ def in_edition(folder: Path, script: str) -> str:
 def test_released_folder(released):
     files = {str(path.relative_to(released)) for path in released.rglob("*") if path.is_file()}
     top = {name for name in files if not name.startswith("package/")}
-    assert top == {"README.md", "exercises.md", "figures/one.png"}
+    assert top == {
+        *("README.md", "README.html", "exercises.md", "exercises.html", "figures/one.png"),
+        *(".github/workflows/tests.yml", ".devcontainer/devcontainer.json", ".gitignore"),
+    }
+    page = (released / "README.html").read_text()
+    assert '<img src="figures/one.png" alt="One dot"' in page
+    json.loads((released / ".devcontainer" / "devcontainer.json").read_text())
     inside = "package/tofrender/course/material/a0_tiny/"
-    assert {name.removeprefix(inside) for name in files if name.startswith(inside)} == {
+    theirs = {name.removeprefix(inside) for name in files if name.startswith(inside)}
+    scenes = {name for name in theirs if name.startswith("scenes/")}
+    assert {"scenes/__init__.py", "scenes/cornell_box.xml", "scenes/meshes/bust.ply"} <= scenes
+    assert theirs - scenes == {
         *("README.md", "exercises.md", "figures/one.png", "notebook.py", "pytest.ini"),
         *("rubric.toml", "starter/pulse.py", "starter/wrapping.py"),
         *("tests/probes.py", "tests/test_pulse.py", "tests/test_range.py"),
@@ -271,8 +280,12 @@ def test_students_folder(tiny, tmp_path, run):
     assert "pytest -m a0_pulse" in out
     assert sorted(path.name for path in folder.iterdir()) == [
         *(".tofrender-cells.json", "README.md", "exercises.md", "figures", "notebook.ipynb"),
-        *("pulse.py", "pytest.ini", "rubric.toml", "tests", "wrapping.py"),
+        *("pulse.py", "pytest.ini", "rubric.toml", "scenes", "tests", "wrapping.py"),
     ]
+    script = "from scenes import cornell_box\nprint(cornell_box()['type'])"
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    assert done.stdout == "scene\n"
     assert (folder / "pytest.ini").read_text().endswith("\nsubmission = .\n")
     assert sorted(path.name for path in (folder / "tests").iterdir()) == [
         "probes.py",
@@ -284,6 +297,7 @@ def test_students_folder(tiny, tmp_path, run):
     assert sources[1].startswith("%load_ext tofrender.course.student\n")
     stub = (tiny.starter / "pulse.py").read_text()
     assert sources[2] == f"%%solution pulse.py\n{stub.rstrip()}"
+    assert sources[3].startswith("%%test pulse.py\n# ")
     status, _, said = run("start", tiny.folder, folder)
     assert status == 2
     assert "is not empty; must be a new folder, or an empty one" in said
@@ -385,6 +399,22 @@ def test_cell_keeps_what_an_editor_wrote(tmp_path):
     assert cells.save(path, "a = -2") == "wrote pulse.py"
 
 
+@pytest.mark.slow
+def test_cells_test_their_file(tiny, student):
+    solution = (tiny.solutions / "pulse.py").read_text()
+    (student / "pulse.py").write_text(solution.replace("2.50662827", "2.6"))
+    said = cells.run_tests(student, "pulse.py", "# a comment\n-k 'area or peak'")
+    assert [line.split()[:2] for line in said.splitlines() if line[0] != " "] == [
+        ["failed", "test_area"],
+        ["failed", "test_peak"],
+    ]
+    assert "is 1 / (sqrt(2 pi) sigma) there?" in said
+    assert cells.run_tests(student, "a0.range", "-k nothing") == "no tests were chosen"
+    with pytest.raises(ValueError, match=r"%%test x\.py: must be one of pulse\.py, wrapping\.py"):
+        cells.run_tests(student, "x.py")
+    assert cells.run_tests(student / "figures", "").endswith("has no tests")
+
+
 def test_stub_is_no_edit_of_the_students(tiny, student):
     assert cells.save(student / "pulse.py", "x = 1") == "wrote pulse.py"
     assert not list(student.glob("*.py.*"))
@@ -481,6 +511,7 @@ def test_structure_finds_what_does_not_agree(tiny):
             "README.md: line [[a0.pulse]] is there 2 times, must be once",
             "README.md: line [[a0.range]] is there 0 times, must be once",
             "README.md: picture no.png does not exist",
+            "README.md: picture no.png has no text that says what is on it",
             "README.md: states points ('(5 points)'); only rubric.toml may",
             "exercises.md: is missing",
             "solutions/extra.py: is no problem's file; what is given belongs in starter/ alone",

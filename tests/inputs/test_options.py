@@ -56,6 +56,7 @@ NAMES = {
 KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
     "count": (NUMBERS, set()),
     "seed": (NUMBERS, {"zero"}),
+    "term": (NUMBERS, {"zero"}),
     "metres": (NUMBERS, {"zero", "minus one", "a fraction", "huge", "large"}),
     "positive": (NUMBERS, {"a fraction", "huge", "large"}),
     "width": (NUMBERS, {"a fraction", "huge", "large"}),
@@ -250,13 +251,23 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--submission": "file",
             "--time-limit": "from 30",
             "--memory": "from 1",
+            "--jobs": "count",
         },
     ),
+    "gradescope": (
+        ["a1", "-o", "a.zip"],
+        {"assignment": "choice", "--time-limit": "from 30", "--memory": "from 1"},
+    ),
+    "similarity": (["a1", "--all", "folder", "-o", "x"], {"assignment": "choice"}),
+    "new-term": (["a1"], {"assignment": "choice", "--term": "term"}),
 }
 ELSEWHERE = {
     "--out": "test_outputs.py has the places, and the course's tests",
     "--csv": "the course's tests",
     "--all": "the course's tests",
+    "--roster": "the course's tests",
+    "--sheet": "the course's tests",
+    "--feedback": "the course's tests",
     "--image": "test_warp_images",
     "--video": "a switch",
     "--resume": "a switch",
@@ -281,7 +292,8 @@ ELSEWHERE = {
     "dataset scheduler": "as of render",
 }
 SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png", "warptest": ".png", "view": ".npz"}
-WITHOUT_OUT = {"verify", "start", "submit", "grade", "compare"}
+COURSE = {"verify", "start", "submit", "grade", "gradescope", "similarity", "new-term"}
+WITHOUT_OUT = COURSE | {"compare"}
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.progress import hidden, status
-from . import course, dataset, grade, merge, nlos, render, report, time, view, warp
+from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -91,7 +91,7 @@ def _telling(command: Callable[..., None]) -> Callable[..., None]:
 
     Its Ctrl-C reaches `_explain`: Typer would end it without a word.
     """
-    name = f"tofrender {command.__name__}"
+    name = f"tofrender {command.__name__.replace('_', '-')}"
     shown = command in SHOWN
 
     @wraps(command)
@@ -157,6 +157,7 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
+    *(teaching.gradescope, teaching.similarity, teaching.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))

@@ -36,7 +36,7 @@ def release(
     made = make(found, out)
     chosen = edition.chosen(found.rubric)
     alone = sorted(edition.withheld(found.rubric).keys() - chosen.keys())
-    typer.echo(f"{made}: README.md, exercises.md, figures and {PACKAGE_FOLDER}/")
+    typer.echo(f"{made}: README and exercises (.md, .html), figures and {PACKAGE_FOLDER}/")
     typer.echo(f"withheld: {', '.join(sorted(chosen))}")
     if alone:
         typer.echo(f"left out, since they need one of these: {', '.join(alone)}")

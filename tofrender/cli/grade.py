@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import signal
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..runtime import checks
 from .course import Name
-from .options import INTERRUPTED, real
+from .options import INTERRUPTED, integer, real, say
+
+if TYPE_CHECKING:
+    from ..course.grade.classes import Class
+    from ..course.grade.grading import Grader
+
+MAX_JOBS = 256
 
 
 def grade(
@@ -33,61 +41,112 @@ def grade(
     csv: Annotated[
         Path | None, typer.Option(metavar="FILE", help="With --all, a line a student.")
     ] = None,
+    jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions at a time.")] = 1,
+    roster: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="With --all, CSV of the class: id, and name, email, section, submission.",
+        ),
+    ] = None,
+    sheet: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="With --all, CSV of what people say: id, and late_days, note, ids of problems "
+            "(points instead of the tests') and of what is graded by hand.",
+        ),
+    ] = None,
+    feedback: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="With --all, folder of a page a student, and one of the class."
+        ),
+    ] = None,
     time_limit: Annotated[float, real(30, "Seconds for one submission.")] = 540,
     memory: Annotated[float, real(1, "GiB of memory for one submission.")] = 4,
 ) -> None:
     """Grade a submission, or a class, with all tests.
 
     The results are in Gradescope's format. A class can be stopped and gone on with: what is graded
-    is kept, unless the submission or the tests have changed.
+    is kept, unless the submission or the tests have changed. So a sheet can be merged in later.
     """
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
     if submission is not None:
-        out = _check_one(submission, out, csv)
+        alone = {"--csv": csv, "--roster": roster, "--sheet": sheet, "--feedback": feedback}
+        out = _check_one(submission, out, alone, jobs)
     else:
         assert everyone is not None
-        out, csv = _check_class(everyone, out, csv)
+        out, csv = _check_class(everyone, out, csv, feedback, jobs)
 
     from ..course.assignments import find
-    from ..course.grade import grading
+    from ..course.grade import classes, grading, roster as rosters
     from ..course.judge import sandbox
 
     found = find(assignment)
-    found.require_staff("grading")
+    found.require_tests()
+    members, nobodys, marks = [], [], None
+    if everyone is not None:
+        assert csv is not None
+        those = classes.submissions_in(everyone, out, *([feedback] if feedback else []))
+        members, nobodys = rosters.members(those, roster)
+        marks = None if sheet is None else rosters.marks(sheet, found.rubric, members)
     for what in sandbox.missing_protections():
-        typer.echo(f"warning: this machine cannot keep a submission from {what}", err=True)
+        say(f"warning: this machine cannot keep a submission from {what}", err=True)
+    for name in nobodys:
+        say(f"warning: --roster = {roster}: {name!a} is nobody's", err=True)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: ends what runs
     try:
         with grading.opened(found, time_limit_s=time_limit, memory_gib=memory) as grader:
-            if submission is None:
-                assert everyone is not None
-                assert csv is not None
-                grading.grade_all(grader, everyone, csv, out, typer.echo)
-                typer.echo(f"{csv}: written")
+            if submission is not None:
+                _grade_one(grader, submission, out)
                 return
-            results = grader.grade(submission, out)
+            assert everyone is not None
+            assert csv is not None
+            class_ = classes.Class(
+                grader, everyone, members, csv, out, marks, roster is not None, jobs
+            )
+            class_.grade(say)
+            say(f"{csv}: written")
+            if feedback is not None:
+                _write_pages(class_, feedback)
     except KeyboardInterrupt:
         typer.echo("error: interrupted; what is graded is kept", err=True)
         raise typer.Exit(INTERRUPTED) from None
     finally:
         signal.signal(signal.SIGTERM, before)
-    for problem in found.rubric.problems:
+
+
+def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
+    results = grader.grade(submission, out)
+    rubric = grader.assignment.rubric
+    for problem in rubric.problems:
         points = f"{results.problem_points(problem):g} of {problem.points:g}"
         typer.echo(f"{problem.id}: {points}{' (bonus)' if problem.bonus else ''}")
     for remark in results.remarks:
         typer.echo(remark)
-    total = f"{results.score:g} of {found.rubric.points:g} points"
+    total = f"{results.score:g} of {rubric.points:g} points"
     typer.echo(f"{out}: {total}, {results.seconds:.0f} s")
 
 
-def _check_one(submission: Path, out: Path | None, csv: Path | None) -> Path:
+def _write_pages(class_: Class, folder: Path) -> None:
+    """Write `FOLDER/students/ID/feedback.html` for each, and `FOLDER/overview.html`."""
+    from ..course.grade import feedback, overview
+
+    feedback.write(class_, folder / "students")
+    overview.write(class_, folder)
+    say(f"{folder}: overview.html, and students/*/feedback.html")
+
+
+def _check_one(submission: Path, out: Path | None, alone: Mapping[str, object], jobs: int) -> Path:
     """Refuse options that do not go together; the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(f"--submission = {submission}: must be a folder or a zip that exists")
-    if csv is not None:
-        raise ValueError(f"--csv = {csv}: must be left out without --all")
+    for name, value in {**alone, "--jobs": jobs if jobs > 1 else None}.items():
+        if value is not None:
+            raise ValueError(f"{name} = {value}: must be left out without --all")
     if out is None:
         raise ValueError("--out: must be the file to write, for example results.json")
     if out.is_dir():
@@ -95,7 +154,9 @@ def _check_one(submission: Path, out: Path | None, csv: Path | None) -> Path:
     return out
 
 
-def _check_class(everyone: Path, out: Path | None, csv: Path | None) -> tuple[Path, Path]:
+def _check_class(
+    everyone: Path, out: Path | None, csv: Path | None, feedback: Path | None, jobs: int
+) -> tuple[Path, Path]:
     """Refuse options that do not go together; the folder of the results and the CSV file."""
     if not everyone.is_dir():
         raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
@@ -105,6 +166,12 @@ def _check_class(everyone: Path, out: Path | None, csv: Path | None) -> tuple[Pa
         raise ValueError(f"--csv = {csv}: is a folder; must be a file")
     if out is None:
         out = csv.absolute().with_name(f"{csv.stem}_results")
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out = {out}: is a file; must be a folder")
+    for name, path in (("--out", out), ("--feedback", feedback)):
+        if path is not None and path.exists() and not path.is_dir():
+            raise ValueError(f"{name} = {path}: is a file; must be a folder")
+    cores = os.cpu_count() or 1
+    if jobs > max(cores, 1):
+        raise ValueError(
+            f"--jobs = {jobs}: must be {cores} or less, the number of cores; tests have time limits"
+        )
     return out, csv

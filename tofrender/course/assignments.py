@@ -53,6 +53,19 @@ class Assignment:
         asked = {problem.file for problem in self.rubric.problems}
         return sorted({path.name for path in self.starter.glob("*.py")} - asked)
 
+    def require_tests(self) -> None:
+        """Refuse to grade with the tests that students have.
+
+        Raises:
+            ValueError: It is what students get; one line.
+        """
+        released = any(problem.other_points for problem in self.rubric.problems)
+        if released or self.folder.is_relative_to(FOLDERS[1]):
+            raise ValueError(
+                f"{self.folder}: has the students' tests only; grading needs the course's "
+                "checkout, not the student edition"
+            )
+
     def require_staff(self, what: str) -> None:
         """Refuse what needs the solutions.
 

@@ -45,6 +45,22 @@ def copy(assignment: Assignment, folder: Path) -> None:
     place = package / "course" / "material" / assignment.name
     place.mkdir(parents=True)
     material.write(assignment, place)
+    # where no student's folder is: a submission may import them, too
+    material.write_scenes(place / material.SCENES, folder / material.SCENES, ["__init__.py"])
+
+
+def of_grading(assignment: Assignment, folder: Path) -> None:
+    """Write the edition that submissions see; arguments as for `copy`.
+
+    In a student edition, where an autograder runs, that is this package itself.
+    """
+    if not (PACKAGE / "runtime" / "withheld.json").is_file():
+        copy(assignment, folder)
+        return
+    ignored = shutil.ignore_patterns("__pycache__", ".*")
+    shutil.copytree(PACKAGE, folder / "tofrender", ignore=ignored)
+    scenes = PACKAGE.parent / material.SCENES
+    material.write_scenes(scenes, folder / material.SCENES, ["__init__.py"])
 
 
 def version(rubric: Rubric) -> str:

@@ -10,13 +10,16 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .assignments import STAFF_TEST, Assignment
+from .assignments import PACKAGE, STAFF_TEST, Assignment
 from .rubric import Problem, Rubric
 
 BLOCK = re.compile(r"^\[\[([\w.]+)\]\][ \t]*$", re.MULTILINE)
 """A line of the handout that stands for a problem's block."""
 
 FILES = ("README.md", "exercises.md", "notebook.py", "pytest.ini")
+SCENES = "scenes"
+"""Folder of the scenes, from which `from scenes import cornell_box` works beside it."""
+SCENE_FILES = ("__init__.py", "*.xml", "*/*.xml", "meshes/*.ply")
 HANDED_OUT = ("README.md", "exercises.md", "figures")
 """What students read before they install anything."""
 
@@ -44,6 +47,17 @@ def write(assignment: Assignment, folder: Path) -> None:
     _copy(source / "starter", folder / "starter", "*.py")
     _copy(source / "tests", folder / "tests", "*", without=STAFF_TEST)
     _copy(source / "figures", folder / "figures", "*", without="*.py")
+    scenes = source / SCENES
+    write_scenes(scenes if scenes.is_dir() else PACKAGE.parent / SCENES, folder / SCENES)
+
+
+def write_scenes(source: Path, target: Path, patterns: Iterable[str] = SCENE_FILES) -> None:
+    """Write the scenes' builders and files; nothing where there are none."""
+    for pattern in patterns:
+        for file in sorted(source.glob(pattern)):
+            place = target / file.relative_to(source)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
 
 
 def _copy(source: Path, target: Path, pattern: str, without: str = "") -> None:

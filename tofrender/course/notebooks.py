@@ -1,7 +1,8 @@
 """The notebook of an assignment: one source for the stubs' form and the solved one.
 
 In the source, a percent script, `# %% [solution] pulse.py` stands for a cell that starts with
-`%%solution pulse.py` (see `student.cells`) and has that file's text.
+`%%solution pulse.py` (see `student.cells`) and has that file's text. Below it comes one that runs
+its tests, `%%test pulse.py`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from nbformat import NotebookNode
 
 NOTEBOOK = "notebook.ipynb"
+TEST = "%%test {}\n# options of pytest, a line each, like: -k density"
+"""The cell below a solution's."""
 MARK = re.compile(r"\[solution\] (\S+)")
 
 
@@ -47,6 +50,8 @@ def build(source: str, files: Path) -> NotebookNode:
             text = f"%%solution {file[1]}\n{path.read_text(encoding='utf-8').strip()}"
         make = v4.new_code_cell if cell.cell_type == "code" else v4.new_markdown_cell
         cells.append(make(text, id=f"cell-{position:02}"))
+        if file is not None:
+            cells.append(v4.new_code_cell(TEST.format(file[1]), id=f"test-{position:02}"))
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     return v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 FILE_NAME = "rubric.toml"
+MAX_TERM = (1 << 31) - 1
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 
 
@@ -19,7 +21,7 @@ class GradedTest:
     Attributes:
         id: File and function as pytest names them, "test_pulse.py::test_area"; a parametrised
             function is one test, which passes with all its cases.
-        points: What it gives.
+        points: What it gives; a test that gives a share says so when it runs.
         visibility: When students see its result, one of Gradescope's words.
     """
 
@@ -41,6 +43,8 @@ class Problem:
         reference: The module of the package in which these names are right.
         withholds: Modules and packages that students do not get, because they solve this problem.
         needs: Problems whose code this one uses.
+        tests_of: A problem whose right and wrong solutions this one's file has to tell apart: the
+            task is to write a test.
         timeout_s: Longest time that one answer of a submission may take [s].
         takes_s: Time that the tests take with right code on two cores [s].
         bonus: Whether the points come on top of the assignment's maximum.
@@ -55,6 +59,7 @@ class Problem:
     reference: str = "tofrender"
     withholds: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    tests_of: str = ""
     timeout_s: float = 60.0
     takes_s: float = 10.0
     bonus: bool = False
@@ -72,6 +77,43 @@ class Problem:
 
 
 @dataclass(frozen=True)
+class ByHand:
+    """What a person gives points for.
+
+    Attributes:
+        id: "a2.exercises"; the column of the sheet that they are written in.
+        title: What the handout calls it.
+        points: The most that it gives.
+    """
+
+    id: str
+    title: str
+    points: float
+
+
+@dataclass(frozen=True)
+class Late:
+    """What handing in late costs.
+
+    Attributes:
+        free_days: Days that cost nothing.
+        lost_per_day: Share of the points that each further day costs, from 0 to 1.
+    """
+
+    free_days: float = 0.0
+    lost_per_day: float = 0.0
+
+    def lost(self, days: float) -> float:
+        """Share of the points that is lost.
+
+        Example:
+            >>> Late(free_days=2, lost_per_day=0.1).lost(5)
+            0.3
+        """
+        return min(1.0, round(self.lost_per_day * max(0.0, days - self.free_days), 10))
+
+
+@dataclass(frozen=True)
 class Rubric:
     """An assignment: its problems in the order of the handout.
 
@@ -83,6 +125,9 @@ class Rubric:
         also_withhold: Modules and packages that students do not get and that solve no one problem.
         keeps: Modules that students do get, though their package is withheld.
         submit: Patterns of the files that are handed in.
+        term: Chooses the numbers that the public tests ask for; `tofrender new-term` draws one.
+        by_hand: What people grade.
+        late: What handing in late costs.
     """
 
     id: str
@@ -92,10 +137,13 @@ class Rubric:
     also_withhold: tuple[str, ...] = ()
     keeps: tuple[str, ...] = ()
     submit: tuple[str, ...] = ("*.py",)
+    term: int = 0
+    by_hand: tuple[ByHand, ...] = ()
+    late: Late = Late()
 
     @property
     def points(self) -> float:
-        """The maximum, without bonus."""
+        """The maximum, without bonus and what people grade."""
         return sum(problem.points for problem in self.problems if not problem.bonus)
 
     @cached_property
@@ -138,7 +186,9 @@ def read(path: str | Path) -> Rubric:
         where = f"{path}: problem {entry.get('id', len(problems) + 1)!r}"
         tests = tuple(_make(GradedTest, test, where) for test in entry.get("tests", []))
         problems.append(_make(Problem, entry | {"tests": tests}, where))
-    head = content.get("assignment", {}) | {"problems": tuple(problems)}
+    by_hand = [_make(ByHand, each, f"{path}: [[by_hand]]") for each in content.get("by_hand", [])]
+    head = content.get("assignment", {}) | {"problems": tuple(problems), "by_hand": tuple(by_hand)}
+    head["late"] = _make(Late, content.get("late", {}), f"{path}: [late]")
     rubric = _make(Rubric, head, f"{path}: [assignment]")
     _check(rubric, path)
     return rubric
@@ -160,13 +210,28 @@ def _make(kind: type, entry: dict[str, Any], where: str) -> Any:
 def _check(rubric: Rubric, path: Path) -> None:
     """Refuse what does not hold together."""
     ids = [problem.id for problem in rubric.problems]
+    ids += [each.id for each in rubric.by_hand]
     tests = [test.id for problem in rubric.problems for test in problem.tests]
     for kind, names in (("problem", ids), ("test", tests)):
         double = sorted({name for name in names if names.count(name) > 1})
         if double:
             raise ValueError(f"{path}: {kind} {double[0]!r} is there more than once")
-    if not ids:
+    if not rubric.problems:
         raise ValueError(f"{path}: has no [[problem]]")
+    if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_TERM:
+        raise ValueError(f"{path}: term = {rubric.term}: must be an integer from 0 to {MAX_TERM}")
+    if not 0 <= rubric.late.free_days < math.inf:
+        days = rubric.late.free_days
+        raise ValueError(f"{path}: [late]: free_days = {days}: must be a number from 0")
+    if not 0 <= rubric.late.lost_per_day <= 1:
+        share = rubric.late.lost_per_day
+        raise ValueError(f"{path}: [late]: lost_per_day = {share}: must be a number from 0 to 1")
+    for each in rubric.by_hand:
+        if not each.id.startswith(f"{rubric.id}.") or not 0 <= each.points < math.inf:
+            raise ValueError(
+                f"{path}: [[by_hand]] {each.id!r}: must start with {rubric.id!r} and a dot, and "
+                "give 0 points or more"
+            )
     for problem in rubric.problems:
         where = f"{path}: problem {problem.id!r}"
         if not problem.id.startswith(f"{rubric.id}."):
@@ -178,6 +243,11 @@ def _check(rubric: Rubric, path: Path) -> None:
         for need in problem.needs:
             if need not in ids:
                 raise ValueError(f"{where}: needs {need!r}, which is no problem of this file")
+        if problem.tests_of and (problem.tests_of not in ids or len(problem.names) != 1):
+            raise ValueError(
+                f"{where}: tests_of = {problem.tests_of!r}: must be a problem of this file, and "
+                "names one function that tests it"
+            )
         for test in problem.tests:
             if test.points < 0 or test.visibility not in VISIBILITIES:
                 raise ValueError(

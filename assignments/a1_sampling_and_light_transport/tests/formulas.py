@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tofrender.course.judge.inputs import Inputs
+
+inputs = Inputs(__file__)
 LAST = 1 - 2.0**-24
 """The largest number below 1 in single precision."""
 

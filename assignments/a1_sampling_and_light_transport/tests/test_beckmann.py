@@ -8,7 +8,11 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a1_beckmann
 
-ALPHAS = [0.05, 0.4, 1.5]
+ALPHAS = [
+    formulas.inputs.number("smooth", 0.05, low=0.04, high=0.08),
+    formulas.inputs.number("rough", 0.4, low=0.3, high=0.6),
+    formulas.inputs.number("very rough", 1.5, low=1.3, high=1.8),
+]
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)

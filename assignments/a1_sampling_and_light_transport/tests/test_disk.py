@@ -8,6 +8,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a1_disk
 
+INSIDE = formulas.inputs.number("inside of the disk", 0.3, low=0.1, high=0.9)
+
 
 def test_points_are_uniform(submission):
     """Equal areas of the disk get equal shares of the points."""
@@ -28,7 +30,7 @@ def test_points_are_uniform(submission):
 
 def test_density(submission):
     """1/pi on the disk, 0 off it."""
-    r = np.array([0.0, 0.3, 0.999, 1.001, 1.2, 3.0])
+    r = np.array([0.0, INSIDE, 0.999, 1.001, 1.2, 3.0])
     phi = np.array([0.0, 1.0, 2.5, 4.0])
     p = (r[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)).reshape(-1, 2)
     density = submission.ask("warp_pdf", name="square_to_uniform_disk_pdf", points=p)

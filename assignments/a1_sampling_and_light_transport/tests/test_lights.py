@@ -11,7 +11,8 @@ pytestmark = pytest.mark.a1_lights
 CORNERS = np.array([[-1.0, 0.2, 2.0], [1.5, -0.5, 2.5], [0.3, 1.8, 3.0]])  # its light goes to +z
 FLIPPED = CORNERS[[0, 2, 1]]
 TRIANGLE = ["Triangle", [FLIPPED.tolist()[0], *FLIPPED.tolist()[1:], 3.0], {}]
-CENTRE, RADIUS = np.array([0.5, -0.4, 2.0]), 0.7
+CENTRE = np.array([0.5, -0.4, 2.0])
+RADIUS = formulas.inputs.number("radius", 0.7, low=0.6, high=0.8)
 SPHERE = ["Sphere", [CENTRE.tolist(), RADIUS, 2.0], {}]
 ORIGIN = np.array([0.1, 0.2, -0.3])
 INSIDE = CENTRE + np.array([0.2, 0.1, 0.3])

@@ -9,7 +9,7 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a1_simple
 
-LIGHT = np.array([1.0, 0.3, 2.0])
+LIGHT = np.array([1.0, 0.3, formulas.inputs.number("height of the light", 2.0, low=1.8, high=2.4)])
 GROUND = np.array([[0.0, 0, 0], [1.0, 0.3, 0], [-2, 1, 0], [3, -3, 0], [0.5, 4, 0]])
 DOWN = np.array([0.0, 0.6, -0.8])
 

@@ -8,6 +8,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a1_tent
 
+INSIDE = formulas.inputs.number("inside of the tent", 0.125, low=0.06, high=0.4)
+
 
 def test_points_follow_the_tent(submission):
     """Points in the cells of a grid, against the integral of the tent."""
@@ -26,7 +28,7 @@ def test_points_follow_the_tent(submission):
 
 def test_density(submission):
     """The density inside, at the edges and outside."""
-    t = np.array([-1.5, -1.0, -0.75, -0.25, 0.0, 0.125, 0.5, 1.0, 1.25])
+    t = np.array([-1.5, -1.0, -0.75, -0.25, 0.0, INSIDE, 0.5, 1.0, 1.25])
     p = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
     density = submission.ask("warp_pdf", name="square_to_tent_pdf", points=p)
     outside = np.abs(p).max(axis=1) > 1

@@ -9,6 +9,8 @@ from tofrender.course.judge import expect
 pytestmark = pytest.mark.a1_triangles_and_caps
 
 CORNERS = np.array([[0.0, 0, 0], [1, 1, 1], [0.5, 1, 2]])
+CAP = np.cos(formulas.inputs.number("cap", np.pi / 4, low=0.6, high=1.0))
+CORNERS[2, 2] = formulas.inputs.number("corner", 2.0, low=1.5, high=2.5)
 
 
 def test_triangle_points(submission):
@@ -47,7 +49,7 @@ def test_triangle_density(submission):
     expect.close(above, 0.0, "density above the plane", hint="such points are never sampled")
 
 
-@pytest.mark.parametrize("cos_theta_max", [-1.0, 0.0, np.cos(np.pi / 4), 0.97])
+@pytest.mark.parametrize("cos_theta_max", [-1.0, 0.0, CAP, 0.97])
 def test_cap_points(submission, cos_theta_max):
     """Zones of equal height have equal area, in the cap."""
     v = submission.ask(

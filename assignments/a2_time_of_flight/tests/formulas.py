@@ -7,6 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from tofrender.course.judge.inputs import Inputs
+
+inputs = Inputs(__file__)
 SPEED_OF_LIGHT = 299_792_458.0
 
 
@@ -42,7 +45,15 @@ def decay(t, width) -> np.ndarray:
 
 # ------------------------------------------------------------------------- lamp over a plane
 
-LIGHT, INTENSITY, ALBEDO = (1.0, 0.3, 2.0), 3.0, 0.5
+LIGHT = (
+    inputs.number("lamp x", 1.0, low=0.8, high=1.2),
+    inputs.number("lamp y", 0.3, low=0.2, high=0.5),
+    inputs.number("lamp z", 2.0, low=1.8, high=2.3),
+)
+INTENSITY = inputs.number("lamp's intensity", 3.0, low=2.0, high=4.0)
+ALBEDO = inputs.number("albedo under the lamp", 0.5, low=0.4, high=0.7)
+X = inputs.number("x under the camera", 0.4, low=0.3, high=0.55)
+OVER = {"origin": (X, 0.0, 1.5), "target": (X, 0.0, 0.0)}
 
 
 def lamp(x, y, camera) -> tuple[np.ndarray, np.ndarray]:

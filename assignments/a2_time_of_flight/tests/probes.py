@@ -5,7 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import pulses_to_check
 import worlds
+
+from tofrender.course.judge import trials
 
 SEEDS = 16
 
@@ -51,6 +54,22 @@ def pulse_samples(theirs, width_opl, xi):
         "weight": mi.Float(weight) + dr.zeros(mi.Float, len(xi)),
         "is_array": dr.is_array_v(weight),
     }
+
+
+def defines(theirs, name):
+    """Load it, or say why not."""
+    getattr(theirs, name)
+
+
+def check_pulse(theirs, name, width_opl):
+    """What their test says of a pulse of `pulses_to_check`."""
+    return trials.verdict(theirs.check_pulse, getattr(pulses_to_check, name)(width_opl))
+
+
+def try_pulse(theirs, name, text):
+    """What their test says of a solution of a2.gaussian_pulse."""
+    made = trials.load(name, text)
+    return trials.verdict(theirs.check_pulse, made.GaussianPulse(width_opl=0.05))
 
 
 def modulation(theirs, frequency_hz, phase_offset, opl):

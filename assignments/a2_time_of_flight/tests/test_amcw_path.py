@@ -10,8 +10,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_amcw_path
 
-OVER = {"origin": (0.4, 0.0, 1.5), "target": (0.4, 0.0, 0.0)}
-RADIANCE, OPL = (float(v) for v in formulas.lamp(0.4, 0.0, OVER["origin"]))
+OVER = formulas.OVER
+RADIANCE, OPL = (float(v) for v in formulas.lamp(formulas.X, 0.0, OVER["origin"]))
 RAMP = (0.5, -0.4)
 
 
@@ -89,7 +89,7 @@ def test_lengths_start_at_the_camera(submission):
 
 def test_image(submission):
     """Each pixel sees its own path lengths."""
-    size, camera = (3, 2), (0.4, 0.0, 1.5)
+    size, camera = (3, 2), OVER["origin"]
     came = submission.ask(
         "amcw_image",
         scene="lamp",

@@ -9,7 +9,9 @@ from tofrender.course.judge import expect
 pytestmark = pytest.mark.a2_confocal
 
 DEVICE, LIT = (-0.3, -0.2, 0.9), (0.1, 0.1, 0.0)
-WALL, HIDDEN, POWER = 0.8, 0.6, 2.5
+WALL = formulas.inputs.number("albedo of the wall", 0.8, low=0.7, high=0.85)
+HIDDEN = formulas.inputs.number("albedo behind the corner", 0.6, low=0.5, high=0.7)
+POWER = formulas.inputs.number("power of the laser", 2.5, low=2, high=4)
 PATCH = formulas.patch((0.6, 0.1, 0.6), tilt=15, azimuth=20, half=(0.3, 0.2), cells=400)
 SMALL = {"view": {"origin": DEVICE, "target": LIT}, "scene": "around_corner"}
 

@@ -8,7 +8,11 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_gaussian_pulse
 
-WIDTHS = (0.005, 0.03, 0.7)
+WIDTHS = (
+    formulas.inputs.number("narrow pulse", 0.005, low=0.004, high=0.009),
+    formulas.inputs.number("middle pulse", 0.03, low=0.02, high=0.09),
+    formulas.inputs.number("wide pulse", 0.7, low=0.4, high=0.9),
+)
 
 
 def test_normalization(submission):

@@ -10,8 +10,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_time_gated
 
-OVER = {"origin": (0.4, 0.0, 1.5), "target": (0.4, 0.0, 0.0)}
-RADIANCE, OPL = (float(v) for v in formulas.lamp(0.4, 0.0, OVER["origin"]))
+OVER = formulas.OVER
+RADIANCE, OPL = (float(v) for v in formulas.lamp(formulas.X, 0.0, OVER["origin"]))
 
 
 def along_ray(submission, times, pulse, scene="lamp", max_depth=2, **ray):
@@ -182,7 +182,7 @@ def test_depth(submission, max_depth):
 
 def test_many_gates(submission):
     """Pixels and gates are where they belong: (height, width, gates, channels)."""
-    size, camera = (3, 2), (0.4, 0.0, 1.5)
+    size, camera = (3, 2), OVER["origin"]
     bins = (8, 3.3, 0.1)
     view = OVER | {"fov": 60.0, "size": size}
     came = submission.ask(

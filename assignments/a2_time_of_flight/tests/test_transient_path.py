@@ -10,8 +10,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_transient_path
 
-OVER = {"origin": (0.4, 0.0, 1.5), "target": (0.4, 0.0, 0.0)}
-RADIANCE, OPL = (float(v) for v in formulas.lamp(0.4, 0.0, OVER["origin"]))
+OVER = formulas.OVER
+RADIANCE, OPL = (float(v) for v in formulas.lamp(formulas.X, 0.0, OVER["origin"]))
 INSTANT = ("none", 0.0)
 
 

@@ -8,7 +8,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_transient_to_phasor
 
-START, WIDTH = 3.0, 0.02
+START = formulas.inputs.number("first edge", 3.0, low=2.5, high=3.5)
+WIDTH = 0.02
 NAMES = ("I", "Q", "amplitude", "phase", "depth")
 
 
@@ -36,7 +37,8 @@ def single(k, value=2.0):
 
 def test_real_and_imaginary_part(submission):
     """P = Σ L_k exp(+i 2π f opl_k / c), by bin centres."""
-    cube, frequency = random_cube(), 400e6
+    cube = random_cube()
+    frequency = formulas.inputs.number("wave of bins", 400.0, low=300, high=450) * 1e6
     came = convert(submission, cube, frequency)
     opl = START + (np.arange(50) + 0.5) * WIDTH
     k = 2 * np.pi * frequency / formulas.SPEED_OF_LIGHT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import drjit as dr
+import formulas
 import mitsuba as mi
 import numpy as np
 
@@ -113,8 +114,12 @@ def lamp(view):
     return load(
         {
             "sensor": view,
-            "plane": rectangle(np.diag([20.0, 20, 1, 1]), diffuse(0.5)),
-            "lamp": {"type": "point", "position": [1.0, 0.3, 2.0], "intensity": grey(3.0)},
+            "plane": rectangle(np.diag([20.0, 20, 1, 1]), diffuse(formulas.ALBEDO)),
+            "lamp": {
+                "type": "point",
+                "position": list(formulas.LIGHT),
+                "intensity": grey(formulas.INTENSITY),
+            },
         }
     )
 

@@ -8,13 +8,16 @@ import tomllib
 from pathlib import Path
 
 from ...runtime.atomic import replacing
-from .. import edition, material
+from .. import edition, material, pages
 from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric
+from . import repository
 from .leaks import leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
 EXTRAS = ("course",)
+PAGES = ("README.md", "exercises.md")
+"""What students also get as HTML."""
 
 
 class Leak(RuntimeError):
@@ -24,7 +27,8 @@ class Leak(RuntimeError):
 def release(assignment: Assignment, out: Path) -> Path:
     """Make `out/a2_time_of_flight/`, whole or not at all.
 
-    It holds the handout, the exercises, the figures, and the folder `package`, which pip installs
+    It holds the handout and the exercises, as Markdown and as HTML, the figures, what makes it a
+    repository that tests itself, and the folder `package`, which pip installs
     and which has the rest: `tofrender start` makes a student's folder from it.
 
     Args:
@@ -54,6 +58,14 @@ def release(assignment: Assignment, out: Path) -> Path:
                 shutil.copytree(inside / name, folder / name)
             elif (inside / name).is_file():
                 shutil.copyfile(inside / name, folder / name)
+        for name in PAGES:
+            if (folder / name).is_file():
+                text = (folder / name).read_text(encoding="utf-8")
+                html = pages.page(text)
+                for other in PAGES:
+                    html = html.replace(f'href="{other}', f'href="{Path(other).stem}.html')
+                (folder / name).with_suffix(".html").write_text(html, encoding="utf-8")
+        repository.write(folder, assignment.rubric, PACKAGE_FOLDER)
         _refuse(leaks(assignment, folder))
         if target.exists():
             raise FileExistsError(f"{target}: has appeared meanwhile; nothing is overwritten")

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
-from .. import material, notebooks
+from .. import material, mutants, notebooks
 from ..assignments import STAFF_TEST, Assignment
 from ..judge import running
 from ..rubric import Rubric
-from . import mutants
 
 POINTS_IN_TEXT = re.compile(
     r"\(\s*[\d.]+\s*(?:bonus )?(?:points?|pts?\.?)\s*\)|\bworth [\d.]+ |\bfor [\d.]+ points"
@@ -123,9 +122,11 @@ def _handout(assignment: Assignment) -> Iterator[str]:
         name = path.relative_to(assignment.folder)
         for match in POINTS_IN_TEXT.finditer(_read(path) if path.is_file() else ""):
             yield f"{name}: states points ({match[0].strip()!r}); only rubric.toml may"
-    for match in re.finditer(r"!\[[^\]]*\]\(([^)]+)\)", text):
-        if "://" not in match[1] and not (assignment.folder / match[1]).is_file():
-            yield f"README.md: picture {match[1]} does not exist"
+    for match in re.finditer(r"!\[([^\]]*)\]\(([^)]+)\)", text):
+        if len(match[1].split()) < 2:
+            yield f"README.md: picture {match[2]} has no text that says what is on it"
+        if "://" not in match[2] and not (assignment.folder / match[2]).is_file():
+            yield f"README.md: picture {match[2]} does not exist"
 
 
 def _tests(assignment: Assignment) -> Iterator[str]:

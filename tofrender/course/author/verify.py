@@ -23,12 +23,12 @@ from functools import cached_property
 from pathlib import Path
 
 from ...runtime import checks
-from .. import edition
+from .. import edition, mutants
 from ..assignments import PACKAGE, Assignment
 from ..judge import running
 from ..material import points_text
 from ..student.start import start
-from . import leaks, mutants, structure
+from . import leaks, structure, trying
 
 CHECKS = ("structure", "edition", "starter", "reference", "solutions", "mutants")
 CRASHES = ("the process crashed", "ended itself", "no answer within", "used more than")
@@ -130,7 +130,7 @@ class _Work:
         shutil.copytree(self.assignment.solutions, target, dirs_exist_ok=True)
         for name in self.assignment.given:
             shutil.copy(self.assignment.starter / name, target)
-        mutants.solve_notebook(self.assignment, target, self._edition)
+        trying.solve_notebook(self.assignment, target, self._edition)
         return target
 
     @staticmethod
@@ -142,7 +142,7 @@ class _Work:
                 yield f"{name}: did not run"
             elif outcome.outcome != "passed":
                 several = f" ({len(outcome.texts)} of {outcome.cases} cases)"
-                text = mutants.one_line(outcome.texts[0] if outcome.texts else "")
+                text = trying.one_line(outcome.texts[0] if outcome.texts else "")
                 yield f"{name}: {outcome.outcome}{several * (outcome.cases > 1)}: {text}"
 
     # ------------------------------------------------------------------------------ checks
@@ -188,7 +188,7 @@ class _Work:
             for text in outcome.texts:
                 crash = next((crash for crash in CRASHES if crash in text), None)
                 if crash or not ("not written yet" in text or "is missing" in text):
-                    check.reasons.append(f"{name}: {mutants.one_line(text)}")
+                    check.reasons.append(f"{name}: {trying.one_line(text)}")
         check.detail = f"{len(outcomes)} tests fail"
 
     def reference(self, check: Check) -> None:
@@ -205,7 +205,7 @@ class _Work:
                 if problem.names:  # others share the file of one that has some
                     with (folder / problem.file).open("a", encoding="utf-8") as file:
                         file.write(f"from {problem.reference} import {', '.join(problem.names)}\n")
-            mutants.solve_notebook(self.assignment, folder, PACKAGE.parent)
+            trying.solve_notebook(self.assignment, folder, PACKAGE.parent)
             outcomes |= running.run(self.assignment.folder, tests=files, submission=folder)
         check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
         check.detail = f"{len(outcomes)} tests, {len(files)} of them of the notebook's results"
@@ -270,7 +270,7 @@ class _Work:
 
         def judge(mutant: mutants.Mutant) -> list[str]:
             folder = self.folder / "mutants" / mutant.id
-            return mutants.judge(self.assignment, mutant, right, folder, package)
+            return trying.judge(self.assignment, mutant, right, folder, package)
 
         with ThreadPoolExecutor(_cores()) as pool:
             runs = [pool.submit(judge, mutant) for mutant in those]

@@ -22,18 +22,18 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from ...runtime.atomic import replacing
 from .. import edition
 from ..assignments import PACKAGE, Assignment
 from ..judge import processes, running, sandbox
 from ..rubric import Problem
 from . import unpacking
-from .results import Grade, Results, finished, grades_of, printable, write_csv
+from .results import Grade, Results, grades_of
 
 TIME_LIMIT_S = 540.0
 """Time for a submission [s], below the ten minutes that Gradescope gives."""
@@ -42,6 +42,7 @@ MEMORY_GIB = 4.0
 JUDGE_GIB = 2.0  # of the judge, besides
 START_S = 30.0  # of judge and worker, on a slow machine
 LEAST_S = 20.0  # for a problem, even if those before it have used up the time
+MAX_PICTURES, MAX_PICTURE = 40, 4 << 20  # of a problem; of each [bytes]
 KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DRJIT_", "TZ")
 
 
@@ -61,7 +62,13 @@ class Grader:
     time_limit_s: float = TIME_LIMIT_S
     memory_gib: float = MEMORY_GIB
 
-    def grade(self, submission: Path, out: Path, hidden: Sequence[Path] = ()) -> Results:
+    def grade(
+        self,
+        submission: Path,
+        out: Path,
+        hidden: Sequence[Path] = (),
+        pictures: Path | None = None,
+    ) -> Results:
         """Grade a submission.
 
         Call it from a thread that stays: what it starts ends with that thread.
@@ -70,6 +77,7 @@ class Grader:
             submission: Folder or zip.
             out: File to write in Gradescope's format.
             hidden: What the submission must not read, besides solutions.
+            pictures: Folder to make of pictures of failures, if there are any.
 
         Returns:
             What is in the file.
@@ -82,12 +90,17 @@ class Grader:
         results.write(out)
         results.remarks = []
         folder = Path(tempfile.mkdtemp(prefix="submission-", dir=self.scratch))
+        # as one of them is hidden, those that others make later are not to be read either
+        others = [path for path in self.scratch.iterdir() if path.name != "edition"]
+        hidden = [*hidden, *(path for path in others if path != folder)]
         try:
             unpacking.extract(submission, rubric.submit, folder / "submission")
         except unpacking.BadSubmission as error:
             results.remarks.append(f"the submission {error}")
+            _keep_pictures(folder / "pictures", pictures)
         else:
             self._judge_all(folder, results, begin, hidden)
+            _keep_pictures(folder / "pictures", pictures)
         finally:
             remove(folder)
         results.seconds = time.monotonic() - begin
@@ -99,7 +112,7 @@ class Grader:
     def fingerprint(self) -> str:
         """Stands for the rubric and the tests."""
         digest = hashlib.sha256()
-        for path in _judging_files(self.assignment.folder):
+        for path in judging_files(self.assignment):
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
         return digest.hexdigest()[:16]
 
@@ -133,7 +146,7 @@ class Grader:
         for name in ("home", "tmp", "report"):
             (place / name).mkdir(parents=True)
         judging = place / "judging"
-        for path in _judging_files(self.assignment.folder):
+        for path in judging_files(self.assignment, problem):
             target = judging / path.relative_to(self.assignment.folder)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
@@ -143,6 +156,7 @@ class Grader:
             "submission": folder / "submission",
             "edition": package,
             "report": report,
+            "pictures": place / "report" / "pictures",
             "memory-gib": self.memory_gib,
         }
         pytest = [sys.executable, "-P", "-s", "-m", "pytest", *running.QUICKLY]
@@ -160,6 +174,11 @@ class Grader:
             env=_environment(place, package),
         )
         lines = running.read_report(report)
+        drawn = folder / "pictures"
+        drawn.mkdir(exist_ok=True)
+        for path in sorted((place / "report" / "pictures").glob("*.png"))[:MAX_PICTURES]:
+            if path.is_file() and not path.is_symlink() and path.stat().st_size <= MAX_PICTURE:
+                shutil.copyfile(path, drawn / f"{problem.marker}-{path.name}")
         whole = not ended.reason and ended.status in (0, 1)  # 1: some failed
         reason = ended.reason and f"not judged: the problem {ended.reason}"
         if not whole and not reason:
@@ -178,62 +197,12 @@ def opened(assignment: Assignment, **limits: float) -> Iterator[Grader]:
     """
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
-        edition.copy(assignment, scratch / "edition")
+        (scratch / "others").mkdir()
+        edition.of_grading(assignment, scratch / "edition")
         compileall.compile_dir(scratch / "edition", quiet=1)
         yield Grader(assignment, scratch, **limits)
     finally:
         remove(scratch)
-
-
-def grade_all(
-    grader: Grader, folder: Path, csv: Path, out: Path, say: Callable[[str], None]
-) -> None:
-    """Grade every folder and zip of a folder, none of which sees another.
-
-    What is graded already is kept, unless the submission or the tests have changed since.
-
-    Args:
-        grader: What grades.
-        folder: Folder of the submissions.
-        csv: File to write after each of them, a line each.
-        out: Folder of the results files, `NAME.json` each.
-        say: Gets a line about each.
-    """
-    submissions = submissions_in(folder, out)
-    out.mkdir(parents=True, exist_ok=True)
-    rubric, fingerprint = grader.assignment.rubric, grader.fingerprint
-    rows: dict[str, Any] = {}
-    for number, submission in enumerate(submissions, 1):
-        path = out / f"{submission.name}.json"
-        content = finished(path, rubric, fingerprint)
-        kept = content is not None and _changed(submission) <= path.stat().st_mtime
-        if content is None or not kept:
-            content = grader.grade(submission, path, [folder, out]).gradescope()
-        del content["tests"]
-        rows[submission.name] = content
-        write_csv(csv, rubric, rows)
-        points = f"{content['score']:g} of {rubric.points:g} points"
-        name = printable(submission.name, 100)
-        how = "graded before" if kept else f"{content['execution_time']:.0f} s"
-        say(f"[{number}/{len(submissions)}] {name}: {points}, {how}")
-
-
-def submissions_in(folder: Path, out: Path) -> list[Path]:
-    """The folders and zips of a folder, by name.
-
-    Raises:
-        ValueError: There are none.
-    """
-    found = [
-        path
-        for path in sorted(folder.iterdir())
-        if not path.name.startswith(".")
-        and (path.is_dir() or path.suffix.lower() == ".zip")
-        and path.resolve() != out.resolve()
-    ]
-    if not found:
-        raise ValueError(f"--all = {folder}: holds no folders and no zips")
-    return found
 
 
 def remove(folder: Path) -> None:
@@ -244,11 +213,34 @@ def remove(folder: Path) -> None:
         subprocess.run(["rm", "-rf", "--", str(folder)], check=False, stderr=subprocess.DEVNULL)
 
 
-def _judging_files(folder: Path) -> list[Path]:
-    """What of an assignment's folder the judge needs."""
+def judging_files(assignment: Assignment, problem: Problem | None = None) -> list[Path]:
+    """What of an assignment's folder the judge needs.
+
+    Args:
+        assignment: With all its tests.
+        problem: The problem that is judged; None for all of them.
+    """
+    folder, rubric = assignment.folder, assignment.rubric
     files = [folder / "rubric.toml", folder / "pytest.ini"]
     tests = sorted((folder / "tests").rglob("*"))
-    return files + [path for path in tests if path.is_file() and "__pycache__" not in path.parts]
+    files += [path for path in tests if path.is_file() and "__pycache__" not in path.parts]
+    testing = [each for each in rubric.problems if each.tests_of and problem in (None, each)]
+    if testing:  # a student's test is tried on right and wrong solutions
+        tested = {each.tests_of for each in testing}
+        names = [each.file for each in rubric.problems if each.id in tested]
+        files += [folder / "mutants.toml", *(assignment.solutions / name for name in names)]
+    return files
+
+
+def _keep_pictures(made: Path, target: Path | None) -> None:
+    """Put a submission's pictures where they stay, in the place of earlier ones."""
+    if target is None:
+        return
+    if made.is_dir() and any(made.iterdir()):
+        with replacing(target, folder=True) as folder:
+            shutil.copytree(made, folder, dirs_exist_ok=True)
+    elif target.is_dir():
+        remove(target)
 
 
 def _environment(place: Path, package: Path) -> dict[str, str]:
@@ -263,16 +255,3 @@ def _environment(place: Path, package: Path) -> dict[str, str]:
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
     }
-
-
-def _changed(submission: Path) -> float:
-    """When a file of a submission was last changed or put there [s since 1970]."""
-    paths = [submission]
-    for folder, folders, names in os.walk(submission):
-        paths += [Path(folder, name) for name in (*folders, *names)]
-    newest = 0.0
-    for path in paths:
-        with suppress(OSError):
-            state = path.lstat()
-            newest = max(newest, state.st_mtime, state.st_ctime)
-    return newest

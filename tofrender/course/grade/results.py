@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...runtime.atomic import replacing
-from ..material import points_text
+from ..judge.expect import PICTURE
 from ..rubric import GradedTest, Problem, Rubric
 
 KEPT_TEXT = 6000
@@ -26,11 +25,15 @@ class Grade:
         passed: Whether all its cases passed, which gives all its points.
         reason: Why not, as a student reads it.
         seconds: How long it took [s].
+        share: Share of the points that it gives all the same.
+        pictures: Names of pictures of what was expected and what came.
     """
 
     passed: bool = False
     reason: str = "not judged"
     seconds: float = 0.0
+    share: float = 0.0
+    pictures: tuple[str, ...] = ()
 
 
 @dataclass
@@ -60,8 +63,9 @@ class Results:
         return self.grades.get(test.id, Grade())
 
     def points(self, test: GradedTest) -> float:
-        """What a test gives: all its points or none."""
-        return test.points if self.grade(test).passed else 0.0
+        """What a test gives: all its points, none, or the share that it awards."""
+        grade = self.grade(test)
+        return test.points if grade.passed else round(test.points * grade.share, 2)
 
     def problem_points(self, problem: Problem) -> float:
         """What all tests of a problem give."""
@@ -119,7 +123,11 @@ class Results:
             "output": "" if grade.passed else printable(grade.reason, KEPT_TEXT),
             "visibility": test.visibility,
             "tags": [problem.id] + ["bonus"] * problem.bonus,
-            "extra_data": {"test": test.id, "execution_time": round(grade.seconds, 2)},
+            "extra_data": {
+                "test": test.id,
+                "execution_time": round(grade.seconds, 2),
+                "pictures": list(grade.pictures),
+            },
         }
 
     def write(self, path: Path) -> None:
@@ -138,25 +146,6 @@ def finished(path: Path, rubric: Rubric, fingerprint: str) -> dict[str, Any] | N
         return content if extra["complete"] and same else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def write_csv(path: Path, rubric: Rubric, rows: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write a class: a line for each submission, with the total, each problem and the reasons.
-
-    Args:
-        path: File to write.
-        rubric: The assignment's problems.
-        rows: What is in each submission's `results.json`, by the submission's name.
-    """
-    problems = [problem.id for problem in rubric.problems]
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["submission", "total", *problems, "reason"])
-        for name, content in rows.items():
-            extra = content["extra_data"]
-            points = [points_text(extra["problems"][problem]) for problem in problems]
-            reason = _cell(extra["summary"])
-            writer.writerow([_cell(name), points_text(content["score"]), *points, reason])
 
 
 def grades_of(
@@ -182,7 +171,10 @@ def grades_of(
         cut = not ended and bool(lines) and lines[-1]["id"] == test.id
         if failed:
             text = "\n\n".join(_case(line) for line in failed[:3])
-            grades[test.id] = Grade(False, text, seconds)
+            text, names = _without_pictures(text)
+            pictures = tuple(f"{problem.marker}-{name}" for name in names)
+            share = 0.0 if cut else min(float(line["share"]) for line in cases)
+            grades[test.id] = Grade(False, text, seconds, share, pictures)
         elif not cases or cut:
             why = reason or "not judged: the test did not run"
             grades[test.id] = Grade(False, why, seconds)
@@ -203,6 +195,13 @@ def printable(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[:half]} [...] {text[-half:]}"
 
 
+def _without_pictures(text: str) -> tuple[str, tuple[str, ...]]:
+    """A test's text without the places of its pictures, and the names of these."""
+    lines = text.split("\n")
+    found = tuple(Path(line[len(PICTURE) :]).name for line in lines if line.startswith(PICTURE))
+    return "\n".join(line for line in lines if not line.startswith(PICTURE)), found
+
+
 def _case(line: Mapping[str, Any]) -> str:
     text = line["text"] or ("skipped" if line["outcome"] == "skipped" else "failed")
     return f"case {line['case']}: {text}" if line["case"] else text
@@ -210,9 +209,3 @@ def _case(line: Mapping[str, Any]) -> str:
 
 def _first_lines(text: str) -> str:
     return " ".join(printable(text, 300).split())
-
-
-def _cell(text: str) -> str:
-    """Text that no spreadsheet takes for a formula."""
-    text = " ".join(printable(text, 2000).split())
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text

@@ -22,6 +22,8 @@ from .processes import Supervised
 WORKER = "tofrender.course.judge.worker"
 START_S = 90.0
 MAX_ANSWER = 1 << 30
+TELLING = ("mutants.toml", "solutions")
+"""What an assignment's folder may hold besides tests that no submission reads."""
 
 
 class NoAnswer(AssertionError):
@@ -116,9 +118,10 @@ class Worker:
             (self._place / name).mkdir()
         limits = self._limits
         tests = self._assignment / "tests"
+        hidden = [*tests.glob("test_*.py"), *map(self._assignment.joinpath, TELLING)]
         confine = {
             "writable": [str(self._place / name) for name in ("answers", "work", "tmp")],
-            "hidden": [str(path) for path in tests.glob("test_*.py")],
+            "hidden": [str(path) for path in hidden if path.exists()],
             "memory_bytes": limits.memory_bytes,
         }
         settings = {

@@ -19,6 +19,10 @@ from ...sampling.statistics import p_values, smallest_allowed
 
 ALPHA = 1e-3
 """Chance that a right submission fails anywhere in an assignment."""
+PICTURE = "  picture:  "
+"""What the line of a failure starts with that names its picture."""
+HINT = "  hint:     "
+"""What the line starts with that names the usual cause."""
 
 
 class Failure(AssertionError):
@@ -273,11 +277,11 @@ def _fail_at(index, came, wanted, what, hint, x, x_label) -> None:
 def _fail(what: str, wanted: str, came: str, hint: str, picture: Path | None = None) -> NoReturn:
     __tracebackhide__ = True
     lines = [what, f"  expected: {wanted}", f"  came:     {came}", *_hint(hint)]
-    raise Failure("\n".join(lines + ([f"  picture:  {picture}"] if picture else [])))
+    raise Failure("\n".join(lines + ([f"{PICTURE}{picture}"] if picture else [])))
 
 
 def _hint(hint: str) -> list[str]:
-    return [f"  hint:     {hint}"] if hint else []
+    return [f"{HINT}{hint}"] if hint else []
 
 
 def _number(value: Any) -> str:

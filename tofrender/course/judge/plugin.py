@@ -12,6 +12,7 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 | `--collected FILE` | write which tests there are, with their markers |
 | `--edition DIR` | folder whose `tofrender` the submission sees |
 | `--memory-gib N`, `--confine` | limits of the submission's processes |
+| `--pictures DIR` | where pictures of failures go; by default to the student's `failures/` |
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ import numpy as np
 import pytest
 
 from .. import rubric
-from . import expect
+from ..assignments import Assignment
+from . import expect, inputs
 from .client import Limits, NoAnswer, Worker
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
@@ -37,13 +39,29 @@ class Submission:
     """What a test asks: the fixture `submission`.
 
     Attributes:
+        assignment: Whose test it is.
+        problem: The problem that the test judges, None if it is of none.
         is_seeded: Whether the test has asked for its seed.
         uses: The submission's names that the probes have used.
+        share: Share of the test's points that it gives although it fails.
     """
 
-    def __init__(self, worker: Worker, folder: Path | None, timeout_s: float, seed: int) -> None:
-        self._worker, self._folder, self._timeout_s, self._seed = worker, folder, timeout_s, seed
-        self.is_seeded, self.uses = False, set[str]()
+    def __init__(
+        self,
+        worker: Worker,
+        folder: Path | None,
+        assignment: Assignment,
+        problem: rubric.Problem | None,
+        seed: int,
+    ) -> None:
+        self._worker, self._folder, self._seed = worker, folder, seed
+        self.assignment, self.problem = assignment, problem
+        self._timeout_s = problem.timeout_s if problem else 60.0
+        self.is_seeded, self.uses, self.share = False, set[str](), 0.0
+
+    def award(self, share: float) -> None:
+        """Give a share of the test's points, from 0 to 1, even if the test fails after this."""
+        self.share = min(1.0, max(0.0, float(share)))
 
     @property
     def seed(self) -> int:
@@ -100,10 +118,10 @@ class Submission:
 def submission(request: pytest.FixtureRequest) -> Submission:
     """The submission that is judged."""
     config = request.config
-    problem = _problem(request.node)
-    timeout_s = problem.timeout_s if problem else 60.0
     seed = int(config.getoption("--seed") or 0) + getattr(request, "param", 0) * 1_000_003
-    asked = Submission(config.stash[WORKER], _folder(config), timeout_s, seed)
+    seed += inputs.seed_of(config.stash[RUBRIC].term)
+    assignment, problem = Assignment(config.rootpath), _problem(request.node)
+    asked = Submission(config.stash[WORKER], _folder(config), assignment, problem, seed)
     request.node.stash[ASKED] = asked
     return asked
 
@@ -122,6 +140,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--edition", metavar="DIR", help="package that the submission sees")
     group.addoption("--memory-gib", type=float, metavar="N", help="memory of the submission")
     group.addoption("--confine", action="store_true", help="let it write in its scratch only")
+    group.addoption("--pictures", metavar="DIR", help="folder for pictures of failures")
     parser.addini("submission", "folder of the files to judge, from the ini file's folder")
 
 
@@ -144,6 +163,9 @@ def pytest_configure(config: pytest.Config) -> None:
     for problem in assignment.problems:
         config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
     pictures = folder / "failures" if config.getini("submission") and folder else None
+    drawn = config.getoption("--pictures")
+    if drawn:
+        pictures = Path(drawn).resolve()
     expect.configure(comparisons=assignment.comparisons, pictures=pictures)
     memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
     limits = Limits(memory and int(memory * 2**30), bool(config.getoption("--confine")))
@@ -220,6 +242,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
             "text": str(bad[0].longrepr) if bad else "",
+            "share": asked.share if bad and asked is not None else float(not (bad or skipped)),
             "seconds": sum(r.duration for r in _reports),
             "seeded": asked is not None and asked.is_seeded,
             "uses": sorted(asked.uses) if asked is not None else [],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from ..rubric import Rubric
 OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
 QUICKLY = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
 """Options of pytest with which it starts no Mitsuba and leaves no files."""
-REPORTED = {"id", "case", "outcome", "text", "seconds"}
+REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}
 """What every line of a report says."""
 
 
@@ -30,6 +31,7 @@ class Outcome:
     Attributes:
         outcome: "passed", "failed", or "skipped" if all its cases were.
         texts: What the cases said that failed.
+        share: Share of its points that it gives: that of its worst case.
         seconds: How long all its cases took.
         cases: How many there were.
         seeded: Whether the test draws random numbers.
@@ -38,6 +40,7 @@ class Outcome:
 
     outcome: str
     texts: tuple[str, ...] = ()
+    share: float = 0.0
     seconds: float = 0.0
     cases: int = 1
     seeded: bool = False
@@ -61,7 +64,7 @@ def run(
         submission: What is judged; None for what `pytest.ini` says, or the package.
         edition: Folder of the package that tests and submission see; None for this one.
         seeds: How often each test is repeated, each time under another seed.
-        more: Further options of pytest.
+        more: Further options of pytest, which may choose no test.
 
     Returns:
         The outcomes by the tests' ids.
@@ -76,7 +79,7 @@ def run(
         options += [] if tests is None else [f"tests/{test}" for test in tests]
         result = pytest(folder, options, edition)
         lines = read_report(report)
-    if result.returncode not in (OK, SOME_FAILED):
+    if result.returncode not in (OK, SOME_FAILED, *([NONE_COLLECTED] if more else [])):
         raise RuntimeError(f"pytest failed in {folder.name}: {last_lines(result)}")
     return outcomes_of(lines)
 
@@ -107,6 +110,7 @@ def _outcome_of(cases: list[dict]) -> Outcome:
     return Outcome(
         outcome,
         texts,
+        share=min(case["share"] for case in cases),
         seconds=sum(case["seconds"] for case in cases),
         cases=len(cases),
         seeded=any(case["seeded"] for case in cases),
@@ -115,10 +119,11 @@ def _outcome_of(cases: list[dict]) -> Outcome:
 
 
 def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
-    """The points of each problem: those of its tests that passed."""
-    passed = {name for name, outcome in outcomes.items() if outcome.outcome == "passed"}
+    """The points of each problem: those of its tests that passed, and shares of others."""
     return {
-        problem.id: sum(test.points for test in problem.tests if test.id in passed)
+        problem.id: math.fsum(
+            test.points * outcomes[test.id].share for test in problem.tests if test.id in outcomes
+        )
         for problem in rubric.problems
     }
 

@@ -1,7 +1,8 @@
-"""The notebook's cells that are files: `%%solution pulse.py`.
+"""The notebook's cells that are files, `%%solution pulse.py`, and test them, `%%test pulse.py`.
 
-Running such a cell writes the file, and what has been imported from it is imported anew. A file
-that an editor has changed since is kept as a numbered backup.
+Running the first writes the file, and what has been imported from it is imported anew. A file that
+an editor has changed since is kept as a numbered backup. The second runs the public tests of its
+problems.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ import hashlib
 import importlib
 import json
 import re
+import shlex
 import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from ...runtime.atomic import replacing
+from .. import rubric as rubrics
+from ..judge import running
 
 RECORD = ".tofrender-cells.json"
 """File beside the notebook: what the cells last wrote, as a hash of each file."""
@@ -24,7 +28,7 @@ FILE_NAME = re.compile(r"[A-Za-z_]\w*\.py")
 
 
 def load_ipython_extension(shell: Any) -> None:
-    """Offer `%%solution FILE`."""
+    """Offer `%%solution FILE` and `%%test FILE`."""
 
     def solution(line: str, cell: str) -> None:
         """Write the cell to FILE, and import anew what was imported from it."""
@@ -34,12 +38,17 @@ def load_ipython_extension(shell: Any) -> None:
         print(save(path, cell))
         refresh(path, shell.user_ns)
 
+    def test(line: str, cell: str = "") -> None:
+        """Run the public tests of FILE, or of a problem; below it, options of pytest."""
+        print(run_tests(Path.cwd(), line.strip(), cell))
+
     folder = Path.cwd()
     if not (folder / "rubric.toml").is_file():
         print(f"note: the cells' files go to {folder}, which has no rubric.toml")
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
     shell.register_magic_function(solution, "cell")
+    shell.register_magic_function(test, "line_cell")
 
 
 def save(path: Path, cell: str) -> str:
@@ -74,6 +83,34 @@ def save(path: Path, cell: str) -> str:
         temporary.write_bytes(text.encode())
     _write_record(path.parent, written | {path.name: _hash(text.encode())})
     return said
+
+
+def run_tests(folder: Path, name: str, options: str = "") -> str:
+    """Run the public tests of a file's problems, and say what came.
+
+    Args:
+        folder: A student's folder.
+        name: A file like pulse.py, or a problem like a2.gaussian_pulse; "" for all.
+        options: Options of pytest, a line each; lines that start with # are passed over.
+
+    Raises:
+        ValueError: There is no such file or problem; one line.
+    """
+    if not (folder / "tests").is_dir():
+        return f"{folder} has no tests"
+    assignment = rubrics.read(folder)
+    those = [p for p in assignment.problems if name in ("", p.file, p.id, p.marker)]
+    if not those:
+        known = dict.fromkeys(p.file for p in assignment.problems if p.file)
+        raise ValueError(f"%%test {name}: must be one of {', '.join(known)}, or a problem's id")
+    words = [w for line in options.splitlines() if line[:1] != "#" for w in shlex.split(line)]
+    marked = ["-m", " or ".join(problem.marker for problem in those)]
+    outcomes = running.run(folder, submission=folder, more=[*marked, *words])
+    lines = []
+    for test, outcome in outcomes.items():
+        lines.append(f"{outcome.outcome}  {test.partition('::')[2]}  {outcome.seconds:.1f} s")
+        lines += [f"    {line}" for text in outcome.texts[:2] for line in text.splitlines()]
+    return "\n".join(lines or ["no tests were chosen"])
 
 
 def remember(folder: Path, names: list[str]) -> None:

@@ -1,0 +1,591 @@
+"""What a teacher does with a class: rosters, sheets, pages, autograders, new terms, similarity."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_assignment
+from tiny_assignment import RIGHT
+
+pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
+
+from tofrender.cli import app as cli
+from tofrender.course import mutants, pages, rubric
+from tofrender.course.assignments import Assignment, find
+from tofrender.course.author import terms
+from tofrender.course.grade import (
+    classes,
+    feedback,
+    gradescope,
+    grading,
+    overview,
+    roster,
+    similarity,
+    standing,
+)
+from tofrender.course.grade.roster import Marks, Member
+from tofrender.course.judge import running
+from tofrender.course.judge.inputs import Inputs
+from tofrender.course.rubric import ByHand, GradedTest, Late, Problem, Rubric
+
+BY_HAND = """
+[[by_hand]]
+id = "a0.exercises"
+title = "Exercises"
+points = 4
+
+[late]
+free_days = 1
+lost_per_day = 0.1
+"""
+MUTANTS = """
+[[mutant]]
+id = "takes_the_difference"
+problem = "a0.add"
+file = "add.py"
+why = "It subtracts."
+edits = [["a + b", "a - b"]]
+fails = ["test_add.py::test_numbers", "test_add.py::test_arrays"]
+says = "the sum"
+
+[[mutant]]
+id = "forgets_b"
+problem = "a0.add"
+file = "add.py"
+why = "It forgets b."
+edits = [["a + b", "a"]]
+fails = ["test_add.py::test_numbers", "test_add.py::test_arrays"]
+says = "the sum"
+"""
+CHECKED = {
+    "rubric.toml": tiny_assignment.RUBRIC
+    + """
+[[problem]]
+id = "a0.check"
+title = "A test of sums"
+file = "check.py"
+names = ["check_add"]
+tests_of = "a0.add"
+timeout_s = 4
+takes_s = 1
+tests = [{ id = "test_check_staff.py::test_share", points = 4, visibility = "after_published" }]
+"""
+    + BY_HAND,
+    "mutants.toml": MUTANTS,
+    "tests/probes.py": tiny_assignment.FILES["tests/probes.py"]
+    + """
+from tofrender.course.judge import trials
+
+def defines(theirs, name):
+    getattr(theirs, name)
+
+def try_add(theirs, name, text):
+    return trials.verdict(theirs.check_add, trials.load(name, text).add)
+""",
+    "tests/test_check_staff.py": """
+import pytest
+
+from tofrender.course.judge import trials
+from tofrender.course.judge.trials import Solution
+
+pytestmark = pytest.mark.a0_check
+OTHER = "def add(a, b):\\n    return -(-a - b)\\n"
+
+
+def test_share(submission):
+    trials.share_found(submission, "try_add", [Solution("other", OTHER)])
+""",
+    "starter/check.py": "def check_add(add):\n    raise NotImplementedError\n",
+    "solutions/check.py": "def check_add(add):\n    assert add(2, 3) == 5\n",
+}
+FILES = tiny_assignment.FILES | CHECKED
+
+
+@pytest.fixture(scope="module")
+def staff(tmp_path_factory) -> Assignment:
+    return find(tiny_assignment.write(tmp_path_factory.mktemp("staff") / "a0_sums", FILES))
+
+
+@pytest.fixture(scope="module")
+def toy() -> Rubric:
+    tests = (GradedTest("test_a.py::test_x", 2), GradedTest("test_a.py::test_y", 2))
+    bonus = Problem("a0.b", "B", (GradedTest("test_b.py::test_z", 1),), bonus=True)
+    return Rubric(
+        "a0",
+        "Toys",
+        (Problem("a0.a", "A", tests), bonus),
+        by_hand=(ByHand("a0.text", "Text", 4),),
+        late=Late(1, 0.1),
+    )
+
+
+def zips(folder: Path, *names: str) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        with zipfile.ZipFile(folder / name, "w") as archive:
+            archive.writestr("add.py", RIGHT["add.py"])
+    return sorted(folder.iterdir())
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# -------------------------------------------------------------------------- tests by students
+
+CHECKS = {
+    "finds all": ("def check_add(add):\n    assert add(2, 3) == 5\n", 1.0, ""),
+    "finds a half": ("def check_add(add):\n    assert add(2, 3) > 1\n", 0.5, "1 of 2"),
+    "finds none": ("def check_add(add):\n    pass\n", 0.0, "0 of 2 wrong solutions"),
+    "fails right ones": ("def check_add(add):\n    assert 0\n", 0.0, "2 of 2 right solutions fail"),
+    "is a stub": (FILES["starter/check.py"], 0.0, "not written yet: check_add"),
+    "ends the process": ("import os\ndef check_add(add):\n    os._exit(0)\n", 0.0, "has to end"),
+    "is endless": ("def check_add(add):\n    while True: pass\n", 0.0, "has to end"),
+    "tells our code": (
+        "import inspect\n"
+        "def check_add(add):\n"
+        "    frame = inspect.currentframe()\n"
+        "    while 'text' not in frame.f_locals or 'return' not in frame.f_locals['text']:\n"
+        "        frame = frame.f_back\n"
+        "    raise NotImplementedError(frame.f_locals['text'])\n",
+        0.0,
+        "not written yet: check_add",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHECKS)
+def test_a_students_test_gets_its_share(staff, tmp_path, name):
+    text, share, said = CHECKS[name]
+    student = tiny_assignment.write(tmp_path / "student", {"check.py": text})
+    test = "test_check_staff.py::test_share"
+    outcome = running.run(staff.folder, tests=[test], submission=student)[test]
+    assert outcome.share == share
+    assert said in "".join(outcome.texts)
+    assert "return" not in "".join(outcome.texts)
+    assert running.points_of(staff.rubric, {test: outcome})["a0.check"] == 4 * share
+
+
+def test_a_problem_of_tests_names_what_it_tests(tmp_path):
+    for old, new in (('tests_of = "a0.add"', 'tests_of = "a0.ad"'), ('["check_add"]', "[]")):
+        tiny_assignment.write(tmp_path, {"rubric.toml": FILES["rubric.toml"].replace(old, new)})
+        with pytest.raises(ValueError, match="must be a problem of this file, and names one"):
+            rubric.read(tmp_path)
+
+
+# ----------------------------------------------------------------------------------- a class
+
+
+@pytest.mark.slow
+def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    everyone = tmp_path / "class"
+    half = "def check_add(add):\n    assert add(2, 3) > 1\n"
+    tiny_assignment.write(everyone / "x_ada", RIGHT | {"check.py": half})
+    tiny_assignment.write(
+        everyone / "ben", {"add.py": "def add(a, b):\n    return a - b\n", "mean.py": "1 / 0"}
+    )
+    tiny_assignment.write(everyone / "dora", RIGHT | {"check.py": FILES["solutions/check.py"]})
+    zips(everyone, "unknown.zip")
+    (tmp_path / "roster.csv").write_text(
+        "id,name,section\nada,Ada L.,1\nben,Ben,1\ncarl,Carl,2\n17,Dora,2\n".replace(
+            "17,Dora,2", "17,Dora,2,dora"
+        ).replace("section\n", "section,submission\n", 1)
+    )
+    (tmp_path / "sheet.csv").write_text(
+        "id;late_days;note;a0.exercises;a0.mean\nada;3;well done;3,5;\nben;;;;4\n"
+    )
+    words = ["grade", str(staff.folder), "--all", str(everyone), "--csv", str(tmp_path / "g.csv")]
+    words += ["--roster", str(tmp_path / "roster.csv"), "--sheet", str(tmp_path / "sheet.csv")]
+    words += ["--feedback", str(tmp_path / "pages"), "--jobs", "2"]
+    assert cli.main(words) == 0
+    shown = capsys.readouterr()
+    assert "'unknown.zip' is nobody's" in shown.err
+    assert "[4/4]" in shown.out
+    table = {row["id"]: row for row in rows(tmp_path / "g.csv")}
+    assert list(table) == ["ada", "ben", "carl", "17", "unknown.zip"]
+    # (7 + 2 of the check + 3.5 by hand), two days of three cost a tenth each
+    assert (table["ada"]["total"], table["ada"]["lost_late"]) == ("10", "2.5")
+    assert table["ada"]["a0.check"] == "2"
+    assert (table["ben"]["a0.mean"], table["ben"]["total"]) == ("4", "4")
+    assert table["carl"]["reason"] == standing.NOTHING
+    assert (table["carl"]["submission"], table["carl"]["total"]) == ("", "0")
+    assert (table["17"]["submission"], table["17"]["total"]) == ("dora", "11")
+    assert table["ada"]["note"] == "well done"
+
+    students = tmp_path / "pages" / "students"
+    assert sorted(path.name for path in students.iterdir()) == sorted(
+        ["17", "ada", "ben", "carl", "unknown_zip"]
+    )
+    for folder in students.iterdir():
+        assert {"feedback.md", "feedback.html"} <= {path.name for path in folder.iterdir()}
+    ben = (students / "ben" / "feedback.md").read_text()
+    assert "**Hint:** 2 + 3" in ben
+    assert "| Mean | 4 (by hand) | 4 |" in ben
+    assert "![What test_arrays expected, and what came](a0_add-test_arrays_5_.png)" in ben
+    assert (students / "ben" / "a0_add-test_arrays_5_.png").stat().st_size > 5000
+    assert "<img src=" in (students / "ben" / "feedback.html").read_text()
+    assert str(tmp_path) not in ben
+    ada = (students / "ada" / "feedback.md").read_text()
+    assert "It came 3 days late, 1 of which cost nothing: 2.5 points" in ada
+    assert "it does not notice: " in ada.replace("\n", " ")
+    class_page = (tmp_path / "pages" / "overview.md").read_text()
+    assert "4 of 5 handed in" in class_page
+    assert "| `takes_the_difference` | It subtracts. | 1: Ben |" in class_page
+
+    before = {path: path.read_bytes() for path in (tmp_path / "pages").rglob("*.md")}
+    assert cli.main(words) == 0
+    assert capsys.readouterr().out.count("graded before") == 4
+    assert {path: path.read_bytes() for path in (tmp_path / "pages").rglob("*.md")} == before
+
+
+@pytest.mark.slow
+def test_jobs_give_the_same_points_sooner(tmp_path):
+    files = tiny_assignment.wide(["sum"])
+    wait = "import time\ntime.sleep(2)\ndef add0(a, b):\n    return a + b\n"
+    assignment = find(tiny_assignment.write(tmp_path / "a0", files))
+    for number in range(3):
+        tiny_assignment.write(tmp_path / "class" / f"{number}", {"p0.py": wait})
+    tiny_assignment.write(tmp_path / "class" / "wrong", {"p0.py": "def add0(a, b): return a"})
+    took, tables = {}, {}
+    for jobs in (1, 4):
+        out = tmp_path / f"out{jobs}"
+        with grading.opened(assignment) as grader:
+            members, _ = roster.members(classes.submissions_in(tmp_path / "class"), None)
+            begin = time.monotonic()
+            class_ = classes.Class(
+                grader, tmp_path / "class", members, tmp_path / f"{jobs}.csv", out, jobs=jobs
+            )
+            class_.grade(lambda _: None)
+            took[jobs] = time.monotonic() - begin
+        tables[jobs] = (tmp_path / f"{jobs}.csv").read_text()
+    assert tables[1] == tables[4]
+    assert [row["total"] for row in rows(tmp_path / "4.csv")] == ["1", "1", "1", "0"]
+    assert took[4] < took[1]
+
+
+@pytest.mark.slow
+def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
+    assignment = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
+    right = "def add0(a, b):\n    return a + b\n"
+    for name in ("a", "b"):
+        tiny_assignment.write(tmp_path / "class" / name, {"p0.py": right})
+    one = classes.json.dumps
+
+    def broken(wishes, **more):
+        is_first = str(wishes.get("submission")).endswith("/a")
+        return "{" if is_first else one(wishes, **more)
+
+    said = []
+    with grading.opened(assignment) as grader:
+        monkeypatch.setattr(classes.json, "dumps", broken)
+        members, _ = roster.members(classes.submissions_in(tmp_path / "class"), None)
+        out = tmp_path / "out"
+        class_ = classes.Class(grader, tmp_path / "class", members, tmp_path / "g.csv", out)
+        class_.grade(said.append)
+    assert [row["total"] for row in rows(tmp_path / "g.csv")] == ["0", "1"]
+    assert "not graded; the same command tries again" in said[0]
+    assert "not graded: " in rows(tmp_path / "g.csv")[0]["reason"]
+
+
+# ------------------------------------------------------------------------- rosters and sheets
+
+
+def test_submissions_find_their_owners(tmp_path):
+    there = zips(tmp_path / "class", "Lovelace_12_a2.zip", "ben.zip", "c-7.zip", "odd.zip")
+    (tmp_path / "r.csv").write_text(
+        "\ufeffid,submission,name\n12,,Ada\nben,,Ben\n7,,\nx,odd.zip,\nnone,,N\n", encoding="utf-8"
+    )
+    members, nobodys = roster.members(there, tmp_path / "r.csv")
+    found = {m.id: m.submission and m.submission.name for m in members}
+    assert found == {
+        "12": "Lovelace_12_a2.zip",
+        "ben": "ben.zip",
+        "7": "c-7.zip",
+        "x": "odd.zip",
+        "none": None,
+    }
+    assert nobodys == []
+    assert members[0].name == "Ada"
+
+
+ROSTERS = {
+    "id\n1\n1\n": "line 3: id '1' is there more than once",
+    "id,name\n,x\n": "line 2: id = ''",
+    "id,shoe\n1,2\n": "column 'shoe' is unknown; must be one of id, name",
+    "id,id\n1,1\n": "column 'id' is there more than once",
+    "name\nx\n": "has no column 'id'",
+    "id\n1,2\n": "line 2: has 2 cells",
+    "": "is empty",
+    "id\nben\nzoe\n": "'a_ben_zoe.zip' may be of 'ben' and of 'zoe'",
+    "id\nben\n": "'ben' has",
+    "id,submission\nben,nothing.zip\n": "submission = 'nothing.zip': must be one of --all",
+    'id\n"x\n': "is not CSV",
+    b"id\n\xff\n": "is not UTF-8",
+}
+
+
+@pytest.mark.parametrize("text", ROSTERS)
+def test_bad_rosters_are_one_line(tmp_path, text):
+    there = zips(tmp_path / "class", "a_ben_zoe.zip", "b_ben.zip")
+    path = tmp_path / "r.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ValueError, match="--roster = ") as error:
+        roster.members(there, path)
+    assert ROSTERS[text] in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+SHEETS = {
+    "id,late_days\nada,-1\n": "line 2: late_days = '-1': must be a number from 0, or empty",
+    "id,late_days\nada,nan\n": "must be a number",
+    "id,late_days\nada,1_0\n": "must be a number",
+    "id,a0.a\nada,5\n": "line 2: a0.a = '5': must be a number from 0 to 4, or empty",
+    "id,a0.text\nada,many\n": "a0.text = 'many': must be a number from 0 to 4",
+    "id,a0.c\nada,5\n": "column 'a0.c' is unknown; must be one of id, name, late_days, note, a0.a",
+    "id\nzoe\n": "line 2: id 'zoe' is not one of the class",
+    "id\nada\nada\n": "line 3: id 'ada' is there more than once",
+    "id,note\nada,x,y\n": "line 2: has 3 cells",
+}
+
+
+@pytest.mark.parametrize("text", SHEETS)
+def test_bad_sheets_are_one_line(tmp_path, toy, text):
+    (tmp_path / "s.csv").write_text(text)
+    with pytest.raises(ValueError, match="--sheet = ") as error:
+        roster.marks(tmp_path / "s.csv", toy, [Member("ada", None)])
+    assert SHEETS[text] in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_standing_adds_by_hand_and_takes_off_late_days(toy, tmp_path):
+    content = {
+        "score": 5.0,
+        "output": "",
+        "extra_data": {"problems": {"a0.a": 4.0, "a0.b": 1.0}, "summary": "=1+1"},
+    }
+    marks = Marks({"a0.text": 3.0, "a0.a": 2.0}, late_days=3, note="-x")
+    each = standing.Standing(toy, Member("ada", tmp_path / "ada"), content, marks)
+    assert (each.before, each.lost, each.total) == (6.0, 1.2, 4.8)
+    standing.write_csv(tmp_path / "g.csv", toy, [each], roster=True, sheet=True)
+    (row,) = rows(tmp_path / "g.csv")
+    assert (row["reason"], row["note"]) == ("'=1+1", "'-x")
+    assert [toy.late.lost(days) for days in (0, 1, 2, 99)] == [0, 0, 0.1, 1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("points = 4\n\n[late]", "points = -4\n\n[late]", "give 0 points or more"),
+        ('"a0.exercises"', '"exercises"', "must start with 'a0' and a dot"),
+        ("free_days = 1", "free_days = -1", "free_days = -1: must be a number from 0"),
+        (
+            "lost_per_day = 0.1",
+            "lost_per_day = 10",
+            "lost_per_day = 10: must be a number from 0 to",
+        ),
+        ('title = "Arithmetic"', 'title = "A"\nterm = -1', "term = -1: must be an integer from 0"),
+        ("free_days", "days", "'days' is unknown"),
+    ],
+)
+def test_bad_rubrics_are_one_line(tmp_path, old, new, message):
+    assert old in FILES["rubric.toml"]
+    (tmp_path / "rubric.toml").write_text(FILES["rubric.toml"].replace(old, new))
+    with pytest.raises(ValueError, match=r"rubric\.toml") as error:
+        rubric.read(tmp_path)
+    assert message in str(error.value)
+
+
+# -------------------------------------------------------------------------------------- pages
+
+
+def test_pages_show_what_students_wrote_as_text(tmp_path):
+    text = "# T\n\n" + pages.plain("<script>a</script> [x](javascript:1) $a$ | b") + "\n\n"
+    text += pages.verbatim("```\n<script>\n# no title $x$\n````") + "\n\n$a < b$\n"
+    page = pages.page(text)
+    assert "<script>a" not in page
+    assert "<script>\n" not in page
+    assert "href" not in page
+    assert "\\(a &lt; b\\)" in page
+    assert "$x$" in page
+    assert '<html lang="en">' in page
+
+
+def test_overview_names_the_likeliest_mutant(staff):
+    problem = staff.rubric.problems[0]
+    known = mutants.read(staff)
+    both = {test.id: "the sum" for test in problem.tests}
+    found = overview.looks_like(both, problem, known)
+    assert found is not None
+    assert found.id == "takes_the_difference"
+    assert overview.looks_like({problem.tests[0].id: "else"}, problem, known) is None
+    missing = overview.Work("x", {}, dict.fromkeys(both, "add.py is missing"))
+    assert overview.failures_of(missing, problem) == {}
+
+
+def test_items_that_separate():
+    scores = np.array([[1, 0, 1], [1, 1, 1], [0, 1, 1], [0, 1, 1.0]])
+    separates = overview.separation(scores)
+    assert separates[0] < 0
+    assert np.isnan(separates[2])
+
+
+def test_feedback_splits_hints():
+    text = "the sum\n  expected: 5\n  came:     1\n  hint:     2 + 3"
+    assert feedback.split(text) == ("the sum\n  expected: 5\n  came:     1", ["2 + 3"])
+
+
+# --------------------------------------------------------------------------------- gradescope
+
+
+def unpacked(archive: Path, target: Path) -> None:
+    """As Gradescope does: the zip's files with their modes, and the folders beside."""
+    with zipfile.ZipFile(archive) as file:
+        for entry in file.infolist():
+            path = Path(file.extract(entry, target / "source"))
+            path.chmod(stat.S_IMODE(entry.external_attr >> 16))
+    shutil.copy(target / "source" / "run_autograder", target)
+    for name in ("submission", "results"):
+        (target / name).mkdir()
+
+
+@pytest.mark.slow
+def test_autograder_in_a_stand_in_of_the_harness(staff, tmp_path, monkeypatch):
+    archive, root = tmp_path / "autograder.zip", tmp_path / "autograder"
+    assert cli.main(["gradescope", str(staff.folder), "-o", str(archive)]) == 0
+    unpacked(archive, root)
+    source = root / "source"
+    names = {p.relative_to(source).as_posix() for p in source.rglob("*") if p.is_file()}
+    assert {"setup.sh", "run_autograder", "course/.ci/setup", "course/pyproject.toml"} <= names
+    assert os.access(root / "run_autograder", os.X_OK)
+    inside = "course/assignment/a0_sums/"
+    assert f"{inside}tests/test_mean_staff.py" in names
+    assert f"{inside}solutions/add.py" in names  # which students' tests are tried on
+    assert f"{inside}solutions/mean.py" not in names
+    assert not any(name.startswith("course/tofrender/integrators") for name in names)
+    python = root / "source" / "course" / ".venv" / "bin" / "python"  # as setup.sh makes it
+    python.parent.mkdir(parents=True)
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    python.chmod(0o755)
+    tiny_assignment.write(root / "submission", RIGHT | {"check.py": FILES["solutions/check.py"]})
+    done = subprocess.run(
+        ["./run_autograder"],
+        cwd=root,
+        env=os.environ | {"AUTOGRADER": str(root)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    content = json.loads((root / "results" / "results.json").read_text())
+    assert content["score"] == 11
+    assert content["extra_data"]["max_score"] == 11
+    assert subprocess.run(["bash", "-n", root / "source" / "setup.sh"], check=False).returncode == 0
+    for path in (root / "submission").iterdir():
+        path.unlink()
+    subprocess.run(
+        ["./run_autograder"], cwd=root, env=os.environ | {"AUTOGRADER": str(root)}, check=True,
+        capture_output=True,
+    )  # fmt: skip
+    content = json.loads((root / "results" / "results.json").read_text())
+    assert (content["score"], content["extra_data"]["complete"]) == (0, True)
+
+
+def test_equal_autograders_are_equal(staff, tmp_path):
+    for name in ("a.zip", "b.zip"):
+        gradescope.write(staff, tmp_path / name)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+
+
+# --------------------------------------------------------------------------------- similarity
+
+
+def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
+    there = tmp_path / "class"
+    zips(there, "ada.zip", "empty.zip")
+    with zipfile.ZipFile(there / "empty.zip", "w") as archive:
+        archive.writestr("notes.txt", "")
+    tiny_assignment.write(there / "ada", RIGHT | {"conftest.py": "", "notes/x.py": ""})
+    out = tmp_path / "jplag"
+    words = ["similarity", str(staff.folder), "--all", str(there), "-o", str(out)]
+    assert cli.main(words) == 0
+    shown = capsys.readouterr()
+    files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
+    assert files == {
+        *("base/add.py", "base/check.py", "base/mean.py"),
+        *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
+    }
+    assert "'empty.zip': has no programs" in shown.err
+    assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
+    assert cli.main(words) == 2
+    assert "exists; must be a new folder" in capsys.readouterr().err
+    assert similarity.command(Path("a b")).count("'a b/base'") == 1
+
+
+# ------------------------------------------------------------------------------------ new term
+
+
+def test_a_new_term_draws_other_inputs(tmp_path, capsys):
+    staff = find(tiny_assignment.write(tmp_path / "a0", FILES))
+    file = str(staff.folder / "tests" / "test_add.py")
+    assert Inputs(file).number("width", 0.5, low=1, high=2) == 0.5
+    assert terms.new_term(staff, 7) == (0, 7)
+    first = Inputs(file).number("width", 0.5, low=1, high=2)
+    assert 1 <= first <= 2
+    assert Inputs(file).number("width", 0.5, low=1, high=2) == first
+    assert Inputs(file).number("height", 0.5, low=1, high=2) != first
+    assert 3 <= Inputs(file).integer("count", 1, low=3, high=4) <= 4
+    assert cli.main(["new-term", str(staff.folder)]) == 0
+    assert "a0: term 7 is term " in capsys.readouterr().out
+    drawn = rubric.read(staff.folder).term
+    assert drawn > 0
+    assert Inputs(file).number("width", 0.5, low=1, high=2) != first
+    text = (staff.folder / "rubric.toml").read_text()
+    assert text.replace(f"term = {drawn}\n", "") == FILES["rubric.toml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("grade a0 --all . --csv x.csv --jobs 257", "--jobs = 257: must be an integer from 1"),
+        ("grade a0 --all . --csv x.csv --jobs 200", "--jobs = 200: must be "),
+        ("grade a0 --submission . -o r.json --jobs 2", "--jobs = 2: must be left out"),
+        ("grade a0 --submission . -o r.json --roster x", "--roster = x: must be left out"),
+        ("grade a0 --submission . -o r.json --sheet x", "--sheet = x: must be left out"),
+        ("grade a0 --submission . -o r.json --feedback x", "--feedback = x: must be left out"),
+        ("grade a2 --all @ --csv x.csv --roster no.csv", "--roster = no.csv: must be a CSV file"),
+        ("grade a2 --all @ --csv x.csv --sheet no.csv", "--sheet = no.csv: must be a CSV file"),
+        ("gradescope a2 -o .", "--out = .: is a folder"),
+        ("gradescope a2 -o x.tar", "--out = x.tar: must end in .zip"),
+        ("gradescope a2 -o x.zip --memory 0", "--memory = 0: must be a number from 1"),
+        ("gradescope a9 -o x.zip", "ASSIGNMENT = a9: must be one of"),
+        ("similarity a2 --all no -o x", "--all = no: is no folder"),
+        ("similarity a2 --all . -o x", "--all = .: holds no folders and no zips"),
+        ("new-term a2 --term -1", "--term = -1: must be an integer from 0"),
+        ("new-term a9", "ASSIGNMENT = a9: must be one of"),
+    ],
+)
+def test_bad_use_in_one_line(words, message, tmp_path, monkeypatch, capsys):
+    (tmp_path / "here").mkdir()
+    zips(tmp_path / "class", "a.zip")
+    monkeypatch.chdir(tmp_path / "here")
+    arguments = [str(tmp_path / "class") if word == "@" else word for word in words.split()]
+    assert cli.main(arguments) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith(f"error: {message}"), shown.err
+    assert shown.err.count("\n") == 1
+    assert not list(Path.cwd().iterdir())

@@ -1,0 +1,223 @@
+"""How a class did, in Markdown and HTML: which tests fail, what failures look like, which separate.
+
+A failure **looks like** a wrong solution of `mutants.toml` if it fails the same tests of its
+problem, or most of them with that mutant's words. An item **separates** if those who pass it have
+more points elsewhere: the point-biserial correlation r of passing it with the points of all other
+tests. Above 0.3 is good; below 0 the test, or the text, deserves a look.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import mutants, pages
+from ..assignments import Assignment
+from ..material import points_text
+from ..mutants import Mutant
+from ..rubric import Problem, Rubric
+from .classes import Class
+from .feedback import name_of
+from .standing import Standing
+
+NAME = "overview"
+NO_ANSWER = ("not written yet", "is missing", "not judged")
+"""Words of a failure of what was not handed in, which looks like no mistake."""
+LIKE = 0.5
+"""Share of the tests of both that two sets of failures have in common, to be alike."""
+SHOWN = 12
+"""Names of members that a line shows."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What the tests said of a member's work.
+
+    Attributes:
+        who: The member's name.
+        scores: Points of each test, by its id.
+        failures: Texts of the tests that failed, by their ids.
+    """
+
+    who: str
+    scores: Mapping[str, float]
+    failures: Mapping[str, str]
+
+
+def write(class_: Class, folder: Path) -> None:
+    """Write `overview.md` and `overview.html` into a folder, which exists."""
+    works = []
+    for member in class_.members:
+        if member.submission is not None:
+            text = class_.results(member).read_text(encoding="utf-8")
+            works.append(_work(member.name, json.loads(text)["tests"]))
+    standings = [class_.standing(member) for member in class_.members]
+    pages.write(folder, NAME, page(class_.grader.assignment, standings, works))
+
+
+def _work(who: str, tests: Iterable[Mapping[str, Any]]) -> Work:
+    ids = {test["extra_data"]["test"]: test for test in tests}
+    return Work(
+        who,
+        {name: float(test["score"]) for name, test in ids.items()},
+        {name: test["output"] for name, test in ids.items() if test["status"] != "passed"},
+    )
+
+
+def page(assignment: Assignment, standings: Sequence[Standing], works: Sequence[Work]) -> str:
+    """The overview, as Markdown.
+
+    Args:
+        assignment: With its mutants, if it has them.
+        standings: What each of the class gets.
+        works: What the tests said of those who handed in.
+    """
+    rubric = assignment.rubric
+    totals = np.array([each.total for each in standings] or [0.0])
+    parts = [
+        f"# {pages.plain(rubric.title)}: the class",
+        f"{len(works)} of {len(standings)} handed in. Points, of {points_text(rubric.points)}: "
+        f"mean {totals.mean():.1f}, median {np.median(totals):.1f}, "
+        f"from {totals.min():.1f} to {totals.max():.1f}.",
+        "## Problems",
+        _problems(rubric, standings),
+        "## Tests",
+        "How many failed, and how well the test separates: r is the correlation of its points with "
+        "those of all other tests. Above 0.3 is good; below 0, look at the test and at the text.",
+        _tests(rubric, works),
+        "## What failures look like",
+        *_mistakes(assignment, works),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _problems(rubric: Rubric, standings: Sequence[Standing]) -> str:
+    lines = []
+    for problem in rubric.problems:
+        got = np.array([each.points(problem) for each in standings] or [0.0])
+        share = got.mean() / problem.points if problem.points else 1.0
+        lines.append(
+            [
+                pages.plain(problem.title),
+                points_text(problem.points) + " bonus" * problem.bonus,
+                f"{100 * share:.0f} %",
+                str(int((got >= problem.points).sum())),
+                str(int((got == 0).sum())),
+            ]
+        )
+    return pages.table(["problem", "points", "mean", "all points", "none"], lines)
+
+
+def _tests(rubric: Rubric, works: Sequence[Work]) -> str:
+    ids = list(rubric.problem_of)
+    scores = np.array([[work.scores.get(name, 0.0) for name in ids] for work in works])
+    separates = separation(scores.reshape(len(works), len(ids)))
+    lines = []
+    for name, r in zip(ids, separates, strict=True):
+        failed = sum(name in work.failures for work in works)
+        share = f" ({100 * failed / len(works):.0f} %)" if works else ""
+        said = "" if np.isnan(r) else f"{r:+.2f}" + " **!**" * bool(r < 0)
+        lines.append([rubric.problem_of[name].id, f"`{name_of(name)}`", f"{failed}{share}", said])
+    return pages.table(["problem", "test", "failed", "r"], lines)
+
+
+def separation(scores: np.ndarray) -> np.ndarray:
+    """How well each item separates: its correlation with the sum of all others.
+
+    Args:
+        scores: Points of each member and item, shape (members, items).
+
+    Returns:
+        Pearson's r of shape (items,), which is the point-biserial one for items that are all or
+        nothing; NaN where all members have the same.
+
+    Example:
+        >>> separation(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0], [0, 0, 1.0]])).round(2)
+        array([ 0.58,  0.58, -0.58])
+    """
+    found = np.full(scores.shape[1], np.nan)
+    for item in range(scores.shape[1]):
+        one, rest = scores[:, item], scores.sum(axis=1) - scores[:, item]
+        if len(one) > 1 and np.ptp(one) > 0 and np.ptp(rest) > 0:
+            found[item] = np.corrcoef(one, rest)[0, 1]
+    return found
+
+
+# ------------------------------------------------------------------------------- mistakes
+
+
+def _mistakes(assignment: Assignment, works: Sequence[Work]) -> list[str]:
+    """For each problem, the mutants that failures look like, and those that look like none."""
+    known = mutants.read(assignment) if (assignment.folder / "mutants.toml").is_file() else []
+    parts = []
+    for problem in assignment.rubric.problems:
+        seen: dict[str, list[str]] = defaultdict(list)
+        unknown: dict[tuple[str, ...], list[str]] = defaultdict(list)
+        for work in works:
+            failures = failures_of(work, problem)
+            if not failures:
+                continue
+            likeliest = looks_like(failures, problem, known)
+            if likeliest is None:
+                unknown[tuple(sorted(failures))].append(work.who)
+            else:
+                seen[likeliest.id].append(work.who)
+        lines = [
+            [f"`{mutant.id}`", pages.plain(mutant.why), _names(seen[mutant.id])]
+            for mutant in sorted(known, key=lambda m: -len(seen.get(m.id, ())))
+            if mutant.id in seen
+        ]
+        lines += [
+            ["no mutant", "fails " + ", ".join(f"`{name_of(n)}`" for n in names), _names(who)]
+            for names, who in sorted(unknown.items(), key=lambda item: -len(item[1]))
+        ]
+        if lines:
+            parts.append(f"### {pages.plain(problem.title)}")
+            parts.append(pages.table(["looks like", "what is wrong", "whose"], lines))
+    parts.append(
+        "What looks like no mutant may be a new mistake: write it into `mutants.toml`."
+        if parts
+        else "Nobody made a mistake that the tests find."
+    )
+    return parts
+
+
+def failures_of(work: Work, problem: Problem) -> dict[str, str]:
+    """Texts of a problem's tests that failed although there was an answer."""
+    those = {t.id: work.failures[t.id] for t in problem.tests if t.id in work.failures}
+    return {n: text for n, text in those.items() if not any(no in text for no in NO_ANSWER)}
+
+
+def looks_like(
+    failures: Mapping[str, str], problem: Problem, known: Iterable[Mutant]
+) -> Mutant | None:
+    """The mutant of a problem whose failures are most like these, None if none is like them.
+
+    Args:
+        failures: Texts of the problem's tests that failed, by their ids.
+        problem: The problem.
+        known: All mutants.
+    """
+    own = {test.id for test in problem.tests}
+    text = "\n".join(failures.values())
+    best, most = None, 0.0
+    for mutant in known:
+        fails = own & set(mutant.fails)
+        if mutant.problem != problem.id or not fails:
+            continue
+        common = len(fails & failures.keys()) / len(fails | failures.keys())
+        says = mutant.says in text
+        if common >= (LIKE if says else 1.0) and common + says > most:
+            best, most = mutant, common + says
+    return best
+
+
+def _names(who: Sequence[str]) -> str:
+    shown = ", ".join(pages.plain(name) for name in who[:SHOWN])
+    return f"{len(who)}: {shown}" + ", ..." * (len(who) > SHOWN)

@@ -1,0 +1,54 @@
+"""Whether a pulse keeps its contract: density, integral and samples tell one story."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+if TYPE_CHECKING:
+    from .pulses import Pulse
+
+POINTS = 4001
+TOLERANCE = 5e-3
+"""Of shares of the energy: what a jump of the density between two points explains."""
+
+
+def check_pulse(pulse: Pulse) -> None:
+    """Raise if a pulse breaks its contract.
+
+    The density is integrated from end to end and compared with the cdf; offsets for evenly spread
+    random numbers must have evenly spread shares of the energy below them.
+
+    Args:
+        pulse: What `eval`, `cdf`, `sample` and `support` of are asked for.
+
+    Raises:
+        AssertionError: It does; says what.
+
+    Example:
+        >>> from tofrender.signals.pulses import GaussianPulse
+        >>> check_pulse(GaussianPulse(width_opl=0.05))
+    """
+    first, last = pulse.support
+    t = np.linspace(first, last, POINTS)
+    density, cdf = (np.array(ask(mi.Float(t)), float) for ask in (pulse.eval, pulse.cdf))
+    assert np.isfinite(density).all(), "a density is a number"
+    assert density.min() >= 0, "a density is never negative"
+    steps = np.diff(t) * (density[1:] + density[:-1]) / 2
+    energy = np.append(0.0, np.cumsum(steps))
+    assert abs(energy[-1] - 1) < TOLERANCE, f"the density integrates to {energy[-1]:.4g}, not to 1"
+    far = np.abs(cdf - energy).max()
+    assert far < TOLERANCE, f"the cdf is {far:.3g} off the integral of the density"
+
+    xi = (np.arange(POINTS) + 0.5) / POINTS
+    offsets, weight = pulse.sample(mi.Float(xi))
+    assert dr.is_array_v(weight), "weights are an array of Dr.Jit"
+    assert np.abs(np.array(weight) - 1).max() < TOLERANCE, "offsets have the weight 1"
+    below = np.sort(np.array(pulse.cdf(mi.Float(offsets))))
+    far = np.abs(below - xi).max()
+    assert far < TOLERANCE, f"samples are {far:.3g} of the energy off the density"
+    ends = np.array(pulse.sample(mi.Float([0.0, 1.0]))[0])
+    assert np.isfinite(ends).all(), f"offsets at the ends are {ends}"
