@@ -7,9 +7,12 @@ pytest with the staff's tests, and the judge starts a worker, which runs the sub
     writes      writes its report and      writes its scratch folder
     results     its scratch folder
 
-Each arrow takes rights away and ends all that is behind it. A worker that crashes costs the test
-that asked it, a judge that is lost costs the problem's tests that had not ended, and whatever
-happens to this process, a results file with 0 points has been written before anything else.
+Each arrow takes rights away and ends all that is behind it (see `judge.sandbox`). If root grades,
+the worker is a user that nobody else is. A worker that crashes costs the test that asked it, a judge
+that is lost costs the problem's tests that had not ended, and whatever happens to this process, a
+results file with 0 points has been written before anything else.
+
+A class is copied before the first submission runs, to where none of them can read or write.
 """
 
 from __future__ import annotations
@@ -42,7 +45,22 @@ MEMORY_GIB = 4.0
 JUDGE_GIB = 2.0  # of the judge, besides
 START_S = 30.0  # of judge and worker, on a slow machine
 LEAST_S = 20.0  # for a problem, even if those before it have used up the time
+CLASS = "class"
+"""Folder of the copies that wait."""
 KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DRJIT_", "TZ")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A submission's files, copied.
+
+    Attributes:
+        folder: Holds them, for this grader alone to change.
+        refused: Why there are none, "" if there are.
+    """
+
+    folder: Path
+    refused: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,13 +79,25 @@ class Grader:
     time_limit_s: float = TIME_LIMIT_S
     memory_gib: float = MEMORY_GIB
 
-    def grade(self, submission: Path, out: Path, hidden: Sequence[Path] = ()) -> Results:
+    def take(self, submission: Path) -> Taken:
+        """Copy what a submission consists of."""
+        waiting = self.scratch / CLASS
+        waiting.mkdir(mode=0o700, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(dir=waiting)) / "submission"
+        try:
+            unpacking.extract(submission, self.assignment.rubric.submit, folder)
+        except unpacking.BadSubmission as error:
+            remove(folder.parent)
+            return Taken(folder, f"the submission {error}")
+        return Taken(folder)
+
+    def grade(self, submission: Path | Taken, out: Path, hidden: Sequence[Path] = ()) -> Results:
         """Grade a submission.
 
         Call it from a thread that stays: what it starts ends with that thread.
 
         Args:
-            submission: Folder or zip.
+            submission: Folder or zip, or what `take` has made of it, which is used up.
             out: File to write in Gradescope's format.
             hidden: What the submission must not read, besides solutions.
 
@@ -82,12 +112,16 @@ class Grader:
         results.write(out)
         results.remarks = []
         folder = Path(tempfile.mkdtemp(prefix="submission-", dir=self.scratch))
+        folder.chmod(0o711)
         try:
-            unpacking.extract(submission, rubric.submit, folder / "submission")
-        except unpacking.BadSubmission as error:
-            results.remarks.append(f"the submission {error}")
-        else:
-            self._judge_all(folder, results, begin, hidden)
+            taken = submission if isinstance(submission, Taken) else self.take(submission)
+            if taken.refused:
+                results.remarks.append(taken.refused)
+            else:
+                taken.folder.rename(folder / "submission")
+                taken.folder.parent.rmdir()
+                show(folder / "submission")
+                self._judge_all(folder, results, begin, hidden)
         finally:
             remove(folder)
         results.seconds = time.monotonic() - begin
@@ -109,16 +143,18 @@ class Grader:
         """Judge one problem after the other, each in what is left of the time."""
         problems = self.assignment.rubric.problems
         package = self.scratch / "edition"
-        if results.missing_protections:  # a submission might change what the next one gets
+        if not sandbox.keeps_files():  # a submission might change what the next one gets
             package = shutil.copytree(package, folder / "edition")
         # the judge, too, works with the student edition: nobody needs what holds the solutions
         hidden = [PACKAGE, PACKAGE.parent / ".git", self.assignment.folder, *hidden]
+        hidden += [self.scratch / CLASS, *map(Path, sandbox.home())]
+        uid = sandbox.spare_user()
         for number, problem in enumerate(problems):
             later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
             left = self.time_limit_s - (time.monotonic() - begin) - later
             whole = START_S + problem.timeout_s + 4 * problem.takes_s
             timeout_s = max(LEAST_S, min(whole, left))
-            results.grades |= self._judge(problem, folder, package, hidden, timeout_s)
+            results.grades |= self._judge(problem, folder, package, hidden, timeout_s, uid)
 
     def _judge(
         self,
@@ -127,16 +163,21 @@ class Grader:
         package: Path,
         hidden: Sequence[Path],
         timeout_s: float,
+        uid: int | None,
     ) -> dict[str, Grade]:
         """Judge one problem in a process of its own; grades by test id."""
         place = folder / problem.marker
-        for name in ("home", "tmp", "report"):
-            (place / name).mkdir(parents=True)
+        place.mkdir()
+        place.chmod(0o755)
+        for name, mode in (("home", 0o700), ("tmp", 0o711), ("report", 0o700)):
+            (place / name).mkdir()
+            (place / name).chmod(mode)
         judging = place / "judging"
         for path in _judging_files(self.assignment.folder):
             target = judging / path.relative_to(self.assignment.folder)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
+        show(judging, but="test_*.py")
         report = place / "report" / "lines.json"
         options = {
             "rootdir": judging,
@@ -148,9 +189,12 @@ class Grader:
         pytest = [sys.executable, "-P", "-s", "-m", "pytest", *running.QUICKLY]
         pytest += ["-c", "pytest.ini", "-m", problem.marker, "--confine"]
         pytest += [f"--{name}={value}" for name, value in options.items()]
+        pytest += [] if uid is None else [f"--uid={uid}"]
         confined = {
             "writable": [str(place / name) for name in ("home", "tmp", "report")],
             "hidden": [str(path) for path in hidden],
+            "readable": [*sandbox.python_folders(), str(self.scratch)],
+            "judge": True,
         }
         ended = processes.run(
             sandbox.command(confined, pytest),
@@ -178,8 +222,10 @@ def opened(assignment: Assignment, **limits: float) -> Iterator[Grader]:
     """
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
+        scratch.chmod(0o711)
         edition.copy(assignment, scratch / "edition")
         compileall.compile_dir(scratch / "edition", quiet=1)
+        show(scratch / "edition")
         yield Grader(assignment, scratch, **limits)
     finally:
         remove(scratch)
@@ -202,13 +248,23 @@ def grade_all(
     submissions = submissions_in(folder, out)
     out.mkdir(parents=True, exist_ok=True)
     rubric, fingerprint = grader.assignment.rubric, grader.fingerprint
-    rows: dict[str, Any] = {}
-    for number, submission in enumerate(submissions, 1):
+    before: dict[Path, Any] = {}
+    taken: dict[Path, Taken] = {}
+    for submission in submissions:
         path = out / f"{submission.name}.json"
         content = finished(path, rubric, fingerprint)
-        kept = content is not None and _changed(submission) <= path.stat().st_mtime
-        if content is None or not kept:
-            content = grader.grade(submission, path, [folder, out]).gradescope()
+        if content is not None and _changed(submission) <= path.stat().st_mtime:
+            before[submission] = content
+        else:
+            taken[submission] = grader.take(submission)
+    rows: dict[str, Any] = {}
+    for number, submission in enumerate(submissions, 1):
+        kept = submission in before
+        if kept:
+            content = before[submission]
+        else:
+            path = out / f"{submission.name}.json"
+            content = _grade_or_say(grader, taken[submission], path, [folder, out])
         del content["tests"]
         rows[submission.name] = content
         write_csv(csv, rubric, rows)
@@ -216,6 +272,20 @@ def grade_all(
         name = printable(submission.name, 100)
         how = "graded before" if kept else f"{content['execution_time']:.0f} s"
         say(f"[{number}/{len(submissions)}] {name}: {points}, {how}")
+
+
+def _grade_or_say(
+    grader: Grader, taken: Taken, out: Path, hidden: Sequence[Path]
+) -> dict[str, Any]:
+    """The content of a results file, even if grading itself has failed, so that others follow."""
+    try:
+        return grader.grade(taken, out, hidden).gradescope()
+    except Exception as error:
+        results = Results(grader.assignment.rubric, fingerprint=grader.fingerprint)
+        results.remarks = [f"grading failed, {type(error).__name__}: {printable(str(error), 300)}"]
+        with suppress(OSError):
+            results.write(out)
+        return results.gradescope()
 
 
 def submissions_in(folder: Path, out: Path) -> list[Path]:
@@ -240,8 +310,28 @@ def remove(folder: Path) -> None:
     """Remove a folder, however deep a submission has made it."""
     with suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)
-    if folder.exists() and os.name == "posix":
-        subprocess.run(["rm", "-rf", "--", str(folder)], check=False, stderr=subprocess.DEVNULL)
+    if folder.exists() and os.name == "posix":  # what is deep, or closed to its owner
+        for command in (["chmod", "-R", "u+rwX"], ["rm", "-rf"]):
+            full = [*command, "--", str(folder)]
+            subprocess.run(full, check=False, stderr=subprocess.DEVNULL)
+
+
+def show(folder: Path, but: str = "") -> None:
+    """Let other users read a folder of the grader's, as the worker may be one.
+
+    Args:
+        folder: With all below it.
+        but: Pattern of names that only the grader reads.
+    """
+    for inside, folders, names in os.walk(folder):
+        for name in folders:
+            path = Path(inside, name)
+            path.chmod(path.stat().st_mode | 0o055)
+        for name in names:
+            path = Path(inside, name)
+            secret = but and path.match(but)
+            path.chmod(0o600 if secret else path.stat().st_mode | 0o044)
+    folder.chmod(0o755)
 
 
 def _judging_files(folder: Path) -> list[Path]:

@@ -8,6 +8,7 @@ tree. Nothing that is not below it is ever ended.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import psutil
 
@@ -24,6 +26,8 @@ from . import sandbox
 KEPT_OUTPUT = 20_000
 MAX_PROCESSES = 200
 """Most processes that a command may have at a time."""
+MAX_WRITTEN = 4 << 30
+"""Most bytes of files that a command may leave in a folder that is watched."""
 LOOK_EVERY_S = 0.2
 END_WITHIN_S = 20.0
 SET_CHILD_SUBREAPER = 36
@@ -51,6 +55,7 @@ class Supervised:
     ) -> None:
         if sys.platform.startswith("linux"):
             sandbox.prctl(SET_CHILD_SUBREAPER, 1)
+        self._free: int | None = None
         self._others = {child.pid for child in psutil.Process().children()}
         self.process = subprocess.Popen(
             command,
@@ -82,12 +87,15 @@ class Supervised:
         self._reader.join(wait_s)
         return self._printed.decode(errors="replace")
 
-    def excess(self, memory_bytes: int | None) -> str:
+    def excess(self, memory_bytes: int | None, folder: Path | None = None) -> str:
         """What is used too much of, "" if nothing.
 
         Args:
             memory_bytes: Most memory of all processes together [bytes]; None for any.
+            folder: Where they write.
         """
+        if folder is not None and self._fills(folder):
+            return f"wrote more than {MAX_WRITTEN >> 30} GiB"
         below = self._below()
         if len(below) > MAX_PROCESSES:
             return f"started more than {MAX_PROCESSES} processes"
@@ -97,6 +105,16 @@ class Supervised:
         if len(below) > 3 and _memory(below, "pss") <= memory_bytes:
             return ""
         return f"used more than {memory_bytes / 2**30:g} GiB of memory"
+
+    def _fills(self, folder: Path) -> bool:
+        """Whether the disk has lost much since the first look, and the folder holds as much."""
+        with suppress(OSError):
+            free = shutil.disk_usage(folder).free
+            if self._free is None or free > self._free:
+                self._free = free
+            if self._free - free > MAX_WRITTEN and _size(folder) > MAX_WRITTEN:
+                return True
+        return False
 
     def end(self) -> None:
         """End all of it, what is started meanwhile too.
@@ -138,13 +156,26 @@ class Supervised:
         return [child for child in children if not stays(child.pid)]
 
 
+def _size(folder: Path) -> int:
+    """What the files of a folder take on the disk [bytes]."""
+    used = 0
+    for inside, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                used += 512 * os.lstat(os.path.join(inside, name)).st_blocks
+    return used
+
+
 def _memory(processes: list[psutil.Process], kind: str) -> int:
     """Memory of processes together [bytes]; "rss" is quick, "pss" counts once what is shared."""
     used = 0
     for process in processes:
-        with suppress(psutil.Error):
-            read = process.memory_info if kind == "rss" else process.memory_full_info
-            used += getattr(read(), kind, 0)
+        with suppress(psutil.NoSuchProcess):
+            try:
+                read = process.memory_info if kind == "rss" else process.memory_full_info
+                used += getattr(read(), kind, 0)
+            except psutil.AccessDenied:  # what only its user may know; then the most it can be
+                used += process.memory_info().rss
     return used
 
 
