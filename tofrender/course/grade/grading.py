@@ -8,9 +8,9 @@ pytest with the staff's tests, and the judge starts a worker, which runs the sub
     results     its scratch folder
 
 Each arrow takes rights away and ends all that is behind it (see `judge.sandbox`). If root grades,
-the worker is a user that nobody else is. A worker that crashes costs the test that asked it, a judge
-that is lost costs the problem's tests that had not ended, and whatever happens to this process, a
-results file with 0 points has been written before anything else.
+the worker is a user that nobody else is. A worker that crashes costs the test that asked it, a
+judge that is lost costs the problem's tests that had not ended, and whatever happens to this
+process, a results file with 0 points has been written before anything else.
 
 A class is copied before the first submission runs, to where none of them can read or write.
 """

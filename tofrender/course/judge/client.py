@@ -37,7 +37,7 @@ class Limits:
 
     Attributes:
         memory_bytes: Memory of the worker and what it starts, together; None is no limit.
-        confine: Whether the worker gives up its right to change anything outside its scratch folder.
+        confine: Whether the worker may change nothing outside its scratch folder.
         uid: User that it becomes then, if this is root.
     """
 

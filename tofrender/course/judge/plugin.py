@@ -207,9 +207,7 @@ def pytest_runtest_makereport(
         problem = _problem(item)
         where = f"problem {problem.id}, {problem.file}" if problem else ""
         about = (getattr(item, "function", item).__doc__ or "").strip().split("\n")[0]
-        report.longrepr = "\n".join(
-            filter(None, [where.rstrip(", "), about, text])
-        )
+        report.longrepr = "\n".join(filter(None, [where.rstrip(", "), about, text]))
     return report
 
 

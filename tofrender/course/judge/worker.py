@@ -26,7 +26,6 @@ from typing import Any
 from .. import rubric as rubrics
 from . import wire
 
-
 MAX_TEXT = 4000
 """Characters of a reason that are sent."""
 

@@ -1,0 +1,354 @@
+"""A submission harms nobody: what the sandbox refuses, as root and as an ordinary user.
+
+The sandbox is the grader's: the judge's inside of which is the worker's. The class at the end is
+graded by the whole command.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import socket
+import stat
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import hostile
+import numpy as np
+import psutil
+import pytest
+from judged_pulse import PULSE, write_assignment, write_submission
+
+pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
+
+from tofrender.course.judge import sandbox, system_calls, wire
+from tofrender.course.judge.client import MAX_REASON, Limits, NoAnswer, Worker
+from tofrender.course.judge.running import read_report
+
+if sandbox.landlock_version() < 6 or not system_calls.available():
+    pytest.skip("this machine protects from less", allow_module_level=True)
+
+NOBODY = 65534
+IS_ROOT = os.geteuid() == 0
+USERS = ["root", "nobody"] if IS_ROOT else ["ordinary"]
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+
+def python_for(user: str) -> str:
+    """A Python that the user can run."""
+    for path in (sys.executable, "/usr/bin/python3"):
+        folders = [Path(path).resolve(), *Path(path).resolve().parents]
+        if user == "ordinary" or all(place.stat().st_mode & stat.S_IXOTH for place in folders):
+            return path
+    pytest.skip("other users cannot run any Python here")
+
+
+def identity(user: str) -> dict:
+    return {"user": NOBODY, "group": NOBODY, "extra_groups": []} if user == "nobody" else {}
+
+
+@pytest.fixture
+def open_tmp():
+    """A folder that all users reach."""
+    folder = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+# ------------------------------------------------------------------------- one attack at a time
+
+
+class Targets:
+    """What attacks aim at, all of it of the user who grades, and its state."""
+
+    def __init__(self, top: Path, user: str) -> None:
+        self.top, self.user = top, user
+        self.folder, self.scratch, self.hidden = top / "others", top / "scratch", top / "hidden"
+        for folder in (self.folder, self.scratch, self.hidden):
+            folder.mkdir()
+        self.canary = self.folder / "canary"
+        self.canary.write_text("as it was")
+        (self.hidden / "secret").write_text("secret")
+        self.servers = {
+            "TCP": socket.create_server(("127.0.0.1", 0)),
+            "UDP": socket.socket(type=socket.SOCK_DGRAM),
+            "UNIX": socket.socket(socket.AF_UNIX),
+            "DATAGRAM": socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM),
+            "ABSTRACT": socket.socket(socket.AF_UNIX),
+        }
+        self.servers["UDP"].bind(("127.0.0.1", 0))
+        self.servers["UNIX"].bind(str(self.folder / "unix"))
+        self.servers["DATAGRAM"].bind(str(self.folder / "datagram"))
+        self.servers["ABSTRACT"].bind(f"\0tofrender-{os.getpid()}-{user}")
+        with contextlib.suppress(OSError):  # few kernels have none
+            self.servers["MPTCP"] = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 262)
+            self.servers["MPTCP"].bind(("127.0.0.1", 0))
+        for name in ("UNIX", "ABSTRACT", "MPTCP"):
+            if name in self.servers:
+                self.servers[name].listen()
+        self.victim = subprocess.Popen(["sleep", "600"], **identity(user))
+        with contextlib.suppress(OSError):
+            os.setxattr(self.canary, "user.kept", b"x")
+        owner = NOBODY if user == "nobody" else os.geteuid()
+        for path in (top, *top.rglob("*")):
+            os.chown(path, owner, -1)
+            path.chmod(0o777 if path.name in ("unix", "datagram") else path.stat().st_mode)
+
+    def named(self) -> dict:
+        ports = {name: self.servers[name].getsockname() for name in ("TCP", "UDP")}
+        mptcp = self.servers.get("MPTCP", self.servers["TCP"]).getsockname()
+        return ports | {
+            "CANARY": str(self.canary),
+            "FOLDER": str(self.folder),
+            "SCRATCH": str(self.scratch),
+            "HIDDEN": str(self.hidden / "secret"),
+            "VICTIM": self.victim.pid,
+            "MPTCP": mptcp,
+            "UNIX": str(self.folder / "unix"),
+            "DATAGRAM": str(self.folder / "datagram"),
+            "ABSTRACT": f"tofrender-{os.getpid()}-{self.user}",
+        }
+
+    def state(self) -> dict:
+        """All that must stay."""
+        victim = psutil.Process(self.victim.pid)
+        files = {}
+        for path in (self.folder, *sorted(self.folder.iterdir())):
+            kept = path.lstat()
+            files[path.name] = (
+                kept.st_mode,
+                kept.st_uid,
+                kept.st_mtime,
+                kept.st_ctime,
+                kept.st_nlink,
+            )
+        files["content"] = self.canary.read_text()
+        return {
+            "files": files,
+            "limits": [victim.rlimit(number) for number in range(16)],
+            "victim": (victim.status(), victim.nice(), victim.ionice(), victim.cpu_affinity()),
+            "memory": Path(f"/proc/{victim.pid}/oom_score_adj").read_text(),
+            "shared": [name for name in os.listdir("/dev/shm") if "hostile" in name],
+            "system v": [
+                " 28769 " in Path(f"/proc/sysvipc/{kind}").read_text()
+                for kind in ("shm", "sem", "msg")
+            ],
+            "host": os.uname().nodename,
+        }
+
+    def heard(self) -> list[str]:
+        """The servers that somebody has reached."""
+        found = []
+        for name, server in self.servers.items():
+            server.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                if name in ("UDP", "DATAGRAM"):
+                    server.recv(10)
+                else:
+                    server.accept()[0].close()
+                found.append(name)
+        return found
+
+    def close(self) -> None:
+        self.victim.kill()
+        self.victim.wait()
+        for server in self.servers.values():
+            server.close()
+
+
+@pytest.fixture(scope="module", params=USERS)
+def tried(request):
+    """The outcomes of all attacks, and the state before and after."""
+    user = request.param
+    top = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
+    targets = Targets(top / "of", user) if (top / "of").mkdir() is None else None
+    assert targets is not None
+    try:
+        top.chmod(0o755)
+        code = top / "code"
+        code.mkdir(mode=0o755)
+        for module in (sandbox, system_calls, hostile):
+            shutil.copy(module.__file__, code)
+        for path in code.iterdir():
+            path.chmod(0o644)
+        before = targets.state()
+        done = subprocess.run(
+            confined(python_for(user), code, targets),
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+            **identity(user),
+        )
+        assert done.returncode == 0, done.stderr
+        yield json.loads(done.stdout), before, targets.state(), targets.heard()
+    finally:
+        targets.close()
+        shutil.rmtree(top, ignore_errors=True)
+
+
+def confined(python: str, code: Path, targets: Targets) -> list[str]:
+    """The command that tries all attacks in a worker's sandbox in a judge's."""
+    writable, hidden = [str(targets.scratch)], [str(targets.hidden)]
+    judge = {"writable": writable, "hidden": hidden, "judge": True}
+    uid = sandbox.spare_user() if targets.user == "root" else None
+    worker = {"writable": writable, "uid": uid}
+    both = []
+    for wanted in (judge, worker):
+        both += [python, "-I", "-S", str(code / "sandbox.py"), json.dumps(wanted)]
+    return [*both, python, "-I", "-S", str(code / "hostile.py"), json.dumps(targets.named())]
+
+
+@pytest.mark.parametrize("name", hostile.ATTACKS)
+def test_attack_is_refused(tried, name):
+    outcome = tried[0][name]
+    assert outcome != "done"
+    assert not outcome.startswith(("NameError", "SyntaxError", "AttributeError", "ended")), outcome
+
+
+@pytest.mark.parametrize("name", hostile.HARMLESS)
+def test_what_is_harmless_is_allowed(tried, name):
+    assert tried[0][name] == "done"
+
+
+def test_after_all_attacks_everything_is_as_it_was(tried):
+    _, before, after, heard = tried
+    assert after == before
+    assert heard == []
+
+
+def test_without_the_sandbox_attacks_succeed(tmp_path):
+    """So the bank tries what it says: a few of each kind that harm only their own targets."""
+    top = tmp_path / "of"
+    top.mkdir()
+    targets = Targets(top, "root" if IS_ROOT else "ordinary")
+    try:
+        names = {"mode", "times", "write", "hidden file", "tcp", "udp", "unix", "abstract unix"}
+        names |= {"priority", "limit of open files", "signal", "memory without a file", "server"}
+        chosen = {n: text for n, text in hostile.ATTACKS.items() if n.partition(": ")[2] in names}
+        space: dict = {}
+        exec(hostile.source(chosen, targets.named()), space)
+        outcomes = {name: hostile.outcome(attack) for name, attack in space["attacks"].items()}
+        assert set(outcomes.values()) == {"done"}, outcomes
+        assert {"TCP", "UDP", "UNIX", "ABSTRACT"} <= set(targets.heard())
+    finally:
+        targets.close()
+
+
+@pytest.mark.parametrize("machine", system_calls.ARCHITECTURE)
+def test_filter_is_one_that_a_kernel_takes(machine):
+    """All jumps land inside, it ends by refusing, and it is not too long."""
+    for judge in (False, True):
+        code = system_calls.program(machine, 4711, judge)
+        steps = [code[at : at + 8] for at in range(0, len(code), 8)]
+        assert len(steps) < 4096
+        for number, step in enumerate(steps[:-1]):
+            assert number + 1 + max(step[2], step[3]) < len(steps)
+        refusal = system_calls.REFUSE | system_calls.EPERM
+        assert steps[-1] == system_calls._step(system_calls.RETURN, refusal)
+
+
+# --------------------------------------------------------------------------------- bounded texts
+
+LONG = {
+    "text of an exception": "raise ValueError('x' * 100_000_000)",
+    "text of a cause": "raise ValueError('x') from OSError('y' * 100_000_000)",
+    "exception without a text": "class E(Exception):\n    __str__ = None\nraise E()",
+    "status": "import sys; sys.exit('x' * 100_000_000)",
+    "line": f"x = 1 / 0  # {'x' * 1_000_000}",
+}
+
+REPLIES = {
+    "list": "[1, 2]",
+    "number": "3",
+    "no answer": "{}",
+    "error that is none": '{"error": [1]}',
+    "uses that are none": '{"uses": 5}',
+    "long error": '{"error": "x" * 100_000_000}',
+    "many names": '{"error": "x", "uses": ["y" * 1000] * 100_000}',
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LONG)
+def test_texts_of_any_length_are_cut_before_they_are_sent(name, tmp_path):
+    submission = write_submission(tmp_path / "bad", LONG[name])
+    asked = Worker(write_assignment(tmp_path / "t1"), submission, limits=Limits(2**30))
+    try:
+        with pytest.raises(NoAnswer) as error:
+            asked.ask("density", {"width": 0.1, "t": np.zeros(1)}, 20)
+        assert len(str(error.value)) < 5000
+    finally:
+        asked.close()
+
+
+@pytest.mark.parametrize("name", REPLIES)
+def test_reply_of_any_kind_is_a_reason_of_one_line(name, tmp_path):
+    asked = Worker(tmp_path, None)
+    with pytest.raises(NoAnswer) as error:
+        asked._taken(eval(REPLIES[name]))
+    assert len(str(error.value)) < MAX_REASON + 10
+    assert "\n" not in str(error.value)
+    assert sum(map(len, asked.used)) <= 100_000
+    asked.close()
+
+
+def write_npz(path: Path, **arrays) -> None:
+    structure = np.frombuffer(b'{"answer": {"__array__": "a0"}}', np.uint8)
+    np.savez_compressed(path, structure=structure, **arrays)
+
+
+def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path, monkeypatch):
+    monkeypatch.setattr(wire, "MAX_BYTES", 1 << 20)
+    path = tmp_path / "1.npz"
+    write_npz(path, a0=np.zeros(1 << 18))
+    with pytest.raises(ValueError, match="more than 1048576"):
+        wire.read(path)
+    write_npz(path, a0=np.zeros(3, [("x", "f4")]))
+    with pytest.raises(ValueError, match="is no array of numbers"):
+        wire.read(path)
+    path.unlink()
+    write_npz(tmp_path / "2.npz", a0=np.zeros(3))
+    path.symlink_to(tmp_path / "2.npz")
+    with pytest.raises(ValueError, match="is not an answer"):
+        wire.read(path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(ValueError, match="no regular file"):
+        wire.read(path)
+    path.unlink()
+    damaged = bytearray((tmp_path / "2.npz").read_bytes())
+    for at in range(0, len(damaged), 7):
+        path.write_bytes(damaged[:at] + b"\xff\xff\xff" + damaged[at + 3 :])
+        with contextlib.suppress(ValueError):  # and nothing else
+            wire.read(path)
+
+
+def test_report_is_read_in_parts_only(tmp_path, monkeypatch):
+    monkeypatch.setattr("tofrender.course.judge.running.MAX_REPORT", 1000)
+    line = {"id": "x", "case": "", "outcome": "passed", "text": "", "seconds": 0.1}
+    (tmp_path / "lines").write_text((json.dumps(line) + "\n") * 100)
+    assert 0 < len(read_report(tmp_path / "lines")) < 100
+
+
+@pytest.mark.slow
+def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
+    """The test's own lines are shown to students who run it, not to those who are graded."""
+    staff = write_assignment(tmp_path / "t1")
+    answers = "class AMCWPulse:\n    def __init__(self, frequency_hz): pass\n"
+    answers += "    def eval(self, opl): return {'x': 1}\n"
+    student = write_submission(tmp_path / "bad", PULSE, answers)
+    test = staff / "tests/test_square.py"
+    test.write_text(test.read_text().replace("opl=0.0), [", 'opl=0.0)["secret"], ['))
+    for option, shown in ((["--confine"], False), ([], True)):
+        words = ["-m", "t1_square", f"--submission={student}", "--report=r", *option]
+        command = [sys.executable, "-m", "pytest", "-q", *words]
+        subprocess.run(command, cwd=staff, capture_output=True, timeout=120, check=False)
+        text = json.loads((staff / "r").read_text().splitlines()[-1])["text"]
+        assert ("secret" in text) == shown, text
+        assert shown or "of another kind than was asked for (KeyError in line" in text
