@@ -130,7 +130,7 @@ class Targets:
         files["content"] = self.canary.read_text()
         return {
             "files": files,
-            "limits": [victim.rlimit(number) for number in range(16)],
+            "limits": Path(f"/proc/{victim.pid}/limits").read_text(),
             "victim": (victim.status(), victim.nice(), victim.ionice(), victim.cpu_affinity()),
             "memory": Path(f"/proc/{victim.pid}/oom_score_adj").read_text(),
             "shared": [name for name in os.listdir("/dev/shm") if "hostile" in name],
@@ -303,12 +303,11 @@ def write_npz(path: Path, **arrays) -> None:
     np.savez_compressed(path, structure=structure, **arrays)
 
 
-def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path, monkeypatch):
-    monkeypatch.setattr(wire, "MAX_BYTES", 1 << 20)
+def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path):
     path = tmp_path / "1.npz"
     write_npz(path, a0=np.zeros(1 << 18))
     with pytest.raises(ValueError, match="more than 1048576"):
-        wire.read(path)
+        wire.read(path, 1 << 20)
     write_npz(path, a0=np.zeros(3, [("x", "f4")]))
     with pytest.raises(ValueError, match="is no array of numbers"):
         wire.read(path)

@@ -38,15 +38,19 @@ def write(path: Path, value: Any) -> None:
     os.replace(temporary, path)
 
 
-def read(path: Path) -> Any:
+def read(path: Path, most: int = MAX_BYTES) -> Any:
     """Read a value.
+
+    Args:
+        path: The file.
+        most: Its largest size, and that of its arrays together [bytes].
 
     Raises:
         ValueError: The file is not what `write` writes.
     """
     try:
-        with opened(path) as file:
-            content = arrays_of(file)
+        with opened(path, most) as file:
+            content = arrays_of(file, most)
         structure = content.pop("structure")
         if structure.nbytes > MAX_STRUCTURE:
             raise ValueError(f"its texts have {structure.nbytes} bytes, more than {MAX_STRUCTURE}")
