@@ -7,6 +7,8 @@ graded by the whole command.
 from __future__ import annotations
 
 import contextlib
+import csv
+import inspect
 import json
 import os
 import shutil
@@ -21,6 +23,7 @@ import hostile
 import numpy as np
 import psutil
 import pytest
+import tiny_assignment
 from judged_pulse import PULSE, write_assignment, write_submission
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
@@ -351,3 +354,186 @@ def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
         text = json.loads((staff / "r").read_text().splitlines()[-1])["text"]
         assert ("secret" in text) == shown, text
         assert shown or "of another kind than was asked for (KeyError in line" in text
+
+
+# ----------------------------------------------------------------------------------- a class
+
+ADD = "def add0(a, b):\n    return a + b\n"
+BEGIN = """
+import os, pathlib, time, zipfile
+import numpy as np
+TMP = os.environ["TMPDIR"]
+ANSWERS = pathlib.Path(TMP).parent / "answers"
+"""
+
+MEMBERS = {
+    "a right one": (ADD, 1, ""),
+    "all attacks": ("@ATTACKS@", 1, ""),
+    "closes everybody's files": (
+        """
+for folder, folders, names in os.walk("@TOP@"):
+    for name in [*folders, *names]:
+        try:
+            os.chmod(os.path.join(folder, name), 0)
+        except OSError:
+            pass
+os.umask(0o777)
+os.chdir(TMP)
+os.mkdir("closed", 0o300)
+os.umask(0o022)
+""",
+        1,
+        "",
+    ),
+    "leaves folders that cannot be listed": (
+        """
+os.umask(0)
+os.chdir(TMP)
+for _ in range(50):
+    os.mkdir("closed", 0o300)
+    os.chdir("closed")
+    open("file", "w").close()
+os.umask(0o022)
+""",
+        1,
+        "",
+    ),
+    "long text": ("raise ValueError('x' * 100_000_000)", 0, "ValueError: xxx"),
+    "reply that is none": (
+        "np.savez(ANSWERS / '1', structure=np.frombuffer(b'[1, 2]', np.uint8))\ntime.sleep(20)",
+        0,
+        "the reply is none that the worker writes",
+    ),
+    "reply that unpacks to much": (
+        "with zipfile.ZipFile(ANSWERS / 'x', 'w', 8, compresslevel=1) as archive:\n"
+        "    archive.writestr('structure.npy', bytes(300 << 20))\n"
+        "os.rename(ANSWERS / 'x', ANSWERS / '1.npz')\ntime.sleep(20)",
+        0,
+        "is not an answer: it holds",
+    ),
+    "reply that is a link": (
+        "os.symlink('/dev/zero', ANSWERS / '1.npz')\ntime.sleep(20)",
+        0,
+        "a link",
+    ),
+    "answer of another kind": ("def add0(a, b):\n    return {'x': None}", 0, "expected: numbers"),
+    "a right one between": (ADD, 1, ""),
+    "many processes": (
+        "for _ in range(260):\n    if os.fork() == 0:\n        time.sleep(600)",
+        0,
+        "started more than 200 processes",
+    ),
+    "much memory": ("x = [bytearray(1 << 27) for _ in range(20)]", 0, "GiB of memory"),
+    "ends its parents": (
+        "for pid in (os.getppid(), 0):\n    try:\n        os.kill(pid, 9)\n"
+        "    except OSError:\n        pass",
+        1,
+        "",
+    ),
+    "a right one at the end": (ADD, 1, ""),
+}
+
+DRIVER = """
+import json, resource, sys
+from pathlib import Path
+from tofrender.course.assignments import find
+from tofrender.course.grade import grading
+
+top = Path(sys.argv[1])
+limits = [resource.getrlimit(number) for number in range(16)]
+with grading.opened(find(top / "a0"), memory_gib=1) as grader:
+    grading.grade_all(grader, top / "class", top / "grades.csv", top / "out", print)
+assert limits == [resource.getrlimit(number) for number in range(16)]
+print(json.dumps(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024))
+"""
+
+ELSEWHERE = """
+set -e
+closed=$1; hold=$2; user=$3; shift 3
+mount -t tmpfs -o mode=755 none "$hold"
+number=0
+for path in $PYTHON_FOLDERS; do
+    number=$((number + 1)); mkdir "$hold/$number"; mount --bind "$path" "$hold/$number"
+done
+mount -t tmpfs -o mode=755 none "$closed"
+number=0
+for path in $PYTHON_FOLDERS; do
+    number=$((number + 1)); mkdir -p "$path"; mount --bind "$hold/$number" "$path"
+done
+exec setpriv --reuid="$user" --regid="$user" --clear-groups "$@"
+"""
+
+
+def run_as(user: str, top: Path, command: list[str]) -> subprocess.CompletedProcess:
+    """Run a command, with Python where this user reaches it."""
+    environment = os.environ | {
+        "PYTHONPATH": str(CHECKOUT),
+        "HOME": str(top / "home"),
+        "TMPDIR": str(top / "tmp"),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    closed, who = sandbox.closed_to_others(), identity(user)
+    if closed and user == "nobody":
+        if shutil.which("unshare") is None or shutil.which("setpriv") is None:
+            pytest.skip("Python lies where other users cannot go")
+        (top / "hold").mkdir()
+        script = ["unshare", "-m", "sh", "-c", ELSEWHERE, "sh", closed, str(top / "hold")]
+        command, who = [*script, str(NOBODY), *command], {}
+        inside = [path for path in sandbox.python_folders() if path.startswith(closed + "/")]
+        environment["PYTHON_FOLDERS"] = " ".join(inside)
+    return subprocess.run(
+        command, env=environment, cwd=top, capture_output=True, text=True, check=False, **who
+    )
+
+
+def state_of(folder: Path) -> dict:
+    """Modes, owners, times and content of all files."""
+    found = {}
+    for path in (folder, *sorted(folder.rglob("*"))):
+        kept = path.lstat()
+        content = path.read_bytes() if path.is_file() else b""
+        found[str(path)] = (kept.st_mode, kept.st_uid, kept.st_mtime, kept.st_ctime, content)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("user", USERS)
+def test_class_with_hostile_members_is_graded_right(user, open_tmp):
+    assert python_for(user)
+    top = open_tmp
+    (top / "victims").mkdir()
+    targets = Targets(top / "victims", user)
+    tiny_assignment.write(top / "a0", tiny_assignment.wide(["sum"]))
+    attacks = hostile.source(hostile.ATTACKS, targets.named())
+    attacks += inspect.getsource(hostile.outcome)
+    attacks += "done = [name for name, it in attacks.items() if outcome(it) == 'done']\n"
+    attacks += "assert not done, done\n"
+    for name, (text, _, _) in MEMBERS.items():
+        text = text.replace("@TOP@", str(top)).replace("@ATTACKS@", attacks)
+        text = text if "def add0" in text else f"{text}\n{ADD}"
+        tiny_assignment.write(top / "class" / name, {"p0.py": BEGIN + text})
+    for name in ("home", "tmp"):
+        (top / name).mkdir()
+    owner = NOBODY if user == "nobody" else os.geteuid()
+    for path in (top, *top.rglob("*")):
+        os.chown(path, owner, -1)
+    before, files = targets.state(), state_of(top / "class")
+    try:
+        done = run_as(user, top, [sys.executable, "-P", "-c", DRIVER, str(top)])
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert targets.state() == before
+        assert targets.heard() == []
+    finally:
+        targets.close()
+    assert state_of(top / "class") == files
+    assert list((top / "tmp").iterdir()) == []
+    assert json.loads(done.stdout.splitlines()[-1]) < 600  # MB of the grader
+    with (top / "grades.csv").open(newline="") as table:
+        rows = {row["submission"]: row for row in csv.DictReader(table)}
+    wrong = {
+        name: rows[name]
+        for name, (_, points, reason) in MEMBERS.items()
+        if (float(rows[name]["total"]), reason in rows[name]["reason"]) != (points, True)
+    }
+    assert not wrong
