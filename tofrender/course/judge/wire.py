@@ -91,6 +91,7 @@ def arrays_of(file: IO[bytes], most: int = MAX_BYTES) -> dict[str, np.ndarray]:
         ValueError: They are larger, or not of numbers and texts. Damage raises anything.
     """
     with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
+        assert archive.zip is not None
         size = sum(entry.file_size for entry in archive.zip.infolist())
         if size > most:
             raise ValueError(f"it holds {size} bytes, more than {most}")
