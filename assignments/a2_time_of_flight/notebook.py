@@ -82,7 +82,7 @@ pulse = GaussianPulse(width_opl=0.03)
 n = 2001
 t = dr.linspace(mi.Float, -0.2, 0.2, n)
 dt = 0.4 / (n - 1)  # both ends belong to the n points
-print(f"integral of the density: {float(dr.sum(pulse.eval(t))[0] * dt):.5f}")
+print(f"integral of the density: {np.array(pulse.eval(t)).sum() * dt:.5f}")
 
 xi = mi.Float(np.random.default_rng(0).random(100_000))
 offsets, weight = pulse.sample(xi)
