@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render test test-kills test-inputs lint bench bench-full bench-lost clean
+.PHONY: help setup render notebook docs test test-kills test-inputs lint bench bench-full bench-lost clean
 
 OUT ?= out/cornell_box
 
@@ -12,6 +12,12 @@ setup: ## create .venv, install the package, find or install LLVM
 
 render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
 	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
+
+notebook: setup ## open the notebooks in JupyterLab; running them leaves the files as they are in git
+	.venv/bin/jupyter lab --config=.ci/jupyter_config.py $(ARGS)
+
+docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks
+	.venv/bin/python docs/build.py $(ARGS)
 
 test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
 	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)

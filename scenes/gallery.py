@@ -112,8 +112,8 @@ PLANS: dict[str, tuple[tuple[Plan, ...], ...]] = {
 }
 """What each drawn file `pictures/NAME.png` shows, in rows."""
 
-PLAN_SIZE = (6.4, 5.2)  # inches
-PLAN_DPI = 60
+PLAN_SIZE = (4.0, 3.25)  # inches
+PLAN_DPI = 96
 
 
 def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:

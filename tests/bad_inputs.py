@@ -127,6 +127,8 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "side": (set(), {"5000": 5000}),
     "rate": ({"1.5"}, {"500": 500}),
     "cent": ({"1.5"}, {"101": 101}),
+    "inches": (set(), {"2.4": 2.4, "41.0": 41.0}),
+    "dots": (set(), {"19": 19, "2401": 2401}),
     "stops": ({"0", "1.5"}, {"-0.1": -0.1}),
     "samples": (set(), {"999": 999, "2000.0": 2000.0}),
     "resolution": (set(), {"1": 1, "513": 513}),
@@ -171,7 +173,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "file": (set(), {"folder": ".", "long": "x" * 5000 + ".npz", "nothing": "none.npz"}),
     "checkpoint": (set(), {"folder": ".", "long": "x" * 5000 + ".npz"}),
     "renders": (set(), {"one": [xr.Dataset()] * 2}),
-    "figure": ({"text", "digits"}, {"no folder": "no/a.png"}),
+    "figure": (set(), {"no folder": "no/a.png", "another ending": "a.jpg", "folder": "."}),
     "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
 }
 

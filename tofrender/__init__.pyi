@@ -1,5 +1,6 @@
 from . import (
     analysis as analysis,
+    apps as apps,
     course as course,
     datasets as datasets,
     films as films,
@@ -24,6 +25,11 @@ from .analysis import (
     unambiguous_range as unambiguous_range,
     unwrap as unwrap,
 )
+from .apps import (
+    explore as explore,
+    report as report,
+)
+from .apps.warptest import warptest as warptest
 from .datasets import (
     load_dataset as load_dataset,
     make_dataset as make_dataset,
@@ -93,6 +99,7 @@ from .rendering.store import save_zarr as save_zarr
 from .rendering.strategies import strategy_pyramid as strategy_pyramid
 from .rendering.workers import local_workers as local_workers
 from .runtime import backend as backend, doctor as doctor
+from .runtime.canvas import figure_style as figure_style, save_figure as save_figure
 from .runtime.checkpoints import Checkpoint as Checkpoint
 from .samplers.padded_sobol import PaddedSobolSampler as PaddedSobolSampler
 from .scenes import (
@@ -143,6 +150,7 @@ from .signals.units import (
     opl_to_ns as opl_to_ns,
 )
 from .vis import (
+    gate_figure as gate_figure,
     light_in_flight as light_in_flight,
     phasor_panel as phasor_panel,
     plan_figure as plan_figure,

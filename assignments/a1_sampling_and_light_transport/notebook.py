@@ -63,7 +63,7 @@ def chi_square(sample, pdf, domain, name, **options):
     """A chi-square test, and its picture for handing in."""
     options = {"samples": SAMPLES, "resolution": CELLS, "name": name} | options
     verdict = chi_square_test(sample, pdf, domain, **options)
-    verdict.figure().savefig(deliverables / f"chi_square_{name}.png", dpi=60)
+    verdict.figure().savefig(deliverables / f"chi_square_{name}.png", dpi=130)
     print(verdict)
     return verdict
 

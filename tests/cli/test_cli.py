@@ -17,12 +17,12 @@ import OpenEXR
 import pytest
 
 import tofrender
+from tofrender.apps.warptest.engine import POINT_SETS
+from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.cli import nlos as cli_nlos, render as cli_render, warp as cli_warp
 from tofrender.cli.app import main
 from tofrender.cli.options import FILES
 from tofrender.runtime.atomic import hidden
-from tofrender.sampling.points import POINT_SETS
-from tofrender.sampling.warps import WARPS
 from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
 
 ROOT = Path(__file__).parents[2]
@@ -112,7 +112,7 @@ def test_scenes(capsys):
         (["--bin-width", "-0.1"], "--bin-width = -0.1: must be a finite number"),
         (["--bin-width", "inf"], "--bin-width = inf: must be a finite number"),
         (["--start-opl", "nan"], "--start-opl = nan: must be a finite number of metres"),
-        (["--pulse-width", "wide"], "--pulse-width = 'wide': must be a finite number"),
+        (["--pulse-width", "wide"], "--pulse-width = 'wide': must be auto, none, or metres"),
         (["--max-depth", "0"], "--max-depth = 0: must be -1 (no limit) or an integer"),
         (["--seed", "-1"], "--seed = -1: must be an integer from 0 to 4294967295"),
         (["--sampler", "halton"], "--sampler = 'halton': must be one of"),
@@ -126,8 +126,8 @@ def test_scenes(capsys):
             "--start-opl = 3: must be left out with --window",
         ),
         (["--window", "3,15", "--bin-width", "1"], "--bin-width = 1: must be left out with --win"),
-        (["--window", "all"], "--window = 'all': must be auto, or start,stop in metres"),
-        (["--window", "3"], "--window = 3: must be auto, or start,stop in metres"),
+        (["--window", "all"], "--window = 'all': must be auto, scene, or start,stop in metres"),
+        (["--window", "3"], "--window = 3: must be auto, scene, or start,stop in metres"),
         (["--window", "9,3"], "--window = 9,3: must end after it starts"),
         (["--window", "3,nan"], "--window = nan: must be a finite number of metres"),
         (["--window", "0,1"], "--window = 0 m to 1 m: no light arrives in it; must overlap"),
@@ -193,7 +193,7 @@ def test_choices_are_those_there_are():
         (cli_render.Format, FILES),
         (cli_nlos.Mode, tofrender.nlos.MODES),
         (cli_nlos.Method, tofrender.nlos.METHODS),
-        (cli_warp.Warp, WARPS),
+        (cli_warp.Warp, SUBJECTS),
         (cli_warp.PointSet, POINT_SETS),
     ):
         assert set(get_args(names)) == set(there)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import types
@@ -13,6 +14,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddic
 
 import numpy as np
 import pytest
+from films_in_parts import in_small_steps
 from PIL import Image
 from test_cli import COMMAND, ROOT, TINY, names, refused, run
 from test_outputs import captured
@@ -20,6 +22,7 @@ from test_outputs import captured
 import tofrender
 from tofrender import io
 from tofrender.cli import answers, completion, render as cli_render
+from tofrender.rendering import pieces
 from tofrender.runtime import doctor
 
 SCHEMAS = {
@@ -147,25 +150,22 @@ def test_errors_leave_stdout_empty(capsys, tmp_path):
 
 @pytest.mark.slow
 def test_json_of_a_render_that_was_stopped(capsys, tmp_path, monkeypatch):
-    from tofrender.rendering import pieces
-    from tofrender.runtime.progress import signal
-
     steps = pieces.steps
 
     def stopped(*arguments):
-        for done in steps(*arguments):
-            signal.raise_signal(signal.SIGINT)
+        for number, done in enumerate(steps(*arguments)):
+            if not number:
+                signal.raise_signal(signal.SIGINT)
             yield done
 
     monkeypatch.setattr(pieces, "steps", stopped)
-    monkeypatch.setattr("tofrender.integrators.passes.FIRST_SAMPLES", 64)
-    monkeypatch.setattr("tofrender.integrators.passes.STEP_SAMPLES", 64)
-    arguments = ["render", "cornell_box", *TINY[:-1], "64", "--no-video", "--out", tmp_path / "a"]
+    in_small_steps(monkeypatch, 8 * 6)
+    arguments = ["render", "cornell_box", *TINY, "--no-video", "--out", tmp_path / "a"]
     status, out, err = run(capsys, *arguments, "--json")
     assert status == 130
     facts = checked(json.loads(out), "render")
     assert facts["complete"] is False
-    assert 0 < facts["spp"] < 64
+    assert facts["spp"] == 2
     assert "with --resume goes on" in err
 
 
@@ -303,6 +303,9 @@ def test_vectors(capsys, tmp_path, kind):
     panel = tmp_path / "panel"
     run(capsys, "phasor", out, "--freq", "2e7", "--out", panel, "--figure", kind)
     assert (panel / f"panel.{kind}").read_bytes().startswith(marks[kind])
+    gate = tmp_path / "gate"
+    run(capsys, "gate", "cornell_box", *SMALL, "--at", "6", "--out", gate, "--figure", kind)
+    assert (gate / f"picture.{kind}").read_bytes().startswith(marks[kind])
     io.save_capture(captured(), tmp_path / "a.h5")
     volume = tmp_path / "volume"
     arguments = ["reconstruct", tmp_path / "a.h5", "--method", "bp", "--out", volume]

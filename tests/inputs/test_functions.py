@@ -77,6 +77,11 @@ def verdict() -> Any:
 
 
 @functools.cache
+def drawn() -> Any:
+    return tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1)
+
+
+@functools.cache
 def record() -> Any:
     return sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0, 0, 0), mi.Point2f(0.5, 0.5))
 
@@ -132,6 +137,13 @@ BOX = SIZE | BINS | DEPTH
 SEEDED = {"spp": "count", "seed": "seed"}
 KEPT = {"checkpoint": "checkpoint?", "progress": "boolean"}
 AXIS = {"start_opl": "metres", "bin_width_opl": "positive"}
+SHOWN = {
+    "data": "dataset",
+    "orders": "mapping? but dict-1, dataset",
+    "distance_m": "picture?",
+    "title": "label?",
+    "megabytes": "positive but 1e30, 2**40",
+}
 SAVED = {"overwrite": "boolean", "progress": "boolean"}
 
 
@@ -367,6 +379,13 @@ TABLE = [
         lambda out: {"path": out / "a"},
         {"path": "path", "folder": "boolean", "needed_bytes": "seed? but 2**40, 2**32"},
     ),
+    # ---------------------------------------------------------------------------- the explorer
+    Row("explore", lambda _: {"data": data()}, SHOWN),
+    Row(
+        "report",
+        lambda out: {"data": data(), "path": out / "a.html"},
+        SHOWN | {"path": "path", "overwrite": "boolean"},
+    ),
     # --------------------------------------------------------------------------------- figures
     Row(
         "vis.visualize_transient",
@@ -383,6 +402,23 @@ TABLE = [
         lambda _: {"data": CUBE, "start_opl": 1.0, "bin_width_opl": 0.1},
         {"data": "cube", "style": "choice", "period_ns": "positive?", "exposure": "positive?"}
         | AXIS,
+    ),
+    Row(
+        "vis.gate_figure",
+        lambda _: {"image": np.ones((2, 3, 3)), "opl": 5.9, "pulse_width_opl": 0.03},
+        {
+            "image": "light",
+            "opl": "metres",
+            "pulse_width_opl": "positive",
+            "exposure": "positive?",
+            "title": "label?",
+        },
+    ),
+    Row("vis.figure_style", lambda _: {}, {"theme": "choice?", "width": "inches?"}),
+    Row(
+        "io.save_figure",
+        lambda out: {"figure": drawn(), "path": out / "a.png"},
+        {"figure": "object", "path": "path but text, digits, lines", "dpi": "dots"},
     ),
     Row(
         "vis.phasor_panel",
@@ -649,6 +685,7 @@ TABLE = [
         {"seed": "seed"},
     ),
     Row("sampling.warp_case", lambda _: {"name": "tent"}, {"name": "choice"}),
+    Row("warptest", lambda _: {"subject": "tent"}, {"subject": "choice", "module": "file?"}),
     Row(
         "sampling.warp_case",
         lambda _: {"name": "beckmann", "alpha": 0.3},
@@ -915,7 +952,7 @@ def function(name: str) -> Any:
 def called(row: Row, out: Path, /, **changes: Any) -> Any:
     """The result of a call; what is a context is entered."""
     result = function(row.name)(**row.good(out) | changes)
-    if row.name in ("io.output_folder", "io.replacing", "local_workers"):
+    if row.name in ("io.output_folder", "io.replacing", "local_workers", "vis.figure_style"):
         with result as inner:
             return not isinstance(inner, Path) or inner.exists() or inner.touch()
     return result
@@ -1025,7 +1062,7 @@ def test_attributes_of_renders_that_are_joined(changes):
 def public() -> set[str]:
     """Names in the stubs of the rooms, as the table calls them."""
     names = set()
-    for room in ("", "io", "vis", "analysis", "nlos", "sampling", "scenes"):
+    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes"):
         stub = PACKAGE / room / "__init__.pyi"
         if not stub.exists():
             names |= {f"{room}.{name}" for name in function(room).__all__}

@@ -59,6 +59,7 @@ KINDS: dict[str, tuple[dict[str, str], set[str]]] = {
     "metres": (NUMBERS, {"zero", "minus one", "a fraction", "huge", "large"}),
     "positive": (NUMBERS, {"a fraction", "huge", "large"}),
     "width": (NUMBERS, {"a fraction", "huge", "large"}),
+    "pulse": (NUMBERS | {"capitals": "AUTO"}, {"a fraction", "huge", "large"}),
     "from 0": (NUMBERS, {"zero", "a fraction", "huge", "large"}),
     "from 1": (NUMBERS, {"a fraction", "huge", "large"}),
     "from 30": (NUMBERS, {"huge", "large"}),
@@ -108,7 +109,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--start-opl": "metres",
             "--bin-width": "width",
             "--window": "span",
-            "--pulse-width": "positive",
+            "--pulse-width": "pulse",
             "--max-depth": "depth",
             "--integrator": "choice",
             "--sampler": "choice",
@@ -151,6 +152,8 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--max-depth": "depth",
             "--seed": "seed",
             "--variant": "choice",
+            "--figure": "choice",
+            "--dpi": "dpi",
             "--checkpoint": "from 0",
         },
     ),
@@ -202,6 +205,40 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
             "--variant": "choice",
         },
     ),
+    "warptest": (
+        ["beckmann", "--headless", "--alpha", "0.5", "--count", "4"],
+        {
+            "name": "choice",
+            "--module": "file",
+            "--alpha": "alpha",
+            "-D": "definition",
+            "--points": "choice",
+            "--count": "count",
+            "--samples": "count",
+            "--dpi": "dpi",
+            "--seed": "seed",
+            "--variant": "choice",
+            "--port": "count",
+        },
+    ),
+    "view": (
+        ["cornell_box", "--live", "--size", "4x4", "--spp", "1", "--no-browser"],
+        {
+            "source": "scene",
+            "--spp": "count",
+            "--size": "size",
+            "--max-depth": "depth",
+            "--seed": "seed",
+            "--variant": "choice",
+            "--host": "choice",
+            "--port": "count",
+        },
+    ),
+    "compare": (
+        ["veach", "--no-browser"],
+        {"one": "choice", "--variant": "choice", "--host": "choice", "--port": "count"},
+    ),
+    "report": (["render.npz"], {"source": "file", "--megabytes": "positive"}),
     "release": (["a1"], {"assignment": "choice"}),
     "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
     "start": (["a1", "folder"], {"assignment": "choice"}),
@@ -224,7 +261,14 @@ ELSEWHERE = {
     "--video": "a switch",
     "--resume": "a switch",
     "--errors": "a switch",
+    "report title": "any text",
     "--json": "a switch",
+    "--browser": "a switch",
+    "--headless": "a switch",
+    "--live": "a switch",
+    "warp parameters": "as of warptest",
+    "warptest host": "as of view",
+    "compare two": "tests/apps",
     "--progress": "a switch",
     "scenes": "has no other options",
     "doctor": "has no other options",
@@ -236,8 +280,8 @@ ELSEWHERE = {
     "dataset workers": "as of render",
     "dataset scheduler": "as of render",
 }
-SUFFIXES = {"capture": ".h5", "warp": ".png"}
-WITHOUT_OUT = {"verify", "start", "submit", "grade"}
+SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png", "warptest": ".png", "view": ".npz"}
+WITHOUT_OUT = {"verify", "start", "submit", "grade", "compare"}
 
 
 @pytest.fixture
@@ -251,7 +295,8 @@ def no_work(monkeypatch):
     for name in ("steps", "expose"):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
-    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
+    monkeypatch.setattr("panel.io.server.get_server", never)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from bad_inputs import listing, one_clear_line
 from hidden_scenes import Wall, capture_of, rectangle
 from made_dataset import make_dataset
 
-from tofrender import io
+from tofrender import io, report
 from tofrender.cli.app import main
 from tofrender.integrators import passes
 from tofrender.nlos.reconstruction import methods
@@ -43,6 +43,7 @@ WRITERS = {
     "gif": (".gif", lambda path: io.save_video(picture(), path, min_size=4, **QUIET)),
     "mp4": (".mp4", lambda path: io.save_video(picture(), path, min_size=4, **QUIET)),
     "capture": (".h5", lambda path: io.save_capture(captured(), path)),
+    "page": (".html", lambda path: report(picture(), path)),
     "layers": (".exr", lambda path: io.save_exr_layers(path, {"": np.ones((2, 3, 3))})),
 }
 SCENE = ["--size", "4x4", "--spp", "1"]
@@ -53,9 +54,10 @@ COMMANDS = {
     "gate": ("", ["gate", "cornell_box", *SCENE, "--at", "6"]),
     "capture": (".h5", ["capture", "nlos_plane", "--grid", "2x2", "--spp", "1"]),
     "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),
+    "report": (".html", ["report", "{render}"]),
     "warp": (".png", ["warp", "tent", "--count", "4"]),
 }
-REPLACES = {"gif", "mp4", "layers", "warp"}
+REPLACES = {"gif", "mp4", "layers", "report", "warp"}
 """Those that replace a file without being told to."""
 
 
@@ -80,7 +82,7 @@ def no_work(monkeypatch):
         monkeypatch.setattr(passes, name, never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr("tofrender.nlos.exhaustive.steps", never)
-    monkeypatch.setattr("tofrender.sampling.cases.chi_square_test", never)
+    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", never)
 
 
 def places(folder: Path, suffix: str) -> dict[str, str]:

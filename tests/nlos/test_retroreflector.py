@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from nlos_support import register_retroreflector
 
-from tofrender.sampling.cases import bsdf_case, chi_square_suite
+from tofrender.sampling import bsdf_case, chi_square_suite
 
 EXPONENTS = (0.3, 1.0, 10.0, 100.0, 1000.0)
 ANGLES = (0.0, 30.0, 60.0, 80.0, 89.0, 89.9)

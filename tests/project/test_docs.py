@@ -1,21 +1,39 @@
-"""What docs/ and CONTRIBUTING.md say: their Python runs, their files exist."""
+"""What docs/ and CONTRIBUTING.md say: Python runs, links lead on, the API is whole."""
 
 from __future__ import annotations
 
+import importlib
 import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
+import browser
 import pytest
 
+import tofrender
+from tofrender.runtime.lazy import public_names
+
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(ROOT.glob("docs/*.md"))
+PAGES = sorted(ROOT.glob("docs/**/*.md"))
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+SITE = ROOT / "build/docs/html"
+NO_SITE = "the site is not built; run: make docs"
 
 
-def test_most_pages_have_python():
-    assert len(WITH_PYTHON) >= len(PAGES) - 1  # That of the benchmarks' figures has none
+@pytest.fixture
+def build(monkeypatch):
+    """docs/build.py as a module."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    module = importlib.import_module("build")
+    yield module
+    sys.modules.pop("build")
+
+
+def test_pages_with_python_are_found():
+    names = {page.stem for page in WITH_PYTHON}
+    assert {"index", "researcher", "conventions", "how_it_works", "datasets"} <= names
 
 
 @pytest.mark.slow
@@ -34,7 +52,7 @@ def test_python_of_a_page_runs(page, tmp_path):
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.stem)
 def test_files_that_a_page_names_exist(page):
     named = set(re.findall(r"`([\w./]+/[\w.]*)`", page.read_text(encoding="utf-8")))
-    assert named
+    named -= {"package/", "build/docs/html", "out/cornell_box"}  # What students get, what is made
     places = (ROOT, ROOT / "tofrender", ROOT / "tofrender/course", ROOT / "tofrender/nlos")
     assignment = ROOT / "assignments/a2_time_of_flight"
     missing = [
@@ -43,3 +61,128 @@ def test_files_that_a_page_names_exist(page):
         if not any((place / name).exists() for place in (*places, assignment))
     ]
     assert not missing
+
+
+# ---------------------------------------------------------------------------------- links
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_of_a_page_lead_to_files(page):
+    """As GitHub follows them; what they lead to on the site is looked at when it is built."""
+    for target in re.findall(r"\]\(([^()#\s]+)[^)\s]*\)", page.read_text("utf-8")):
+        assert ":" in target or (page.parent / target).exists(), target
+
+
+def test_links_are_those_of_the_site(build, tmp_path):
+    known = {"docs/a.md": tmp_path / "a.md", "notebooks/b.ipynb": tmp_path / "notebooks/b.ipynb"}
+
+    def relinked(text: str, path: str = "docs/a.md") -> str:
+        return build.relinked(text, path, known)
+
+    assert relinked("see [b](../notebooks/b.ipynb)") == "see [b](notebooks/b.ipynb)"
+    assert relinked('"[`a`](../docs/a.md#x)"', "notebooks/b.ipynb") == '"[`a`](../a.md#x)"'
+    assert relinked("[code](../tofrender/paths/walk.py), [x](#x)") == "code, [x](#x)"
+    web = "[Mitsuba](https://mitsuba.readthedocs.io) ![picture](none.png)"
+    assert relinked(web) == web
+
+
+def test_dead_links_and_what_is_loaded_from_elsewhere_are_found(build, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "HTML", tmp_path)
+    page = '<a href="{}">x</a><h1 id="there"></h1><script src="{}"></script>'
+    good = page.format("b.html#there", "b.html") + '<a href="https://x.org">x</a>'
+    (tmp_path / "a.html").write_text(good)
+    (tmp_path / "b.html").write_text(page.format("#there", "a.html"))
+    assert build.faults() == []
+    (tmp_path / "b.html").write_text(page.format("c.html", "https://x.org/x.js"))
+    (tmp_path / "c.css").write_text("@import 'https://x.org/font.css'")
+    assert build.faults() == [
+        "b.html: href c.html: no such file",
+        "b.html: loads https://x.org/x.js",
+        "c.css: loads https://x.org/font.css",
+    ]
+    (tmp_path / "b.html").write_text(page.format("a.html#where", "a.html"))
+    assert build.faults()[0] == "b.html: href a.html#where: no such place on that page"
+
+
+# ---------------------------------------------------------------------------------- the API
+
+
+def listed() -> list[str]:
+    """All names of the API's pages, with the module that they are looked up in."""
+    found = []
+    for page in sorted(ROOT.glob("docs/api/*.md")):
+        text = page.read_text(encoding="utf-8")
+        for module, names in re.findall(r"```\{names\} (\S+)\n(.*?)```", text, re.DOTALL):
+            found += [f"{module}.{name}" for name in names.split()]
+    return found
+
+
+def test_the_api_has_every_public_name_once():
+    rooms = re.findall(r"`(tofrender\.\w+)`", (ROOT / "docs/api/index.md").read_text("utf-8"))
+    top = public_names("tofrender", tofrender.__file__)
+    wanted = {f"tofrender.{name}" for name in top}
+    for room in rooms:
+        module = importlib.import_module(room)
+        if Path(module.__file__).with_suffix(".pyi").exists():
+            names = set(public_names(room, module.__file__)) - set(top)
+            wanted |= {f"{room}.{name}" for name in names}
+    count = Counter(listed() + rooms)
+    assert wanted - set(count) == set()
+    assert set(count) - wanted == set()
+    assert max(count.values()) == 1, count.most_common(3)
+
+
+def test_the_api_has_every_command():
+    from typer.main import get_command
+
+    from tofrender.cli.app import app
+
+    text = (ROOT / "docs/api/command.md").read_text(encoding="utf-8")
+    names = re.search(r"```\{commands\}\n(.*?)```", text, re.DOTALL)[1].split()
+    assert sorted(names) == sorted(get_command(app).commands)
+
+
+# ------------------------------------------------------------------------------ in a browser
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1360, 390], ids=["wide", "phone"])
+def test_the_site_is_read_without_a_network(dark, width):
+    names = ["index", "gallery/index", "api/plugins", "conventions", "notebooks", "guides/student"]
+    names += [page.relative_to(SITE).with_suffix("").as_posix() for page in notebook_pages()[1:3]]
+    with browser.page(dark=dark, offline=True, viewport={"width": width, "height": 800}) as page:
+        elsewhere = []
+        page.on("request", lambda r: None if local(r.url) else elsewhere.append(r.url))
+        for name in names:
+            page.goto((SITE / f"{name}.html").as_uri())
+            page.wait_for_load_state()
+            assert page.evaluate("document.documentElement.dataset.theme") == (
+                "dark" if dark else "light"
+            )
+            broken = (
+                "[...document.images].filter(i => i.complete && !i.naturalWidth).map(i => i.src)"
+            )
+            assert page.evaluate(broken) == []
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+        page.goto((SITE / "index.html").as_uri())
+        page.wait_for_function("document.querySelector('video').currentTime > 0.2")
+        assert elsewhere == []
+        assert page.errors == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
+def test_the_site_is_searched_without_a_network():
+    with browser.page(offline=True) as page:
+        page.goto((SITE / "search.html").as_uri() + "?q=caustic")
+        page.wait_for_selector("#search-results a[href*='light_from_both_ends']")
+
+
+def local(address: str) -> bool:
+    return address.startswith(("file:", "data:", "blob:"))
+
+
+def notebook_pages() -> list[Path]:
+    return sorted((SITE / "notebooks").glob("*.html"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from pathlib import Path
@@ -10,7 +11,8 @@ import pytest
 
 import tofrender
 
-NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = ROOT / "notebooks"
 
 # What must hold of a notebook's variables after its last cell
 KEY_NUMBERS = {
@@ -154,8 +156,31 @@ def test_tells_what_it_is_about(name):
     text = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
     for part in ("**Overview.**", "**What you will learn**", "## Set-up", "## See also"):
         assert part in text
-    for other in re.findall(r"`(\w+)\.ipynb`", text):
-        assert other in KEY_NUMBERS
+    for target in re.findall(r"\]\(([^():\s]+)\)", text):
+        assert (NOTEBOOKS / target).exists(), target
+    assert not re.search(r"`\S+\.(ipynb|md)`", text)  # Links instead
+
+
+@pytest.mark.filterwarnings("ignore:Overriding existing pre_save_hook")
+def test_saving_what_was_run_leaves_the_file_as_it_is_in_git(tmp_path):
+    """By the settings of `make notebook`."""
+    manager = pytest.importorskip("jupyter_server.services.contents.largefilemanager")
+    loader = pytest.importorskip("traitlets.config.loader")
+    settings = loader.PyFileConfigLoader("jupyter_config.py", str(ROOT / ".ci")).load_config()
+    name = f"{next(iter(KEY_NUMBERS))}.ipynb"
+    committed = (NOTEBOOKS / name).read_bytes()
+    (tmp_path / name).write_bytes(committed)
+    contents = manager.AsyncLargeFileManager(root_dir=str(tmp_path), config=settings)
+    model = asyncio.run(contents.get(name))
+    model["content"]["metadata"]["kernelspec"]["display_name"] = "Python 3 (ipykernel)"
+    model["content"]["metadata"]["language_info"]["version"] = "3.13.1"
+    for count, cell in enumerate(model["content"]["cells"]):
+        cell["metadata"]["trusted"] = True
+        if cell["cell_type"] == "code":
+            shown = {"output_type": "stream", "name": "stdout", "text": "1"}
+            cell.update(execution_count=count, outputs=[shown])
+    asyncio.run(contents.save(model, name))
+    assert (tmp_path / name).read_bytes() == committed
 
 
 @pytest.mark.slow

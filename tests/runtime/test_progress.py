@@ -175,6 +175,47 @@ def test_hidden_bars(capsys, monkeypatch):
     assert progress.is_watched()
 
 
+_JUPYTER = """
+import time
+from tofrender.runtime import progress
+progress.DELAY_S = 0.1
+with progress.status("Starting"):
+    time.sleep(0.4)
+    with progress.progress_bar("Working", 8) as bar:
+        bar.update(3)
+        time.sleep(0.4)
+"""
+
+
+@pytest.mark.slow
+def test_in_a_notebook():
+    """Widgets come and go while the cell runs, and none stays, in red, of work that ended early."""
+    jupyter = pytest.importorskip("jupyter_client")
+    manager = jupyter.KernelManager(kernel_name="python3")
+    manager.start_kernel(cwd=str(ROOT), stderr=subprocess.DEVNULL)
+    try:
+        client = manager.client()
+        client.start_channels()
+        client.wait_for_ready(60)
+        asked = client.execute(_JUPYTER)
+        said = []
+        while True:
+            message = client.get_iopub_msg(timeout=60)
+            if message["parent_header"].get("msg_id") != asked:
+                continue
+            content = message["content"]
+            if message["msg_type"] == "status" and content["execution_state"] == "idle":
+                break
+            assert message["msg_type"] != "error", content
+            said.append(str(content))
+        client.stop_channels()
+    finally:
+        manager.shutdown_kernel(now=True)
+    text = "".join(said)
+    assert text.index("Starting ...") < text.index("3/8")
+    assert "danger" not in text
+
+
 def test_threads_end_with_their_bars():
     before = threading.active_count()
     for _ in range(20):

@@ -13,10 +13,10 @@ import pytest
 from support import ALPHA, COMPARISONS, area_light
 
 from tofrender.sampling import bsdf_case, chi_square_suite, chi_square_test, light_case, warp_case
-from tofrender.sampling.cases import Case
 from tofrender.sampling.domains import DOMAINS, find
 from tofrender.sampling.histograms import cell_edges, cell_of, integrate, pearson
 from tofrender.sampling.statistics import smallest_allowed
+from tofrender.sampling.suites import Case
 from tofrender.sampling.warps import (
     square_to_beckmann,
     square_to_beckmann_pdf,
@@ -46,7 +46,7 @@ def test_domains_map_there_and_back(name):
     points = domain.to_points(plane)
     assert points.shape[0] == domain.dimensions
     assert domain.to_plane(points) == pytest.approx(plane, abs=1e-9)
-    size = {"square": 1, "plane": 4, "disk": 4}.get(name, 4 * math.pi)
+    size = {"square": 1, "image": 1, "plane": 4, "disk": 4}.get(name, 4 * math.pi)
     edges = (np.linspace(low[0], high[0], 9).ravel(), np.linspace(low[1], high[1], 9).ravel())
     total = integrate(
         lambda p: mi.Float(1),

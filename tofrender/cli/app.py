@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.progress import hidden, status
-from . import course, dataset, grade, merge, nlos, render, time, warp
+from . import course, dataset, grade, merge, nlos, render, report, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -149,7 +149,7 @@ def doctor(as_json: Json = False) -> None:
 
 
 SHOWN = (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp),
+    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(render.render, merge.merge, dataset.dataset),
 )
 """Commands that show that they work; the others say each thing that they have done."""
@@ -157,5 +157,6 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
+    *(warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))

@@ -24,6 +24,7 @@ from .options import (
     Variant,
     Workers,
     check_apart,
+    check_client,
     check_file_out,
     check_out,
     check_room,
@@ -68,6 +69,7 @@ def capture(
     """
     from tofrender.runtime import backend
 
+    check_client(workers, scheduler)
     check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
         raise ValueError(f"--out = {out}: exists already; must be a new file")
@@ -145,6 +147,7 @@ def reconstruct(
 
     DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
     """
+    check_client(workers, scheduler)
     check_out(out)
     check_apart(out, source)
     for name, value in (("workers", workers), ("scheduler", scheduler)):
@@ -170,7 +173,8 @@ def reconstruct(
         for name, image in (("brightness", brightness), ("depth", depth)):
             values = np.asarray(image.values, np.float32)[..., None]
             io.save_exr_layers(folder / f"{name}.exr", {"": values}, attrs)
-        vis.reconstruction_figure(volume).savefig(folder / f"volume.{figure}", **dots(dpi))
+        drawn = vis.reconstruction_figure(volume)
+        io.save_figure(drawn, folder / f"volume.{figure}", **dots(dpi))
     seen = depth.values[np.isfinite(depth.values)]
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"

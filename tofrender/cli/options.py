@@ -236,8 +236,14 @@ def note(line: str) -> None:
 
 
 def dots(dpi: int | None) -> dict[str, Any]:
-    """What `savefig` is told, if anything."""
+    """What `save_figure` is told, if anything."""
     return {} if dpi is None else {"dpi": dpi}
+
+
+def check_client(workers: int | None, scheduler: str | None) -> None:
+    """Refuse workers that are asked for in two ways."""
+    if workers is not None and scheduler is not None:
+        raise ValueError("--scheduler: must be left out with --workers")
 
 
 @contextmanager
@@ -246,9 +252,9 @@ def client_of(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     if workers is None and scheduler is None:
         yield None
         return
-    from tofrender.rendering.workers import check_workers, workers_for
+    from tofrender.rendering.workers import workers_for
 
-    check_workers(workers=workers, scheduler=scheduler)
+    check_client(workers, scheduler)
     with workers_for(workers, scheduler) as client:
         yield client
 

@@ -125,6 +125,7 @@ def render(
 
     # -------------------------------------------------------- check everything, start nothing
     opt.check_format(format, precision)
+    opt.check_client(workers, scheduler)
     opt.check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()

@@ -109,6 +109,8 @@ def gate(
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
     as_json: Json = False,
@@ -116,12 +118,10 @@ def gate(
     """Render SCENE at one instant, given as a path length.
 
     Paths are those of the scene's integrator. DIR gets gate.exr, the radiance per metre of path at
-    that instant, and picture.png.
+    that instant, and picture.png, which says when it is and how bright.
     """
     opt.check_out(out)
     loaded, sensor, samples, traits = _load(scene, spp, size, max_depth, variant)
-    from PIL import Image
-
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
     from tofrender.runtime.progress import deferred_stop
@@ -138,10 +138,11 @@ def gate(
         attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
-            Image.fromarray(vis.tonemap(image)).save(folder / "picture.png")
+            drawn = vis.gate_figure(image, at, pulse_width)
+            io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
     facts: Gate = {
         "out": str(out),
-        "files": ["gate.exr", "picture.png"],
+        "files": ["gate.exr", f"picture.{figure}"],
         "scene": scene,
         "at": at,
         "pulse_width": pulse_width,
@@ -150,7 +151,7 @@ def gate(
         "width": image.shape[1],
         "height": image.shape[0],
     }
-    answer("gate", as_json, facts, [f"{out}: gate.exr, picture.png"])
+    answer("gate", as_json, facts, [f"{out}: gate.exr, picture.{figure}"])
     tell(stop)
 
 
@@ -205,5 +206,5 @@ def _write_phasors(
             io.save_exr_layers(folder / files[-1], layers, {"frequency_hz": frequency})
         panel = vis.phasor_panel(frequencies, *parts, title=f"{source}")
         files.append(f"panel.{figure}")
-        panel.savefig(folder / files[-1], **opt.dots(dpi))
+        io.save_figure(panel, folder / files[-1], **opt.dots(dpi))
     return files

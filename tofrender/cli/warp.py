@@ -1,27 +1,29 @@
-"""The command `tofrender warp`."""
+"""The commands `tofrender warptest` and `tofrender warp`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from ..runtime import checks
+from ..runtime.canvas import FIGURE_SUFFIXES
 from .options import (
     Dpi,
     Seed,
     Variant,
     check_apart,
     check_file_out,
+    checked,
     choice,
+    definition,
     dots,
     integer,
+    number,
     real,
     say,
 )
-
-SUFFIXES = (".png", ".pdf", ".svg")
 
 Warp = Literal[
     "tent",
@@ -31,58 +33,181 @@ Warp = Literal[
     "cosine_hemisphere",
     "beckmann",
     "hierarchical",
+    "no_op",
+    "triangle",
+    "sphere_cap",
+    "quad_light",
+    "triangle_light",
+    "sphere_light",
+    "two_lights",
 ]
-PointSet = Literal["independent", "grid", "stratified"]
+PointSet = Literal["independent", "grid", "stratified", "sobol"]
+
+Alpha = Annotated[float | None, real(0, "Roughness of beckmann.")]
+Image = Annotated[str | None, typer.Option(metavar="FILE", help="Image of hierarchical.")]
+Points = Annotated[PointSet, choice(PointSet, "Point set to draw.")]
+Count = Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")]
+Samples = Annotated[int, integer(1000, 1 << 24, "Samples of the chi-square test.")]
+Module = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE|DIR", help="A student's Python file, or folder of files."),
+]
+Parameters = Annotated[
+    list[str] | None,
+    checked(definition, "A parameter of NAME, like distance=2.", "-D", metavar="NAME=VALUE"),
+]
+Host = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Address to listen on; others' need a token.")
+]
+Port = Annotated[int | None, integer(1, 65535, "Port to listen on; by default a free one.")]
+Browser = Annotated[bool, typer.Option(help="Open the page, if there is a screen.")]
+
+
+def warptest(
+    name: Annotated[
+        Warp | None, choice(Warp, "What to show first, or to test.", kind=typer.Argument)
+    ] = None,
+    module: Module = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Test without a window; exit status 1 if any fails.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FIG", help="With --headless and NAME: figure to write.")
+    ] = None,
+    alpha: Alpha = None,
+    image: Image = None,
+    parameters: Parameters = None,
+    points: Points = "independent",
+    count: Count = 1024,
+    samples: Samples = 1_000_000,
+    dpi: Dpi = None,
+    seed: Seed = 0,
+    host: Host = "127.0.0.1",
+    port: Port = None,
+    browser: Browser = True,
+    variant: Variant = None,
+) -> None:
+    """Look at warps, shapes and lights in the browser: points, grid, and chi-square tests.
+
+    Without --module they are this package's own. A student's module runs in a process of its own,
+    which writes nowhere and is ended when it takes too long; its files are looked at again when
+    they change. With --headless all that is there is tested, or only NAME.
+    """
+    if headless:
+        given = _parameters(name, alpha, image, parameters)
+        _headless(name, module, given, out, points, count, samples, dpi, seed, variant)
+        return
+    if out is not None:
+        raise ValueError(f"--out = {out}: must be left out without --headless")
+
+    from tofrender.apps.serving import require_panel, serve
+    from tofrender.runtime import backend
+
+    require_panel()
+    backend.activate(variant)
+    backend.require_vectorised()
+
+    from tofrender.apps.warptest import application
+
+    subject = name or "tent"
+    given = _parameters(subject, alpha, image, parameters)
+    make = application(subject, module=module, **given)
+    try:
+        serve(make, "Warp tester", host=host, port=port, browser=browser, tell=say)
+    finally:
+        make.engine.close()
 
 
 def warp(
     name: Annotated[Warp, choice(Warp, "What to draw.", kind=typer.Argument)],
     out: Annotated[Path, typer.Option(metavar="FIG", help="Figure to write: png, pdf, svg.")],
-    alpha: Annotated[float | None, real(0, "Roughness of beckmann.")] = None,
-    image: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Image of hierarchical.")
-    ] = None,
-    points: Annotated[PointSet, choice(PointSet, "Point set to draw.")] = "independent",
-    count: Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")] = 1024,
+    alpha: Alpha = None,
+    image: Image = None,
+    parameters: Parameters = None,
+    points: Points = "independent",
+    count: Count = 1024,
     dpi: Dpi = None,
     seed: Seed = 0,
     variant: Variant = None,
 ) -> None:
     """Warp points of the unit square, draw them and their density, and test one against the other.
 
-    The chi-square test takes a million independent points, whichever are drawn. If the warp fails
-    it, the exit status is 1.
+    The same as `tofrender warptest NAME --headless --out FIG`. The chi-square test takes a million
+    independent points, whichever are drawn. If the warp fails it, the exit status is 1.
     """
+    for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
+        if name == wants and value is None:
+            raise ValueError(f"--{option}: must be given, {name} needs it")
+    given = _parameters(name, alpha, image, parameters)
+    _headless(name, None, given, out, points, count, 1_000_000, dpi, seed, variant)
+
+
+def _parameters(
+    name: str | None, alpha: float | None, image: str | None, parameters: Any
+) -> dict[str, Any]:
+    """What is given for a subject; one that it does not take is refused."""
+    if name is None and (parameters or alpha is not None or image is not None):
+        raise ValueError("NAME: must be given with --alpha, --image or -D")
+    for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
+        if value is not None and name != wants:
+            raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
+    given = {key: number(text) for key, text in parameters or ()}
+    return given | {k: v for k, v in (("alpha", alpha), ("image", image)) if v is not None}
+
+
+def _headless(
+    name: str | None,
+    module: Path | None,
+    given: dict[str, Any],
+    out: Path | None,
+    points: str,
+    count: int,
+    samples: int,
+    dpi: int | None,
+    seed: int,
+    variant: str | None,
+) -> None:
+    """Test, say what was found, and leave with status 1 if anything failed."""
+    if out is not None:
+        if name is None:
+            raise ValueError(f"--out = {out}: must be left out without NAME")
+        check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
+        if "image" in given:
+            check_apart(out, Path(given["image"]))
+
     from tofrender.runtime import backend
 
-    check_file_out(out, *SUFFIXES, overwrite=True)
-    if image is not None:
-        check_apart(out, Path(image))
     backend.activate(variant)
     backend.require_vectorised()
 
-    from tofrender.sampling.cases import warp_case
-    from tofrender.sampling.domains import to_numpy
-    from tofrender.sampling.points import point_set
-    from tofrender.sampling.warps import WARPS
+    from tofrender.apps.warptest import engine as engines
+    from tofrender.runtime.canvas import save_figure
 
-    wanted = WARPS[name].parameter
-    given = {"alpha": alpha, "image": image}
-    for option, value in given.items():
-        if option == wanted and value is None:
-            raise ValueError(f"--{option}: must be given, {name} needs it")
-        if option != wanted and value is not None:
-            raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
-    case = warp_case(name, **({wanted: given[wanted]} if wanted else {}))
-
-    from tofrender.runtime.atomic import replacing
-    from tofrender.vis.warps import warp_figure
-
-    verdict = case.test(seed=seed)
-    drawn = to_numpy(case.sample(point_set(points, count, seed)), count)
-    figure = warp_figure(drawn, verdict, f"{count} {points} points")
-    with replacing(out) as temporary:
-        figure.savefig(temporary, **dots(dpi))
-    say(str(verdict), str(out))
-    if not verdict.passed:
+    engine = engines.Engine(module)
+    names = [name] if name else engine.names(engine.sources[-1])
+    bad = 0
+    try:
+        for place, tested in enumerate(names):
+            try:
+                case = engine.case(engine.sources[-1], tested, given)
+                # One chance of a false alarm for all
+                own = (seed + place) % (checks.MAX_SEED + 1)
+                verdict = case.test(samples=samples, seed=own, tests=len(names))
+                drawn = None if out is None else engines.draw(case, points, count, seed)
+            except engines.NoAnswer as error:
+                say(f"{tested}: FAILED, {error}")
+                bad += 1
+                continue
+            said = [str(verdict)]
+            if out is not None and drawn is not None:
+                figure = engines.figure(drawn, verdict, f"{count} {points} points")
+                save_figure(figure, out, **dots(dpi))
+                said.append(str(out))
+            say(*said)
+            bad += not verdict.passed
+    finally:
+        engine.close()
+    if len(names) > 1:
+        say(f"{len(names) - bad} of {len(names)} passed")
+    if bad:
         raise typer.Exit(1)

@@ -26,7 +26,8 @@ def write(
     from tofrender.io.parallel import at_once
 
     def summary() -> None:
-        vis.summary_figure(dataset).savefig(folder / f"summary.{figure}", **opt.dots(dpi))
+        page = vis.summary_figure(dataset)
+        io.save_figure(page, folder / f"summary.{figure}", **opt.dots(dpi))
 
     def transient() -> None:
         _transient(dataset, folder, format, precision, progress=not video)

@@ -39,10 +39,11 @@ class TransientHDRFilm(mi.Film):
     monochromatic variants and 3 (RGB) otherwise.
 
     Attributes that an integrator sets after `prepare`:
-        samples_per_pixel: Number of samples that `spec` is divided by in `add_transient_data`.
-            Needed with filters other than box.
-        taken: Share of these samples that were taken so far, above 0 and at most 1.
-        one_writer_per_pixel: Whether one thread alone deposits at each pixel; see `Cells.add`.
+
+    - `samples_per_pixel`: Number of samples that `spec` is divided by in `add_transient_data`.
+      Needed with filters other than box.
+    - `taken`: Share of these samples that were taken so far, above 0 and at most 1.
+    - `one_writer_per_pixel`: Whether one thread alone deposits at each pixel; see `Cells.add`.
 
     Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan.
 

@@ -1,4 +1,5 @@
 from ..runtime.atomic import replacing as replacing
+from ..runtime.canvas import save_figure as save_figure
 from .exr import load_exr_stack as load_exr_stack, save_exr_stack as save_exr_stack
 from .hdf5 import load_capture as load_capture, save_capture as save_capture
 from .layers import save_exr_layers as save_exr_layers

@@ -16,6 +16,7 @@ from ..rendering.job import Job, carry_out, collect, decide
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.progress import hidden, status
 from ..scenes.packing import packed
 from .captures import MODES, make_capture, without_first_leg
 from .device.laser import axis, find_laser, kept_aim, place_of
@@ -97,9 +98,10 @@ def capture(
     if client is not None:
         require_client(client)
         packed("scene", scene)  # Refuses what cannot be sent
-    place = place_of_capture(
-        scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
-    )
+    with hidden(not progress), status("Looking at the wall"):
+        place = place_of_capture(
+            scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
+        )
     scene, camera, integrator = place.scene, place.camera, place.integrator
     points, normals, on_wall = place.points
     _tell_misses(on_wall)

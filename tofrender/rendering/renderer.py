@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import hidden
+from ..runtime.progress import hidden, status
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
@@ -159,7 +159,7 @@ def render(
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
     if shared:
         packed("scene", scene)  # Refuses what cannot be sent
-    with hidden(not progress):
+    with hidden(not progress), status("Rendering"):
         job = make_job(asked)
         own = nullcontext(client) if client is not None else workers_for(workers, scheduler)
         with own as client:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 DELAY_S = 0.5
 """Work that takes longer [s] is shown, so that something is to be seen within a second."""
@@ -101,6 +102,7 @@ class Bar:
         """Take it from the screen."""
         bar, self._bar = self._bar, None
         if bar is not None:
+            bar.total = None  # Else a notebook keeps one that was closed early, in red
             with suppress(OSError, ValueError):
                 bar.close()
 

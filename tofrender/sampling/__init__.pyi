@@ -1,11 +1,4 @@
-from .cases import (
-    Case as Case,
-    SuiteVerdict as SuiteVerdict,
-    bsdf_case as bsdf_case,
-    chi_square_suite as chi_square_suite,
-    light_case as light_case,
-    warp_case as warp_case,
-)
+from .cases import bsdf_case as bsdf_case, light_case as light_case, warp_case as warp_case
 from .chi_square import chi_square_test as chi_square_test
 from .hierarchical import EnvironmentWarp as EnvironmentWarp, HierarchicalWarp as HierarchicalWarp
 from .points import (
@@ -27,6 +20,11 @@ from .shapes import (
     sample_triangle as sample_triangle,
     sample_triangle_pdf as sample_triangle_pdf,
     visible as visible,
+)
+from .suites import (
+    Case as Case,
+    SuiteVerdict as SuiteVerdict,
+    chi_square_suite as chi_square_suite,
 )
 from .verdicts import Moment as Moment, Verdict as Verdict
 from .warps import (

@@ -28,6 +28,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.canvas import check_figure_path, save_figure
 from . import domains, histograms
 from .statistics import smallest_allowed
 from .verdicts import Moment, Verdict
@@ -79,8 +80,8 @@ def chi_square_test(
             weight 0 where sampling failed and 1 elsewhere, or (points, weights, densities), which
             are then compared with `pdf`.
         pdf: Density at points, per unit area or steradian.
-        domain: Where the points lie: "square" ([0, 1]^2), "plane" or "disk" ([-1, 1]^2), "sphere",
-            "hemisphere", or a domain object of `mi.chi2`.
+        domain: Where the points lie: "square" or "image" ([0, 1]^2), "plane" or "disk"
+            ([-1, 1]^2), "sphere", "hemisphere", or a domain object of `mi.chi2`.
         samples: Number of samples, from 1000 to 2^24. More find smaller errors.
         resolution: Rows of cells, from 2 to 512.
         seed: Seed of the random numbers, from 0 to 2^32 - 1.
@@ -119,7 +120,7 @@ def chi_square_test(
     known = checks.mapping("expected_moments", expected_moments)
     for key in known:
         checks.one_of("expected_moments", key, NAMES[dimensions])
-    path = None if figure is None else checks.path("figure", figure)
+    path = None if figure is None else check_figure_path(figure, "figure")
     if path is not None and not path.parent.is_dir():
         raise ValueError(f"figure = {path}: {path.parent} must be a folder that exists")
 
@@ -193,7 +194,7 @@ def chi_square_test(
         domain=domain,
     )
     if path is not None and not verdict.passed:
-        verdict.figure().savefig(path)
+        save_figure(verdict.figure(), path)
     return verdict
 
 

@@ -38,6 +38,7 @@ class Domain:
         contains: Which of the points (dimensions, n) are in the domain, but for rounding.
         jumps: Values of b where cells have to end, because densities may jump there.
         upper_only: Whether points are directions above the horizon.
+        down: Whether b is drawn downwards, as the rows of an image are.
     """
 
     labels: tuple[str, str]
@@ -50,6 +51,7 @@ class Domain:
     contains: Callable[[np.ndarray], np.ndarray]
     jumps: tuple[float, ...] = ()
     upper_only: bool = False
+    down: bool = False
 
     @property
     def dimensions(self) -> int:
@@ -57,8 +59,8 @@ class Domain:
         return self.to_points(np.zeros((2, 1))).shape[0]
 
 
-def rectangle(low: tuple[float, float], high: tuple[float, float]) -> Domain:
-    """The rectangle between two corners in the plane.
+def rectangle(low: tuple[float, float], high: tuple[float, float], *, down: bool = False) -> Domain:
+    """The rectangle between two corners in the plane; with `down`, drawn with y downwards.
 
     Example:
         >>> rectangle((0, 0), (1, 1)).contains(np.array([[0.5, 2.0], [0.5, 0.5]]))
@@ -75,6 +77,7 @@ def rectangle(low: tuple[float, float], high: tuple[float, float]) -> Domain:
         to_points=lambda p: p,
         area=lambda p: np.ones(p.shape[1]),
         contains=lambda p: np.all((p >= corners[0] - margin) & (p <= corners[1] + margin), axis=0),
+        down=down,
     )
 
 
@@ -112,12 +115,13 @@ def _to_directions(p: np.ndarray) -> np.ndarray:
 
 DOMAINS: dict[str, Callable[[], Domain]] = {
     "square": lambda: rectangle((0.0, 0.0), (1.0, 1.0)),
+    "image": lambda: rectangle((0.0, 0.0), (1.0, 1.0), down=True),
     "plane": lambda: rectangle((-1.0, -1.0), (1.0, 1.0)),
     "disk": lambda: rectangle((-1.0, -1.0), (1.0, 1.0)),
     "sphere": sphere,
     "hemisphere": lambda: sphere(upper_only=True),
 }
-"""Domains by name: the unit square, [-1, 1]^2 under two names, all directions, the upper half."""
+"""Domains by name: the unit square and [-1, 1]^2, each under two names; all directions, or half."""
 
 
 def find(domain: Any) -> Domain:

@@ -416,6 +416,6 @@ WARPS: dict[str, Warp] = {
         lambda: (square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf), "hemisphere"
     ),
     "beckmann": Warp(_beckmann, "hemisphere", "alpha"),
-    "hierarchical": Warp(_hierarchical, "square", "image"),
+    "hierarchical": Warp(_hierarchical, "image", "image"),
 }
 """Every warp by its name."""

@@ -21,6 +21,7 @@ from ..runtime.progress import shown
 from . import BUILT_IN
 from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
+from .packaged import packaged
 from .peers import use_own_names
 from .settings import Settings, check_settings
 
@@ -177,6 +178,8 @@ def require_light(scene: mi.Scene) -> None:
 def find_scene(name: str) -> str | Path:
     """Tell what `name` names: a built-in scene (hyphens count as underscores) or an XML file.
 
+    The package's own XML files are found anywhere, as scenes/cornell_box.xml.
+
     Returns:
         The built-in scene's name as a str, or the file as a Path.
 
@@ -194,6 +197,9 @@ def find_scene(name: str) -> str | Path:
     path = checks.path("scene", name) if name else Path(name)
     if path.is_file():
         return path
+    own = packaged(name)
+    if own is not None:
+        return own
     if path.suffix.lower() == ".xml" or path.name != name:
         what = "is a folder" if path.is_dir() else "does not exist"
         raise FileNotFoundError(f"scene = {name!r}: {what}; must be a Mitsuba XML file")

@@ -1,8 +1,10 @@
+from ..runtime.canvas import figure_style as figure_style
 from .animation import (
     plot_pixel_transient as plot_pixel_transient,
     visualize_transient as visualize_transient,
 )
 from .flight import light_in_flight as light_in_flight
+from .gates import gate_figure as gate_figure
 from .panels import phasor_panel as phasor_panel
 from .plans import plan_figure as plan_figure
 from .pyramid import pyramid_figure as pyramid_figure

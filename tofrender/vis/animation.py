@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..signals.units import opl_to_ns
 from .figures import picture_aspect, pixel_axes, time_axes
 from .tone import auto_exposure, tonemap
@@ -19,17 +20,33 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INTERVAL_MS = 50
-_PLAYER_FRAMES, _PLAYER_DPI = 100, 72
+_PLAYER_FRAMES, _PLAYER_DPI = 100, 108
+
+_STILL = 'matchMedia("(prefers-reduced-motion: reduce)").matches'
+_KEYS = {
+    **{"minus": "−", "plus": "+", "pause": "❚❚", "play": "▶", "flip-horizontal": "◀"},
+    **{"fast-backward": "|◀◀", "step-backward": "|◀", "step-forward": "▶|", "fast-forward": "▶▶|"},
+}
+_SIGNS = "\n".join(
+    (
+        "<style>.animation .fa {font-style: normal; font-size: 11px}",
+        *(f'.animation .fa-{name}::before {{content: "{sign}"}}' for name, sign in _KEYS.items()),
+        "</style>",
+    )
+)
+"""What Matplotlib's player would load from the network: the signs on its buttons."""
 
 
+@in_style
 def visualize_transient(
     data: Any, start_opl: float | None = None, bin_width_opl: float | None = None
 ) -> FuncAnimation:
     """Animate light moving through the scene; the title shows the time of each bin's centre.
 
     A notebook shows it as a player that is a few megabytes at most: of more than 100 bins, every
-    second, third, ... one. `animation.to_jshtml()` has all of them at full size, and
-    `animation.save("light.gif")` writes a file (`save_video` does so faster).
+    second, third, ... one. It opens on the brightest frame and plays from there, over and over.
+    `animation.to_jshtml()` has all frames at full size, and `animation.save("light.gif")` writes a
+    file (`save_video` does so faster).
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
@@ -38,7 +55,7 @@ def visualize_transient(
 
     Returns:
         A `matplotlib.animation.FuncAnimation` of one frame a bin, 20 a second, all at the same
-        exposure. It is made outside of pyplot.
+        exposure. It is made outside of pyplot; its figure shows the brightest frame at first.
 
     Raises:
         ValueError: Another shape, or a time axis that is missing or not positive.
@@ -51,14 +68,16 @@ def visualize_transient(
 
     sequence = Transient.of(data, start_opl, bin_width_opl)
     exposure = auto_exposure(sequence.values)
-    figure = new_figure(5.0, 5.0 * picture_aspect(*sequence.size, 0.5, 2.0) + 0.35, layout=None)
+    wide = figure_width(4.0)
+    figure = new_figure(wide, wide * picture_aspect(*sequence.size, 0.5, 2.0) + 0.3, layout=None)
     axes = figure.add_subplot()
 
     def picture(index: int) -> np.ndarray:
         return tonemap(sequence.values.frame(index), exposure=exposure)
 
-    image = axes.imshow(picture(0), extent=sequence.extent, interpolation="nearest")
-    title = axes.set_title(sequence.label(0))
+    brightest = _brightest_frame(sequence, exposure)
+    image = axes.imshow(picture(brightest), extent=sequence.extent, interpolation="nearest")
+    title = axes.set_title(sequence.label(brightest))
     pixel_axes(axes)
     ConstrainedLayoutEngine().execute(figure)  # once: nothing moves from frame to frame
 
@@ -67,11 +86,19 @@ def visualize_transient(
         title.set_text(sequence.label(index))
         return [image, title]
 
-    return _playback(figure, update, sequence.bins)
+    return _playback(figure, update, sequence.bins, brightest)
 
 
-def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:
-    """An animation of `bins` frames that a notebook shows as a small player."""
+def _brightest_frame(sequence: Transient, exposure: float) -> int:
+    """The bin whose picture is brightest as it is shown, where white is as bright as it gets."""
+    shown = np.zeros(sequence.bins)
+    for (*_, bins), values in sequence.lights():
+        shown[bins] += np.sqrt(np.minimum(values * np.float32(exposure), 1)).sum(axis=(0, 1))
+    return int(shown.argmax())
+
+
+def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimation:
+    """An animation of `bins` frames that a notebook shows as a small player, from `first` on."""
     from matplotlib import rc_context
     from matplotlib.animation import FuncAnimation, HTMLWriter
 
@@ -97,9 +124,22 @@ def _playback(figure: Figure, update: Any, bins: int) -> FuncAnimation:
                 fps: Any = 1000 / _INTERVAL_MS / self.stride  # A fraction is as good
                 writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
                 self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
-                return path.read_text()
+                return _opened(path.read_text(), first // self.stride)
+
+        def to_jshtml(self, *args: Any, **kwargs: Any) -> str:
+            return _opened(super().to_jshtml(*args, **kwargs), first)
 
     return Playback(figure, update, frames=bins, interval=_INTERVAL_MS, blit=False)
+
+
+def _opened(html: str, frame: int) -> str:
+    """A player of Matplotlib's that opens on a frame, plays, and loads nothing from the network."""
+    html = re.sub(r'<link rel="stylesheet"\s+href="https?:[^>]*>', _SIGNS, html)
+    made = re.search(r"(anim\w+) = new Animation\([^;]*\);", html)
+    if made is None:
+        return html
+    start = f"{made[1]}.set_frame({frame}); if (!{_STILL}) {made[1]}.play_animation();"
+    return f"{html[: made.end()]} {start}{html[made.end() :]}"
 
 
 def _error_of(data: Any, x: int, y: int) -> np.ndarray | None:
@@ -109,6 +149,7 @@ def _error_of(data: Any, x: int, y: int) -> np.ndarray | None:
     return data["transient_error"].sel(x=int(x), y=int(y)).values
 
 
+@in_style
 def plot_pixel_transient(
     data: Any,
     x: int,
@@ -146,13 +187,16 @@ def plot_pixel_transient(
     """
     sequence = Transient.of(data, start_opl, bin_width_opl, quantity)
     response = sequence.pixel(x, y)
-    figure = new_figure(7.0, 3.8)
+    width = figure_width(5.5)
+    figure = new_figure(width, 1.2 + 0.33 * width)
     axes = figure.add_subplot()
-    styles = zip(("tab:red", "tab:green", "tab:blue"), "RGB", strict=True)
+    styles = [(palette().ink, "L", "-")]
+    if response.shape[1] == 3:
+        styles = list(zip(palette().channels, "RGB", ("-", "--", ":"), strict=True))
     errors = _error_of(data, x, y)
-    for channel, (color, name) in enumerate(styles if response.shape[1] == 3 else [("black", "L")]):
+    for channel, (color, name, dashes) in enumerate(styles):
         time_ns, line = opl_to_ns(sequence.opl), response[:, channel]
-        axes.plot(time_ns, line, color=color, label=name)
+        axes.plot(time_ns, line, color=color, linestyle=dashes, label=name)
         if errors is not None:
             low, high = line - errors[:, channel], line + errors[:, channel]
             axes.fill_between(time_ns, low, high, color=color, alpha=0.25, lw=0)

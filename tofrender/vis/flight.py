@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style, new_figure
+from ..runtime.plots import colour_bar, fit_height, most_of
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .figures import picture_aspect, pixel_axes
+from .colours import hue_map, time_map
+from .figures import explain_hatch, picture_aspect, pixel_axes
 from .tone import tonemap
 from .transient import Transient
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 STYLES = ("arrival", "peak", "rainbow")
 
 
+@in_style
 def light_in_flight(
     data: Any,
     start_opl: float | None = None,
@@ -36,8 +39,8 @@ def light_in_flight(
 
     - `"arrival"`: the mean arrival time, weighted by luminance;
     - `"peak"`: the centre of the brightest bin;
-    - `"rainbow"`: bands of equal arrival time. The hue goes once around in `period_ns`: it is the
-      argument of the phasor P = sum over bins of L exp(2πi t / period_ns). The saturation is
+    - `"rainbow"`: bands of equal arrival time. The colours go around once in `period_ns`: they
+      tell the argument of the phasor P = sum over bins of L exp(2πi t / period_ns). They fade by
       sqrt(abs P / sum of L), so that light spread over more than a period turns grey instead of
       taking a colour that means nothing.
 
@@ -87,12 +90,15 @@ def light_in_flight(
     grey = tonemap(luminance(steady), exposure=exposure, percentile=98)
     picture = np.where(unfinished[..., None], tonemap(np.full(grey.shape, np.nan)), colour * grey)
     height, width = unfinished.shape
-    figure = new_figure(6.4, 5.0 * picture_aspect(height, width, 0.4, 2.0) + 0.7, "compressed")
+    wide = figure_width(4.6)
+    figure = new_figure(wide, wide * picture_aspect(height, width, 0.4, 2.0) + 1.0, "compressed")
     axes = figure.add_subplot()
     axes.imshow(picture.astype(np.uint8), extent=sequence.extent, interpolation="nearest")
     axes.set_title({"arrival": "arrival time", "peak": "peak time"}.get(style, "isochrones"))
     pixel_axes(axes)
-    figure.colorbar(scale, ax=axes, label=label, extend=beyond)
+    colour_bar(scale, axes, label, extend=beyond)
+    explain_hatch(figure, unfinished, dark=True)
+    fit_height(figure)
     return figure
 
 
@@ -128,44 +134,35 @@ def _mean_ns(sequence: Transient) -> np.ndarray:
 
 
 def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
-    """Colours (height, width, 3) from blue (early) to red (late), and what a colour bar needs.
+    """Colours (height, width, 3) from blue (early) to orange (late), and what a colour bar needs.
 
     All colours are full ones, so that darkness means little light and nothing else. They tell
     times apart that lie between the first and the last hundredth of all pixels; the bar has an
     arrow where there are times beyond.
     """
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, Normalize, hsv_to_rgb
+    from matplotlib.colors import Normalize
 
-    known = time_ns[np.isfinite(time_ns)]
-    first, last = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
-    hues = np.linspace(0.7, 0, 64)
-    colours = hsv_to_rgb(np.stack([hues, np.full(64, 0.9), np.ones(64)], axis=1))
-    hue_map = LinearSegmentedColormap.from_list("early to late", colours.tolist())
-    scale = ScalarMappable(Normalize(first, last, clip=True), hue_map)
+    first, last, beyond = most_of(time_ns)
+    scale = ScalarMappable(Normalize(first, last, clip=True), time_map())
     shown = np.isfinite(time_ns)[..., None]
     colour = np.where(shown, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0)
-    early, late = bool((known < first).any()), bool((known > last).any())
-    return colour, scale, ("neither", "max", "min", "both")[2 * early + late]
+    return colour, scale, beyond
 
 
 def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, Any, str]:
     """Colours (height, width, 3), and what the colour bar and its label need."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, Normalize, hsv_to_rgb
+    from matplotlib.colors import Normalize
 
     period = _period_ns(sequence) if period_ns is None else float(period_ns)
     turns = opl_to_ns(sequence.opl) / period
     energy, phasor = sequence.sums(np.exp(2j * math.pi * turns).astype(np.complex64))
     saturation = np.divide(abs(phasor), energy, out=np.zeros_like(energy), where=energy > 0)
-    hue = np.mod(np.angle(phasor) / (2 * math.pi), 1)
-    colour = hsv_to_rgb(
-        np.stack([hue, np.sqrt(np.clip(saturation, 0, 1)), np.ones_like(hue)], axis=-1)
-    )
-    # Not Matplotlib's "hsv", which ends before it is red again and so is up to 1.5 % off
-    hues = hsv_to_rgb([(sixth / 6, 1, 1) for sixth in range(7)])  # Straight in between
-    hue_map = LinearSegmentedColormap.from_list("hue", hues.tolist(), N=6 * 255)
-    scale = ScalarMappable(Normalize(0, period), hue_map)
+    scale = ScalarMappable(Normalize(0, period), hue_map())
+    hues = hue_map()(np.mod(np.angle(phasor) / (2 * math.pi), 1))[..., :3]
+    share = np.sqrt(np.clip(saturation, 0, 1))[..., None]
+    colour = share * hues + (1 - share)
     return colour, scale, f"arrival time, modulo {period:.4g} ns [ns]"
 
 

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.unwrapping import unambiguous_range, unwrap
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style
+from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, most_of
 from ..signals.frequencies import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
+from .colours import phase_map
 from .figures import map_axes, picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_RADIANCE = "[W m$^{-2}$ sr$^{-1}$]"
+MOST_WRAPS = 128
+"""A depth is unwrapped if that takes no more wraps of the highest frequency than so many."""
+
+_RADIANCE = "[W m⁻² sr⁻¹]"
 _PREFIXES = ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"))
 
 
+@in_style
 def phasor_panel(
     frequencies_hz: Any,
     I: Any,  # noqa: E741 (the field's letter)
@@ -39,6 +47,8 @@ def phasor_panel(
     Those that come without channels are drawn as they are, so that an unwrapped depth can be shown.
 
     The last column is half the path length. It is the depth only where light and camera coincide.
+    Of two or more frequencies whose phases repeat soon enough together, a row below has the depth
+    unwrapped by `analysis.unwrap` and its residual, which is large where no depth fits.
 
     Args:
         frequencies_hz: One modulation frequency [Hz] or several, finite and above 0.
@@ -52,7 +62,7 @@ def phasor_panel(
 
     Returns:
         A `matplotlib.figure.Figure`, made outside of pyplot. Hatched pixels have no light or are
-        unfinished (NaN). The strongest half percent of I, Q and amplitude is clipped.
+        unfinished (NaN). The strongest two percent of I, Q and amplitude are clipped.
 
     Raises:
         ValueError: A frequency that is no finite number above 0, or shapes that do not fit.
@@ -97,38 +107,122 @@ def _summed(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray | 
     }
 
 
+@dataclass
+class _Map:
+    """A picture of numbers, and what its colour bar says."""
+
+    name: str
+    values: np.ndarray
+    label: str
+    colours: dict[str, Any]
+    extend: str = "neither"
+
+
 def _panel(
     frequencies: list[float], images: dict[str, np.ndarray | None], title: str | None
 ) -> Figure:
-    count, height, width = images["I"].shape  # pyright: ignore[reportOptionalMemberAccess]
-    aspect = picture_aspect(height, width, 0.4, 2.0)
-    figure = new_figure(17.5, count * (2.35 * aspect + 0.3) + (1.0 if title else 0.6), "compressed")
-    grid: Any = figure.subplots(count, 5, sharex=True, sharey=True, squeeze=False)
-    for row, (frequency, all_axes) in enumerate(zip(frequencies, grid, strict=True)):
-        given = {name: None if v is None else v[row] for name, v in images.items()}
-        _row(all_axes, frequency, given)
-        for axes in all_axes:
-            axes.label_outer()
-        all_axes[0].annotate(
+    phasors = np.asarray(images["I"]) + 1j * np.asarray(images["Q"])
+    count, height, width = phasors.shape
+    lit = np.isfinite(phasors) & (phasors != 0)
+    unwrapped = _unwrapped(frequencies, phasors, lit)
+    wide = figure_width(7.0)
+    columns = 5 if wide >= COLUMN else 3
+    rows = -(-5 // columns)
+    last = count * rows - 1
+    grid = PictureGrid(
+        wide,
+        last + 1 + bool(unwrapped),
+        columns,
+        picture_aspect(height, width, 0.4, 2.0),
+        title=title or "",
+        bar_lines=2,
+        left=0.66,
+        with_x={last, last + 1},
+        hatch="" if lit.all() else NO_VALUE,
+    )
+    blocks = [
+        (
             _in_hertz(frequency),
-            (0, 0.5),
-            xytext=(-52, 0),
-            xycoords="axes fraction",
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            rotation="vertical",
-            fontsize="large",
+            _maps(frequency, {n: v if v is None else v[k] for n, v in images.items()}),
         )
-    for axes, name in zip(grid[0], ("I", "Q", "amplitude", "phase", "depth"), strict=True):
-        axes.set_title(name)
-    if title is not None:
-        figure.suptitle(title)
-    return figure
+        for k, frequency in enumerate(frequencies)
+    ]
+    first = _draw(grid, 0, blocks)
+    if unwrapped:
+        _draw(grid, last + 1, [("all", unwrapped)], first)
+    return grid.figure
 
 
-def _row(all_axes: Any, frequency: float, given: dict[str, np.ndarray | None]) -> None:
-    """Draw the five maps of one frequency."""
+def _draw(
+    grid: PictureGrid, row: int, blocks: list[tuple[str, list[_Map]]], first: Axes | None = None
+) -> Axes | None:
+    """Draw blocks of maps from a row on, a word to the left of each; returns the first axes."""
+    placed = []
+    for beside, maps in blocks:
+        for k, each in enumerate(maps):
+            here, column = row + k // grid.columns, k % grid.columns
+            axes = grid.axes(here, column, each.name, sharex=first, sharey=first)
+            shown = map_axes(axes, each.values, **each.colours)
+            grid.trim(axes, here, column)
+            if k == 0:
+                _beside(axes, beside)
+            placed.append((each, shown, here, column))
+            first = first or axes
+        row += -(-len(maps) // grid.columns)
+    for each, shown, here, column in placed:
+        bar = grid.bar(shown, here, column, each.label, extend=each.extend)
+        if each.name == "phase":
+            bar.set_ticks([-math.pi, 0, math.pi], labels=["−π", "0", "π"])
+    return first
+
+
+def _beside(axes: Axes, text: str) -> None:
+    """What a row shows, to the left of its first panel."""
+    axes.annotate(
+        text,
+        (0, 0.5),
+        xytext=(-39, 0),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        rotation="vertical",
+        fontsize="large",
+    )
+
+
+def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -> list[_Map]:
+    """Depth and residual by the phases at all frequencies; none where there are too many wraps."""
+    if len(set(frequencies)) < max(2, len(frequencies)):
+        return []
+    longest = unambiguous_range(frequencies)
+    if longest > MOST_WRAPS * SPEED_OF_LIGHT / (2 * max(frequencies)):
+        return []
+    phasors = np.where(lit, phasors, np.nan)
+    phases, amplitudes = np.angle(phasors), np.nan_to_num(abs(phasors))
+    depth, residual = unwrap(phases, frequencies, amplitudes=amplitudes)
+    near, far, beyond = most_of(depth)
+    worst = most_of(residual)[1]
+    return [
+        _Map(
+            "unwrapped",
+            depth,
+            f"half the path length\n[m], of {longest:.4g} m",
+            {"cmap": "viridis", "vmin": near, "vmax": far},
+            beyond,
+        ),
+        _Map(
+            "residual",
+            residual,
+            "disagreement\n[m]",
+            {"cmap": "cividis", "vmin": 0, "vmax": worst},
+            "max",
+        ),
+    ]
+
+
+def _maps(frequency: float, given: dict[str, np.ndarray | None]) -> list[_Map]:
+    """The five maps of one frequency."""
     phasor = np.asarray(given["I"]) + 1j * np.asarray(given["Q"])
     lit = np.isfinite(phasor) & (phasor != 0)
     unambiguous = SPEED_OF_LIGHT / (2 * frequency)
@@ -142,27 +236,24 @@ def _row(all_axes: Any, frequency: float, given: dict[str, np.ndarray | None]) -
     phase, depth = np.where(lit, phase, np.nan), np.where(lit, depth, np.nan)
     furthest = np.max(depth, where=np.isfinite(depth), initial=unambiguous)
     strongest = _white(np.stack([phasor.real, phasor.imag]))
-
-    for axes, values, name in zip(all_axes, (phasor.real, phasor.imag), "IQ", strict=False):
-        shown = map_axes(axes, values, cmap="RdBu_r", vmin=-strongest, vmax=strongest)
-        _bar(shown, axes, f"{name} {_RADIANCE}", extend="both")
-    shown = map_axes(all_axes[2], amplitude, cmap="magma", vmin=0, vmax=_white(amplitude))
-    _bar(shown, all_axes[2], f"amplitude {_RADIANCE}", extend="max")
-    shown = map_axes(all_axes[3], phase, cmap="twilight", vmin=-math.pi, vmax=math.pi)
-    bar = _bar(shown, all_axes[3], "phase [rad]")
-    bar.set_ticks(np.arange(-2, 3) * (math.pi / 2), labels=["-π", "-π/2", "0", "π/2", "π"])
-    shown = map_axes(all_axes[4], depth, cmap="viridis", vmin=0, vmax=furthest)
-    _bar(shown, all_axes[4], f"half the path length [m]\n(c/2f = {unambiguous:.4g} m)")
-
-
-def _bar(shown: Any, axes: Axes, label: str, **options: Any) -> Any:
-    return shown.figure.colorbar(shown, ax=axes, label=label, **options)
+    signed = {"cmap": "RdBu_r", "vmin": -strongest, "vmax": strongest}
+    sizes = {"cmap": "magma", "vmin": 0, "vmax": _white(amplitude)}
+    angles = {"cmap": phase_map(), "vmin": -math.pi, "vmax": math.pi}
+    depths = {"cmap": "viridis", "vmin": 0, "vmax": furthest}
+    path = f"half the path length\n[m], c/2f = {unambiguous:.4g} m"
+    return [
+        _Map("I", phasor.real, f"I\n{_RADIANCE}", signed, "both"),
+        _Map("Q", phasor.imag, f"Q\n{_RADIANCE}", signed, "both"),
+        _Map("amplitude", amplitude, f"amplitude\n{_RADIANCE}", sizes, "max"),
+        _Map("phase", phase, "phase\n[rad]", angles),
+        _Map("depth", depth, path, depths),
+    ]
 
 
 def _white(values: np.ndarray) -> float:
-    """A scale that half a percent of the values exceed; 1 where there is no light."""
+    """A scale that two percent of the values exceed; 1 where there is no light."""
     size = abs(values[np.isfinite(values) & (values != 0)])
-    return float(np.percentile(size, 99.5)) if size.size else 1.0
+    return float(np.percentile(size, 98)) if size.size else 1.0
 
 
 def _in_hertz(frequency: float) -> str:

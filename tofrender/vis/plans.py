@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style, new_figure, palette
+from ..runtime.plots import few_ticks, fit_height, wrapped
 from .figures import picture_aspect
 
 if TYPE_CHECKING:
@@ -20,22 +21,24 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# how a shape's id starts, what the legend calls it, and its colour; the last one is any other's
+# how a shape's id starts, what the legend calls it, and its colour, "ink" for that of text; the
+# last one is any other's
 KINDS = (
-    ("relay", "relay wall", "#1f6fb4"),
-    ("hidden", "hidden", "#d1495b"),
-    ("occluder", "occluder", "#333333"),
-    ("", "other", "#9a9a9a"),
+    ("relay", "relay wall", "#0072b2"),
+    ("hidden", "hidden", "#d55e00"),
+    ("occluder", "occluder", "ink"),
+    ("", "other", "#8c8c8c"),
 )
 VIEWS = {"above": (0, 2), "side": (2, 1)}
 """Coordinates to the right and upwards."""
 
-CAMERA, LASER = "#2a9d63", "#e07b00"
+CAMERA, LASER = "#009e73", "#e69f00"
 
 WIDEST = 3.0
 """Shapes this many times wider than the relay wall are cut off at the picture's edge."""
 
 
+@in_style
 def plan_figure(
     scene: mi.Scene,
     *,
@@ -79,7 +82,8 @@ def plan_figure(
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
     lamp = _integrators_laser(scene) if laser is None else np.array(checks.place("laser", laser))
 
-    figure = new_figure(6.4, 6.4)
+    wide = figure_width(4.6)
+    figure = new_figure(wide, wide, "compressed")
     axes = figure.add_subplot()
     outlines = [(_kind(s.id()), _outline(_points(s)[:, shown])) for s in scene.shapes()]
     outlines.sort(key=lambda each: -float(np.prod(np.ptp(each[1], axis=0))))
@@ -96,18 +100,22 @@ def plan_figure(
 
     low, high = _limits(outlines, wedges + beams)
     width, height = high - low
-    figure.set_size_inches(6.4, 5.4 * picture_aspect(height, width, 0.3, 1.3) + 1.6)
+    figure.set_figheight(wide * picture_aspect(height, width, 0.3, 1.3) + 1.0)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.set_xlabel(f"{'xyz'[shown[0]]} [m]")
     axes.set_ylabel(f"{'xyz'[shown[1]]} [m]")
     axes.grid(alpha=0.25)
+    few_ticks(axes)
     if title is not None:
-        axes.set_title(title)
+        axes.set_title(wrapped(title, wide))
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3)
+    figure.legend(
+        unique.values(), unique.keys(), loc="outside lower center", ncols=3, frameon=False
+    )
+    fit_height(figure)
     return figure
 
 
@@ -154,6 +162,7 @@ def _outline(points: Array) -> Array:
 
 def _draw_outline(axes: Axes, outline: Array, kind: tuple[str, str, str]) -> None:
     _, label, colour = kind
+    colour = palette().ink if colour == "ink" else colour
     order = len(KINDS) - KINDS.index(kind)
     if len(outline) < 3:  # seen edge-on
         axes.plot(*outline.T, color=colour, lw=3, label=label, zorder=2 + order)

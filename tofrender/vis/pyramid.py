@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..rendering.dataset import time_axis
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style, new_figure
+from ..runtime.plots import wrapped
 from .figures import picture_aspect
 from .tone import auto_exposure, tonemap
 
@@ -14,9 +15,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_WIDTH = 1.7  # of a picture [inches]
+_WIDTH, _LEAST, _ROOM, _BETWEEN, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
+"""Widths of a picture: usual, least, from which on its title is written out; gaps [inches]."""
 
 
+@in_style
 def pyramid_figure(
     pyramid: xr.Dataset,
     *,
@@ -33,11 +36,13 @@ def pyramid_figure(
         opl: Path length [m] whose time bin is drawn; None for the light of all time.
         stops_per_row: How much brighter each row is drawn than the one above; long paths carry
             little light. 0 keeps rows comparable.
-        title: Above everything; by default what is drawn.
+        title: Above everything; by default what is drawn. Where there is little room, titles of
+            pictures are only the numbers s and t.
 
     Returns:
         A `matplotlib.figure.Figure`, made outside of pyplot. White in the first row is what the
-        brightest 2 % of the light of all strategies together exceed.
+        brightest 2 % of the light of all strategies together exceed. Wider than asked for if
+        pictures would be smaller than 0.42 inches.
 
     Raises:
         ValueError: Not a result of `strategy_pyramid`, or a path length outside its bins.
@@ -63,18 +68,26 @@ def pyramid_figure(
         what = f"bin at {float(pyramid['opl'][index]):.4g} m"
     exposure = auto_exposure(chosen.sel(weighting="mis").sum("strategy").values, percentile=98)
     rows = int((pyramid["s"] + pyramid["t"]).max()) - 1
-    height = _WIDTH * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
-    figure = new_figure(_WIDTH * (rows + 1) + 0.4, (height + 0.35) * rows + 0.5)
-    grid = figure.add_gridspec(rows, 2 * (rows + 1))
+    wide = max(figure_width(max(3.4, min(7.0, _WIDTH * (rows + 1)))), _LEAST * (rows + 1))
+    each = wide / (rows + 1)
+    high = (each - _BETWEEN) * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
+    named = _title(weighting, what, stops) if title is None else title
+    named = wrapped(named if each > _ROOM else f"{named}\nnumbers are s, t", wide - 0.1)
+    top = 0.1 + 0.155 * len(named.splitlines())
+    tall = top + rows * (high + _ABOVE) + 0.07
+    figure = new_figure(wide, tall, layout=None)
+    figure.suptitle(named, y=1 - 0.07 / tall, va="top")
     for picture in chosen.sel(weighting=weighting):
         s, t = int(picture["s"]), int(picture["t"])
         segments = s + t - 1
-        left = rows - segments + 2 * s
-        axes = figure.add_subplot(grid[segments - 1, left : left + 2])
+        left = (rows - segments + 2 * s) / 2 * each + _BETWEEN / 2
+        bottom = tall - top - segments * (high + _ABOVE)
+        box = (left / wide, bottom / tall, (each - _BETWEEN) / wide, high / tall)
+        axes = figure.add_axes(box, xticks=[], yticks=[])
         gain = exposure * 2 ** (stops * (segments - 1))
         axes.imshow(tonemap(picture.values, exposure=gain))
-        axes.set(title=f"s = {s}, t = {t}", xticks=[], yticks=[])
-    figure.suptitle(_title(weighting, what, stops) if title is None else title)
+        label = f"s = {s}, t = {t}" if each > _ROOM else f"{s}, {t}"
+        axes.set_title(label, fontsize=7, pad=2)
     return figure
 
 

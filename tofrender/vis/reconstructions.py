@@ -8,23 +8,25 @@ import numpy as np
 
 from ..nlos.reconstruction.depths import check_volume, depth_map
 from ..runtime import checks
-from ..runtime.canvas import new_figure
-from .figures import map_axes
+from ..runtime.canvas import figure_width, in_style
+from ..runtime.plots import COLUMN, PictureGrid, few_ticks
+from .figures import hatch_area
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LONGEST, _SHORTEST = 4.2, 1.6  # of a picture's sides [inches]
 
-
+@in_style
 def reconstruction_figure(
     volume: xr.Dataset, *, threshold: float = 0.2, title: str | None = None
 ) -> Figure:
     """Draw the brightest voxels of a volume from the front, the side and above, and its depth.
 
     The front view is what the wall sees. Its rows run down as in a picture where they run down in
-    the world, whose up is y; else up.
+    the world, whose up is y; else up. All panels have one scale in metres, and three of
+    them one of intensities.
 
     Args:
         volume: A result of `reconstruct`.
@@ -50,13 +52,18 @@ def reconstruction_figure(
     values = check_volume(volume)
     depth = depth_map(volume, threshold).values
     edges = {axis: _edges(volume[axis].values) for axis in "xyz"}
-    sides = {axis: high - low for axis, (low, high) in edges.items()}
-    inches = {a: max(_LONGEST * s / max(sides.values()), _SHORTEST) for a, s in sides.items()}
-    widths = [inches["x"], max(inches["x"], inches["z"])]
-    heights = [inches["y"], max(inches["y"], inches["z"])]
-    figure = new_figure(sum(widths) + 3.6, sum(heights) + 1.8, "compressed")
-    grid: Any = figure.subplots(
-        2, 2, gridspec_kw={"width_ratios": widths, "height_ratios": heights}
+    width = figure_width(7.0)
+    columns = 4 if width >= COLUMN else 2
+    named = ", ".join(filter(None, (volume.attrs.get("scene"), volume.attrs.get("method"))))
+    grid = PictureGrid(
+        width,
+        4 // columns,
+        columns,
+        1.0,
+        title=named if title is None else title,
+        own_y=True,
+        with_bars={4 // columns - 1},
+        hatch="nothing found" if np.isnan(depth).any() else "",
     )
     views = (
         ("front", values.max(axis=0), "x", "y"),
@@ -65,25 +72,47 @@ def reconstruction_figure(
         ("depth", depth, "x", "y"),
     )
     brightest = float(values.max()) or 1.0
-    for axes, (name, picture, across, along) in zip(grid.flat, views, strict=True):
-        shown = map_axes(
-            axes,
-            picture,
-            extent=(*edges[across], *edges[along]),
-            origin="lower",
-            cmap="viridis" if name == "depth" else "magma",
-            vmin=None if name == "depth" else 0,
-            vmax=None if name == "depth" else brightest,
+    drawn = []
+    for k, (name, picture, across, along) in enumerate(views):
+        axes = grid.axes(k // columns, k % columns, name)
+        extent = (*edges[across], *edges[along])
+        options: Any = {"cmap": "inferno", "vmin": 0, "vmax": brightest}
+        if name == "depth":
+            options = {"cmap": "viridis"}
+            hatch_area(axes, extent)
+        shown = axes.imshow(
+            picture, extent=extent, origin="lower", interpolation="nearest", **options
         )
-        label = "z [m]" if name == "depth" else "intensity [arbitrary]"
-        axes.set(title=name, xlabel=f"{across} [m]", ylabel=f"{along} [m]")
-        axes.locator_params(integer=False)
+        if name != "depth":
+            axes.set_facecolor(shown.cmap(0.0))
+        axes.set(xlabel=f"{across} [m]", ylabel=f"{along} [m]")
+        _square(axes, edges, across, along)
         if along == "y" and _rows_run_down(volume):
             axes.invert_yaxis()
-        axes.figure.colorbar(shown, ax=axes, label=label)
-    named = ", ".join(filter(None, (volume.attrs.get("scene"), volume.attrs.get("method"))))
-    figure.suptitle(named if title is None else title)
-    return figure
+        few_ticks(axes)
+        drawn.append(shown)
+    depths = drawn[3].get_array().compressed()
+    drawn[3].set_clim(*(_apart(depths.min(), depths.max()) if depths.size else (0, 1)))
+    if columns == 4:
+        grid.bar(drawn[0], 0, 0, "intensity [arbitrary]", span=3)
+        grid.bar(drawn[3], 0, 3, "depth z [m]")
+    else:
+        grid.bar(drawn[0], 1, 0, "intensity [arbitrary]")
+        grid.bar(drawn[3], 1, 1, "depth z [m]")
+    return grid.figure
+
+
+def _apart(low: float, high: float) -> tuple[float, float]:
+    """Ends of a scale, apart also where there is a single value."""
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
+def _square(axes: Axes, edges: dict[str, tuple[float, float]], across: str, along: str) -> None:
+    """Limits as long on both axes as the longest side of the volume: all panels to one scale."""
+    half = max(high - low for low, high in edges.values()) / 2
+    for axis, limit in ((across, axes.set_xlim), (along, axes.set_ylim)):
+        middle = sum(edges[axis]) / 2
+        limit(middle - half, middle + half)
 
 
 def _edges(centres: np.ndarray) -> tuple[float, float]:

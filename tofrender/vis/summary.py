@@ -8,11 +8,12 @@ import numpy as np
 
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style, new_figure, palette
+from ..runtime.plots import COLUMN, colour_bar, most_of, wrapped
 from ..runtime.progress import shown
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .figures import map_axes, picture_aspect, pixel_axes, time_axes
+from .figures import explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
 from .tone import tonemap
 from .transient import Transient
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 
 @shown("Drawing the summary")
+@in_style
 def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     """One page about a render: the steady image, when each pixel is brightest, a few responses.
 
@@ -31,7 +33,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
             pixel, one that peaks early and one that peaks late.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `figure.savefig(...)` writes it.
+        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Raises:
         ValueError: A pixel outside the image.
@@ -57,28 +59,40 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     except ValueError as error:
         raise ValueError(f"pixels: {error}") from None
 
-    aspect = picture_aspect(*sequence.size, low=0.4, high=2.0)
-    figure = new_figure(10.0, 4.0 * aspect + 4.4)
-    grid = figure.add_gridspec(2, 2, height_ratios=[4.0 * aspect + 0.6, 3.2])
-    steady, peak, plot = (
-        figure.add_subplot(grid[0, 0]),
-        figure.add_subplot(grid[0, 1]),
-        figure.add_subplot(grid[1, :]),
+    width = figure_width(7.0)
+    pictures = 0.42 * width * picture_aspect(*sequence.size, low=0.4, high=2.0) + (
+        1.1 if width < COLUMN else 0.7
     )
+    below = 1.0 + 0.2 * width
+    figure = new_figure(width, pictures + below + 0.5)
+    grid = figure.add_gridspec(2, 2, height_ratios=[pictures, below])
+    steady = figure.add_subplot(grid[0, 0])
+    peak = figure.add_subplot(grid[0, 1], sharex=steady, sharey=steady)
+    plot = figure.add_subplot(grid[1, :])
     steady.imshow(tonemap(dataset["steady"].values, percentile=98), extent=sequence.extent)
     steady.set_title("steady image")
-    shown = map_axes(peak, peak_ns, extent=sequence.extent, cmap="viridis")
-    peak.set_title("time of the brightest bin")
-    figure.colorbar(shown, ax=peak, label="time [ns]")
+    first, last, beyond = most_of(peak_ns)
+    times = {"cmap": "viridis", "vmin": first, "vmax": last}
+    shown = map_axes(peak, peak_ns, extent=sequence.extent, **times)
+    peak.set_title("brightest bin" if width < COLUMN else "time of the brightest bin")
+    if width < COLUMN:
+        told = "time of the brightest bin [ns]"
+        colour_bar(shown, [steady, peak], told, below=True, extend=beyond, aspect=30)
+    else:
+        colour_bar(shown, peak, "time [ns]", extend=beyond)
     pixel_axes(steady)
+    peak.set_ylabel("")
+    peak.tick_params(labelleft=False)
     for index, ((x, y), response) in enumerate(zip(pairs, responses, strict=True)):
-        color = f"C{index % 10}"
-        plot.plot(opl_to_ns(sequence.opl), response, color=color, lw=1.2, label=f"({x}, {y})")
+        color, mark = palette().lines[index % 7], "osD^v<>"[index % 7]
+        plot.plot(opl_to_ns(sequence.opl), response, color=color)
+        plot.plot([], [], color=color, marker=mark, label=f"({x}, {y})")
         for axes in (steady, peak):
-            axes.plot(x, y, "o", mfc=color, mec="white", ms=7)
+            axes.plot(x, y, mark, mfc=color, mec="white", ms=6, mew=1)
     plot.legend(title="pixel", frameon=False)
     time_axes(plot, sequence)
-    figure.suptitle(_title(dataset))
+    figure.suptitle(wrapped(_title(dataset), width))
+    explain_hatch(figure, np.isnan(peak_ns))
     return figure
 
 

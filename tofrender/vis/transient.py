@@ -13,6 +13,7 @@ import numpy as np
 from ..rendering.cubes import Cube, Place
 from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, time_axis
 from ..runtime import checks
+from ..runtime.plots import superscript
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 
@@ -56,8 +57,7 @@ class Transient:
             start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
             x0, y0 = first_pixel(data)
-            units = re.sub(r"\^(-?\d+)", r"$^{\1}$", data.attrs["units"])
-            named = f"{data.attrs['quantity']} [{units}]"
+            named = f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
             extra = {"quantity": named} | extra | {"x0": x0, "y0": y0}
             data = data["transient"]
         start = checks.metres("start_opl", start_opl)
@@ -135,6 +135,16 @@ class Transient:
             for total, wave in zip(sums[1:], waves, strict=True):
                 total[tuple(pixels)] += light @ wave[bins]
         return sums
+
+
+def typeset(units: str) -> str:
+    """Units with raised exponents.
+
+    Example:
+        >>> typeset("W m^-2 sr^-1")
+        'W m⁻² sr⁻¹'
+    """
+    return re.sub(r"\^(-?\d+)", lambda found: superscript(int(found[1])), units)
 
 
 def _cube(name: str, data: Any) -> Cube:

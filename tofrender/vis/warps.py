@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.canvas import new_figure
+from ..runtime.canvas import figure_width, in_style
+from ..runtime.plots import PictureGrid, few_ticks
 from ..sampling.figures import caption, density_panels, verdict_figure
 from ..sampling.verdicts import Verdict
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["verdict_figure", "warp_figure"]
 
 
+@in_style
 def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     """Warped points and the density they should have, above the verdict of a chi-square test.
 
@@ -28,7 +30,7 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
         title: Title of the first panel.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `figure.savefig(...)` writes it.
+        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Example:
         >>> from tofrender.sampling import grid, warp_case
@@ -43,17 +45,17 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     points = checks.real_array("points", points, np.float64)
     if points.ndim != 2 or len(points) not in (2, 3) or not points.size:
         raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
-    figure = new_figure(11.5, 10.0, "compressed")
-    (first, expected), (observed, difference) = figure.subplots(2, 2)
-    _points(first, points, verdict)
-    first.set_title(title)
-    density_panels((observed, expected, difference), verdict)
-    caption(figure, verdict)
-    return figure
+    grid = PictureGrid(figure_width(5.5), 2, 2, 1.0, own_y=True, **caption(verdict))
+    first = grid.axes(0, 0, title)
+    _points(first, points, verdict, grid.wide)
+    names = ("expected density", "observed density", "difference")
+    density_panels(grid, verdict, [(0, 1), (1, 0), (1, 1)], names)
+    return grid.figure
 
 
-def _points(axes: Axes, points: np.ndarray, verdict: Verdict) -> None:
-    size = float(np.clip(600 / np.sqrt(points.shape[1]), 0.2, 12))
+def _points(axes: Axes, points: np.ndarray, verdict: Verdict, wide: float) -> None:
+    """Points on axes of so many inches, the smaller the more there are."""
+    size = (wide / 4.5) ** 2 * float(np.clip(600 / np.sqrt(points.shape[1]), 0.2, 12))
     if points.shape[0] == 2:
         x, y = points
         labels = verdict.domain.labels
@@ -65,11 +67,11 @@ def _points(axes: Axes, points: np.ndarray, verdict: Verdict) -> None:
         labels = ("φ [rad]", "cos θ")
     axes.scatter(x, y, s=size, linewidths=0)
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.locator_params(nbins=5)
-    axes.set_box_aspect(1)
+    few_ticks(axes)
     if points.shape[0] == 2:
         (low_x, low_y), (high_x, high_y) = verdict.domain.low, verdict.domain.high
-        axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y))
+        ylim = (high_y, low_y) if verdict.domain.down else (low_y, high_y)
+        axes.set(xlim=(low_x, high_x), ylim=ylim)
     elif verdict.domain.upper_only:
         reach = 1.05 * float(np.max(np.hypot(x, y), initial=0.0)) or 1.0
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))

@@ -36,7 +36,8 @@ SET_CHILD_SUBREAPER = 36
 class Supervised:
     """A command and all that it starts: what they print, what they use, and their end.
 
-    Only what is below this process now stays when it ends; so run one at a time.
+    When it ends, only what is below this process now stays, and what is in this one's session,
+    which a command started here cannot join; so run one at a time.
 
     Args:
         command: Program and arguments.
@@ -149,7 +150,7 @@ class Supervised:
                 parents[child.pid] = child.ppid()
 
         def stays(pid: int | None) -> bool:
-            while pid is not None and pid not in self._others:
+            while pid is not None and pid not in self._others and not _is_in_this_session(pid):
                 pid = parents.get(pid)
             return pid is not None
 
@@ -164,6 +165,13 @@ def _size(folder: Path) -> int:
             with suppress(OSError):
                 used += 512 * os.lstat(os.path.join(inside, name)).st_blocks
     return used
+
+
+def _is_in_this_session(pid: int) -> bool:
+    """Whether a process is in the session of this one."""
+    with suppress(AttributeError, OSError):  # Windows has none; the process may have ended
+        return os.getsid(pid) == os.getsid(0)
+    return False
 
 
 def _memory(processes: list[psutil.Process], kind: str) -> int:

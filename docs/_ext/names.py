@@ -1,0 +1,133 @@
+"""The API's pages, and docstrings as they are written here.
+
+A block of a page
+
+    ```{names} tofrender
+    render
+    merge
+    ```
+
+becomes a table of these names and what their docstrings say; one of `{commands}` the same of the
+command's help. Docstrings have Markdown's tables,
+indented code and single backquotes, and Google's sections.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from typing import Any
+
+from sphinx.application import Sphinx
+
+from tofrender.runtime.lazy import public_names
+
+NAMES = re.compile(r"^```\{names\} (\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+COMMANDS = re.compile(r"^```\{commands\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def _entry(home: Any, name: str) -> tuple[str, str]:
+    """A name's kind, and the name by which autodoc finds its documentation."""
+    value = getattr(home, name)
+    if inspect.ismodule(value):
+        return "module", value.__name__
+    kind = "class" if inspect.isclass(value) else "function" if callable(value) else "data"
+    module = public_names(home.__name__, home.__file__)[name]
+    return kind, f"{module}.{name}" if kind == "data" else name
+
+
+def _within(name: str, module: str) -> str:
+    return name.removeprefix(f"{module}.")
+
+
+def _expand(found: re.Match[str]) -> str:
+    home = importlib.import_module(found[1])
+    entries = [_entry(home, name) for name in found[2].split()]
+    lines = ["````{eval-rst}", f".. currentmodule:: {found[1]}", "", ".. autosummary::"]
+    lines += [
+        "   :nosignatures:",
+        "",
+        *(f"   ~{_within(name, found[1])}" for _, name in entries),
+        "",
+    ]
+    for kind, name in entries:
+        lines += [f".. auto{kind}:: {name}"]
+        lines += ["   :members:", ""] if kind in ("class", "module") else [""]
+    return "\n".join([*lines, "````"])
+
+
+def _commands(found: re.Match[str]) -> str:
+    import typer.main
+
+    from tofrender.cli.app import app
+
+    group: Any = typer.main.get_command(app)
+    lines = []
+    for name in found[1].split():
+        command = group.commands[name]
+        context = command.context_class(command, info_name=name)
+        usage = " ".join(command.collect_usage_pieces(context))
+        lines += [f"## {name}", "", f"```sh\ntofrender {name} {usage}\n```", ""]
+        lines += [_plain(inspect.cleandoc(command.help)), "", "| | |", "|---|---|"]
+        for parameter in command.params:
+            record = parameter.get_help_record(context)
+            if record and "--help" not in record[0]:
+                words, told = (" ".join(text.split()).replace("|", "\\|") for text in record)
+                lines.append(f"| `{words}` | {_plain(told)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown shows as it is."""
+    text = re.sub(r"([\[\]<>*_])", r"\\\1", text)
+    return re.sub(r"(?<![\w`-])--[a-z][a-z-]*", r"`\g<0>`", text)
+
+
+def expand(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Write out the blocks of names of a page."""
+    source[0] = COMMANDS.sub(_commands, NAMES.sub(_expand, source[0]))
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in re.split(r"(?<=\s)\|(?=\s)", line.strip()[1:-1])]
+
+
+def _table(rows: list[str]) -> list[str]:
+    indent = re.match(r" *", rows[0])[0]  # pyright: ignore[reportOptionalSubscript]
+    lines = [".. list-table::", "   :header-rows: 1", ""]
+    for row in (rows[0], *rows[2:]):
+        for number, cell in enumerate(_cells(row)):
+            lines.append(f"   {'*' if number == 0 else ' '} - {cell}")
+    return ["", *(indent + line if line else "" for line in lines), ""]
+
+
+def markdown(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Turn what docstrings have of Markdown into reStructuredText, in place."""
+    out: list[str] = []
+    rows: list[str] = []
+    code = False
+    for line in [*lines, ""]:
+        if line.lstrip().startswith("|") and line.rstrip().endswith("|"):
+            rows.append(line)
+            continue
+        if rows:
+            out += _table(rows)
+            rows = []
+        deep = line.startswith("    ")
+        in_text = not any(re.match(r"[A-Z]\w+:$", before) for before in out)
+        if deep and not code and in_text and out and not out[-1]:
+            out += ["::", ""]
+            code = True
+        elif line and not deep:
+            code = False
+        out.append(line if code or ">>>" in line else line.replace("|", r"\|"))
+    lines[:] = out
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Connect both to what Sphinx reads."""
+    app.connect("source-read", expand)
+    app.connect("autodoc-process-docstring", markdown, priority=100)  # Before napoleon
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

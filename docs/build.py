@@ -1,0 +1,245 @@
+"""Build the documentation: `make docs`, or `python docs/build.py [--quick]`.
+
+Pages come from docs/, notebooks/, scenes/README.md, assignments/README.md, CHANGELOG.md and
+CONTRIBUTING.md. All that is made is in build/docs: `source` is what Sphinx reads, `html` the site.
+No step needs a network, nor does the site. A warning, a dead link and an address that a page would
+load from elsewhere fail.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILD = ROOT / "build" / "docs"
+SOURCE, EXAMPLES, HTML = BUILD / "source", BUILD / "examples", BUILD / "html"
+LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^()\s:]+)\)")
+TEXT = (".md", ".ipynb")
+
+
+def places() -> dict[str, Path]:
+    """Where each file of the repository that belongs to the site goes, by its path in it."""
+    found: dict[str, Path] = {}
+    for path in sorted((ROOT / "docs").rglob("*")):
+        inside = path.relative_to(ROOT / "docs")
+        if path.is_file() and "__pycache__" not in inside.parts and path != Path(__file__):
+            gallery = inside.parts[0] == "gallery"
+            found[f"docs/{inside}"] = EXAMPLES / inside.name if gallery else SOURCE / inside
+    for folder in ("notebooks", "scenes/pictures"):
+        for path in sorted((ROOT / folder).glob("*.*")):
+            found[f"{folder}/{path.name}"] = SOURCE / folder / path.name
+    found["docs/gallery"] = SOURCE / "gallery/index.rst"  # Made by sphinx-gallery
+    found["scenes/cornell_box.png"] = SOURCE / "scenes/cornell_box.png"
+    found["scenes/README.md"] = SOURCE / "scenes/README.md"
+    found["assignments/README.md"] = SOURCE / "guides/teacher.md"
+    found["CHANGELOG.md"] = SOURCE / "changelog.md"
+    found["CONTRIBUTING.md"] = SOURCE / "contributing.md"
+    return found
+
+
+def relinked(text: str, path: str, known: dict[str, Path]) -> str:
+    """Markdown whose links lead to pages of the site; of links to other files the words stay.
+
+    Args:
+        text: Of the file, JSON of a notebook included.
+        path: Where it is in the repository.
+        known: What `places` says.
+    """
+
+    def replace(found: re.Match[str]) -> str:
+        words, target = found[2], found[3]
+        target, _, anchor = target.partition("#")
+        if not target:
+            return found[0]
+        aim = os.path.normpath(os.path.join(os.path.dirname(path), target))
+        if aim not in known:
+            return found[0] if found[1] else words
+        there = os.path.relpath(known[aim], known[path].parent)
+        return f"{found[1]}[{words}]({there}{'#' + anchor if anchor else ''})"
+
+    return LINK.sub(replace, text)
+
+
+def assemble() -> None:
+    """Bring `source` and `examples` up to date; files that are as they were keep their times."""
+    known = places()
+    for name, target in known.items():
+        if target.suffix == ".rst" and not (ROOT / name).is_file():
+            continue
+        content = (ROOT / name).read_bytes()
+        if target.suffix in TEXT:
+            content = relinked(content.decode(), name, known).encode()
+        if not target.exists() or target.read_bytes() != content:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(content)
+    ours = set(known.values())
+    for folder in (SOURCE, EXAMPLES):
+        for path in folder.rglob("*"):
+            made = path.is_relative_to(SOURCE / "gallery") or path.parent == SOURCE / "_static/made"
+            if path.is_file() and path not in ours and not made:
+                path.unlink()  # Its page is gone
+
+
+def state() -> str:
+    """A name for the package as it is and the size of notebooks: pictures follow both."""
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / "tofrender").rglob("*.py")):
+        digest.update(path.read_bytes())
+    digest.update(os.environ.get("TOFRENDER_NOTEBOOK_SIZE", "").encode())
+    return digest.hexdigest()[:16]
+
+
+def make_film(folder: Path) -> None:
+    """The film of the start page, the picture that is there until it plays, and its explorer."""
+    from PIL import Image
+
+    import tofrender
+
+    dataset = tofrender.render(
+        "cornell_box",
+        spp=256,
+        size=(240, 240),
+        bins=220,
+        window=(3.5, 14.6),
+        pulse_width=0.06,
+        progress=False,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    tofrender.save_video(dataset, folder / "cornell_box.mp4", fps=25, min_size=480, progress=False)
+    frame = dataset["transient"].sel(opl=5.9, method="nearest").values
+    exposure = tofrender.vis.auto_exposure(dataset["transient"].values)
+    poster = Image.fromarray(tofrender.tonemap(frame, exposure=exposure))
+    poster.resize((480, 480)).save(folder / "cornell_box.png")
+    box = tofrender.render(
+        "cornell_box", spp=128, size=(128, 128), window="auto", pulse_width=0.03, progress=False
+    )
+    tofrender.report(box, folder / "explorer.html", title="The Cornell box")
+
+
+STARTUP = """
+from uuid import uuid4
+import IPython.display
+import tofrender
+
+def explore(data, **options):
+    name = f"explorer_{uuid4().hex}.html"
+    tofrender.report(data, f"MADE/{name}", megabytes=4, **options)
+    return IPython.display.IFrame(f"../_static/made/{name}", "100%", 720)
+
+tofrender.explore = explore
+"""
+"""What notebooks run first: a widget needs a kernel, so a page shows the explorer as a page."""
+
+
+def quiet_kernels(folder: Path) -> None:
+    """Run notebooks with no settings of the user's, and without what kernels say of themselves."""
+    profile = folder / "profile_default"
+    profile.joinpath("startup").mkdir(parents=True, exist_ok=True)
+    profile.joinpath("ipython_kernel_config.py").write_text(
+        "get_config().Application.log_level = 40\n"
+    )
+    profile.joinpath("startup/explorer.py").write_text(
+        STARTUP.replace("MADE", str(SOURCE / "_static/made"))
+    )
+    os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
+    os.environ["TQDM_DISABLE"] = "1"  # A page needs no bars
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+
+
+def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
+    """Each page of the site with the (tag, attribute, address) in it, and its anchors."""
+    from html.parser import HTMLParser
+
+    class Reader(HTMLParser):
+        def __init__(self) -> None:
+            super().__init__()
+            self.addresses: list[tuple[str, str, str]] = []
+            self.anchors: set[str] = {""}
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            for name, value in attrs:
+                if name in ("href", "src", "poster") and value:
+                    self.addresses.append((tag, name, value))
+                elif name in ("id", "name") and value:
+                    self.anchors.add(value)
+
+    for path in sorted(set(HTML.rglob("*.html")) - set(HTML.glob("_static/**/*.html"))):
+        reader = Reader()
+        reader.feed(path.read_text(encoding="utf-8"))
+        yield path, reader.addresses, reader.anchors
+
+
+def faults() -> list[str]:
+    """Links that lead nowhere, and addresses that pages and styles would load from elsewhere."""
+    from urllib.parse import unquote, urlsplit
+
+    read = list(pages())
+    anchors = {path: found for path, _, found in read}
+    wrong = []
+    for path, addresses, _ in read:
+        here = path.relative_to(HTML)
+        for tag, name, address in addresses:
+            parts = urlsplit(address)
+            if parts.scheme in ("http", "https") or address.startswith("//"):
+                if tag != "a":
+                    wrong.append(f"{here}: loads {address}")
+                continue
+            if parts.scheme or not (parts.path or parts.fragment):
+                continue
+            aim = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            if not aim.is_file():
+                wrong.append(f"{here}: {name} {address}: no such file")
+            elif aim in anchors and unquote(parts.fragment) not in anchors[aim]:
+                wrong.append(f"{here}: {name} {address}: no such place on that page")
+    for style in HTML.rglob("*.css"):
+        for address in re.findall(
+            r"(?:@import\s*|url\()[\"']?(https?:[^\"')]*)", style.read_text()
+        ):
+            wrong.append(f"{style.relative_to(HTML)}: loads {address}")
+    return wrong
+
+
+def build(quick: bool = False) -> int:
+    """Build the site; returns Sphinx's exit status, or 1 if a link is dead."""
+    from sphinx.cmd.build import build_main
+
+    assemble()
+    now = state()
+    stamp = BUILD / "state"
+    if not stamp.exists() or stamp.read_text() != now:  # The package is another
+        made = (SOURCE / "gallery", SOURCE / "_static/made")
+        for folder in (*made, BUILD / "notebooks", BUILD / "doctrees"):
+            shutil.rmtree(folder, ignore_errors=True)
+    stamp.parent.mkdir(parents=True, exist_ok=True)
+    stamp.write_text(now)
+    if not (SOURCE / "_static/made/cornell_box.png").exists():
+        make_film(SOURCE / "_static/made")
+    if not quick:
+        quiet_kernels(BUILD / "ipython")
+    HTML.joinpath("_static").mkdir(parents=True, exist_ok=True)
+    options = ["-W", "--keep-going", "-q", "-d", str(BUILD / "doctrees")]
+    if quick:
+        options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=False"]
+    status = build_main([*options, "-b", "html", str(SOURCE), str(HTML)])
+    if status:
+        return status
+    wrong = faults()
+    for line in wrong:
+        print(f"docs: {line}", file=sys.stderr)
+    if not wrong:
+        print(f"The documentation is in {HTML.relative_to(ROOT)}/index.html")
+    return bool(wrong)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Build the documentation in build/docs/html.")
+    parser.add_argument("--quick", action="store_true", help="run no notebooks and no examples")
+    sys.path.insert(0, str(ROOT))
+    sys.exit(build(parser.parse_args().quick))

@@ -1,0 +1,195 @@
+"""What an explorer is given: right to the tolerance that it states, as small as it has to be."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from hidden_scenes import Wall, capture_of, rectangle
+from made_dataset import make_dataset
+
+import tofrender
+from tofrender.apps.explorer.codes import Scale
+from tofrender.apps.explorer.contents import Contents, contents_of
+from tofrender.apps.explorer.page import page_of
+from tofrender.apps.explorer.reducing import Reduction, bands
+from tofrender.rendering.cubes import Cube
+
+
+def noisy(height=20, width=30, bins=50, decades=9):
+    """A Dataset with light of many sizes, some of it none."""
+    rng = np.random.default_rng(0)
+    data = make_dataset(height, width, bins)
+    light = 10 ** rng.uniform(-decades, 1, data["transient"].shape)
+    light[rng.random(light.shape) < 0.3] = 0
+    data["transient"].values[:] = light
+    data["steady"].values[:] = light.sum(axis=2)
+    return data
+
+
+def assert_within(found, given, scale: Scale) -> None:
+    """As the page says: a relative error from `least` on, an absolute one below."""
+    large = given >= scale.least
+    np.testing.assert_array_less(abs(found[large] / given[large] - 1), scale.tolerance + 1e-5)
+    assert (abs(found[~large] - given[~large]) < scale.least).all()
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_values_are_as_right_as_the_page_says(packed):
+    data = noisy()
+    contents = contents_of(data, packed=packed)
+    about = contents.header["light"]
+    scale = Scale(about["least"], about["ratio"])
+    assert scale.tolerance < 0.04
+    found = contents.layer(about)[0].transpose(2, 3, 0, 1)
+    given = data["transient"].values.astype(np.float64)
+    assert_within(found, given, scale)
+    said = re.search(r"right to ([\d.]+) % from ([\d.e-]+) on", contents.header["notes"][0])
+    assert float(said[1]) / 100 == pytest.approx(scale.tolerance, rel=0.05)
+    assert float(said[2]) == pytest.approx(scale.least, rel=0.01)
+    dark = given[given < scale.least].sum() / given.sum()
+    assert dark < 2e-4  # What may be lost of all light
+
+
+def test_steady_pictures_and_errors_have_scales_of_their_own():
+    data = noisy()
+    data["transient_error"] = data["transient"] / 7
+    data["steady_error"] = data["steady"] / 7
+    contents = contents_of(data)
+    for name, values in (("steady", data["steady"]), ("errors", data["transient_error"])):
+        about = contents.header[name]
+        found = contents.layer(about)[0].transpose(2, 3, 0, 1)
+        values = values.values[:, :, None] if name == "steady" else values.values
+        assert_within(found, values.astype(np.float64), Scale(about["least"], about["ratio"]))
+
+
+def test_a_small_budget_averages_pixels_then_adds_bins():
+    data = noisy(21, 30, 300)
+    full = contents_of(data)
+    assert len(full.data) > 500_000
+    for most in (200_000, 60_000, 10_000):
+        contents = contents_of(data, most_bytes=most)
+        header = contents.header
+        step, bins = header["grid"]["step"], header["axis"]["count"]
+        time = round(header["axis"]["width"] / 0.02)
+        assert header["light"]["height"] == -(-21 // step)
+        assert bins == -(-300 // time)
+        light = contents.layer(header["light"])[0]
+        size = light.size + contents.header["steady"]["height"] * 30 * 3
+        assert size <= most or step == 64
+        assert step * time > 1
+        assert any(f"{step} x {step} pixels are averaged" in note for note in header["notes"])
+        sums = data["transient"].values[:step, :step, :time].sum(axis=2).mean(axis=(0, 1))
+        scale = Scale(header["light"]["least"], header["light"]["ratio"])
+        assert_within(light[0, :, 0, 0], sums.astype(np.float64), scale)
+
+
+def test_errors_of_averages_are_those_of_independent_estimates():
+    rng = np.random.default_rng(1)
+    errors = rng.random((5, 6, 7, 1))
+    by = Reduction(2, 3)
+    found = np.concatenate([band for _, band in bands(Cube(errors), by, "error")])
+    block = errors[2:4, 4:6, 3:6, 0]
+    assert found.shape == (3, 3, 3, 1)
+    assert found[1, 2, 1, 0] == pytest.approx(np.sqrt((block**2).sum()) / 4)
+    last = errors[4:, 4:6, 6:, 0]  # Blocks at the border are smaller
+    assert found[2, 2, 2, 0] == pytest.approx(np.sqrt((last**2).sum()) / 2)
+    means = np.concatenate([band for _, band in bands(Cube(errors), by, "mean")])
+    assert means[1, 2, 1, 0] == pytest.approx(block.mean())
+    sums = np.concatenate([band for _, band in bands(Cube(errors), by, "sum")])
+    assert sums[1, 2, 1, 0] == pytest.approx(block.sum() / 4)
+
+
+@pytest.mark.slow
+def test_cubes_on_disk_are_read_by_bands():
+    data = noisy()
+    lazy = data.chunk({"y": 7, "opl": 11})
+    for most in (None, 30_000):
+        a, b = contents_of(data, most_bytes=most), contents_of(lazy, most_bytes=most)
+        assert a.header == b.header
+        assert a.data == b.data
+
+
+def test_what_is_dark_negative_or_unknown():
+    data = noisy(4, 5, 6)
+    data["transient"].values[0, 0] = np.nan
+    data["transient"].values[1, 1] = -1
+    contents = contents_of(data)
+    light = contents.layer(contents.header["light"])[0]
+    assert (light[:, :, 0, 0] == 0).all()
+    assert (light[:, :, 1, 1] == 0).all()
+    assert contents.part("hatch").reshape(4, 5).tolist()[0] == [1, 0, 0, 0, 0]
+    black = data * 0
+    black.attrs = data.attrs
+    assert (contents_of(black.fillna(0)).part("light") == 0).all()
+
+
+def test_peaks_are_as_fine_as_the_render():
+    data = noisy()
+    expected = data["opl"].values[tofrender.vis.luminance(data["transient"].values).argmax(axis=2)]
+    peaks = contents_of(data, most_bytes=20_000).part("peaks").reshape(expected.shape)
+    np.testing.assert_allclose(peaks, expected, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_bounces_of_a_pyramid_add_up():
+    scene = tofrender.cornell_box(width=8, height=8, temporal_bins=30, bin_width_opl=0.3)
+    pyramid = tofrender.strategy_pyramid(scene, max_depth=3, spp=8, progress=False)
+    contents = contents_of(pyramid)
+    orders = contents.header["orders"]
+    assert [each["name"] for each in orders] == ["lamp, seen directly", "1 bounce", "2 bounces"]
+    total = contents.layer(contents.header["light"])
+    parts = sum(contents.layer(each) for each in orders)
+    np.testing.assert_allclose(parts, total, rtol=0.05, atol=3 * contents.header["light"]["least"])
+
+
+def test_captures_and_volumes():
+    patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+    capture = capture_of(patch, Wall(4), bins=24, width=0.05)
+    contents = contents_of(capture)
+    assert contents.header["kind"] == "capture"
+    np.testing.assert_allclose(
+        contents.part("points").reshape(4, 4, 3), capture["sensor_grid"].values, rtol=1e-6
+    )
+    volume = tofrender.reconstruct(capture, "bp", progress=False)
+    contents = contents_of(volume)
+    about = contents.header["light"]
+    found = contents.layer(about)[0, :, 0]
+    rows_run_down = float(volume["frame_axes"].values[1, 1]) < 0
+    given = volume["intensity"].values[:, :: 1 if rows_run_down else -1]
+    assert_within(found, given.astype(np.float64), Scale(about["least"], about["ratio"]))
+    depth = tofrender.depth_map(volume).values[:: 1 if rows_run_down else -1]
+    np.testing.assert_allclose(contents.part("peaks").reshape(depth.shape), depth, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"orders": {"a": 3}}, r"orders\['a'\] = 3: must be a Dataset of render"),
+        ({"orders": {"a": make_dataset(2, 3, 4)}}, r"orders\['a'\]: must have the pixels"),
+        ({"distance_m": np.ones((2, 2))}, r"distance_m with shape \(2, 2\): must be"),
+        ({"distance_m": -np.ones((20, 30))}, "distance_m: must be from 0"),
+    ],
+)
+def test_what_does_not_fit(given, said):
+    with pytest.raises(ValueError, match=said):
+        contents_of(noisy(), **given)
+
+
+HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='hacked = 1'>&lt;b&gt; ü"
+
+
+def test_no_markup_comes_from_the_data():
+    data = noisy(4, 4, 4).assign_attrs(scene=HOSTILE, pulse=HOSTILE, units=HOSTILE)
+    page = page_of(contents_of(data, orders={HOSTILE: data}, packed=True))
+    assert page.count("<script") == 3  # Header, codes and the module
+    assert page.count("</script") == 3
+    assert "<img" not in page
+    header = re.search(r'id="header">(.*?)</script>', page, re.DOTALL)[1]
+    assert json.loads(header)["title"] == HOSTILE
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1]
+    assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+    assert isinstance(contents_of(data), Contents)

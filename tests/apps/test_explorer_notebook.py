@@ -1,0 +1,163 @@
+"""The widget in a real JupyterLab: a cell makes it, the page shows it, a click changes it."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import browser
+import numpy as np
+import pytest
+from made_dataset import make_dataset
+
+import tofrender
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.slow
+
+CELL = """
+import tofrender
+tofrender.explore(tofrender.load_npz("data.npz"), title="In a notebook")
+"""
+FIND = "[...document.querySelectorAll('*')].find((each) => each.explorer).explorer"
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+@contextmanager
+def lab(folder: Path):
+    """The address of a JupyterLab of this folder; it ends with the block, and its port is free."""
+    pytest.importorskip("jupyterlab")
+    port, token = free_port(), secrets.token_hex(16)
+    address, log = f"http://127.0.0.1:{port}", folder / "lab.log"
+    own = {f"JUPYTER_{name}_DIR": str(folder / name) for name in ("CONFIG", "DATA", "RUNTIME")}
+    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    with log.open("wb") as opened:
+        server = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root"),
+                *(
+                    "--ServerApp.ip=127.0.0.1",
+                    f"--ServerApp.port={port}",
+                    "--ServerApp.port_retries=0",
+                ),
+                *(f"--IdentityProvider.token={token}", f"--ServerApp.root_dir={folder}"),
+                "--expose-app-in-browser",
+            ],
+            cwd=folder,
+            env=os.environ | own | {"PYTHONPATH": paths, "HOME": str(folder)},
+            stdout=subprocess.DEVNULL,
+            stderr=opened,
+            start_new_session=True,
+        )
+    try:
+        for _ in range(300):
+            try:
+                urllib.request.urlopen(f"{address}/api?token={token}", timeout=5).close()
+                break
+            except (urllib.error.URLError, OSError):
+                assert server.poll() is None, log.read_text()
+                time.sleep(0.2)
+        yield address, token
+    finally:
+        server.send_signal(signal.SIGTERM)
+        server.wait(30)
+    for _ in range(50):
+        if is_free(port):
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"port {port} is still in use")
+
+
+def notebook(source: str) -> str:
+    cell = {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}, "outputs": []}
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    about = {"kernelspec": kernel, "language_info": {"name": "python"}}
+    whole = {"cells": [cell | {"source": source.strip()}], "metadata": about}
+    return json.dumps(whole | {"nbformat": 4, "nbformat_minor": 5})
+
+
+def wait_for_kernel(page) -> None:
+    """Until it has been idle for two seconds: it is so for a moment before it connects."""
+    told = "document.querySelector('.jp-Notebook-ExecutionIndicator')?.dataset.status"
+    idle = 0
+    for _ in range(600):
+        idle = idle + 1 if page.evaluate(f"window.jupyterapp && {told}") == "idle" else 0
+        if idle == 20:
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("the kernel is not idle")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_widget_in_jupyterlab(tmp_path, dark):
+    data = make_dataset(24, 32, 40)
+    tofrender.save_npz(data, tmp_path / "data.npz")
+    (tmp_path / "look.ipynb").write_text(notebook(CELL))
+    settings = tmp_path / "CONFIG/lab/user-settings/@jupyterlab/apputils-extension"
+    settings.mkdir(parents=True)
+    theme = {"theme": "JupyterLab Dark" if dark else "JupyterLab Light"}
+    quiet = {"fetchNews": "false", "checkForUpdates": False}
+    for name, own in (("themes", theme), ("notification", quiet)):
+        (settings / f"{name}.jupyterlab-settings").write_text(json.dumps(own))
+    size = {"width": 1400, "height": 1100}
+    with lab(tmp_path) as (address, token), browser.page(viewport=size) as page:
+        page.goto(f"{address}/lab/tree/look.ipynb?token={token}")
+        page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=90_000)
+        wait_for_kernel(page)
+        page.errors.clear()
+        page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
+        page.wait_for_selector(".tof-explorer canvas.tof-picture", timeout=60_000)
+        page.wait_for_timeout(500)
+        assert page.locator(".tof-explorer h2").inner_text() == "In a notebook"
+        assert page.locator(".tof-explorer.dark").count() == dark
+        canvas = page.locator(".tof-explorer canvas.tof-picture")
+        canvas.scroll_into_view_if_needed()
+        frame = page.locator(".tof-explorer .frame").bounding_box()
+        page.evaluate(f"{FIND}.set({{pixels: []}})")
+        x, y = 7, 11
+        page.mouse.click(
+            frame["x"] + (x + 0.5) / 32 * frame["width"],
+            frame["y"] + (y + 0.5) / 24 * frame["height"],
+        )
+        page.keyboard.press("Escape")
+        page.wait_for_timeout(200)
+        state = page.evaluate(f"{FIND}.state()")
+        (curve,) = state["curves"]
+        assert (curve["x"], curve["y"]) == (x, y)
+        given = tofrender.vis.luminance(data["transient"].values[y, x])
+        np.testing.assert_allclose(curve["values"], given, rtol=0.05, atol=1e-5)
+        colours = canvas.evaluate(
+            """canvas => {
+              const { width, height } = canvas;
+              return [...canvas.getContext("2d").getImageData(0, 0, width, height).data];
+            }"""
+        )
+        assert max(colours[::4]) == 255
+        before = state["bin"]
+        page.locator(".tof-explorer").get_by_label("Time", exact=True).focus()
+        page.keyboard.press("ArrowRight")
+        page.wait_for_timeout(200)
+        assert page.evaluate(f"{FIND}.state().bin") == before + 1
+        if folder := os.environ.get("TOFRENDER_SCREENSHOTS"):
+            page.screenshot(path=f"{folder}/lab_{'dark' if dark else 'light'}.png")
+        assert page.errors == []

@@ -1,0 +1,382 @@
+"""The report in a real browser, opened from disk without a network: it shows the data's values."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import browser
+import numpy as np
+import pytest
+from hidden_scenes import Wall, capture_of, rectangle
+from made_dataset import START, WIDTH, make_dataset
+
+import tofrender
+from tofrender import SPEED_OF_LIGHT
+from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page import page_of
+from tofrender.vis import luminance
+
+pytestmark = pytest.mark.slow
+
+HEIGHT, WIDE, BINS = 24, 32, 60
+GAMMA = 2.2
+NEAR = 2  # Of 255, for the steps of a tone curve
+STATE = "document.getElementById('explorer').explorer.state()"
+BYTES = """() => {
+  const canvas = document.querySelector(".tof-picture");
+  const { width, height } = canvas;
+  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+  return { width, height, bytes: [...data] };
+}"""
+
+
+def moving():
+    """A wavefront that moves to the right, on a little noise."""
+    data = make_dataset(HEIGHT, WIDE, BINS)
+    light = data["transient"].values
+    x, bins = np.arange(WIDE)[None, :, None], np.arange(BINS)
+    front = np.exp(-(((bins - 10 - 1.2 * x) / 3.0) ** 2))
+    rows = 1 + np.arange(HEIGHT)[:, None, None] / HEIGHT
+    light[:] = 0.02 * light + (0.1 * front * rows)[..., None] * [1.0, 0.6, 0.3]
+    data["steady"].values[:] = light.sum(axis=2)
+    return data
+
+
+@contextmanager
+def opened(folder, contents, **options):
+    """A page that shows these contents; at its end, nothing must have gone wrong."""
+    path = folder / "report.html"
+    path.write_text(page_of(contents), encoding="utf-8")
+    asked = []
+    with browser.page(offline=True, **options) as page:
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(path.as_uri())
+        page.wait_for_selector(".tof-explorer canvas.plot", timeout=20_000)
+        settle(page)
+        yield page
+        assert page.errors == []
+        assert all(url.startswith(("file:", "blob:", "data:")) for url in asked), asked
+
+
+def settle(page) -> None:
+    """Wait until what was asked for is drawn."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 30)))")
+
+
+def state(page):
+    settle(page)
+    return page.evaluate(STATE)
+
+
+def set_(page, **changes):
+    page.evaluate("changes => document.getElementById('explorer').explorer.set(changes)", changes)
+    return state(page)
+
+
+def picture(page):
+    found = page.evaluate(BYTES)
+    return np.array(found["bytes"]).reshape(found["height"], found["width"], 4)[..., :3]
+
+
+def toned(light, gain):
+    """What a picture should have, from linear light."""
+    return 255 * np.minimum(1, gain * light) ** (1 / GAMMA)
+
+
+def values_of(contents, name="light"):
+    """(y, x, bins, channels), as the page has them."""
+    return contents.layer(contents.header[name])[0].transpose(2, 3, 0, 1)
+
+
+@pytest.fixture(scope="module")
+def shown():
+    data = moving()
+    return data, contents_of(data, packed=True)
+
+
+def test_time_moves_and_the_picture_is_that_of_the_data(tmp_path, shown):
+    data, contents = shown
+    light = values_of(contents)
+    tolerance = 0.05
+    with opened(tmp_path, contents) as page:
+        first = state(page)
+        assert picture(page).mean() > 20  # It opens on light
+        assert first["bin"] not in (0, BINS - 1)
+        page.get_by_label("Time", exact=True).focus()
+        for key, expected in (
+            ("ArrowRight", first["bin"] + 1),
+            ("End", BINS - 1),
+            ("Home", 0),
+            ("ArrowRight", 1),
+        ):
+            page.keyboard.press(key)
+            assert state(page)["bin"] == expected
+        for k in (15, 40):
+            now = set_(page, bin=k)
+            assert now["ns"] == pytest.approx(1e9 * (START + (k + 0.5) * WIDTH) / SPEED_OF_LIGHT)
+            assert abs(picture(page) - toned(light[:, :, k], now["gain"])).max() <= NEAR
+            given = data["transient"].values[:, :, k]
+            bright = given * now["gain"] > 0.01
+            off = abs(picture(page) - toned(given, now["gain"]))[bright]
+            assert off.max() <= 255 * tolerance / GAMMA + 1
+        page.get_by_label("Exposure").focus()
+        page.keyboard.press("ArrowRight")
+        assert state(page)["gain"] == pytest.approx(2**0.1 * now["gain"])
+        page.locator(".tof-explorer h3").first.click()
+        page.locator(".play").click()
+        page.wait_for_function(f"() => {STATE}.bin >= 43")
+        page.keyboard.press("Space")  # On the button
+        paused = state(page)
+        assert not paused["playing"]
+        page.wait_for_timeout(200)
+        assert state(page)["bin"] == paused["bin"]
+
+
+def test_clicked_pixels_have_the_responses_of_the_data(tmp_path, shown):
+    data, contents = shown
+    scale = contents.header["light"]
+    weights = contents.header["weights"]
+    with opened(tmp_path, contents) as page:
+        set_(page, pixels=[])
+        frame = page.locator(".frame").bounding_box()
+
+        def place(x, y):
+            size = frame["width"] / WIDE, frame["height"] / HEIGHT
+            return frame["x"] + (x + 0.5) * size[0], frame["y"] + (y + 0.5) * size[1]
+
+        page.mouse.click(*place(5, 7))
+        page.mouse.click(*place(20, 11))
+        page.mouse.move(*place(20, 11))
+        page.mouse.down()
+        page.mouse.move(*place(26, 3), steps=4)
+        page.mouse.up()
+        curves = state(page)["curves"]
+        assert [(curve["x"], curve["y"]) for curve in curves] == [(5, 7), (26, 3)]
+        for curve in curves:
+            given = data["transient"].values[curve["y"], curve["x"]]
+            found = np.array(curve["values"])
+            expected = values_of(contents)[curve["y"], curve["x"]] @ weights
+            np.testing.assert_allclose(found, expected, rtol=1e-5)
+            off = abs(found - given @ weights)
+            assert (off <= scale["least"] + (scale["ratio"] ** 0.5 - 1) * (given @ weights)).all()
+        rows = page.locator(".panel > table tbody tr")
+        assert rows.count() == 2
+        assert "(5, 7)" in rows.first.inner_text()
+        page.locator(".frame").focus()
+        page.keyboard.press("ArrowDown")
+        page.keyboard.press("Shift+ArrowLeft")
+        moved = state(page)["curves"][1]
+        assert (moved["x"], moved["y"]) == (16, 4)
+        page.keyboard.press("Delete")
+        settle(page)
+        assert rows.count() == 1
+
+
+def test_phasors_follow_the_frequency(tmp_path, shown):
+    data, contents = shown
+    light = luminance(data["transient"].values.astype(np.float64))[..., None]
+    with opened(tmp_path, contents) as page:
+        set_(page, pixels=[[3, 4], [28, 20]], view="phasor", phasor="phase")
+        before = picture(page)
+        page.get_by_label("Frequency").focus()
+        page.keyboard.press("PageUp")
+        after = state(page)
+        assert (picture(page) != before).any()
+        frequencies = [after["frequency"], 1e8]
+        for frequency in frequencies:
+            now = set_(page, frequency=frequency)
+            parts = tofrender.transient_to_phasor(light, frequency, START, WIDTH)
+            amplitude, phase, depth = (part[..., 0] for part in parts[2:])
+            for (x, y), found in zip(now["pixels"], now["phasors"], strict=True):
+                assert found["amplitude"] == pytest.approx(amplitude[y, x], rel=0.01)
+                assert found["phase"] == pytest.approx(phase[y, x], abs=0.01)
+                assert found["depth"] == pytest.approx(depth[y, x], abs=0.01 / frequency * 5e7)
+            colours = contents.part("map phase").reshape(256, 3).astype(int)
+            level = np.rint(255 * (phase + np.pi) / (2 * np.pi)).astype(int)
+            off = abs(picture(page) - colours[level]).max(axis=2)
+            assert np.quantile(off, 0.95) <= 12  # Of the map's colours, levels apart
+
+
+def test_a_dragged_gate_shows_what_arrives_in_it(tmp_path, shown):
+    data, contents = shown
+    light = values_of(contents)
+    with opened(tmp_path, contents) as page:
+        page.get_by_role("radio", name="Gate").click()
+        now = set_(page, gate={"first": 20, "count": 8})
+        assert abs(picture(page) - toned(light[:, :, 20:28].sum(axis=2), now["gain"])).max() <= NEAR
+        page.locator(".plot").scroll_into_view_if_needed()
+        plot = page.locator(".plot").bounding_box()
+        left, right = plot["x"] + 64, plot["x"] + plot["width"] - 14
+
+        def at(edge):
+            return left + edge / BINS * (right - left)
+
+        y = plot["y"] + plot["height"] / 2
+        for start, stop, gate in (
+            (24, 34, {"first": 30, "count": 8}),
+            (38, 45, {"first": 30, "count": 15}),
+            (30, 10, {"first": 10, "count": 35}),
+        ):
+            page.mouse.move(at(start), y)
+            page.mouse.down()
+            page.mouse.move(at(stop), y, steps=5)
+            page.mouse.up()
+            assert state(page)["gate"] == gate
+        now = state(page)
+        sums = light[:, :, 10:45].sum(axis=2)
+        assert abs(picture(page) - toned(sums, now["gain"])).max() <= NEAR
+        given = data["transient"].values[:, :, 10:45].sum(axis=2)
+        np.testing.assert_allclose(sums, given, rtol=0.05)
+        page.get_by_role("radio", name="All time").click()
+        now = state(page)
+        steady = values_of(contents, "steady")[:, :, 0]
+        assert abs(picture(page) - toned(steady, now["gain"])).max() <= NEAR
+
+
+def test_peaks_and_depths(tmp_path, shown):
+    data, contents = shown
+    peaks = data["opl"].values[luminance(data["transient"].values).argmax(axis=2)]
+    colours = contents.part("map distance").reshape(256, 3).astype(int)
+    low, high = (np.sort(peaks, axis=None)[round(q * (peaks.size - 1))] for q in (0.01, 0.99))
+    level = np.clip(np.rint(255 * (peaks - low) / (high - low)), 0, 255).astype(int)
+    with opened(tmp_path, contents) as page:
+        for name, words in (("Peak time", "brightest"), ("Depth", "It assumes a flash")):
+            page.get_by_role("radio", name=name, exact=True).first.click()
+            settle(page)
+            assert abs(picture(page) - colours[level]).max() <= 6  # A level
+            assert words in page.locator(".assumes").inner_text()
+        bar = page.locator(".bar").inner_text().replace("\n", " ").split()
+        assert float(bar[0]) == pytest.approx(low / 2, rel=0.01)
+        assert float(bar[-2]) == pytest.approx(high / 2, rel=0.01)
+
+
+def test_without_the_way_to_the_camera(tmp_path):
+    data = moving()
+    way = np.broadcast_to(1.0 + 0.011 * np.arange(WIDE), (HEIGHT, WIDE))
+    expected = tofrender.unwarp_camera(data, way)
+    contents = contents_of(data, distance_m=way)
+    with opened(tmp_path, contents) as page:
+        before = set_(page, pixels=[[4, 5], [30, 9]])
+        page.get_by_label("Without the way to the camera").click()
+        now = state(page)
+        assert now["start"] == pytest.approx(before["start"] - 1.36, abs=WIDTH)
+        centres = now["start"] + (np.arange(now["bins"]) + 0.5) * WIDTH
+        for curve in now["curves"]:
+            found = np.array(curve["values"])
+            line = luminance(expected["transient"].sel(x=curve["x"], y=curve["y"]).values)
+            line = np.interp(centres, expected["opl"].values, line, left=0, right=0)
+            np.testing.assert_allclose(found, line, rtol=0.06, atol=1e-4)
+        frame = picture(page)
+        k = int(np.rint((centres[now["bin"]] - float(expected["opl"][0])) / WIDTH))
+        light = expected["transient"].values[:, :, k]
+        off = abs(frame - toned(light, now["gain"]))
+        assert np.quantile(off, 0.99) <= 8
+
+
+def test_error_bars_and_parts(tmp_path):
+    data = moving()
+    data["transient_error"] = data["transient"] / 10
+    data["steady_error"] = data["steady"] / 10
+    parts = {"direct": data * 0.6, "others": data * 0.4}
+    with opened(tmp_path, contents_of(data, orders=parts)) as page:
+        curve = state(page)["curves"][0]
+        for k in range(BINS):
+            light = curve["values"][k]
+            assert curve["errors"][k] == pytest.approx(light / 10, rel=0.1, abs=1e-5)
+            shares = [order["values"][k] for order in curve["orders"]]
+            assert shares == pytest.approx([0.6 * light, 0.4 * light], rel=0.1, abs=1e-5)
+        legend = page.locator(".legend").inner_text()
+        assert "standard error" in legend
+        assert "direct" in legend
+        assert "others" in legend
+
+
+def test_captures_show_their_lit_points_and_volumes_their_sides(tmp_path):
+    patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+    capture = capture_of(patch, Wall(6), bins=40, width=0.03, mode="exhaustive")
+    with opened(tmp_path, contents_of(capture)) as page:
+        lasers = capture["laser_grid"].shape[0] * capture["laser_grid"].shape[1]
+        assert page.locator(".laser").count() == lasers
+        first = set_(page, pixels=[[0, 1]])["curves"][0]["values"]
+        now = set_(page, laser=lasers - 1)
+        assert now["curves"][0]["values"] != first
+        curve = now["curves"][0]
+        given = capture["transient"].values[-1, -1, curve["y"], curve["x"], :, 0]
+        found = curve["values"]
+        np.testing.assert_allclose(found, given, rtol=0.05, atol=1e-3 * given.max())
+        assert "wall (" in page.locator(".readout").inner_text()
+    confocal = capture_of(patch, Wall(6), bins=40, width=0.03)
+    volume = tofrender.reconstruct(confocal, "bp", progress=False)
+    values = volume["intensity"].values
+    with opened(tmp_path, contents_of(volume)) as page:
+        sizes = {"front": values.shape[1:], "side": (values.shape[1], values.shape[0])}
+        sizes["top"] = values.shape[0], values.shape[2]
+        for view, size in sizes.items():
+            set_(page, view=view, colours="grey")
+            assert picture(page).shape[:2] == size
+            assert picture(page).max() == 255
+        assert page.get_by_text("Phasors").is_hidden()
+
+
+def test_hostile_names_stay_text(tmp_path):
+    hostile = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>"
+    data = moving().assign_attrs(scene=hostile, pulse=hostile, units=hostile, sampler=hostile)
+    parts = {hostile: data}
+    with opened(tmp_path, contents_of(data, orders=parts, packed=True)) as page:
+        assert page.evaluate("window.hacked") is None
+        assert page.locator("h2").inner_text() == hostile
+        assert page.title() == hostile
+        assert page.locator("img").count() == 0
+        page.locator("summary").click()
+        assert page.locator("dd", has_text="onerror").count() == 2
+        assert page.evaluate("window.hacked") is None
+
+
+def test_pages_of_all_sizes_and_both_lights(tmp_path, shown):
+    _, contents = shown
+    for dark in (False, True):
+        for width, height in ((1280, 900), (390, 840)):
+            size = {"width": width, "height": height}
+            with opened(tmp_path, contents, dark=dark, viewport=size) as page:
+                wide = page.evaluate("document.documentElement.scrollWidth")
+                assert wide <= width
+                paper = page.locator(".tof-explorer").evaluate(
+                    "element => getComputedStyle(element).backgroundColor"
+                )
+                assert paper == ("rgb(20, 23, 26)" if dark else "rgb(255, 255, 255)")
+                assert page.locator("canvas[role=img]:visible").count() >= 3
+                for canvas in page.locator("canvas[role=img]:visible").all():
+                    assert len(canvas.get_attribute("aria-label")) > 20
+
+
+def test_the_default_box_is_below_ten_megabytes_and_steps_are_quick(tmp_path):
+    """As rendered, 256 x 256 pixels and 300 bins of three colours; the full cube is drawn too."""
+    data = tofrender.render("cornell_box", spp=4, window="auto", progress=False)
+    path = tofrender.report(data, tmp_path / "box.html")
+    assert path.stat().st_size < 10e6
+    contents = contents_of(data, packed=True)
+    assert contents.header["light"]["height"] == 256
+    with opened(tmp_path, contents) as page:
+        times = []
+        for k in range(100, 130):
+            set_(page, bin=k)
+            times.append(state(page)["milliseconds"])
+        assert np.median(times) < 50
+
+
+def test_touch_adds_and_drags_pixels_and_plays(tmp_path, shown):
+    _, contents = shown
+    size = {"width": 390, "height": 840}
+    with opened(tmp_path, contents, viewport=size, has_touch=True, is_mobile=True) as page:
+        set_(page, pixels=[[4, 4]])
+        frame = page.locator(".frame").bounding_box()
+        page.touchscreen.tap(
+            frame["x"] + 20.5 / WIDE * frame["width"], frame["y"] + 10.5 / HEIGHT * frame["height"]
+        )
+        assert state(page)["pixels"] == [[4, 4], [20, 10]]
+        page.locator(".play").tap()
+        assert state(page)["playing"]
+        page.locator(".play").tap()
+        assert not state(page)["playing"]
+        page.get_by_role("radio", name="Phasor").tap()
+        assert state(page)["view"] == "phasor"

@@ -1,0 +1,115 @@
+"""Pages are served on this machine only, else with a token; ports are free afterwards."""
+
+from __future__ import annotations
+
+import re
+import socket
+import urllib.error
+import urllib.request
+
+import pytest
+from served import is_free, served
+
+from tofrender.apps import serving
+
+
+def fetch(url: str, **headers: str) -> tuple[int, str]:
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(url, headers=headers), timeout=20
+        ) as got:
+            return got.status, got.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def is_open(url: str, *, origin: str | None = None) -> bool:
+    """Whether a websocket of an application opens."""
+    found = re.fullmatch(r"http://([\w.]+):(\d+)/(\?.*)?", url)
+    host, port, query = found[1], int(found[2]), found[3] or ""
+    lines = [
+        f"GET /ws{query} HTTP/1.1",
+        f"Host: {host}:{port}",
+        f"Origin: {origin or f'http://{host}:{port}'}",
+        "Connection: Upgrade",
+        "Upgrade: websocket",
+        "Sec-WebSocket-Version: 13",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        f"Sec-WebSocket-Protocol: bokeh, {session_token()}",
+    ]
+    with socket.create_connection((host, port), timeout=20) as there:
+        there.sendall("\r\n".join([*lines, "", ""]).encode())
+        return b" 101 " in there.recv(4096).split(b"\r\n")[0]
+
+
+def session_token() -> str:
+    from bokeh.util.token import generate_jwt_token, generate_session_id
+
+    return generate_jwt_token(generate_session_id())
+
+
+@pytest.mark.slow
+def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
+    with (
+        served("warptest", "no_op", "--no-browser") as one,
+        served("warptest", "no_op", "--no-browser") as two,
+    ):
+        assert one.port != two.port
+        assert one.url.startswith("http://127.0.0.1:")
+        assert "token" not in one.url
+        for each in (one, two):
+            assert fetch(each.url)[0] == 200
+            assert is_open(each.url)
+            assert not is_open(each.url, origin="http://evil.example")
+            assert each.stop() == 0
+            assert "Traceback" not in each.errors
+            assert is_free(each.port)
+
+
+@pytest.mark.slow
+def test_a_port_that_is_taken(capfd):
+    with served("warptest", "no_op", "--no-browser") as one:
+        from tofrender.cli.app import main
+
+        assert main(["warptest", "no_op", "--no-browser", "--port", str(one.port)]) == 2
+        said = capfd.readouterr().err
+        assert said.startswith(f"error: port = {one.port}: must be free to listen on")
+        assert said.count("\n") == 1
+        one.stop()
+
+
+@pytest.mark.slow
+def test_other_addresses_need_the_token():
+    with served("warptest", "no_op", "--no-browser", "--host", "0.0.0.0") as one:
+        base, _, token = one.url.partition("?token=")
+        base = f"http://127.0.0.1:{one.port}/"
+        assert len(token) > 15
+        for url in (base, f"{base}?token=wrong", f"{base}?token="):
+            status, said = fetch(url)
+            assert status == 403
+            assert "needs the token" in said
+            assert token not in said
+            assert not is_open(url)
+        assert fetch(f"{base}autoload.js?bokeh-autoload-element=1")[0] == 403
+        status, said = fetch(f"{base}?token={token}")
+        assert status == 200
+        assert "Warp tester" in said
+        assert is_open(f"{base}?token={token}")
+        assert one.stop() == 0
+
+
+def test_addresses():
+    assert serving.is_loopback("127.0.0.1")
+    assert serving.is_loopback("::1")
+    assert not serving.is_loopback("192.168.0.1")
+    assert not serving.is_loopback("example.org")
+    assert serving._url("::1", 5006, "") == "http://[::1]:5006/"
+    assert serving._url("10.0.0.1", 5006, "abc") == "http://10.0.0.1:5006/?token=abc"
+
+
+def test_without_panel_one_line_says_what_to_install(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "panel", None)
+    with pytest.raises(RuntimeError, match=r"run: pip install 'tofrender\[explore\]'"):
+        serving.require_panel()

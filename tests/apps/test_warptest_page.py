@@ -1,0 +1,217 @@
+"""The warp tester as its readers see it, in a browser."""
+
+from __future__ import annotations
+
+import io
+from contextlib import contextmanager
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from browser import page
+from PIL import Image
+from served import is_free, served
+from student_warps import write_warps
+
+from tofrender.sampling import warp_case
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+WAIT_MS = 30_000
+TEST = "Run the χ² test"
+
+
+@contextmanager
+def opened(*arguments, size=(1280, 800), dark=False, cwd=None):
+    """A page of the command; what it asks of other hosts is in `page.elsewhere`."""
+    with served("warptest", *arguments, "--no-browser") as command:
+        viewport = {"width": size[0], "height": size[1]}
+        with page(dark=dark, viewport=viewport, accept_downloads=True) as there:
+            there.elsewhere = []
+            own = (command.url, "data:", "blob:")
+            there.on(
+                "request",
+                lambda asked: (
+                    None if asked.url.startswith(own) else there.elsewhere.append(asked.url)
+                ),
+            )
+            there.goto(command.url)
+            there.command = command
+            yield there
+            assert there.errors == []
+            assert there.elsewhere == []
+        assert command.stop() == 0
+        assert "Traceback" not in command.errors
+        assert is_free(command.port)
+
+
+def drawn(there, count=1024, **more):
+    """The canvas once it shows so many points."""
+    wanted = "".join(f'[data-{key}="{value}"]' for key, value in more.items())
+    there.wait_for_selector(f'canvas[data-count="{count}"]{wanted}', timeout=WAIT_MS)
+    return there.locator("canvas").first
+
+
+def choose(there, label: str, option: str) -> None:
+    there.get_by_label(label, exact=True).select_option(label=option)
+
+
+def verdict_of(there) -> str:
+    there.get_by_role("button", name=TEST).click()
+    there.wait_for_selector(".box >> text=p-value", timeout=WAIT_MS)
+    return there.locator(".box.good, .box.bad").last.inner_text()
+
+
+def first_point(there) -> list[float]:
+    return [float(x) for x in there.locator("canvas").first.get_attribute("data-first").split()]
+
+
+def test_choose_a_warp_change_the_points_and_test(tmp_path):
+    with opened("tent") as there:
+        drawn(there, view="2D")
+        choose(there, "Distribution", "Beckmann")
+        canvas = drawn(there, view="3D")
+        roughness = there.get_by_label("Roughness α", exact=True)
+        roughness.fill("0.7")
+        roughness.press("Enter")
+        choose(there, "Point set", "sobol")
+        slider = there.get_by_role("slider").last
+        slider.focus()
+        slider.press("ArrowRight")
+        drawn(there, 2048, view="3D")
+
+        from tofrender.apps.warptest.engine import draw
+
+        expected = draw(warp_case("beckmann", alpha=0.7), "sobol", 2048, 0).points[:, 0]
+        assert first_point(there) == pytest.approx(expected.tolist(), abs=1e-4)
+        said = verdict_of(there)
+        verdict = warp_case("beckmann", alpha=0.7).test()
+        assert "beckmann (alpha = 0.7): passed" in said
+        assert f"{verdict.p_value:.3g} (must be {verdict.alpha:.2g} or more)" in said
+        assert f"{verdict.chi2:.1f} with {verdict.degrees_of_freedom} degrees of freedom" in said
+        assert there.get_by_text("Passing is no proof").is_visible()
+        assert there.locator('svg[role="img"]').count() == 1
+        with there.expect_download(timeout=WAIT_MS) as saved:
+            there.get_by_text("Save the figure").click()
+        saved.value.save_as(tmp_path / "a.png")
+        assert np.array(Image.open(tmp_path / "a.png")).std() > 10
+
+        before = canvas.screenshot()
+        box = canvas.bounding_box()
+        there.mouse.move(box["x"] + 150, box["y"] + 150)
+        there.mouse.down()
+        there.mouse.move(box["x"] + 250, box["y"] + 150, steps=4)
+        there.mouse.up()
+        there.wait_for_timeout(300)
+        assert canvas.screenshot() != before
+        there.get_by_role("button", name="2D").click()
+        drawn(there, 2048, view="2D")
+        there.get_by_role("button", name="grid").click()
+        drawn(there, 2048, grid="0")
+        slider.press("ArrowLeft")  # Verdicts go when what they speak of does
+        there.wait_for_selector("text=Not tested yet", timeout=WAIT_MS)
+        assert there.locator('svg[role="img"]').count() == 0
+
+
+def test_every_subject_is_drawn():
+    from tofrender.apps.warptest.subjects import SUBJECTS
+
+    with opened("no_op") as there:
+        drawn(there)
+        for subject in SUBJECTS.values():
+            choose(there, "Distribution", subject.title)
+            there.wait_for_selector(f"h2:text-is('{subject.title}')", timeout=WAIT_MS)
+            drawn(there, view="3D" if subject.dimensions == 3 else "2D")
+        said = verdict_of(there)
+        assert "two_lights (distance = 1): passed" in said
+
+
+def test_an_image_of_the_readers(tmp_path):
+    rng = np.random.default_rng(1)
+    sky = rng.lognormal(0, 1, (512, 512)).astype(np.float32)
+    mi.Bitmap(sky).write(str(tmp_path / "sky.exr"))
+    (tmp_path / "cut.exr").write_bytes((tmp_path / "sky.exr").read_bytes()[:5000])
+    with opened("hierarchical") as there:
+        drawn(there)
+        first = first_point(there)
+        there.locator('input[type="file"]').set_input_files(str(tmp_path / "sky.exr"))
+        there.wait_for_function(
+            f"() => {_DEEP} !== '{there.locator('canvas').first.get_attribute('data-first')}'",
+            timeout=WAIT_MS,
+        )
+        expected = np.array(warp_case("hierarchical", image=sky).sample(_independent()))[:, 0]
+        assert first_point(there) == pytest.approx(expected.tolist(), abs=1e-4)
+        assert "hierarchical: passed" in verdict_of(there)
+        there.locator('input[type="file"]').set_input_files(str(tmp_path / "cut.exr"))
+        there.wait_for_selector("text=cut.exr cannot be used", timeout=WAIT_MS)
+        there.get_by_role("button", name="2 × 2 example").click()
+        there.wait_for_selector("text=Not tested yet", timeout=WAIT_MS)
+        there.wait_for_timeout(1000)
+        assert first_point(there) == pytest.approx(first)
+
+
+_DEEP = """(function find(root) {
+  for (const each of root.querySelectorAll('*')) {
+    if (each.tagName === 'CANVAS') return each.dataset.first;
+    const inner = each.shadowRoot && find(each.shadowRoot);
+    if (inner) return inner;
+  }
+})(document)"""
+
+
+def _independent():
+    from tofrender.sampling import independent
+
+    return independent(1024, 0)
+
+
+def test_a_students_module(tmp_path):
+    folder = write_warps(tmp_path / "mine")
+    with opened("tent", "--module", folder) as there:
+        drawn(there)
+        assert "tent of tent.py: passed" in verdict_of(there)
+        choose(there, "Distribution", "Cosine hemisphere")
+        drawn(there, view="3D")
+        said = verdict_of(there)
+        assert "cosine_hemisphere of cosine.py: FAILED" in said
+        assert "counts do not follow the pdf" in said
+        assert there.locator(".box.bad").count() == 1
+
+        choose(there, "Distribution", "Uniform disk")
+        there.wait_for_selector("text=RuntimeError: <b>no</b> & never", timeout=WAIT_MS)
+        assert "disk.py, line 6: raise RuntimeError" in there.locator(".box.bad").first.inner_text()
+        assert there.locator(".box b").count() == 0
+        drawn(there, 0)
+        choose(there, "Distribution", "Uniform sphere")
+        there.wait_for_selector("text=not written yet", timeout=WAIT_MS)
+        assert there.get_by_text("sphere.py, line 1: def square_to_uniform_sphere").is_visible()
+        there.get_by_role("button", name=TEST).click()
+        there.wait_for_selector("text=the test could not be run", timeout=WAIT_MS)
+
+        text = (folder / "disk.py").read_text()
+        line = 'raise RuntimeError("<b>no</b> & never")'
+        right = "import mitsuba as mi\n    return mi.warp.square_to_uniform_disk(sample)"
+        choose(there, "Distribution", "Uniform disk")
+        drawn(there, 0)
+        (folder / "disk.py").write_text(text.replace(line, right))
+        drawn(there, 1024)  # The file is looked at again by itself
+        there.wait_for_selector("text=The file has changed", timeout=WAIT_MS)
+        choose(there, "Whose", "This package")
+        drawn(there, 1024)
+        assert "uniform_disk: passed" in verdict_of(there)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("size", [(1280, 800), (820, 1180)])
+def test_it_fits_and_is_readable(dark, size):
+    with opened("uniform_sphere", size=size, dark=dark) as there:
+        drawn(there)
+        verdict_of(there)
+        there.wait_for_selector('svg[role="img"]', timeout=WAIT_MS)
+        wide, high = there.evaluate(
+            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        )
+        assert wide <= size[0]
+        if size[0] == 1280:
+            assert high <= size[1]
+        shades = np.array(Image.open(io.BytesIO(there.screenshot())).convert("L"))
+        assert (np.median(shades) < 60) == dark

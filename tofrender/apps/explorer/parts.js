@@ -1,0 +1,157 @@
+/** Elements of a page. Text gets in as text only, never as markup. */
+
+/** An element: `properties` are set on it, `aria-...` and the like as attributes. */
+export function make(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name.includes("-") || name === "role") element.setAttribute(name, value);
+    else element[name] = value;
+  }
+  element.append(...children.filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+/** A slider with its name and what its value says. */
+export function slider(name, { min, max, step, value, say, title = "", moved }) {
+  const input = make("input", { type: "range", min, max, step, title, "aria-label": name });
+  const output = make("output");
+  const tell = () => {
+    output.textContent = say(input.valueAsNumber);
+    input.setAttribute("aria-valuetext", output.textContent);
+  };
+  const element = make("label", { className: "slider" }, make("span", {}, name), input, output);
+  element.set = (next) => {
+    input.value = next;
+    tell();
+  };
+  element.limit = (most) => {
+    input.max = most;
+  };
+  input.addEventListener("input", () => {
+    tell();
+    moved(input.valueAsNumber);
+  });
+  element.set(value);
+  return element;
+}
+
+/** Buttons of which one is pressed. */
+export function choices(name, options, chosen) {
+  const buttons = options.map(([value, label, title = ""]) => {
+    const button = make("button", { type: "button", title, role: "radio" }, label);
+    button.addEventListener("click", () => chosen(value));
+    button.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      event.stopPropagation();
+      const at = options.findIndex(([each]) => each === value);
+      const next = (at + step + options.length) % options.length;
+      chosen(options[next][0]);
+      buttons[next].focus();
+    });
+    return button;
+  });
+  const element = make("div", { className: "choices", role: "radiogroup", "aria-label": name });
+  element.append(...buttons);
+  element.set = (value) =>
+    options.forEach(([each], k) => {
+      buttons[k].setAttribute("aria-checked", String(each === value));
+      buttons[k].tabIndex = each === value ? 0 : -1;
+    });
+  return element;
+}
+
+/** A list to choose from. */
+export function list(name, options, chosen) {
+  const select = make("select", { "aria-label": name });
+  select.append(...options.map(([value, label]) => make("option", { value }, label)));
+  select.addEventListener("change", () => chosen(select.value));
+  const element = make("label", { className: "list" }, make("span", {}, name), select);
+  element.set = (value) => {
+    select.value = value;
+  };
+  return element;
+}
+
+/** A box to tick. */
+export function tick(name, chosen, title = "") {
+  const input = make("input", { type: "checkbox" });
+  input.addEventListener("change", () => chosen(input.checked));
+  const element = make("label", { className: "tick", title }, input, make("span", {}, name));
+  element.set = (value) => {
+    input.checked = value;
+  };
+  return element;
+}
+
+/** A short line, as a legend shows one. */
+export function lineSwatch(dash, colour) {
+  const name = "http://www.w3.org/2000/svg";
+  const [picture, line] = ["svg", "line"].map((tag) => document.createElementNS(name, tag));
+  const set = (element, attributes) =>
+    Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
+  set(picture, { width: 28, height: 10, "aria-hidden": "true" });
+  set(line, { x1: 0, y1: 5, x2: 28, y2: 5, stroke: colour, "stroke-width": 1.5 });
+  set(line, { "stroke-dasharray": dash.join(" ") });
+  picture.append(line);
+  return picture;
+}
+
+/** Rows of cells, the first row of headings; what has not changed stays, with the reader's focus. */
+export function fill(table, [headings, ...rows]) {
+  if (table.rows.length !== rows.length + 1) {
+    const cells = (tag, row) => row.map(() => make(tag));
+    table.replaceChildren(
+      make("thead", {}, make("tr", {}, ...cells("th", headings))),
+      make("tbody", {}, ...rows.map((row) => make("tr", {}, ...cells("td", row)))),
+    );
+  }
+  [headings, ...rows].forEach((row, number) => {
+    row.forEach((content, k) => fillCell(table.rows[number].cells[k], content));
+  });
+}
+
+function fillCell(cell, content) {
+  if (typeof content === "string") {
+    if (cell.textContent !== content) cell.textContent = content;
+  } else if (!cell.firstChild?.isEqualNode(content)) {
+    const focused = cell.contains(document.activeElement);
+    cell.replaceChildren(content);
+    if (focused) content.focus();
+  }
+}
+
+/** Follow a pointer from where it goes down until it is lifted. */
+export function follow(element, { down, move, tap }) {
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button) return;
+    const held = down(event);
+    if (!held && !tap) return;
+    if (held) {
+      event.preventDefault();
+      element.setPointerCapture(event.pointerId);
+    }
+    const moved = (next) => held && move(next, held);
+    const end = (last) => {
+      element.removeEventListener("pointermove", moved);
+      element.removeEventListener("pointerup", end);
+      element.removeEventListener("pointercancel", end);
+      if (!held && last.type === "pointerup") tap(last);
+    };
+    element.addEventListener("pointermove", moved);
+    element.addEventListener("pointerup", end);
+    element.addEventListener("pointercancel", end);
+  });
+}
+
+/** Whether the page around is dark: as Jupyter, VS Code and Colab say, else as the reader likes. */
+export function isDark(element) {
+  const told = element.closest("[data-jp-theme-light]")?.dataset.jpThemeLight;
+  if (told) return told === "false";
+  if (/vscode-(dark|high-contrast(?!-light))/.test(document.body.className)) return true;
+  if (document.body.className.includes("vscode-")) return false;
+  const theme = document.documentElement.getAttribute("theme");
+  if (theme) return theme === "dark";
+  return matchMedia("(prefers-color-scheme: dark)").matches;
+}

@@ -1,0 +1,297 @@
+/**
+ * What an explorer shows: codes of light, their axes, and sums over them. Nothing of a page in here.
+ *
+ * The bins of a layer are codes (laser, bin, channel, row, column) of one byte: 0 is nothing, any
+ * other q stands for least * ratio^(q - 1). Lengths are metres of optical path.
+ */
+
+export const SPEED_OF_LIGHT = 299_792_458; // m/s
+
+/** Codes and the values that they stand for. */
+class Layer {
+  constructor(about, codes) {
+    const { name, bins, channels, height, width, least, ratio } = about;
+    Object.assign(this, { name, bins, channels, height, width });
+    this.pixels = height * width;
+    this.codes = about.packed ? unpacked(about, codes) : codes;
+    this.values = Float32Array.from({ length: 256 }, (_, q) => q && least * ratio ** (q - 1));
+  }
+
+  /** Where the codes of a bin's channel begin. */
+  at(bin, channel) {
+    return (bin * this.channels + channel) * this.pixels;
+  }
+}
+
+/** Codes from those that say how far each is from the one before it, and colours from green. */
+function unpacked({ pictures, bins, channels, height, width }, steps) {
+  const codes = new Uint8Array(steps.length);
+  const pixels = height * width;
+  const stride = channels * pixels;
+  let at = 0;
+  for (let picture = 0; picture < pictures; picture++) {
+    const first = picture * bins * stride;
+    for (let place = first; place < first + stride; place++) {
+      let code = 0;
+      for (let bin = 0; bin < bins; bin++, at++) {
+        code += steps[at];
+        codes[place + bin * stride] = code;
+      }
+    }
+  }
+  if (channels < 3) return codes;
+  for (let from = 0; from < codes.length; from += stride) {
+    for (let i = from; i < from + pixels; i++) {
+      codes[i] += codes[i + pixels];
+      codes[i + 2 * pixels] += codes[i + pixels];
+    }
+  }
+  return codes;
+}
+
+/** All that Python has sent, in the order of time and with a laser chosen. */
+export class Recording {
+  constructor({ header, bytes }) {
+    this.about = header;
+    this.bytes = bytes;
+    this.light = this.layer(header.light);
+    this.steady = header.steady && this.layer(header.steady);
+    this.errors = header.errors && this.layer(header.errors);
+    this.orders = header.orders.map((about) => this.layer(about));
+    this.distances = header.parts.distance && this.part("distance");
+    this.weights = header.weights;
+    this.laser = 0;
+    this.unwarped = false;
+    this.chosen();
+  }
+
+  /** A part of the bytes by its name; numbers of four bytes are copied to where they may stand. */
+  part(name) {
+    const { type, offset, length } = this.about.parts[name];
+    const { buffer, byteOffset } = this.bytes;
+    if (type === "u1") return new Uint8Array(buffer, byteOffset + offset, length);
+    return new Float32Array(buffer.slice(byteOffset + offset, byteOffset + offset + 4 * length));
+  }
+
+  layer(about) {
+    return new Layer(about, this.part(about.part));
+  }
+
+  choose({ laser = this.laser, unwarped = this.unwarped }) {
+    this.laser = laser;
+    this.unwarped = unwarped && Boolean(this.distances);
+    this.chosen();
+  }
+
+  /** Bins, where the first one starts, and by how much each pixel's own ones are ahead. */
+  chosen() {
+    const { start, width, count } = this.about.axis;
+    Object.assign(this, { start, width, count });
+    if (!this.unwarped) return;
+    const bins = Array.from(this.distances, (distance) => distance / width);
+    const first = Math.ceil(Math.max(...bins));
+    this.start -= first * width;
+    this.count += first - Math.floor(Math.min(...bins));
+    this.ahead = Float32Array.from(bins, (bin) => bin - first);
+  }
+
+  // ------------------------------------------------------------------------------------ bins
+
+  /** Path length at a bin's centre. */
+  centre(bin) {
+    return this.start + (bin + 0.5) * this.width;
+  }
+
+  /** About how much of path lengths is the way to the camera, which is in them unless unwarped. */
+  get typicalWay() {
+    if (this.unwarped || !this.distances) return 0;
+    return -this.distances.reduce((sum, each) => sum + each, 0) / this.distances.length;
+  }
+
+  /** Light of a bin, a plane for each channel. */
+  frame(bin) {
+    const planes = newPlanes(this.light);
+    this.add(planes, bin, 1);
+    return planes;
+  }
+
+  /** The sum of `count` bins. */
+  gate(first, count) {
+    const planes = newPlanes(this.light);
+    for (let bin = first; bin < Math.min(first + count, this.count); bin++) this.add(planes, bin, 1);
+    return planes;
+  }
+
+  /** All light: what was measured without bins where that is known, else their sum. */
+  total() {
+    if (!this.steady) return this.gate(0, this.count);
+    const planes = newPlanes(this.steady);
+    planes.forEach((plane, channel) => {
+      const from = this.steady.at(0, channel);
+      for (let i = 0; i < plane.length; i++) {
+        plane[i] = this.steady.values[this.steady.codes[from + i]];
+      }
+    });
+    return planes;
+  }
+
+  /** Add a bin's light. */
+  add(planes, bin, weight) {
+    if (this.unwarped) return this.addUnwarped(planes, bin, weight);
+    const { codes, values } = this.light;
+    const own = this.laser * this.about.axis.count + bin;
+    planes.forEach((plane, channel) => {
+      const from = this.light.at(own, channel);
+      for (let i = 0; i < plane.length; i++) plane[i] += weight * values[codes[from + i]];
+    });
+  }
+
+  /** The same where each pixel's bins begin at its own time: linear between two of them. */
+  addUnwarped(planes, bin, weight) {
+    const { codes, values, pixels, channels } = this.light;
+    const { ahead } = this;
+    const last = this.about.axis.count - 1;
+    const stride = channels * pixels;
+    const base = this.light.at(this.laser * this.about.axis.count, 0);
+    planes.forEach((plane, channel) => {
+      for (let i = 0; i < pixels; i++) {
+        const place = bin + ahead[i];
+        const early = Math.floor(place);
+        const share = place - early;
+        const from = base + early * stride + channel * pixels + i;
+        if (early >= 0 && early <= last) plane[i] += weight * (1 - share) * values[codes[from]];
+        if (early >= -1 && early < last) plane[i] += weight * share * values[codes[from + stride]];
+      }
+    });
+  }
+
+  // ----------------------------------------------------------------------------------- pixels
+
+  /**
+   * What a pixel sees in each bin.
+   *
+   * Channels are weighted and added; standard errors likewise, as if channels erred together.
+   */
+  response(pixel, weights = this.weights, layer = this.light) {
+    const own = new Float64Array(this.about.axis.count);
+    const first = this.laser * own.length;
+    for (let bin = 0; bin < own.length; bin++) {
+      for (let channel = 0; channel < layer.channels; channel++) {
+        const code = layer.codes[layer.at(first + bin, channel) + pixel];
+        own[bin] += weights[channel] * layer.values[code];
+      }
+    }
+    if (!this.unwarped) return own;
+    return Float64Array.from({ length: this.count }, (_, bin) => {
+      const place = bin + this.ahead[pixel];
+      const early = Math.floor(place);
+      const share = place - early;
+      return (1 - share) * (own[early] ?? 0) + share * (own[early + 1] ?? 0);
+    });
+  }
+
+  /** When each pixel is brightest, as path length; NaN where it is dark. */
+  peaks(withWay) {
+    const [height, width] = this.about.peaks;
+    const peaks = this.part("peaks").slice(this.laser * height * width, (this.laser + 1) * height * width);
+    if (!this.unwarped || withWay) return peaks;
+    const { step } = this.about.grid;
+    return peaks.map((opl, i) => {
+      const row = Math.floor(Math.floor(i / width) / step);
+      const column = Math.floor((i % width) / step);
+      return opl - this.distances[row * this.light.width + column];
+    });
+  }
+
+  // ---------------------------------------------------------------------------------- phasors
+
+  /** P = sum of L exp(+i 2 pi f opl / c) over bin centres: planes of its real and imaginary parts. */
+  phasors(frequency) {
+    const { codes, pixels, channels } = this.light;
+    const re = new Float32Array(pixels);
+    const im = new Float32Array(pixels);
+    const tables = this.weights.map((weight) => this.light.values.map((value) => weight * value));
+    const scale = this.about.perMetre ? this.about.axis.width : 1;
+    const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
+    for (let bin = 0; bin < this.about.axis.count; bin++) {
+      const opl = this.about.axis.start + (bin + 0.5) * this.about.axis.width;
+      const cos = scale * Math.cos(turn * opl);
+      const sin = scale * Math.sin(turn * opl);
+      const from = this.light.at(this.laser * this.about.axis.count + bin, 0);
+      if (channels === 3) {
+        const [red, green, blue] = tables;
+        for (let i = 0, at = from; i < pixels; i++, at++) {
+          const light = red[codes[at]] + green[codes[at + pixels]] + blue[codes[at + 2 * pixels]];
+          re[i] += cos * light;
+          im[i] += sin * light;
+        }
+      } else {
+        for (let i = 0; i < pixels; i++) {
+          const light = tables[0][codes[from + i]];
+          re[i] += cos * light;
+          im[i] += sin * light;
+        }
+      }
+    }
+    if (this.unwarped) this.distances.forEach((distance, i) => rotate(re, im, i, -turn * distance));
+    return { re, im };
+  }
+
+  /** The phasor of one pixel. */
+  phasor(pixel, frequency) {
+    const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
+    const scale = this.about.perMetre ? this.width : 1;
+    let re = 0;
+    let im = 0;
+    this.response(pixel).forEach((light, bin) => {
+      re += scale * light * Math.cos(turn * this.centre(bin));
+      im += scale * light * Math.sin(turn * this.centre(bin));
+    });
+    return phasorParts(re, im, frequency);
+  }
+}
+
+/** Amplitude, phase in (-pi, pi] and depth in [0, c / 2f). */
+export function phasorParts(re, im, frequency) {
+  const phase = Math.atan2(im, re);
+  const turns = phase / (2 * Math.PI);
+  const depth = ((turns - Math.floor(turns)) * SPEED_OF_LIGHT) / (2 * frequency);
+  return { amplitude: Math.hypot(re, im), phase, depth };
+}
+
+/** Each pixel's largest value over all bins, of a layer with one channel. */
+export function largest(layer) {
+  const plane = new Float32Array(layer.pixels);
+  for (let bin = 0; bin < layer.bins; bin++) {
+    const from = layer.at(bin, 0);
+    for (let i = 0; i < plane.length; i++) {
+      plane[i] = Math.max(plane[i], layer.values[layer.codes[from + i]]);
+    }
+  }
+  return plane;
+}
+
+/** Largest values along rows ("top": bin, column) or along columns ("side": row, bin). */
+export function largestAcross(layer, side) {
+  const { bins, height, width } = layer;
+  const plane = new Float32Array(bins * (side === "top" ? width : height));
+  for (let bin = 0; bin < bins; bin++) {
+    for (let row = 0; row < height; row++) {
+      for (let column = 0; column < width; column++) {
+        const value = layer.values[layer.codes[layer.at(bin, 0) + row * width + column]];
+        const to = side === "top" ? bin * width + column : row * bins + bin;
+        plane[to] = Math.max(plane[to], value);
+      }
+    }
+  }
+  return plane;
+}
+
+function newPlanes(layer) {
+  return Array.from({ length: layer.channels }, () => new Float32Array(layer.pixels));
+}
+
+function rotate(re, im, i, angle) {
+  const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
+  [re[i], im[i]] = [re[i] * cos - im[i] * sin, re[i] * sin + im[i] * cos];
+}

@@ -1,0 +1,94 @@
+"""The explorer in notebooks, as an anywidget."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ...runtime import checks
+from .contents import contents_of
+from .module import javascript, style
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from anywidget import AnyWidget
+
+SHOW = """
+const opened = (model) => ({ header: model.get("header"), bytes: model.get("data") });
+
+function render({ model, el }) {
+  const shown = mount(el, opened(model));
+  const again = () => shown.setData(opened(model));
+  model.on("change:header", again);
+  return () => {
+    model.off("change:header", again);
+    shown.destroy();
+  };
+}
+
+export default { render };
+"""
+
+
+def explore(
+    data: xr.Dataset,
+    *,
+    orders: Mapping[str, xr.Dataset] | None = None,
+    distance_m: Any = None,
+    title: str | None = None,
+    megabytes: float = 80,
+) -> AnyWidget:
+    """Explore a transient in a notebook: light in time, pixels' responses, gates, phasors.
+
+    Works in Jupyter, VS Code and Colab. A step in time takes a few milliseconds in the browser,
+    whatever the kernel is doing. Values are kept as one byte on a logarithmic scale; the widget
+    says how right they are, and what was reduced if they would take more than `megabytes`.
+
+    Args:
+        data: What `render`, `capture`, `strategy_pyramid` or `reconstruct` returns. Error bars
+            are shown where a render has them; a pyramid shows the light by bounces.
+        orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be
+            drawn beside the response: `{"1 bounce": render(..., max_depth=2)}`, for example.
+        distance_m: (height, width) [m] from the camera's position to what each pixel of a render
+            sees, as for `unwarp_camera`: time can then be shown without the way to the camera.
+        title: Above everything; by default the scene.
+        megabytes: What the codes may take [1e6 bytes], above 0; all go to the browser at once.
+
+    Returns:
+        A widget, shown by a notebook if it is the last line of a cell. Its trait `header` says
+        what it holds.
+
+    Raises:
+        ValueError: `data` is none of these, or another argument does not fit; one line.
+        MemoryError: The codes do not fit into memory.
+        ImportError: anywidget is missing; one line that says how to install it.
+
+    Example:
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
+        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> widget = explore(dataset, title="Sixteen pixels")
+        >>> widget.header["title"], widget.header["axis"]["count"]
+        ('Sixteen pixels', 20)
+    """
+    most = int(1e6 * checks.number("megabytes", megabytes, positive=True, high=1e6))
+    contents = contents_of(data, orders=orders, distance_m=distance_m, title=title, most_bytes=most)
+    return _widget()(header=contents.header, data=contents.data)
+
+
+def _widget() -> type[AnyWidget]:
+    try:
+        import anywidget
+        import traitlets
+    except ImportError:
+        raise ImportError("anywidget is missing; run: pip install 'tofrender[explore]'") from None
+
+    class Explorer(anywidget.AnyWidget):
+        """An explorer of light in time."""
+
+        _esm = javascript() + SHOW
+        _css = style()
+        header = traitlets.Dict().tag(sync=True)
+        data = traitlets.Bytes().tag(sync=True)
+
+    return Explorer

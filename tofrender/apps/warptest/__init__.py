@@ -1,0 +1,86 @@
+"""The warp tester: warps, shapes and lights to look at, and their chi-square tests.
+
+| module | holds |
+|---|---|
+| `subjects` | what there is to look at |
+| `sources` | this package's functions, and a student's, which run in a process of their own |
+| `probes` | what is asked of that process |
+| `engine` | points, verdicts and figures, without a window |
+| `window`, `plot.js` | the window |
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...runtime import checks
+
+__all__ = ["warptest"]
+
+
+def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) -> Any:
+    """The interactive warp tester, for a notebook.
+
+    It draws warped points and the grid of the unit square, and tests samples against the density.
+    A student's module runs in a process of its own, with the judge's protection, and is loaded
+    again when its file changes. `tofrender warptest` opens the same in a browser.
+
+    Args:
+        subject: What is shown first, a name in `tofrender.apps.warptest.subjects.SUBJECTS`: "tent",
+            "uniform_disk", "uniform_sphere", "uniform_hemisphere", "cosine_hemisphere", "beckmann",
+            "hierarchical", "no_op"; "triangle", "sphere_cap"; "quad_light", "triangle_light",
+            "sphere_light", "two_lights".
+        module: A student's Python file, or folder of files, with functions of the course. By
+            default the working folder's in a student edition, else none.
+        **parameters: Of the subject: `alpha` of "beckmann", `image` of "hierarchical" (a path, a
+            bitmap or an array), `apex`, `cos_theta_max`, `distance`.
+
+    Returns:
+        A layout of Panel, which a notebook shows.
+
+    Raises:
+        ValueError: A name, a module or a parameter is wrong; one line.
+        RuntimeError: Panel is not installed.
+
+    Example:
+        >>> tester = warptest("beckmann", alpha=0.5)
+        >>> type(tester).__name__
+        'Row'
+    """
+    make = application(subject, module=module, **parameters)
+    import panel as pn
+
+    if not pn.extension._loaded:
+        pn.extension(inline=True)
+    return make()
+
+
+def application(subject: str = "tent", *, module: Any = None, **parameters: Any) -> Any:
+    """A function that makes what one reader sees; all share one engine, its attribute `engine`."""
+    from ..serving import require_panel
+    from .subjects import SUBJECTS
+
+    checks.one_of("subject", subject, SUBJECTS)
+    values = SUBJECTS[subject].values(parameters)
+    require_panel()
+
+    import atexit
+
+    from .. import looks
+    from .engine import Engine
+    from .window import Window
+
+    engine = Engine(module)
+    atexit.register(engine.close)
+
+    def make() -> Any:
+        import panel as pn
+
+        if looks.page_style() not in pn.config.raw_css:
+            pn.config.raw_css = [*pn.config.raw_css, looks.page_style()]
+        return Window(
+            engine, subject, {k: v for k, v in values.items() if k in parameters}
+        ).layout()
+
+    make.engine = engine  # pyright: ignore[reportFunctionMemberAccess]
+    return make

@@ -1,0 +1,97 @@
+"""The command `tofrender report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..runtime import checks
+from . import options as opt
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SUFFIXES = (".html", ".htm")
+VOLUME = "volume.npz"
+"""What `tofrender reconstruct` writes."""
+
+
+def report(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR|FILE",
+            help="What `render`, `capture` or `reconstruct` has written, or an .npz, .exr, .zarr.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="HTML file to write.")],
+    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Above everything.")] = None,
+    megabytes: Annotated[float, opt.positive("megabytes", "What the file may take.")] = 10.0,
+) -> None:
+    """One page to explore a render, a capture or a reconstruction.
+
+    FILE opens from disk, without a server or a network: light in time, responses of pixels,
+    gates, phasors. What was reduced for it, and how right its values are, is said in it.
+    """
+    from tofrender.runtime import backend
+
+    opt.check_file_out(out, *SUFFIXES, overwrite=True)
+    backend.activate()
+    data = _load(checks.path("DIR|FILE", source))
+
+    from tofrender.apps.explorer.page import report as write
+
+    named = title or data.attrs.get("scene") or source.resolve().name
+    write(data, out, title=str(named), megabytes=megabytes, overwrite=True)
+    opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+
+
+def _load(source: Path) -> xr.Dataset:
+    """What a folder or a file holds."""
+    from tofrender import io
+    from tofrender.rendering.films_on_disk import load_zarr
+
+    if source.suffix == ".zarr":
+        return load_zarr(source)
+    if (source / VOLUME).is_file():
+        return _volume(source / VOLUME)
+    if source.is_dir():
+        return opt.load_render(source, "DIR|FILE")
+    if source.name == VOLUME:
+        return _volume(source)
+    loaders: dict[str, Any] = {
+        ".npz": io.load_npz,
+        ".exr": io.load_exr_stack,
+        ".h5": io.load_capture,
+        ".hdf5": io.load_capture,
+    }
+    if source.suffix.lower() not in loaders or not source.is_file():
+        allowed = "a folder of `render` or `reconstruct`, or an .npz, .exr, .zarr, .h5 or .hdf5"
+        what = "does not exist" if not source.exists() else "is none of these"
+        given = checks.shown(str(source))
+        raise ValueError(f"DIR|FILE = {given}: {what}; must be {allowed}")
+    return loaders[source.suffix.lower()](source)
+
+
+def _volume(path: Path) -> xr.Dataset:
+    """The arrays that `tofrender reconstruct` keeps of a volume."""
+    import numpy as np
+    import xarray as xr
+
+    try:
+        with np.load(path) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        axes = {axis: arrays[axis] for axis in "zyx"}
+        volume = xr.Dataset({"intensity": (("z", "y", "x"), arrays["intensity"])}, axes)
+        if "frame_axes" in arrays:
+            volume["frame_axes"] = (("axis", "xyz"), arrays["frame_axes"])
+    except MemoryError as error:
+        raise MemoryError(f"DIR|FILE = {path}: {error}") from None
+    except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(
+            f"DIR|FILE = {path}: must be a volume that `tofrender reconstruct` wrote ({said})"
+        ) from None
+    return volume

@@ -1,0 +1,120 @@
+"""The commands `tofrender view` and `tofrender compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..runtime import checks
+from . import options as opt
+from .report import _load
+from .warp import Browser, Host, Port
+
+MOST_SPP = 1024
+
+
+def view(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DIR|FILE|SCENE",
+            help="What a command has written; or a built-in name or XML file, with --live.",
+        ),
+    ],
+    live: Annotated[
+        bool, typer.Option("--live", help="Render SCENE, ever finer while one looks.")
+    ] = False,
+    spp: opt.Spp = None,
+    size: opt.Pixels = None,
+    max_depth: opt.MaxDepth = None,
+    seed: opt.Seed = 0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="With --live: npz file to save to.")
+    ] = None,
+    host: Host = "127.0.0.1",
+    port: Port = None,
+    browser: Browser = True,
+    variant: opt.Variant = None,
+) -> None:
+    """Look at light in time in the browser: what was saved, or a render that goes on.
+
+    A cube that is too large for the browser is read in parts and averaged; parts of it can be
+    looked at in full. With --live, SCENE is rendered to ever more samples; it can be stopped,
+    can go on, and be saved.
+    """
+    from tofrender.apps.serving import require_panel, serve
+    from tofrender.runtime import backend
+
+    if not live and (spp or size or max_depth is not None or out is not None):
+        raise ValueError("--live: must be given with --spp, --size, --max-depth or --out")
+    name = Path(source).stem if live else ""
+    target = out or Path(f"{name}.npz")
+    if live:
+        opt.check_file_out(target, ".npz", overwrite=out is None)
+    elif not Path(checks.path("DIR|FILE|SCENE", source)).exists():
+        from tofrender.scenes import BUILT_IN
+
+        hint = "add --live to render it" if source in BUILT_IN else "must exist, or be a scene"
+        raise ValueError(f"DIR|FILE|SCENE = {checks.shown(source)}: {hint}")
+    require_panel()
+    backend.activate(variant)
+    backend.require_vectorised()
+
+    from tofrender.apps.view.looking import Live, Saved
+    from tofrender.apps.view.window import application
+
+    if live:
+        from tofrender.scenes.loading import load_scene
+
+        load_scene(source, **({"width": size.width, "height": size.height} if size else {}))
+        words = {"scene": source, "spp": spp or MOST_SPP, "seed": seed, "window": "auto"}
+        words |= {"size": tuple(size) if size else None, "max_depth": max_depth}
+        looked_at = Live(name, words | {"pulse_width": "auto"})
+    else:
+        looked_at = Saved(Path(source), _load)
+        if looked_at.error is not None:
+            opt.note(f"warning: {looked_at.error}")
+    try:
+        make = application(looked_at, target)
+        serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
+    finally:
+        looked_at.close()
+
+
+def compare(
+    one: Annotated[
+        str,
+        typer.Argument(metavar="SCENE|FILE", help="A scene of the course, or a picture's file."),
+    ] = "veach",
+    two: Annotated[
+        str | None, typer.Argument(metavar="[FILE]", help="Another picture of the same size.")
+    ] = None,
+    host: Host = "127.0.0.1",
+    port: Port = None,
+    browser: Browser = True,
+    variant: opt.Variant = None,
+) -> None:
+    """Look at two pictures under a divider that one drags.
+
+    Of a scene of the course they are rendered by the techniques that are chosen in the page, and
+    their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.
+    """
+    from tofrender.apps.serving import require_panel, serve
+    from tofrender.runtime import backend
+
+    require_panel()
+    backend.activate(variant)
+    backend.require_vectorised()
+
+    from tofrender.apps.compare.pictures import SCENES, opened, same_size
+    from tofrender.apps.compare.window import application
+
+    if two is None:
+        make = application(scene=checks.one_of("SCENE|FILE", one, SCENES))
+    else:
+        files = opened(one), opened(two)
+        same_size(*files)
+        make = application(files=files)
+    serve(make, "Two pictures", host=host, port=port, browser=browser, tell=opt.say)
