@@ -419,11 +419,11 @@ os.umask(0o022)
     "answer of another kind": ("def add0(a, b):\n    return {'x': None}", 0, "expected: numbers"),
     "a right one between": (ADD, 1, ""),
     "many processes": (
-        "for _ in range(260):\n    if os.fork() == 0:\n        time.sleep(600)",
+        "for _ in range(260):\n    if os.fork() == 0:\n        time.sleep(600)\ntime.sleep(5)",
         0,
         "started more than 200 processes",
     ),
-    "much memory": ("x = [bytearray(1 << 27) for _ in range(20)]", 0, "GiB of memory"),
+    "much memory": ("x = [b'x' * (1 << 27) for _ in range(20)]\ntime.sleep(2)", 0, "GiB of memory"),
     "ends its parents": (
         "for pid in (os.getppid(), 0):\n    try:\n        os.kill(pid, 9)\n"
         "    except OSError:\n        pass",
@@ -505,7 +505,8 @@ def test_class_with_hostile_members_is_graded_right(user, open_tmp):
     (top / "victims").mkdir()
     targets = Targets(top / "victims", user)
     tiny_assignment.write(top / "a0", tiny_assignment.wide(["sum"]))
-    attacks = hostile.source(hostile.ATTACKS, targets.named())
+    aims = {n: text for n, text in hostile.ATTACKS.items() if n != "file: hidden file"}
+    attacks = hostile.source(aims, targets.named())
     attacks += inspect.getsource(hostile.outcome)
     attacks += "done = [name for name, it in attacks.items() if outcome(it) == 'done']\n"
     attacks += "assert not done, done\n"

@@ -144,15 +144,17 @@ class Supervised:
     def _below(self) -> list[psutil.Process]:
         """All processes below this one, but for those that were there and what is below them."""
         children = psutil.Process().children(recursive=True)
-        parents: dict[int | None, int] = {}
+        parents: dict[int, int] = {}
         for child in children:
             with suppress(psutil.Error):
                 parents[child.pid] = child.ppid()
 
-        def stays(pid: int | None) -> bool:
-            while pid is not None and pid not in self._others and not _is_in_this_session(pid):
-                pid = parents.get(pid)
-            return pid is not None
+        def stays(pid: int) -> bool:
+            while pid in parents:  # this process, where the way up ends, is in its own session
+                if pid in self._others or _is_in_this_session(pid):
+                    return True
+                pid = parents[pid]
+            return False
 
         return [child for child in children if not stays(child.pid)]
 
