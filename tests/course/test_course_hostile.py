@@ -38,6 +38,7 @@ if sandbox.landlock_version() < 6 or not system_calls.available():
 NOBODY = 65534
 IS_ROOT = os.geteuid() == 0
 USERS = ["root", "nobody"] if IS_ROOT else ["ordinary"]
+ENDED = ("dead", "stopped", "tracing-stop", "zombie")
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 
@@ -134,7 +135,12 @@ class Targets:
         return {
             "files": files,
             "limits": Path(f"/proc/{victim.pid}/limits").read_text(),
-            "victim": (victim.status(), victim.nice(), victim.ionice(), victim.cpu_affinity()),
+            "victim": (
+                victim.status() in ENDED,
+                victim.nice(),
+                victim.ionice(),
+                victim.cpu_affinity(),
+            ),
             "memory": Path(f"/proc/{victim.pid}/oom_score_adj").read_text(),
             "shared": [name for name in os.listdir("/dev/shm") if "hostile" in name],
             "system v": [
