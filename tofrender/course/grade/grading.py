@@ -81,9 +81,7 @@ class Grader:
 
     def take(self, submission: Path) -> Taken:
         """Copy what a submission consists of."""
-        waiting = self.scratch / CLASS
-        waiting.mkdir(mode=0o700, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(dir=waiting)) / "submission"
+        folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
         try:
             unpacking.extract(submission, self.assignment.rubric.submit, folder)
         except unpacking.BadSubmission as error:
@@ -223,6 +221,7 @@ def opened(assignment: Assignment, **limits: float) -> Iterator[Grader]:
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
         scratch.chmod(0o711)
+        (scratch / CLASS).mkdir(mode=0o700)
         edition.copy(assignment, scratch / "edition")
         compileall.compile_dir(scratch / "edition", quiet=1)
         show(scratch / "edition")
