@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import hostile
 import numpy as np
@@ -28,7 +29,7 @@ from judged_pulse import PULSE, write_assignment, write_submission
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
-from tofrender.course.judge import sandbox, system_calls, wire
+from tofrender.course.judge import processes, sandbox, system_calls, wire
 from tofrender.course.judge.client import MAX_REASON, Limits, NoAnswer, Worker
 from tofrender.course.judge.running import read_report
 
@@ -442,6 +443,7 @@ os.umask(0o022)
 DRIVER = """
 import json, resource, sys
 from pathlib import Path
+from types import SimpleNamespace
 from tofrender.course.assignments import find
 from tofrender.course.grade import grading
 
@@ -544,3 +546,20 @@ def test_class_with_hostile_members_is_graded_right(user, open_tmp):
         if (float(rows[name]["total"]), reason in rows[name]["reason"]) != (points, True)
     }
     assert not wrong
+
+
+def test_disk_that_fills_up_is_seen(tmp_path, monkeypatch):
+    """What others write on the same disk counts for nothing."""
+    monkeypatch.setattr(processes, "MAX_WRITTEN", 1 << 20)
+    started = processes.Supervised(["sleep", "60"], cwd=tmp_path, env=dict(os.environ))
+    disk = SimpleNamespace(free=1 << 30)
+    monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)
+    try:
+        assert started.excess(None, tmp_path) == ""
+        disk.free -= 1 << 21
+        assert started.excess(None, tmp_path) == ""
+        (tmp_path / "inside").mkdir()
+        (tmp_path / "inside/file").write_bytes(b"x" * (1 << 21))
+        assert started.excess(None, tmp_path).startswith("wrote more than")
+    finally:
+        started.end()

@@ -39,11 +39,13 @@ class Limits:
         memory_bytes: Memory of the worker and what it starts, together; None is no limit.
         confine: Whether the worker may change nothing outside its scratch folder.
         uid: User that it becomes then, if this is root.
+        hidden: Files that it cannot read then, besides the tests.
     """
 
     memory_bytes: int | None = None
     confine: bool = False
     uid: int | None = None
+    hidden: tuple[str, ...] = ()
 
 
 class Worker:
@@ -130,7 +132,7 @@ class Worker:
         tests = self._assignment / "tests"
         confine = {
             "writable": [str(self._place / name) for name in ("answers", "work", "tmp")],
-            "hidden": [str(path) for path in tests.glob("test_*.py")],
+            "hidden": [*limits.hidden, *map(str, tests.glob("test_*.py"))],
             "memory_bytes": limits.memory_bytes,
             "uid": limits.uid,
             "reads_all": bool(limits.uid and sandbox.closed_to_others()),

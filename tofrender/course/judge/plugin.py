@@ -150,10 +150,12 @@ def pytest_configure(config: pytest.Config) -> None:
     pictures = folder / "failures" if config.getini("submission") and folder else None
     expect.configure(comparisons=assignment.comparisons, pictures=pictures)
     memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
+    report = config.getoption("--report")
     limits = Limits(
         memory and int(memory * 2**30),
         bool(config.getoption("--confine")),
         config.getoption("--uid"),
+        hidden=() if report is None else (str(Path(report).resolve()),),
     )
     config.stash[WORKER] = Worker(root, folder, edition and Path(edition).resolve(), limits)
 

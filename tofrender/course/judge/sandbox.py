@@ -176,7 +176,15 @@ def spare_user() -> int | None:
     """A user that nobody is, if this is root who may become one."""
     if not sys.platform.startswith("linux") or os.geteuid() != 0:
         return None
-    needed = sum(1 << capability for capability in (CHOWN, DAC_OVERRIDE, KILL, SETGID, SETUID))
+    rights = [
+        CHOWN,
+        DAC_OVERRIDE,
+        KILL,
+        SETGID,
+        SETUID,
+        *([READ_ALL] if closed_to_others() else []),
+    ]
+    needed = sum(1 << right for right in rights)
     if _status("CapEff", base=16) & needed != needed:
         return None
     import pwd
@@ -189,8 +197,9 @@ def spare_user() -> int | None:
                 known.add(os.stat(f"/proc/{name}").st_uid)
             except OSError:
                 continue
-    free = [uid for uid in SPARE_USERS if uid not in known and _is_mapped(uid)]
-    return SystemRandom().choice(free) if free else None
+    free = [uid for uid in SPARE_USERS if uid not in known]
+    uid = SystemRandom().choice(free) if free else 0
+    return uid if uid and _is_mapped(uid) else None
 
 
 def closed_to_others() -> str:
@@ -207,10 +216,12 @@ def closed_to_others() -> str:
 
 
 def python_folders() -> list[str]:
-    """Where Python and what is installed for it lie."""
+    """Where Python, what is installed for it and LLVM lie."""
     import site
 
     found = {sys.prefix, sys.base_prefix, sys.exec_prefix, *site.getsitepackages()}
+    if llvm := os.environ.get("DRJIT_LIBLLVM_PATH"):
+        found.add(os.path.dirname(os.path.realpath(llvm)))
     return sorted(path for path in found if os.path.isdir(path))
 
 
