@@ -11,6 +11,7 @@ import csv
 import inspect
 import json
 import os
+import secrets
 import shutil
 import socket
 import stat
@@ -89,7 +90,8 @@ class Targets:
         self.servers["UDP"].bind(("127.0.0.1", 0))
         self.servers["UNIX"].bind(str(self.folder / "unix"))
         self.servers["DATAGRAM"].bind(str(self.folder / "datagram"))
-        self.servers["ABSTRACT"].bind(f"\0tofrender-{os.getpid()}-{user}")
+        self.abstract = f"tofrender-{secrets.token_hex(8)}"
+        self.servers["ABSTRACT"].bind("\0" + self.abstract)
         with contextlib.suppress(OSError):  # few kernels have none
             self.servers["MPTCP"] = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 262)
             self.servers["MPTCP"].bind(("127.0.0.1", 0))
@@ -116,7 +118,7 @@ class Targets:
             "MPTCP": mptcp,
             "UNIX": str(self.folder / "unix"),
             "DATAGRAM": str(self.folder / "datagram"),
-            "ABSTRACT": f"tofrender-{os.getpid()}-{self.user}",
+            "ABSTRACT": self.abstract,
         }
 
     def state(self) -> dict:
