@@ -63,6 +63,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (figures.scrape, "matplotlib"),
+    "reset_modules": ("matplotlib", figures.strict),
     "capture_repr": ("_repr_html_",),
     "abort_on_example_error": True,
     "download_all_examples": False,
@@ -84,7 +85,13 @@ html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_copy_source = False
 html_show_sphinx = False
-html_sidebars = {"index": [], "conventions": [], "notebooks": [], "gallery/index": []}
+html_sidebars = {
+    "index": [],
+    "explore": [],
+    "conventions": [],
+    "notebooks": [],
+    "gallery/index": [],
+}
 html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {
@@ -97,7 +104,7 @@ html_theme_options = {
     "header_links_before_dropdown": 6,
     "show_prev_next": True,
     "show_toc_level": 2,
-    "secondary_sidebar_items": {"**": ["page-toc"], "index": []},
+    "secondary_sidebar_items": {"**": ["page-toc"], "index": [], "explore": []},
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",

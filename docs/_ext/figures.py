@@ -15,7 +15,10 @@ def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any])
     for value in list(variables.values()):
         if isinstance(value, Animation) and not hasattr(value, "is_in_gallery"):
             value.is_in_gallery = True
-            _brightest(variables["dataset"], next(block_vars["image_path_iterator"]))
+            _brightest(
+                variables["dataset"].sel(opl=slice(4.5, None)),
+                next(block_vars["image_path_iterator"]),
+            )
         if not isinstance(value, Figure) or hasattr(value, "number"):
             continue  # Pyplot's are numbered, and saved by another scraper
         if not hasattr(value, "is_in_gallery"):
@@ -24,6 +27,13 @@ def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any])
             value.savefig(path, dpi=100, bbox_inches="tight")
             paths.append(path)
     return figure_rst(paths, gallery_conf["src_dir"])
+
+
+def strict(gallery_conf: dict[str, Any], name: str) -> None:
+    """Let an example that warns fail."""
+    import warnings
+
+    warnings.simplefilter("error", UserWarning)
 
 
 def _brightest(dataset: Any, path: str) -> None:

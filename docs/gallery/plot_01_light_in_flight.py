@@ -11,9 +11,9 @@ import tofrender
 dataset = tofrender.render(
     "cornell_box",
     spp=64,
-    window=(4.5, 9.5),
-    bins=100,
+    window="auto",
+    bins=220,
     size=(128, 128),
     pulse_width=0.05,
 )
-tofrender.visualize_transient(dataset)
+tofrender.visualize_transient(dataset.sel(opl=slice(4.5, 9.5)))

@@ -11,7 +11,7 @@ import tofrender
 dataset = tofrender.render(
     "cornell_box_flash",
     spp=128,
-    window=(5.0, 13.0),
+    window="auto",
     bins=200,
     size=(128, 128),
 )

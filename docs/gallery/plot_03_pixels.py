@@ -12,8 +12,8 @@ dataset = tofrender.render(
     "cornell_box",
     spp=256,
     errors=True,
-    window=(5.0, 10.0),
-    bins=100,
+    window="auto",
+    bins=220,
     size=(64, 64),
 )
-figure = tofrender.plot_pixel_transient(dataset, x=32, y=60)
+figure = tofrender.plot_pixel_transient(dataset.sel(opl=slice(5, 10)), x=32, y=60)

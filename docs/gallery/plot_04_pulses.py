@@ -16,12 +16,11 @@ for sigma in (0.0, 0.05, 0.2):
         "cornell_box",
         spp=256,
         size=(32, 32),
-        bins=250,
-        window=(4.5, 9.5),
+        bins=500,
+        window=(3.5, 15.0),
         pulse_width=sigma or None,
     )
-    response = dataset["transient"].isel(x=16, y=30).sum("channel")
-    time_ns = tofrender.opl_to_ns(dataset["opl"].values)
-    axes.plot(time_ns, response, label=f"{100 * sigma:g} cm")
+    response = dataset["transient"].isel(x=16, y=30).sum("channel").sel(opl=slice(4.5, 9.5))
+    axes.plot(response["time"], response, label=f"{100 * sigma:g} cm")
 axes.set(xlabel="time [ns]", ylabel="radiance per bin")
 axes.legend(title="pulse", frameon=False)

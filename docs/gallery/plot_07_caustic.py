@@ -12,8 +12,8 @@ dataset = tofrender.render(
     "caustic",
     integrator={"type": "transient_bdpt", "max_depth": 6},
     spp=128,
-    window=(5.2, 7.6),
-    bins=80,
+    window="auto",
+    bins=300,
     size=(96, 96),
 )
-tofrender.visualize_transient(dataset)
+tofrender.visualize_transient(dataset.sel(opl=slice(5.2, 7.6)))

@@ -73,7 +73,7 @@ def test_a_port_that_is_taken(capfd):
 
         assert main(["warptest", "no_op", "--no-browser", "--port", str(one.port)]) == 2
         said = capfd.readouterr().err
-        assert said.startswith(f"error: port = {one.port}: must be free to listen on")
+        assert said.startswith(f"error: --port = {one.port}: must be free to listen on")
         assert said.count("\n") == 1
         one.stop()
 

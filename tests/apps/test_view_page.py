@@ -71,7 +71,7 @@ def test_values_are_those_of_the_file(saved):
         shown = state(there)
         assert shown["bins"] == 60
         assert shown["opl"] == pytest.approx(float(data.opl[20]), rel=1e-5)
-        curve = np.array(list(shown["curves"][0]["values"].values()), float)
+        curve = np.array(shown["curves"][0]["values"], float)
         expected = data.transient.values[11, 7, :, 1]
         assert curve == pytest.approx(expected, rel=0.03, abs=0.01 * float(expected.max()))
 

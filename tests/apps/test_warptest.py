@@ -334,13 +334,13 @@ def test_headless_tests_all_of_the_package(tmp_path, capsys):
         (["--out", "a.png"], "--out = a.png: must be left out without --headless"),
         (["--headless", "--out", "a.png"], "--out = a.png: must be left out without NAME"),
         (["--headless", "--alpha", "1"], "NAME: must be given with --alpha, --image or -D"),
-        (["--module", "no.py"], "module = no.py: must be a Python file or a folder that exists"),
+        (["--module", "no.py"], "--module = no.py: must be a Python file or a folder that exists"),
         (["tent", "-D", "alpha=1"], "alpha = 1: must be left out; tent has the parameters: none"),
         (["--port", "0"], "--port = 0: must be an integer from 1 to 65535"),
         (["tent", "--samples", "10"], "--samples = 10: must be an integer from 1000 to 16777216"),
         (
             ["--host", "not a host", "--no-browser"],
-            "host = 'not a host': must be an address to listen",
+            "--host = 'not a host': must be an address to listen",
         ),
     ],
 )

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from tofrender import sampling
-from tofrender.cli import app as cli, warp as cli_warp
+from tofrender.cli import app as cli
+from tofrender.runtime.canvas import FIGURE_SUFFIXES
 from tofrender.sampling.warps import WARPS, square_to_tent_pdf
 
 
@@ -98,4 +99,4 @@ def test_bad_out(run, tmp_path):
     status, _, err = run("tent", "--out", tmp_path / "folder.png")
     assert status == 2
     assert "is a folder" in err
-    assert cli_warp.SUFFIXES == (".png", ".pdf", ".svg")
+    assert FIGURE_SUFFIXES == (".png", ".pdf", ".svg")

@@ -361,13 +361,15 @@ class Window:
             width=SIDE + 12,
             margin=(0, 12, 0, 8),
         )
-        half = {"sizing_mode": "stretch_width", "styles": {"flex": "1 1 330px"}}
-        left = pn.Column(self.about, self.plot, min_width=330, **half)
+        half = {
+            "sizing_mode": "stretch_width",
+            "styles": {"flex": "1 1 330px", "min-width": "300px"},
+        }
+        left = pn.Column(self.about, self.plot, **half)
         right = pn.Column(
             self.trouble,
             self.said,
             looks.text(f'<p class="quiet">{html.escape(NO_PROOF)}</p>', margin=(8, 10)),
-            min_width=330,
             **half,
         )
         wide = {"sizing_mode": "stretch_width", "min_width": 330}

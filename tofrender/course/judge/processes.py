@@ -170,9 +170,9 @@ def _size(folder: Path) -> int:
 
 
 def _is_in_this_session(pid: int) -> bool:
-    """Whether a process is in the session of this one."""
+    """Whether another process is in the session of this one."""
     with suppress(AttributeError, OSError):  # Windows has none; the process may have ended
-        return os.getsid(pid) == os.getsid(0)
+        return pid != os.getpid() and os.getsid(pid) == os.getsid(0)
     return False
 
 
