@@ -22,9 +22,9 @@
 # - how a wall becomes a mirror of sorts, if the lit point is treated as a light
 #
 # **How it works.** A cell that begins with `%%solution` is a file of your solution: running it
-# writes the file. Below each is a cell that tries it. The cells at the end of a part write what you
-# hand in to `deliverables/`. Replace `raise NotImplementedError(...)`, run, look, and test with
-# `pytest -m a2_...`.
+# writes the file. Below each is one that runs its tests, `%%test`, and one that tries it. The cells
+# at the end of a part write what you hand in to `deliverables/`. Replace
+# `raise NotImplementedError(...)`, run, look, and test.
 
 # %% [markdown]
 # ## Set-up
@@ -82,7 +82,7 @@ pulse = GaussianPulse(width_opl=0.03)
 n = 2001
 t = dr.linspace(mi.Float, -0.2, 0.2, n)
 dt = 0.4 / (n - 1)  # both ends belong to the n points
-print(f"integral of the density: {float(dr.sum(pulse.eval(t))[0] * dt):.5f}")
+print(f"integral of the density: {np.array(pulse.eval(t)).sum() * dt:.5f}")
 
 xi = mi.Float(np.random.default_rng(0).random(100_000))
 offsets, weight = pulse.sample(xi)

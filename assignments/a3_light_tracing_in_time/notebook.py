@@ -20,9 +20,9 @@
 # - what a caustic is in time, and which strategy finds it
 #
 # **How it works.** A cell that begins with `%%solution` is a file of your solution: running it
-# writes the file. Below each is a cell that tries it. The cells at the end write what you hand in to
-# `deliverables/`. Replace `raise NotImplementedError(...)`, run, look, and test with
-# `pytest -m a3_...`.
+# writes the file. Below each is one that runs its tests, `%%test`, and one that tries it. The cells
+# at the end write what you hand in to `deliverables/`. Replace `raise NotImplementedError(...)`, run,
+# look, and test.
 
 # %% [markdown]
 # ## Set-up

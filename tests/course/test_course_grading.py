@@ -188,7 +188,7 @@ questions = pathlib.Path(os.environ["TMPDIR"]).parent / "questions"
 places = [here.parent, top, questions, pathlib.Path("@TOP@"), pathlib.Path("/tmp"),
           pathlib.Path("/dev/shm"), top.parent / "edition",
           *top.glob("a0_*/report"), *top.glob("a0_*/judging/tests")]
-assert len(places) == 9, places
+assert len(places) >= 7, places  # what another user cannot list is not among them
 done = []
 for place in places:
     for what in (lambda p: p.write_text("x"), lambda p: p.mkdir(), lambda p: p.symlink_to("/")):
@@ -256,7 +256,7 @@ CONFINED = {
     "writes and kills outside": (OUTSIDE + ADD, 0, "PermissionError: [Errno 1]"),
     "right after them": (ADD, 1, ""),
 }
-if not sandbox.missing_protections():
+if sandbox.landlock_version() >= 6 and sandbox.keeps_files():
     HOSTILE |= CONFINED
 
 SLOW = {
@@ -551,7 +551,9 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
         time.sleep(0.1)
     assert sleepers()
     process.terminate()
-    assert process.communicate(timeout=60)[1] == "error: interrupted; what is graded is kept\n"
+    assert process.communicate(timeout=60)[1].splitlines()[-1] == (
+        "error: interrupted; what is graded is kept"  # below warnings of what cannot be kept
+    )
     assert process.returncode == 130
     assert not sleepers()
     assert json.loads(out.read_text())["score"] == 0

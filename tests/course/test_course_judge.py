@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from judged_pulse import PULSE, RUBRIC, write_assignment, write_submission
+from judged_pulse import PULSE, RUBRIC, SQUARE, write_assignment, write_submission
 
 from tofrender.course import rubric
 from tofrender.course.judge import expect, plugin, wire, worker
@@ -187,6 +187,50 @@ def test_missing_file_and_printed_output(assignment, tmp_path):
     finally:
         asked.close()
     assert not asked._scratch.exists()
+
+
+@pytest.mark.slow
+def test_helpers_of_a_submission_may_be_called_as_the_judges(assignment, tmp_path):
+    probes = assignment / "tests/probes.py"
+    (assignment / "tests/worlds.py").write_text("scale = 2.0\n")
+    probes.write_text(
+        "import worlds\n"
+        + probes.read_text().replace("return theirs.AM", "return worlds.scale * theirs.AM")
+    )
+    submission = write_submission(tmp_path / "x", square="from worlds import mine\n" + SQUARE)
+    (submission / "worlds.py").write_text("mine = 1\n")
+    asked = Worker(assignment, submission)
+    try:
+        assert asked.ask("one", {"opl": 0.0}, 20) == [2.0]
+    finally:
+        asked.close()
+
+
+CHAIN = """
+def fails():
+    try:
+        raise ValueError("the cause")
+    except ValueError as error:
+        raise RuntimeError("in the middle") from error.with_traceback(None)
+
+def outer():
+    try:
+        fails()
+    except RuntimeError as error:
+        raise RuntimeError("outside") from error
+"""
+
+
+def test_students_line_is_named_along_all_causes(tmp_path):
+    path = tmp_path / "student.py"
+    path.write_text(CHAIN)
+    names: dict = {}
+    exec(compile(CHAIN, str(path), "exec"), names)
+    with pytest.raises(RuntimeError) as caught:
+        names["outer"]()
+    text = worker.explain(caught.value, tmp_path)
+    assert text.splitlines()[0] == "ValueError: the cause"
+    assert "student.py, line 6: raise RuntimeError" in text
 
 
 def test_theirs_knows_the_rubrics_names_only(assignment):

@@ -35,7 +35,7 @@ from tofrender.course.grade import (
     standing,
 )
 from tofrender.course.grade.roster import Marks, Member
-from tofrender.course.judge import running
+from tofrender.course.judge import running, sandbox
 from tofrender.course.judge.inputs import Inputs
 from tofrender.course.rubric import ByHand, GradedTest, Late, Problem, Rubric
 
@@ -286,7 +286,7 @@ def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
     one = classes.json.dumps
 
     def broken(wishes, **more):
-        is_first = str(wishes.get("submission")).endswith("/a")
+        is_first = str(wishes.get("out")).endswith("/a.json")
         return "{" if is_first else one(wishes, **more)
 
     said = []
@@ -299,6 +299,65 @@ def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
     assert [row["total"] for row in rows(tmp_path / "g.csv")] == ["0", "1"]
     assert "not graded; the same command tries again" in said[0]
     assert "not graded: " in rows(tmp_path / "g.csv")[0]["reason"]
+
+
+TRIES = """
+import os, pathlib, socket
+here = pathlib.Path(__file__)
+judging = here.parents[1] / "a0_check" / "judging"
+tries = {
+    "wrong solutions": lambda: (judging / "mutants.toml").read_text(),
+    "right solution": lambda: (judging / "solutions" / "add.py").read_text(),
+    "test": lambda: (judging / "tests" / "test_check_staff.py").read_text(),
+    "write": lambda: (judging / "new").write_text("x"),
+    "mode": lambda: here.chmod(0o777),
+    "socket": lambda: socket.socket(),
+    "signal": lambda: os.kill(os.getppid(), 9),
+}
+
+def done():
+    found = []
+    for name, it in tries.items():
+        try:
+            it()
+            found.append(name)
+        except PermissionError:
+            pass
+    return found
+
+assert not done(), done()
+
+def check_add(add):
+    if not done():
+        assert add(2, 3) == 5
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    sandbox.landlock_version() < 6 or not sandbox.keeps_files(),
+    reason="this machine protects from less",
+)
+def test_a_students_test_is_kept_in_as_all_submissions_are(staff, tmp_path):
+    student = tiny_assignment.write(tmp_path / "student", RIGHT | {"check.py": TRIES})
+    with grading.opened(staff) as grader:
+        results = grader.grade(student, tmp_path / "results.json")
+    check = results.grades["test_check_staff.py::test_share"]
+    assert check.passed, check.reason
+    assert results.score == 11
+
+
+def test_submissions_that_run_together_are_different_users(monkeypatch):
+    users = [(1 << 30) + 4711, (1 << 30) + 4712]
+    monkeypatch.setattr(sandbox, "spare_users", lambda: users)
+    with sandbox.own_user() as a:
+        with sandbox.own_user() as b, sandbox.own_user() as c:
+            assert ([a, b], c) == (users, None)
+        with sandbox.own_user() as b:
+            assert b == users[1]
+    monkeypatch.setattr(sandbox, "spare_users", list)
+    with sandbox.own_user() as a:
+        assert a is None
 
 
 # ------------------------------------------------------------------------- rosters and sheets

@@ -104,8 +104,9 @@ def grade(
                 return
             assert everyone is not None
             assert csv is not None
+            private = [path for path in (roster, sheet, feedback) if path is not None]
             class_ = classes.Class(
-                grader, everyone, members, csv, out, marks, roster is not None, jobs
+                grader, everyone, members, csv, out, marks, roster is not None, jobs, private
             )
             class_.grade(say)
             say(f"{csv}: written")

@@ -34,16 +34,26 @@ def world(name, view, **options):
 # ------------------------------------------------------------------------------------- pulses
 
 
+def _of_drjit(name, values):
+    """Refuse what no kernel can hold, as a product that begins with a number of NumPy."""
+    if not dr.is_array_v(values):
+        raise TypeError(
+            f"{name} gave a {type(values).__name__} for a Dr.Jit float; is a NumPy number the "
+            "first factor? float(...) makes it Python's"
+        )
+    return values
+
+
 def pulse_normalization(theirs, width_opl):
     return theirs.GaussianPulse(width_opl=width_opl).normalization
 
 
 def pulse_density(theirs, width_opl, t):
-    return theirs.GaussianPulse(width_opl=width_opl).eval(mi.Float(t))
+    return _of_drjit("eval", theirs.GaussianPulse(width_opl=width_opl).eval(mi.Float(t)))
 
 
 def pulse_cdf(theirs, width_opl, t):
-    return theirs.GaussianPulse(width_opl=width_opl).cdf(mi.Float(t))
+    return _of_drjit("cdf", theirs.GaussianPulse(width_opl=width_opl).cdf(mi.Float(t)))
 
 
 def pulse_samples(theirs, width_opl, xi):
@@ -76,7 +86,7 @@ def modulation(theirs, frequency_hz, phase_offset, opl):
     """Its values and numbers."""
     wave = theirs.AMCWPulse(frequency_hz=frequency_hz, phase_offset=phase_offset)
     return {
-        "values": wave.eval(mi.Float(opl)),
+        "values": _of_drjit("eval", wave.eval(mi.Float(opl))),
         "omega": wave.omega,
         "range": wave.get_unambiguous_range(),
     }

@@ -1,4 +1,7 @@
-"""Grade a class: each submission in a process of its own, several at a time."""
+"""Grade a class: each submission in a process of its own, several at a time.
+
+All of them are copied before the first runs, to where no submission can read or write.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from typing import Any
 
 from ...runtime.progress import progress_bar
 from ..assignments import PACKAGE
-from .grading import Grader
+from .grading import Grader, Taken
 from .results import Results, finished, printable
 from .roster import Marks, Member
 from .standing import Standing, write_csv
@@ -39,6 +42,7 @@ class Class:
         marks: What people have graded, by the members' ids; None without a sheet.
         roster: Whether the members are those of a roster.
         jobs: Submissions that are graded at a time.
+        private: What no submission may read, besides the class and what comes of it.
         content: What came of each, by the member's id, without the tests.
     """
 
@@ -50,6 +54,7 @@ class Class:
     marks: dict[str, Marks] | None = None
     roster: bool = False
     jobs: int = 1
+    private: Sequence[Path] = ()
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def grade(self, say: Callable[[str], None]) -> None:
@@ -62,6 +67,7 @@ class Class:
         """
         self.out.mkdir(parents=True, exist_ok=True)
         to_do = [member for member in self.members if member.submission is not None]
+        work = {member.id: self._take(member) for member in to_do}
         running: list[subprocess.Popen] = []
         lock = threading.Lock()
         stopped = threading.Event()
@@ -69,7 +75,10 @@ class Class:
             ThreadPoolExecutor(self.jobs) as pool,
             progress_bar("Grading", len(to_do), unit="submission") as bar,
         ):
-            runs = {pool.submit(self._grade, each, running, lock, stopped): each for each in to_do}
+            runs = {
+                pool.submit(self._grade, each, work[each.id], running, lock, stopped): each
+                for each in to_do
+            }
             try:
                 left = set(runs)
                 while left:
@@ -117,28 +126,38 @@ class Class:
 
     # ------------------------------------------------------------------------------ parts
 
+    def _take(self, member: Member) -> Taken | dict[str, Any]:
+        """A copy of what a member handed in, or results of before, without the tests."""
+        assert member.submission is not None
+        path = self.results(member)
+        content = finished(path, self.grader.assignment.rubric, self.grader.fingerprint)
+        if content is not None and _changed(member.submission) <= path.stat().st_mtime:
+            return _short(content)
+        return self.grader.take(member.submission)
+
     def _grade(
         self,
         member: Member,
+        work: Taken | dict[str, Any],
         running: list[subprocess.Popen],
         lock: threading.Lock,
         stopped: threading.Event,
     ) -> tuple[dict[str, Any], str]:
         """Results of a member, without the tests, and how they came."""
-        assert member.submission is not None
+        if isinstance(work, dict):
+            return work, "graded before"
         rubric, fingerprint = self.grader.assignment.rubric, self.grader.fingerprint
         path = self.results(member)
-        content = finished(path, rubric, fingerprint)
-        if content is not None and _changed(member.submission) <= path.stat().st_mtime:
-            return _short(content), "graded before"
+        private = (self.folder, self.out, self.csv, *self.private)
         wishes = {
             "assignment": str(self.grader.assignment.folder),
             "scratch": str(self.grader.scratch),
             "time_limit_s": self.grader.time_limit_s,
             "memory_gib": self.grader.memory_gib,
-            "submission": str(member.submission.absolute()),
+            "taken": str(work.folder),
+            "refused": work.refused,
             "out": str(path.absolute()),
-            "hidden": [str(self.folder.absolute()), str(self.out.absolute())],
+            "hidden": [str(each.absolute()) for each in private],
             "pictures": str(self.pictures(member).absolute()),
         }
         command = [sys.executable, "-P", "-m", f"{__package__}.one", json.dumps(wishes)]
@@ -170,7 +189,8 @@ class Class:
             last = said.decode(errors="replace").strip().splitlines()[-1:] or ["it was ended"]
             results = Results(rubric, fingerprint=fingerprint)
             results.remarks = [f"not graded: {printable(last[0], 300)}"]
-            results.write(path)
+            with suppress(OSError):
+                results.write(path)
             return _short(results.gradescope()), "not graded; the same command tries again"
         return _short(content), f"{content['execution_time']:.0f} s"
 

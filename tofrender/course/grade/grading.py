@@ -7,9 +7,13 @@ pytest with the staff's tests, and the judge starts a worker, which runs the sub
     writes      writes its report and      writes its scratch folder
     results     its scratch folder
 
-Each arrow takes rights away and ends all that is behind it. A worker that crashes costs the test
-that asked it, a judge that is lost costs the problem's tests that had not ended, and whatever
-happens to this process, a results file with 0 points has been written before anything else.
+Each arrow takes rights away and ends all that is behind it (see `judge.sandbox`). If root grades,
+the worker is a user that nobody else is. A worker that crashes costs the test that asked it, a
+judge that is lost costs the problem's tests that had not ended, and whatever happens to this
+process, a results file with 0 points has been written before anything else.
+
+A class is copied before the first submission runs, to where none of them can read or write. Of all
+that is made on the way, a submission reads its own part only, and the edition.
 """
 
 from __future__ import annotations
@@ -43,7 +47,22 @@ JUDGE_GIB = 2.0  # of the judge, besides
 START_S = 30.0  # of judge and worker, on a slow machine
 LEAST_S = 20.0  # for a problem, even if those before it have used up the time
 MAX_PICTURES, MAX_PICTURE = 40, 4 << 20  # of a problem; of each [bytes]
+CLASS = "class"
+"""Folder of the copies that wait."""
 KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DRJIT_", "TZ")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A submission's files, copied.
+
+    Attributes:
+        folder: Holds them, for this grader alone to change.
+        refused: Why there are none, "" if there are.
+    """
+
+    folder: Path
+    refused: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,9 +81,19 @@ class Grader:
     time_limit_s: float = TIME_LIMIT_S
     memory_gib: float = MEMORY_GIB
 
+    def take(self, submission: Path) -> Taken:
+        """Copy what a submission consists of."""
+        folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
+        try:
+            unpacking.extract(submission, self.assignment.rubric.submit, folder)
+        except unpacking.BadSubmission as error:
+            remove(folder.parent)
+            return Taken(folder, f"the submission {error}")
+        return Taken(folder)
+
     def grade(
         self,
-        submission: Path,
+        submission: Path | Taken,
         out: Path,
         hidden: Sequence[Path] = (),
         pictures: Path | None = None,
@@ -74,7 +103,7 @@ class Grader:
         Call it from a thread that stays: what it starts ends with that thread.
 
         Args:
-            submission: Folder or zip.
+            submission: Folder or zip, or what `take` has made of it, which is used up.
             out: File to write in Gradescope's format.
             hidden: What the submission must not read, besides solutions.
             pictures: Folder to make of pictures of failures, if there are any.
@@ -90,16 +119,16 @@ class Grader:
         results.write(out)
         results.remarks = []
         folder = Path(tempfile.mkdtemp(prefix="submission-", dir=self.scratch))
-        # as one of them is hidden, those that others make later are not to be read either
-        others = [path for path in self.scratch.iterdir() if path.name != "edition"]
-        hidden = [*hidden, *(path for path in others if path != folder)]
+        folder.chmod(0o711)
         try:
-            unpacking.extract(submission, rubric.submit, folder / "submission")
-        except unpacking.BadSubmission as error:
-            results.remarks.append(f"the submission {error}")
-            _keep_pictures(folder / "pictures", pictures)
-        else:
-            self._judge_all(folder, results, begin, hidden)
+            taken = submission if isinstance(submission, Taken) else self.take(submission)
+            if taken.refused:
+                results.remarks.append(taken.refused)
+            else:
+                taken.folder.rename(folder / "submission")
+                taken.folder.parent.rmdir()
+                show(folder / "submission")
+                self._judge_all(folder, results, begin, hidden)
             _keep_pictures(folder / "pictures", pictures)
         finally:
             remove(folder)
@@ -122,16 +151,18 @@ class Grader:
         """Judge one problem after the other, each in what is left of the time."""
         problems = self.assignment.rubric.problems
         package = self.scratch / "edition"
-        if results.missing_protections:  # a submission might change what the next one gets
+        if not sandbox.keeps_files():  # a submission might change what the next one gets
             package = shutil.copytree(package, folder / "edition")
         # the judge, too, works with the student edition: nobody needs what holds the solutions
         hidden = [PACKAGE, PACKAGE.parent / ".git", self.assignment.folder, *hidden]
-        for number, problem in enumerate(problems):
-            later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
-            left = self.time_limit_s - (time.monotonic() - begin) - later
-            whole = START_S + problem.timeout_s + 4 * problem.takes_s
-            timeout_s = max(LEAST_S, min(whole, left))
-            results.grades |= self._judge(problem, folder, package, hidden, timeout_s)
+        hidden += [self.scratch, *map(Path, sandbox.home())]
+        with sandbox.own_user() as uid:
+            for number, problem in enumerate(problems):
+                later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
+                left = self.time_limit_s - (time.monotonic() - begin) - later
+                whole = START_S + problem.timeout_s + 4 * problem.takes_s
+                timeout_s = max(LEAST_S, min(whole, left))
+                results.grades |= self._judge(problem, folder, package, hidden, timeout_s, uid)
 
     def _judge(
         self,
@@ -140,16 +171,21 @@ class Grader:
         package: Path,
         hidden: Sequence[Path],
         timeout_s: float,
+        uid: int | None,
     ) -> dict[str, Grade]:
         """Judge one problem in a process of its own; grades by test id."""
         place = folder / problem.marker
-        for name in ("home", "tmp", "report"):
-            (place / name).mkdir(parents=True)
+        place.mkdir()
+        place.chmod(0o755)
+        for name, mode in (("home", 0o700), ("tmp", 0o711), ("report", 0o700)):
+            (place / name).mkdir()
+            (place / name).chmod(mode)
         judging = place / "judging"
         for path in judging_files(self.assignment, problem):
             target = judging / path.relative_to(self.assignment.folder)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
+        show(judging, but=("test_*.py", "mutants.toml", "solutions/*"))
         report = place / "report" / "lines.json"
         options = {
             "rootdir": judging,
@@ -162,9 +198,16 @@ class Grader:
         pytest = [sys.executable, "-P", "-s", "-m", "pytest", *running.QUICKLY]
         pytest += ["-c", "pytest.ini", "-m", problem.marker, "--confine"]
         pytest += [f"--{name}={value}" for name, value in options.items()]
+        pytest += [] if uid is None else [f"--uid={uid}"]
         confined = {
             "writable": [str(place / name) for name in ("home", "tmp", "report")],
             "hidden": [str(path) for path in hidden],
+            # what others make in the scratch folder, now or later, is not among it
+            "readable": [
+                *sandbox.python_folders(),
+                *map(str, (package, folder / "submission", place)),
+            ],
+            "judge": True,
         }
         ended = processes.run(
             sandbox.command(confined, pytest),
@@ -175,7 +218,7 @@ class Grader:
         )
         lines = running.read_report(report)
         drawn = folder / "pictures"
-        drawn.mkdir(exist_ok=True)
+        drawn.mkdir(mode=0o700, exist_ok=True)
         for path in sorted((place / "report" / "pictures").glob("*.png"))[:MAX_PICTURES]:
             if path.is_file() and not path.is_symlink() and path.stat().st_size <= MAX_PICTURE:
                 shutil.copyfile(path, drawn / f"{problem.marker}-{path.name}")
@@ -197,9 +240,11 @@ def opened(assignment: Assignment, **limits: float) -> Iterator[Grader]:
     """
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
-        (scratch / "others").mkdir()
+        scratch.chmod(0o711)
+        (scratch / CLASS).mkdir(mode=0o700)
         edition.of_grading(assignment, scratch / "edition")
         compileall.compile_dir(scratch / "edition", quiet=1)
+        show(scratch / "edition")
         yield Grader(assignment, scratch, **limits)
     finally:
         remove(scratch)
@@ -209,8 +254,28 @@ def remove(folder: Path) -> None:
     """Remove a folder, however deep a submission has made it."""
     with suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)
-    if folder.exists() and os.name == "posix":
-        subprocess.run(["rm", "-rf", "--", str(folder)], check=False, stderr=subprocess.DEVNULL)
+    if folder.exists() and os.name == "posix":  # what is deep, or closed to its owner
+        for command in (["chmod", "-R", "u+rwX"], ["rm", "-rf"]):
+            full = [*command, "--", str(folder)]
+            subprocess.run(full, check=False, stderr=subprocess.DEVNULL)
+
+
+def show(folder: Path, but: Sequence[str] = ()) -> None:
+    """Let other users read a folder of the grader's, as the worker may be one.
+
+    Args:
+        folder: With all below it.
+        but: Patterns of files that only the grader reads.
+    """
+    for inside, folders, names in os.walk(folder):
+        for name in folders:
+            path = Path(inside, name)
+            path.chmod(path.stat().st_mode | 0o055)
+        for name in names:
+            path = Path(inside, name)
+            secret = any(map(path.match, but))
+            path.chmod(0o600 if secret else path.stat().st_mode | 0o044)
+    folder.chmod(0o755)
 
 
 def judging_files(assignment: Assignment, problem: Problem | None = None) -> list[Path]:

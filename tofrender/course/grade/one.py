@@ -13,11 +13,11 @@ from typing import Any
 
 from ..assignments import Assignment
 from ..judge import sandbox
-from .grading import Grader
+from .grading import Grader, Taken
 
 
 def main(wishes: dict[str, Any]) -> None:
-    """Grade a submission; the arguments of `Grader` and `Grader.grade` as JSON has them."""
+    """Grade what was taken; the arguments of `Grader` and `Grader.grade` as JSON has them."""
     grader = Grader(
         Assignment(Path(wishes["assignment"])),
         Path(wishes["scratch"]),
@@ -26,7 +26,8 @@ def main(wishes: dict[str, Any]) -> None:
     )
     hidden = [Path(path) for path in wishes["hidden"]]
     out, pictures = Path(wishes["out"]), Path(wishes["pictures"])
-    grader.grade(Path(wishes["submission"]), out, hidden, pictures)
+    taken = Taken(Path(wishes["taken"]), wishes["refused"])
+    grader.grade(taken, out, hidden, pictures)
 
 
 if __name__ == "__main__":

@@ -16,14 +16,17 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 from ..assignments import PACKAGE
-from . import wire
+from . import sandbox, wire
 from .processes import Supervised
 
 WORKER = "tofrender.course.judge.worker"
 START_S = 90.0
-MAX_ANSWER = 1 << 30
 TELLING = ("mutants.toml", "solutions")
 """What an assignment's folder may hold besides tests that no submission reads."""
+MAX_REASON = 20_000
+"""Characters of a reason that are kept."""
+MAX_NAMES = 1000
+REPLY = ("uses", "error")
 
 
 class NoAnswer(AssertionError):
@@ -36,11 +39,15 @@ class Limits:
 
     Attributes:
         memory_bytes: Memory of the worker and what it starts, together; None is no limit.
-        confine: Whether the worker gives up its right to write outside its scratch folder.
+        confine: Whether the worker may change nothing outside its scratch folder.
+        uid: User that it becomes then, if this is root.
+        hidden: Files that it cannot read then, besides the tests.
     """
 
     memory_bytes: int | None = None
     confine: bool = False
+    uid: int | None = None
+    hidden: tuple[str, ...] = ()
 
 
 class Worker:
@@ -62,7 +69,7 @@ class Worker:
     ) -> None:
         self._assignment, self._submission = assignment, submission
         self._edition, self._limits = edition, limits or Limits()
-        self._scratch = Path(tempfile.mkdtemp(prefix="tofrender-judge-"))
+        self._scratch = _folder_to_pass(None)
         self._place = self._scratch / "none yet"
         self._running: Supervised | None = None
         self._number = 0
@@ -90,11 +97,18 @@ class Worker:
         wire.write(question, [probe, arguments])
         with suppress(OSError):  # if it has died, the wait says how
             cast(IO[bytes], running.process.stdin).write(f"{self._number}\n".encode())
-        reply = self._wait(running, timeout_s)
-        self.used = set(map(str, reply.get("uses") or ()))
-        if "error" in reply:
-            raise NoAnswer(str(reply["error"]))
-        return reply.get("answer")
+        return self._taken(self._wait(running, timeout_s))
+
+    def _taken(self, reply: Any) -> Any:
+        """What a reply answers. The submission's process wrote it, so it may be anything."""
+        uses, error = (reply.get(key) if isinstance(reply, dict) else None for key in REPLY)
+        names = uses if isinstance(uses, list) else []
+        self.used = {name[:100] for name in names[:MAX_NAMES] if isinstance(name, str)}
+        if isinstance(error, str):
+            raise NoAnswer(shortened(error))
+        if not isinstance(reply, dict) or "answer" not in reply:
+            raise NoAnswer("the reply is none that the worker writes")
+        return reply["answer"]
 
     def close(self) -> None:
         """End the processes and remove their scratch folder."""
@@ -113,7 +127,7 @@ class Worker:
         self._number = 0
         # Fresh folders each time: nothing that a worker has left meets the next one
         shutil.rmtree(self._place, ignore_errors=True)
-        self._place = Path(tempfile.mkdtemp(dir=self._scratch))
+        self._place = _folder_to_pass(self._scratch)
         for name in ("questions", "answers", "work", "tmp"):
             (self._place / name).mkdir()
         limits = self._limits
@@ -121,8 +135,10 @@ class Worker:
         hidden = [*tests.glob("test_*.py"), *map(self._assignment.joinpath, TELLING)]
         confine = {
             "writable": [str(self._place / name) for name in ("answers", "work", "tmp")],
-            "hidden": [str(path) for path in hidden if path.exists()],
+            "hidden": [*limits.hidden, *(str(path) for path in hidden if path.exists())],
             "memory_bytes": limits.memory_bytes,
+            "uid": limits.uid,
+            "reads_all": bool(limits.uid and sandbox.closed_to_others()),
         }
         settings = {
             "rubric": str(self._assignment / "rubric.toml"),
@@ -131,16 +147,17 @@ class Worker:
             "questions": str(self._place / "questions"),
             "answers": str(self._place / "answers"),
             "variant": os.environ.get("TOFRENDER_VARIANT"),
-            "confine": confine if limits.confine else None,
         }
         configuration = self._place / "questions" / "configuration.json"
         configuration.write_text(json.dumps(settings), encoding="utf-8")
         package = self._edition or PACKAGE.parent
         environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(self._place / "tmp")}
+        command = [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)]
         if limits.confine:
             environment["HOME"] = str(self._place / "tmp")  # Dr.Jit keeps its kernels there
+            command = sandbox.command(confine, command)
         self._running = Supervised(
-            [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)],
+            command,
             cwd=self._place / "work",
             env=environment,
             stdin=subprocess.PIPE,
@@ -148,8 +165,8 @@ class Worker:
         self._wait(self._running, START_S)
         return self._running
 
-    def _wait(self, running: Supervised, timeout_s: float) -> dict[str, Any]:
-        """The answer, or the reason why there is none."""
+    def _wait(self, running: Supervised, timeout_s: float) -> Any:
+        """The reply, or the reason why there is none."""
         answer = self._place / "answers" / f"{self._number}.npz"
         begin, pause, looked = time.monotonic(), 0.001, 0.0
         while not os.path.lexists(answer):
@@ -161,21 +178,20 @@ class Worker:
                 raise NoAnswer(f"no answer within {timeout_s:g} s; the process was ended")
             if now - looked > 0.1:
                 looked = now
-                if excess := running.excess(self._limits.memory_bytes):
+                if excess := running.excess(self._limits.memory_bytes, self._place):
                     self._end()
                     raise NoAnswer(f"{excess}; the process was ended")
             time.sleep(pause)
             pause = min(1.5 * pause, 0.02)
         if answer.is_symlink():
             raise NoAnswer("the answer is a link to another file")
-        if answer.stat().st_size > MAX_ANSWER:
-            raise NoAnswer(f"the answer has {answer.stat().st_size} bytes, more than {MAX_ANSWER}")
         try:
             reply = wire.read(answer)
         except ValueError as error:
-            raise NoAnswer(str(error)) from None
-        answer.unlink(missing_ok=True)
-        return reply if isinstance(reply, dict) else {}
+            raise NoAnswer(shortened(str(error))) from None
+        with suppress(OSError):  # it may be a folder by now
+            answer.unlink()
+        return reply
 
     def _end(self) -> None:
         """End the worker and everything that it has started."""
@@ -184,6 +200,18 @@ class Worker:
             with suppress(OSError):
                 cast(IO[bytes], self._running.process.stdin).close()
             self._running = None
+
+
+def shortened(text: str) -> str:
+    """The begin of a reason, as much of it as is kept."""
+    return text if len(text) <= MAX_REASON else f"{text[:MAX_REASON]} [...]"
+
+
+def _folder_to_pass(parent: Path | None) -> Path:
+    """A new folder that others cannot list, but reach what is below it that is theirs."""
+    folder = Path(tempfile.mkdtemp(prefix="tofrender-judge-", dir=parent))
+    folder.chmod(0o711)
+    return folder
 
 
 def _death(running: Supervised) -> str:

@@ -11,7 +11,7 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 | `--report FILE` | append a JSON line a test, as it ends |
 | `--collected FILE` | write which tests there are, with their markers |
 | `--edition DIR` | folder whose `tofrender` the submission sees |
-| `--memory-gib N`, `--confine` | limits of the submission's processes |
+| `--memory-gib N`, `--confine`, `--uid N` | limits of the submission's processes |
 | `--pictures DIR` | where pictures of failures go; by default to the student's `failures/` |
 """
 
@@ -21,18 +21,21 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import pytest
 
 from .. import rubric
 from ..assignments import Assignment
-from . import expect, inputs
-from .client import Limits, NoAnswer, Worker
+from . import expect, inputs, wire
+from .client import Limits, NoAnswer, Worker, shortened
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKER = pytest.StashKey[Worker]()
 ASKED = pytest.StashKey["Submission"]()
+MAX_DELIVERED = 1 << 30
+"""Most bytes of the arrays in a file that was handed in."""
 
 
 class Submission:
@@ -106,11 +109,11 @@ class Submission:
         __tracebackhide__ = True
         path = self.path(name)
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                return {key: archive[key] for key in archive.files}
-        except (OSError, ValueError, EOFError, AttributeError, KeyError) as error:
+            with wire.opened(path, MAX_DELIVERED) as file:
+                return wire.arrays_of(file, MAX_DELIVERED)
+        except (OSError, ValueError, EOFError, AttributeError, KeyError, BadZipFile) as error:
             raise expect.Failure(f"{name} is not an npz file of arrays: {error}") from None
-        except Exception as error:  # zipfile's and zlib's own, which have no common base
+        except Exception as error:  # zlib's own and others, which have no common base
             raise expect.Failure(f"{name} is damaged: {error}") from None
 
 
@@ -140,6 +143,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--edition", metavar="DIR", help="package that the submission sees")
     group.addoption("--memory-gib", type=float, metavar="N", help="memory of the submission")
     group.addoption("--confine", action="store_true", help="let it write in its scratch only")
+    group.addoption("--uid", type=int, metavar="N", help="user that it is then")
     group.addoption("--pictures", metavar="DIR", help="folder for pictures of failures")
     parser.addini("submission", "folder of the files to judge, from the ini file's folder")
 
@@ -168,7 +172,13 @@ def pytest_configure(config: pytest.Config) -> None:
         pictures = Path(drawn).resolve()
     expect.configure(comparisons=assignment.comparisons, pictures=pictures)
     memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
-    limits = Limits(memory and int(memory * 2**30), bool(config.getoption("--confine")))
+    written = (config.getoption("--report"), drawn)
+    limits = Limits(
+        memory and int(memory * 2**30),
+        bool(config.getoption("--confine")),
+        config.getoption("--uid"),
+        hidden=tuple(str(Path(path).resolve()) for path in written if path),
+    )
     config.stash[WORKER] = Worker(root, folder, edition and Path(edition).resolve(), limits)
 
 
@@ -207,16 +217,29 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo
 ) -> Iterator[None] | pytest.TestReport:
-    """Show what was expected and what came instead of a traceback."""
+    """Show what was expected and what came instead of a traceback.
+
+    When students are graded, nothing shows the source of a test: neither what an answer of another
+    kind than expected brings about.
+    """
     report = yield
-    if call.excinfo is not None and call.excinfo.errisinstance((expect.Failure, NoAnswer)):
+    if call.excinfo is None or not report.failed:
+        return report
+    said = call.excinfo.errisinstance((expect.Failure, NoAnswer))
+    if said or item.config.getoption("--confine"):
+        text = shortened(str(call.excinfo.value)) if said else _unread(item, call.excinfo)
         problem = _problem(item)
         where = f"problem {problem.id}, {problem.file}" if problem else ""
         about = (getattr(item, "function", item).__doc__ or "").strip().split("\n")[0]
-        report.longrepr = "\n".join(
-            filter(None, [where.rstrip(", "), about, str(call.excinfo.value)])
-        )
+        report.longrepr = "\n".join(filter(None, [where.rstrip(", "), about, text]))
     return report
+
+
+def _unread(item: pytest.Item, error: pytest.ExceptionInfo) -> str:
+    """What a student reads when a test could make nothing of the answer."""
+    lines = [entry.lineno + 1 for entry in error.traceback if Path(entry.path) == item.path]
+    where = f" in line {lines[-1]} of the test" if lines else ""
+    return f"the answer is of another kind than was asked for ({error.typename}{where})"
 
 
 _reports: list[pytest.TestReport] = []  # of the test that runs
@@ -241,7 +264,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
             "id": rubric_id(item.nodeid),
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
-            "text": str(bad[0].longrepr) if bad else "",
+            "text": shortened(str(bad[0].longrepr)) if bad else "",
             "share": asked.share if bad and asked is not None else float(not (bad or skipped)),
             "seconds": sum(r.duration for r in _reports),
             "seeded": asked is not None and asked.is_seeded,

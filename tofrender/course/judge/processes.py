@@ -8,6 +8,7 @@ tree. Nothing that is not below it is ever ended.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import psutil
 
@@ -24,6 +26,8 @@ from . import sandbox
 KEPT_OUTPUT = 20_000
 MAX_PROCESSES = 200
 """Most processes that a command may have at a time."""
+MAX_WRITTEN = 4 << 30
+"""Most bytes of files that a command may leave in a folder that is watched."""
 LOOK_EVERY_S = 0.2
 END_WITHIN_S = 20.0
 SET_CHILD_SUBREAPER = 36
@@ -52,6 +56,7 @@ class Supervised:
     ) -> None:
         if sys.platform.startswith("linux"):
             sandbox.prctl(SET_CHILD_SUBREAPER, 1)
+        self._free: int | None = None
         self._others = {child.pid for child in psutil.Process().children()}
         self.process = subprocess.Popen(
             command,
@@ -83,12 +88,15 @@ class Supervised:
         self._reader.join(wait_s)
         return self._printed.decode(errors="replace")
 
-    def excess(self, memory_bytes: int | None) -> str:
+    def excess(self, memory_bytes: int | None, folder: Path | None = None) -> str:
         """What is used too much of, "" if nothing.
 
         Args:
             memory_bytes: Most memory of all processes together [bytes]; None for any.
+            folder: Where they write.
         """
+        if folder is not None and self._fills(folder):
+            return f"wrote more than {MAX_WRITTEN >> 30} GiB"
         below = self._below()
         if len(below) > MAX_PROCESSES:
             return f"started more than {MAX_PROCESSES} processes"
@@ -98,6 +106,16 @@ class Supervised:
         if len(below) > 3 and _memory(below, "pss") <= memory_bytes:
             return ""
         return f"used more than {memory_bytes / 2**30:g} GiB of memory"
+
+    def _fills(self, folder: Path) -> bool:
+        """Whether the disk has lost much since the first look, and the folder holds as much."""
+        with suppress(OSError):
+            free = shutil.disk_usage(folder).free
+            if self._free is None or free > self._free:
+                self._free = free
+            if self._free - free > MAX_WRITTEN and _size(folder) > MAX_WRITTEN:
+                return True
+        return False
 
     def end(self) -> None:
         """End all of it, what is started meanwhile too.
@@ -126,17 +144,29 @@ class Supervised:
     def _below(self) -> list[psutil.Process]:
         """All processes below this one, but for those that were there and what is below them."""
         children = psutil.Process().children(recursive=True)
-        parents: dict[int | None, int] = {}
+        parents: dict[int, int] = {}
         for child in children:
             with suppress(psutil.Error):
                 parents[child.pid] = child.ppid()
 
-        def stays(pid: int | None) -> bool:
-            while pid is not None and pid not in self._others and not _is_in_this_session(pid):
-                pid = parents.get(pid)
-            return pid is not None
+        def stays(pid: int) -> bool:
+            while pid in parents:  # this process, where the way up ends, is in its own session
+                if pid in self._others or _is_in_this_session(pid):
+                    return True
+                pid = parents[pid]
+            return False
 
         return [child for child in children if not stays(child.pid)]
+
+
+def _size(folder: Path) -> int:
+    """What the files of a folder take on the disk [bytes]."""
+    used = 0
+    for inside, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                used += 512 * os.lstat(os.path.join(inside, name)).st_blocks
+    return used
 
 
 def _is_in_this_session(pid: int) -> bool:
@@ -150,9 +180,12 @@ def _memory(processes: list[psutil.Process], kind: str) -> int:
     """Memory of processes together [bytes]; "rss" is quick, "pss" counts once what is shared."""
     used = 0
     for process in processes:
-        with suppress(psutil.Error):
-            read = process.memory_info if kind == "rss" else process.memory_full_info
-            used += getattr(read(), kind, 0)
+        with suppress(psutil.NoSuchProcess):
+            try:
+                read = process.memory_info if kind == "rss" else process.memory_full_info
+                used += getattr(read(), kind, 0)
+            except psutil.AccessDenied:  # what only its user may know; then the most it can be
+                used += process.memory_info().rss
     return used
 
 

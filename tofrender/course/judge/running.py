@@ -17,6 +17,8 @@ from typing import Any
 from ..assignments import PACKAGE
 from ..rubric import Rubric
 
+MAX_REPORT = 64 << 20
+"""Most bytes of a report that are read."""
 OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
 QUICKLY = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
 """Options of pytest with which it starts no Mitsuba and leaves no files."""
@@ -89,7 +91,9 @@ def read_report(path: Path) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
     lines = []
-    for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    with path.open("rb") as file:
+        content = file.read(MAX_REPORT)
+    for text in content.decode("utf-8", errors="replace").splitlines():
         with suppress(ValueError):  # the last one, cut off when the judge was ended
             lines.append(json.loads(text))
     return [line for line in lines if isinstance(line, dict) and line.keys() >= REPORTED]

@@ -1,23 +1,40 @@
-"""Confine a process: it may read, but write nowhere except below the folders that it is given.
+"""Confine a process: it may read, but change nothing except below the folders that it is given.
 
 Either a process confines itself with `confine`, or this file, which needs nothing but the standard
-library, stands between the one that asks and the command that takes its place::
+library and its neighbour `system_calls`, stands between the one that asks and the command that
+takes its place::
 
     python -I -S sandbox.py '{"writable": ["scratch"]}' python student.py
 
-On Linux, Landlock (kernel 5.13) refuses files and, with newer kernels, TCP and signals to processes
-outside. Where there is none, the limits of `setrlimit` hold alone, and elsewhere nothing does:
-`protections` says which.
+| on Linux | refuses |
+|---|---|
+| Landlock (kernel 5.13 and newer, 6.12 for all) | files, TCP, signals to processes outside |
+| a filter of system calls (x86_64, aarch64) | sockets, modes and times, shared memory, limits |
+| another user, if root starts it | what belongs to others |
+| namespaces, where allowed | a network, objects of System V and queues, once more |
+| `setrlimit` | huge files, endless memory, core files |
+
+Elsewhere nothing is refused: `missing_protections` says what.
 """
 
 from __future__ import annotations
 
 import ctypes
+import importlib
 import json
 import os
+import stat
 import struct
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+try:
+    from . import system_calls
+except ImportError:  # run as a file, by `command`
+    sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+    system_calls = importlib.import_module("system_calls")
 
 GIB = 1 << 30
 MAX_FILE = 2 * GIB
@@ -33,15 +50,29 @@ TCP = 0b11  # binding and connecting
 OUTSIDE = 0b11  # abstract sockets and signals of processes outside
 
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system calls, on every architecture
-SET_PDEATHSIG, SET_NO_NEW_PRIVS, CAPBSET_DROP = 1, 38, 24  # prctl
-KEPT_CAPABILITIES = (1, 2)  # reading what belongs to others, as root does; Landlock still refuses
+SET_PDEATHSIG, SET_KEEPCAPS, CAPBSET_DROP, SET_NO_NEW_PRIVS, CAP_AMBIENT = 1, 8, 24, 38, 47  # prctl
 SIGKILL = 9
+NEWIPC, NEWUSER, NEWNET = 0x08000000, 0x10000000, 0x40000000
+CHOWN, DAC_OVERRIDE, READ_ALL, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE = 0, 1, 2, 5, 6, 7, 8, 19
+KEPT = {DAC_OVERRIDE, READ_ALL}
+"""Capabilities of root that stay: reading what belongs to others. Landlock still refuses."""
+KEPT_BY_JUDGE = KEPT | {CHOWN, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE}
+"""With what it takes to start a submission as another user, to measure it and to end it."""
+SPARE_USERS = range(61184, 65520)
+"""Where a user is looked for that nobody is; systemd's dynamic users are there too."""
+MAX_TASKS = 4096
+"""Most threads of a user of its own."""
+DEVICES = ("null", "zero", "full", "random", "urandom")
 
 
 def confine(
     writable: Iterable[str] = (),
     hidden: Iterable[str] = (),
+    readable: Iterable[str] = (),
     memory_bytes: int | None = None,
+    uid: int | None = None,
+    reads_all: bool = False,
+    judge: bool = False,
 ) -> None:
     """Confine this process and all that it starts, for good.
 
@@ -51,9 +82,13 @@ def confine(
     Args:
         writable: Files and folders that exist; below them everything is allowed.
         hidden: Files and folders whose content cannot be read. Their names can.
+        readable: What can be read nevertheless below hidden folders, but for what is hidden there.
         memory_bytes: Memory that somebody else watches [bytes]. The address space is limited to a
             multiple of it, since Dr.Jit crashes on the real limit and threads reserve much more
             than they use.
+        uid: User to become, who gets what is writable. Only root can.
+        reads_all: Whether this user keeps root's right to read what belongs to others.
+        judge: Whether it starts, confines and ends a submission in turn.
 
     Example:
         A process that has confined itself cannot write into its working folder::
@@ -64,15 +99,26 @@ def confine(
     if not sys.platform.startswith("linux"):
         return
     parent = os.getppid()
-    prctl(SET_PDEATHSIG, SIGKILL)
+    os.umask(0o022)
+    if judge:
+        _leave_the_network()
+    _limit(memory_bytes, uid)
+    if uid is not None:
+        for path in writable:
+            os.chown(path, uid, uid)
+    for capability in range(64):
+        if capability not in (KEPT_BY_JUDGE if judge else KEPT):
+            prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
+    prctl(SET_NO_NEW_PRIVS, 1)
+    if landlock_version():
+        _restrict([*writable, os.devnull], hidden, readable)
+    if uid is not None:
+        _become(uid, reads_all)
+    prctl(SET_PDEATHSIG, SIGKILL)  # after all that changes who this is, which forgets it
     if os.getppid() != parent:
         sys.exit("the process that started this one has ended")
-    _limit(memory_bytes)
-    for capability in range(64):
-        if capability not in KEPT_CAPABILITIES:
-            prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
-    if landlock_version():
-        _restrict([*writable, os.devnull], hidden)
+    if system_calls.available():
+        system_calls.restrict(judge)
 
 
 def command(wanted: dict, arguments: Sequence[str]) -> list[str]:
@@ -106,18 +152,149 @@ def missing_protections() -> list[str]:
         4: "TCP connections",
         6: "signals to other processes of the user",
     }
-    return [what for since, what in needs.items() if version < since]
+    missing = [what for since, what in needs.items() if version < since]
+    if not system_calls.available():
+        missing.append(
+            "changing modes and times of the user's files, sockets, shared memory that stays, "
+            "limits of the user's processes"
+        )
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        with own_user() as uid:
+            may_be_another = uid is not None
+        if not may_be_another:
+            missing.append("reading what only root can read, since root may not be another user")
+        elif closed := closed_to_others():
+            missing.append(
+                f"reading what only root can read, since Python needs {closed}, which other users "
+                "cannot enter"
+            )
+    return missing
 
 
-def _limit(memory_bytes: int | None) -> None:
+def keeps_files() -> bool:
+    """Whether no submission can change files of others, neither what they hold nor their modes."""
+    return landlock_version() >= 3 and system_calls.available()
+
+
+@contextmanager
+def own_user() -> Iterator[int | None]:
+    """A user that nobody is, for one submission at a time; None if this may not become another.
+
+    A socket without a file marks the user as taken, for all graders of the machine; it ends with
+    this process, however that ends.
+    """
+    users = spare_users()
+    if not users:
+        yield None
+        return
+    import socket
+
+    with socket.socket(socket.AF_UNIX) as mark:
+        yield next((uid for uid in users if _is_marked(mark, uid)), None)
+
+
+def _is_marked(mark: Any, uid: int) -> bool:
+    """Whether the mark is on a user now, which nobody else had marked."""
+    try:
+        mark.bind(f"\0tofrender-user-{uid}")
+    except OSError:
+        return False
+    return True
+
+
+def spare_users() -> list[int]:
+    """Users that nobody is, in no order, if this is root who may become one of them."""
+    if not sys.platform.startswith("linux") or os.geteuid() != 0:
+        return []
+    rights = [
+        CHOWN,
+        DAC_OVERRIDE,
+        KILL,
+        SETGID,
+        SETUID,
+        *([READ_ALL] if closed_to_others() else []),
+    ]
+    needed = sum(1 << right for right in rights)
+    if _status("CapEff", base=16) & needed != needed:
+        return []
+    import pwd
+    from random import SystemRandom
+
+    known = {entry.pw_uid for entry in pwd.getpwall()}
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            try:
+                known.add(os.stat(f"/proc/{name}").st_uid)
+            except OSError:
+                continue
+    mapped = _mapped()
+    free = [uid for uid in SPARE_USERS if uid not in known and mapped(uid)]
+    SystemRandom().shuffle(free)
+    return free
+
+
+def closed_to_others() -> str:
+    """A folder that Python needs and that users but this one cannot enter, "" if there is none."""
+    import tempfile
+
+    needed = {sys.executable, *python_folders(), tempfile.gettempdir()}
+    for path in sorted(map(os.path.realpath, needed)):
+        while path != os.path.dirname(path):
+            if not os.stat(path).st_mode & stat.S_IXOTH:
+                return path
+            path = os.path.dirname(path)
+    return ""
+
+
+def python_folders() -> list[str]:
+    """Where Python, what is installed for it and LLVM lie."""
+    import site
+
+    found = {sys.prefix, sys.base_prefix, sys.exec_prefix, *site.getsitepackages()}
+    if llvm := os.environ.get("DRJIT_LIBLLVM_PATH"):
+        found.add(os.path.dirname(os.path.realpath(llvm)))
+    return sorted(path for path in found if os.path.isdir(path))
+
+
+def home() -> list[str]:
+    """The user's home, which holds what is private, if it is one."""
+    try:
+        import pwd
+
+        path = os.path.realpath(pwd.getpwuid(os.getuid()).pw_dir)
+    except (ImportError, KeyError):
+        return []
+    return [path] if path != "/" and os.path.isdir(path) else []
+
+
+def _status(name: str, base: int = 10) -> int:
+    """A number of /proc/self/status."""
+    with open("/proc/self/status", encoding="ascii", errors="replace") as lines:
+        return next((int(each.split()[1], base) for each in lines if each.startswith(name)), 0)
+
+
+def _mapped() -> Callable[[int], bool]:
+    """What says whether a user exists for this kernel's namespace, as few do in containers."""
+    maps = []
+    for name in ("uid_map", "gid_map"):
+        with open(f"/proc/self/{name}", encoding="ascii") as lines:
+            maps.append([tuple(map(int, line.split())) for line in lines])
+    return lambda uid: all(
+        any(first <= uid < first + count for first, _, count in spans) for spans in maps
+    )
+
+
+def _limit(memory_bytes: int | None, uid: int | None) -> None:
     """Leave no core files, write no huge ones, reserve no endless memory."""
     import resource
 
+    tasks = resource.RLIM_INFINITY if uid is None else MAX_TASKS  # which are counted by user
     space = resource.RLIM_INFINITY if memory_bytes is None else 2 * memory_bytes + 8 * GIB
     for number, bound in (
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_FSIZE, MAX_FILE),
         (resource.RLIMIT_AS, space),
+        (resource.RLIMIT_NPROC, tasks),
     ):
         hard = resource.getrlimit(number)[1]
         if hard != resource.RLIM_INFINITY:
@@ -128,29 +305,35 @@ def _limit(memory_bytes: int | None) -> None:
 # --------------------------------------------------------------------------------- Landlock
 
 
-def _restrict(writable: Iterable[str], hidden: Iterable[str]) -> None:
+def _restrict(writable: Iterable[str], hidden: Iterable[str], readable: Iterable[str]) -> None:
     version = landlock_version()
     handled = sum(rights for since, rights in SINCE.items() if since <= version)
     attributes = [handled] + [TCP] * (version >= 4) + [OUTSIDE] * (version >= 6)
     packed = struct.pack(f"={len(attributes)}Q", *attributes)
     rules = _syscall(CREATE_RULESET, packed, ctypes.c_size_t(len(packed)), 0)
-    for path in everything_but(hidden):
+    devices = [f"/dev/{name}" for name in DEVICES]
+    for path in everything_but([*hidden, "/dev"], [*readable, *devices]):
         _allow(rules, path, (EXECUTE | READ_FILE) & handled)
     for path in writable:
         _allow(rules, path, handled & ~IOCTL_DEV)
-    prctl(SET_NO_NEW_PRIVS, 1)
     _syscall(RESTRICT_SELF, rules, 0)
     os.close(rules)
 
 
-def everything_but(hidden: Iterable[str]) -> Iterator[str]:
+def everything_but(hidden: Iterable[str], readable: Iterable[str] = ()) -> Iterator[str]:
     """Yield the largest folders, and files, that together hold all but `hidden`.
+
+    Args:
+        hidden: What is left out.
+        readable: What is not, although it lies in a hidden folder.
 
     Example:
         >>> list(everything_but([]))
         ['/']
         >>> "/usr" in everything_but(["/home"]), "/home" in everything_but(["/home"])
         (True, False)
+        >>> "/usr/bin" in everything_but(["/usr"], ["/usr/bin"])
+        True
     """
     away = {os.path.realpath(path) for path in hidden}
 
@@ -170,6 +353,9 @@ def everything_but(hidden: Iterable[str]) -> Iterator[str]:
                 yield from walk(entry)
 
     yield from walk("/")
+    for path in map(os.path.realpath, readable):
+        if any(path.startswith(folder.rstrip("/") + "/") for folder in away):
+            yield from walk(path)
 
 
 def _allow(rules: int, path: str, rights: int) -> None:
@@ -195,10 +381,59 @@ def _syscall(number: int, *arguments) -> int:
     return result
 
 
-def prctl(option: int, value: int) -> int:
-    """Linux's system call of this name, with one argument."""
+# --------------------------------------------------------------------------- users, namespaces
+
+
+def _become(uid: int, reads_all: bool) -> None:
+    """Become another user without any rights, but perhaps that of reading everything."""
+    if reads_all:
+        prctl(SET_KEEPCAPS, 1)
+    os.setgroups([])
+    os.setresgid(uid, uid, uid)
+    os.setresuid(uid, uid, uid)
+    if reads_all:
+        bit = 1 << READ_ALL
+        header = struct.pack("=Ii", 0x20080522, 0)
+        data = struct.pack("=6I", bit, bit, bit, 0, 0, 0)  # effective, permitted, inheritable
+        if ctypes.CDLL(None).capset(header, data) != 0:
+            raise OSError("root may not keep its right to read")
+        prctl(CAP_AMBIENT, 2, READ_ALL)  # through the start of the command
+
+
+def _leave_the_network() -> None:
+    """Take an empty network and no objects of System V, if the kernel lets this user."""
+    if os.geteuid() == 0:
+        ctypes.CDLL(None).unshare(NEWNET | NEWIPC)
+        return
+    child = os.fork()  # some systems allow a part, which would leave this process without a user
+    if child == 0:
+        os._exit(0 if _unshare_as_user() else 1)
+    if os.waitpid(child, 0)[1] == 0:
+        _unshare_as_user()
+
+
+def _unshare_as_user() -> bool:
+    """Whether it has worked."""
+    uid, gid = os.getuid(), os.getgid()
+    if ctypes.CDLL(None).unshare(NEWUSER | NEWNET | NEWIPC) != 0:
+        return False
+    try:
+        for name, text in (
+            ("setgroups", "deny"),
+            ("uid_map", f"{uid} {uid} 1"),
+            ("gid_map", f"{gid} {gid} 1"),
+        ):
+            with open(f"/proc/self/{name}", "w", encoding="ascii") as file:
+                file.write(text)
+    except OSError:
+        return False
+    return True
+
+
+def prctl(option: int, value: int, more: int = 0) -> int:
+    """Linux's system call of this name, with one or two arguments."""
     word = ctypes.c_ulong
-    return ctypes.CDLL(None).prctl(option, word(value), word(0), word(0), word(0))
+    return ctypes.CDLL(None).prctl(option, word(value), word(more), word(0), word(0))
 
 
 if __name__ == "__main__":

@@ -26,6 +26,9 @@ from typing import Any
 from .. import rubric as rubrics
 from . import wire
 
+MAX_TEXT = 4000
+"""Characters of a reason that are sent."""
+
 
 class NotTheirs(Exception):
     """A name is not what the student has to write; one line."""
@@ -99,20 +102,15 @@ def main(configuration: str) -> None:
     questions, answers = Path(settings["questions"]), Path(settings["answers"])
     numbers = os.fdopen(os.dup(0))
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    if settings["confine"] is not None:
-        from . import sandbox
-
-        sandbox.confine(**settings["confine"])
 
     from ...runtime import backend
 
     backend.activate("llvm_ad_rgb" if settings["variant"] is None else settings["variant"])
     rubric = rubrics.read(settings["rubric"])
     folder = settings["submission"] and Path(settings["submission"])
+    probes = _load_apart(Path(settings["probes"]))
     if folder:
         sys.path.insert(0, str(folder))
-    sys.path.append(str(Path(settings["probes"]).parent))
-    probes = load_file(Path(settings["probes"]))
     theirs = Theirs(rubric, folder or None)
     wire.write(answers / "0.npz", {"ready": True})
     for number in map(int, numbers):
@@ -123,30 +121,73 @@ def main(configuration: str) -> None:
             reply = {"answer": answer, "uses": sorted(theirs.asked_for)}
             wire.write(answers / f"{number}.npz", reply)
         except BaseException as error:  # SystemExit and KeyboardInterrupt of the submission too
-            wire.write(answers / f"{number}.npz", {"error": explain(error, folder or None)})
+            wire.write(answers / f"{number}.npz", {"error": _explained(error, folder or None)})
+
+
+def _load_apart(path: Path) -> ModuleType:
+    """Import a file that may import its neighbours, and forget their names.
+
+    So the files of a submission may have the same ones.
+    """
+    sys.path.insert(0, str(path.parent))
+    before = set(sys.modules)
+    try:
+        return load_file(path)
+    finally:
+        sys.path.remove(str(path.parent))
+        for name in set(sys.modules) - before:
+            file = getattr(sys.modules[name], "__file__", None)
+            if file and Path(file).is_relative_to(path.parent):
+                del sys.modules[name]
+
+
+def _explained(error: BaseException, folder: Path | None) -> str:
+    """What `explain` says, whatever the submission's exception does when it is looked at."""
+    try:
+        return explain(error, folder)[:MAX_TEXT]
+    except BaseException as other:
+        return f"{type(error).__name__}, whose text cannot be read ({type(other).__name__})"
 
 
 def explain(error: BaseException, folder: Path | None) -> str:
-    """What went wrong in the submission, with the student's own lines of the traceback."""
-    while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
-        error = error.__cause__
+    """What went wrong in the submission, with the student's own lines of the traceback.
+
+    They are those of the first cause, or of what it became if that has none.
+    """
+    chain = _causes(error)
+    error = chain[-1]
     if isinstance(error, NotTheirs):
         return str(error)
     if isinstance(error, NotImplementedError):
         return f"not written yet: {error}" if str(error) else "not written yet"
     if isinstance(error, SystemExit):
         return f"the submission called sys.exit({error.code!r})"
-    inner = _RAISED_INSIDE.search(str(error).rpartition("Traceback (most recent call last):")[2])
+    text = str(error)[-MAX_TEXT:]
+    inner = _RAISED_INSIDE.search(text.rpartition("Traceback (most recent call last):")[2])
     if isinstance(error, RuntimeError) and inner:  # Mitsuba's, for what a plugin raises
         if inner["kind"] == "NotImplementedError":
             return f"not written yet: {inner['text']}"
         places = re.findall(r'  File "(.+)", line (\d+)', inner["frames"])
         frames = [traceback.FrameSummary(name, int(line), "") for name, line in places]
-        return _with_lines(f"{inner['kind']}: {inner['text']}", frames, folder)
-    head = f"{type(error).__name__}: {error}"
+        tracebacks = [frames, *map(_frames, reversed(chain))]
+        return _with_lines(f"{inner['kind']}: {inner['text']}", tracebacks, folder)
+    head = f"{type(error).__name__}: {str(error)[:MAX_TEXT]}"
     if isinstance(error, SyntaxError):
         head = f"{type(error).__name__} in line {error.lineno}: {error.msg}"
-    return _with_lines(head, traceback.extract_tb(error.__traceback__), folder)
+    return _with_lines(head, map(_frames, reversed(chain)), folder)
+
+
+def _causes(error: BaseException) -> list[BaseException]:
+    """The error and what caused it, the first cause last. Dr.Jit wraps what a loop raises."""
+    chain = [error]
+    while (cause := chain[-1].__cause__) is not None and len(chain) < 20:
+        chain.append(cause)
+    return chain
+
+
+def _frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """The end of a traceback, from which it was raised."""
+    return list(traceback.extract_tb(error.__traceback__))[-1000:]
 
 
 _RAISED_INSIDE = re.compile(
@@ -154,14 +195,19 @@ _RAISED_INSIDE = re.compile(
 )
 
 
-def _with_lines(head: str, frames: Iterable[traceback.FrameSummary], folder: Path | None) -> str:
-    """A message, and below it the lines of the traceback that are the student's."""
-    lines = [
-        f"  {Path(frame.filename).name}, line {frame.lineno}: {frame.line}"
-        for frame in frames
-        if folder is None or Path(frame.filename).is_relative_to(folder)
-    ]
-    return "\n".join([head, *lines[-8:]])
+def _with_lines(
+    head: str, tracebacks: Iterable[Iterable[traceback.FrameSummary]], folder: Path | None
+) -> str:
+    """A message, and below it the student's lines of the first traceback that has some."""
+    for frames in tracebacks:
+        lines = [
+            f"  {Path(frame.filename).name}, line {frame.lineno}: {(frame.line or '')[:200]}"
+            for frame in frames
+            if folder is None or Path(frame.filename).is_relative_to(folder)
+        ]
+        if lines:
+            return "\n".join([head, *lines[-8:]])
+    return head
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,571 @@
+"""A submission harms nobody: what the sandbox refuses, as root and as an ordinary user.
+
+The sandbox is the grader's: the judge's inside of which is the worker's. The class at the end is
+graded by the whole command.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import inspect
+import json
+import os
+import secrets
+import shutil
+import socket
+import stat
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
+
+import hostile
+import numpy as np
+import psutil
+import pytest
+import tiny_assignment
+from judged_pulse import PULSE, write_assignment, write_submission
+
+pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
+
+from tofrender.course.judge import processes, sandbox, system_calls, wire
+from tofrender.course.judge.client import MAX_REASON, Limits, NoAnswer, Worker
+from tofrender.course.judge.running import read_report
+
+if sandbox.landlock_version() < 6 or not system_calls.available():
+    pytest.skip("this machine protects from less", allow_module_level=True)
+
+NOBODY = 65534
+IS_ROOT = os.geteuid() == 0
+USERS = ["root", "nobody"] if IS_ROOT else ["ordinary"]
+ENDED = ("dead", "stopped", "tracing-stop", "zombie")
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+
+def python_for(user: str) -> str:
+    """A Python that the user can run."""
+    for path in (sys.executable, "/usr/bin/python3"):
+        folders = [Path(path).resolve(), *Path(path).resolve().parents]
+        if user == "ordinary" or all(place.stat().st_mode & stat.S_IXOTH for place in folders):
+            return path
+    pytest.skip("other users cannot run any Python here")
+
+
+def identity(user: str) -> dict:
+    return {"user": NOBODY, "group": NOBODY, "extra_groups": []} if user == "nobody" else {}
+
+
+@pytest.fixture
+def open_tmp():
+    """A folder that all users reach."""
+    folder = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+# ------------------------------------------------------------------------- one attack at a time
+
+
+class Targets:
+    """What attacks aim at, all of it of the user who grades, and its state."""
+
+    def __init__(self, top: Path, user: str) -> None:
+        self.top, self.user = top, user
+        self.folder, self.scratch, self.hidden = top / "others", top / "scratch", top / "hidden"
+        for folder in (self.folder, self.scratch, self.hidden):
+            folder.mkdir()
+        self.canary = self.folder / "canary"
+        self.canary.write_text("as it was")
+        (self.hidden / "secret").write_text("secret")
+        self.servers = {
+            "TCP": socket.create_server(("127.0.0.1", 0)),
+            "UDP": socket.socket(type=socket.SOCK_DGRAM),
+            "UNIX": socket.socket(socket.AF_UNIX),
+            "DATAGRAM": socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM),
+            "ABSTRACT": socket.socket(socket.AF_UNIX),
+        }
+        self.servers["UDP"].bind(("127.0.0.1", 0))
+        self.servers["UNIX"].bind(str(self.folder / "unix"))
+        self.servers["DATAGRAM"].bind(str(self.folder / "datagram"))
+        self.abstract = f"tofrender-{secrets.token_hex(8)}"
+        self.servers["ABSTRACT"].bind("\0" + self.abstract)
+        with contextlib.suppress(OSError):  # few kernels have none
+            self.servers["MPTCP"] = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 262)
+            self.servers["MPTCP"].bind(("127.0.0.1", 0))
+        for name in ("UNIX", "ABSTRACT", "MPTCP"):
+            if name in self.servers:
+                self.servers[name].listen()
+        self.victim = subprocess.Popen(["sleep", "600"], **identity(user))
+        with contextlib.suppress(OSError):
+            os.setxattr(self.canary, "user.kept", b"x")
+        owner = NOBODY if user == "nobody" else os.geteuid()
+        for path in (top, *top.rglob("*")):
+            os.chown(path, owner, -1)
+            path.chmod(0o777 if path.name in ("unix", "datagram") else path.stat().st_mode)
+
+    def named(self) -> dict:
+        ports = {name: self.servers[name].getsockname() for name in ("TCP", "UDP")}
+        mptcp = self.servers.get("MPTCP", self.servers["TCP"]).getsockname()
+        return ports | {
+            "CANARY": str(self.canary),
+            "FOLDER": str(self.folder),
+            "SCRATCH": str(self.scratch),
+            "HIDDEN": str(self.hidden / "secret"),
+            "VICTIM": self.victim.pid,
+            "MPTCP": mptcp,
+            "UNIX": str(self.folder / "unix"),
+            "DATAGRAM": str(self.folder / "datagram"),
+            "ABSTRACT": self.abstract,
+        }
+
+    def state(self) -> dict:
+        """All that must stay."""
+        victim = psutil.Process(self.victim.pid)
+        files = {}
+        for path in (self.folder, *sorted(self.folder.iterdir())):
+            kept = path.lstat()
+            files[path.name] = (
+                kept.st_mode,
+                kept.st_uid,
+                kept.st_mtime,
+                kept.st_ctime,
+                kept.st_nlink,
+            )
+        files["content"] = self.canary.read_text()
+        return {
+            "files": files,
+            "limits": Path(f"/proc/{victim.pid}/limits").read_text(),
+            "victim": (
+                victim.status() in ENDED,
+                victim.nice(),
+                victim.ionice(),
+                victim.cpu_affinity(),
+            ),
+            "memory": Path(f"/proc/{victim.pid}/oom_score_adj").read_text(),
+            "shared": [name for name in os.listdir("/dev/shm") if "hostile" in name],
+            "system v": [
+                " 28769 " in Path(f"/proc/sysvipc/{kind}").read_text()
+                for kind in ("shm", "sem", "msg")
+            ],
+            "host": os.uname().nodename,
+        }
+
+    def heard(self) -> list[str]:
+        """The servers that somebody has reached."""
+        found = []
+        for name, server in self.servers.items():
+            server.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                if name in ("UDP", "DATAGRAM"):
+                    server.recv(10)
+                else:
+                    server.accept()[0].close()
+                found.append(name)
+        return found
+
+    def close(self) -> None:
+        self.victim.kill()
+        self.victim.wait()
+        for server in self.servers.values():
+            server.close()
+
+
+@pytest.fixture(scope="module", params=USERS)
+def tried(request):
+    """The outcomes of all attacks, and the state before and after."""
+    user = request.param
+    top = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
+    targets = Targets(top / "of", user) if (top / "of").mkdir() is None else None
+    assert targets is not None
+    try:
+        top.chmod(0o755)
+        code = top / "code"
+        code.mkdir(mode=0o755)
+        for module in (sandbox, system_calls, hostile):
+            shutil.copy(module.__file__, code)
+        for path in code.iterdir():
+            path.chmod(0o644)
+        before = targets.state()
+        done = subprocess.run(
+            confined(python_for(user), code, targets),
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+            **identity(user),
+        )
+        assert done.returncode == 0, done.stderr
+        yield json.loads(done.stdout), before, targets.state(), targets.heard()
+    finally:
+        targets.close()
+        shutil.rmtree(top, ignore_errors=True)
+
+
+def confined(python: str, code: Path, targets: Targets) -> list[str]:
+    """The command that tries all attacks in a worker's sandbox in a judge's."""
+    writable, hidden = [str(targets.scratch)], [str(targets.hidden)]
+    judge = {"writable": writable, "hidden": hidden, "judge": True}
+    uid = next(iter(sandbox.spare_users()), None) if targets.user == "root" else None
+    worker = {"writable": writable, "uid": uid}
+    both = []
+    for wanted in (judge, worker):
+        both += [python, "-I", "-S", str(code / "sandbox.py"), json.dumps(wanted)]
+    return [*both, python, "-I", "-S", str(code / "hostile.py"), json.dumps(targets.named())]
+
+
+@pytest.mark.parametrize("name", hostile.ATTACKS)
+def test_attack_is_refused(tried, name):
+    outcome = tried[0][name]
+    assert outcome != "done"
+    assert not outcome.startswith(("NameError", "SyntaxError", "AttributeError", "ended")), outcome
+
+
+@pytest.mark.parametrize("name", hostile.HARMLESS)
+def test_what_is_harmless_is_allowed(tried, name):
+    assert tried[0][name] == "done"
+
+
+def test_after_all_attacks_everything_is_as_it_was(tried):
+    _, before, after, heard = tried
+    assert after == before
+    assert heard == []
+
+
+def test_without_the_sandbox_attacks_succeed(tmp_path):
+    """So the bank tries what it says: a few of each kind that harm only their own targets."""
+    top = tmp_path / "of"
+    top.mkdir()
+    targets = Targets(top, "root" if IS_ROOT else "ordinary")
+    try:
+        names = {"mode", "times", "write", "hidden file", "tcp", "udp", "unix", "abstract unix"}
+        names |= {"priority", "limit of open files", "signal", "memory without a file", "server"}
+        chosen = {n: text for n, text in hostile.ATTACKS.items() if n.partition(": ")[2] in names}
+        space: dict = {}
+        exec(hostile.source(chosen, targets.named()), space)
+        outcomes = {name: hostile.outcome(attack) for name, attack in space["attacks"].items()}
+        assert set(outcomes.values()) == {"done"}, outcomes
+        assert {"TCP", "UDP", "UNIX", "ABSTRACT"} <= set(targets.heard())
+    finally:
+        targets.close()
+
+
+@pytest.mark.parametrize("machine", system_calls.ARCHITECTURE)
+def test_filter_is_one_that_a_kernel_takes(machine):
+    """All jumps land inside, it ends by refusing, and it is not too long."""
+    for judge in (False, True):
+        code = system_calls.program(machine, 4711, judge)
+        steps = [code[at : at + 8] for at in range(0, len(code), 8)]
+        assert len(steps) < 4096
+        for number, step in enumerate(steps[:-1]):
+            assert number + 1 + max(step[2], step[3]) < len(steps)
+        refusal = system_calls.REFUSE | system_calls.EPERM
+        assert steps[-1] == system_calls._step(system_calls.RETURN, refusal)
+
+
+# --------------------------------------------------------------------------------- bounded texts
+
+LONG = {
+    "text of an exception": "raise ValueError('x' * 100_000_000)",
+    "text of a cause": "raise ValueError('x') from OSError('y' * 100_000_000)",
+    "exception without a text": "class E(Exception):\n    __str__ = None\nraise E()",
+    "status": "import sys; sys.exit('x' * 100_000_000)",
+    "line": f"x = 1 / 0  # {'x' * 1_000_000}",
+}
+
+REPLIES = {
+    "list": "[1, 2]",
+    "number": "3",
+    "no answer": "{}",
+    "error that is none": '{"error": [1]}',
+    "uses that are none": '{"uses": 5}',
+    "long error": '{"error": "x" * 100_000_000}',
+    "many names": '{"error": "x", "uses": ["y" * 1000] * 100_000}',
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LONG)
+def test_texts_of_any_length_are_cut_before_they_are_sent(name, tmp_path):
+    submission = write_submission(tmp_path / "bad", LONG[name])
+    asked = Worker(write_assignment(tmp_path / "t1"), submission, limits=Limits(2**30))
+    try:
+        with pytest.raises(NoAnswer) as error:
+            asked.ask("density", {"width": 0.1, "t": np.zeros(1)}, 20)
+        assert len(str(error.value)) < 5000
+    finally:
+        asked.close()
+
+
+@pytest.mark.parametrize("name", REPLIES)
+def test_reply_of_any_kind_is_a_reason_of_one_line(name, tmp_path):
+    asked = Worker(tmp_path, None)
+    with pytest.raises(NoAnswer) as error:
+        asked._taken(eval(REPLIES[name]))
+    assert len(str(error.value)) < MAX_REASON + 10
+    assert "\n" not in str(error.value)
+    assert sum(map(len, asked.used)) <= 100_000
+    asked.close()
+
+
+def write_npz(path: Path, **arrays) -> None:
+    structure = np.frombuffer(b'{"answer": {"__array__": "a0"}}', np.uint8)
+    np.savez_compressed(path, structure=structure, **arrays)
+
+
+def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path):
+    path = tmp_path / "1.npz"
+    write_npz(path, a0=np.zeros(1 << 18))
+    with pytest.raises(ValueError, match="more than 1048576"):
+        wire.read(path, 1 << 20)
+    write_npz(path, a0=np.zeros(3, [("x", "f4")]))
+    with pytest.raises(ValueError, match="is no array of numbers"):
+        wire.read(path)
+    path.unlink()
+    write_npz(tmp_path / "2.npz", a0=np.zeros(3))
+    path.symlink_to(tmp_path / "2.npz")
+    with pytest.raises(ValueError, match="is not an answer"):
+        wire.read(path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(ValueError, match="no regular file"):
+        wire.read(path)
+    path.unlink()
+    damaged = bytearray((tmp_path / "2.npz").read_bytes())
+    for at in range(0, len(damaged), 7):
+        path.write_bytes(damaged[:at] + b"\xff\xff\xff" + damaged[at + 3 :])
+        with contextlib.suppress(ValueError):  # and nothing else
+            wire.read(path)
+
+
+def test_report_is_read_in_parts_only(tmp_path, monkeypatch):
+    monkeypatch.setattr("tofrender.course.judge.running.MAX_REPORT", 1000)
+    line = {"id": "x", "case": "", "outcome": "passed", "text": "", "share": 1.0, "seconds": 0.1}
+    (tmp_path / "lines").write_text((json.dumps(line) + "\n") * 100)
+    assert 0 < len(read_report(tmp_path / "lines")) < 100
+
+
+@pytest.mark.slow
+def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
+    """The test's own lines are shown to students who run it, not to those who are graded."""
+    staff = write_assignment(tmp_path / "t1")
+    answers = "class AMCWPulse:\n    def __init__(self, frequency_hz): pass\n"
+    answers += "    def eval(self, opl): return {'x': 1}\n"
+    student = write_submission(tmp_path / "bad", PULSE, answers)
+    test = staff / "tests/test_square.py"
+    test.write_text(test.read_text().replace("opl=0.0), [", 'opl=0.0)["secret"], ['))
+    for option, shown in ((["--confine"], False), ([], True)):
+        words = ["-m", "t1_square", f"--submission={student}", "--report=r", *option]
+        command = [sys.executable, "-m", "pytest", "-q", *words]
+        subprocess.run(command, cwd=staff, capture_output=True, timeout=120, check=False)
+        text = json.loads((staff / "r").read_text().splitlines()[-1])["text"]
+        assert ("secret" in text) == shown, text
+        assert shown or "of another kind than was asked for (KeyError in line" in text
+
+
+# ----------------------------------------------------------------------------------- a class
+
+ADD = "def add0(a, b):\n    return a + b\n"
+BEGIN = """
+import os, pathlib, time, zipfile
+import numpy as np
+TMP = os.environ["TMPDIR"]
+ANSWERS = pathlib.Path(TMP).parent / "answers"
+"""
+
+MEMBERS = {
+    "a right one": (ADD, 1, ""),
+    "all attacks": ("@ATTACKS@", 1, ""),
+    "closes everybody's files": (
+        """
+for folder, folders, names in os.walk("@TOP@"):
+    for name in [*folders, *names]:
+        try:
+            os.chmod(os.path.join(folder, name), 0)
+        except OSError:
+            pass
+os.umask(0o777)
+os.chdir(TMP)
+os.mkdir("closed", 0o300)
+os.umask(0o022)
+""",
+        1,
+        "",
+    ),
+    "leaves folders that cannot be listed": (
+        """
+os.umask(0)
+os.chdir(TMP)
+for _ in range(50):
+    os.mkdir("closed", 0o300)
+    os.chdir("closed")
+    open("file", "w").close()
+os.umask(0o022)
+""",
+        1,
+        "",
+    ),
+    "long text": ("raise ValueError('x' * 100_000_000)", 0, "ValueError: xxx"),
+    "reply that is none": (
+        "np.savez(ANSWERS / '1', structure=np.frombuffer(b'[1, 2]', np.uint8))\ntime.sleep(20)",
+        0,
+        "the reply is none that the worker writes",
+    ),
+    "reply that unpacks to much": (
+        "with zipfile.ZipFile(ANSWERS / 'x', 'w', 8, compresslevel=1) as archive:\n"
+        "    archive.writestr('structure.npy', bytes(300 << 20))\n"
+        "os.rename(ANSWERS / 'x', ANSWERS / '1.npz')\ntime.sleep(20)",
+        0,
+        "is not an answer: it holds",
+    ),
+    "reply that is a link": (
+        "os.symlink('/dev/zero', ANSWERS / '1.npz')\ntime.sleep(20)",
+        0,
+        "a link",
+    ),
+    "answer of another kind": ("def add0(a, b):\n    return {'x': None}", 0, "expected: numbers"),
+    "a right one between": (ADD, 1, ""),
+    "many processes": (
+        "for _ in range(260):\n    if os.fork() == 0:\n        time.sleep(600)\ntime.sleep(5)",
+        0,
+        "started more than 200 processes",
+    ),
+    "much memory": ("x = [b'x' * (1 << 27) for _ in range(20)]\ntime.sleep(2)", 0, "GiB of memory"),
+    "ends its parents": (
+        "for pid in (os.getppid(), 0):\n    try:\n        os.kill(pid, 9)\n"
+        "    except OSError:\n        pass",
+        1,
+        "",
+    ),
+    "a right one at the end": (ADD, 1, ""),
+}
+
+DRIVER = """
+import json, resource, sys
+from pathlib import Path
+from types import SimpleNamespace
+from tofrender.course.assignments import find
+from tofrender.course.grade import classes, grading, roster
+
+top = Path(sys.argv[1])
+limits = [resource.getrlimit(number) for number in range(16)]
+with grading.opened(find(top / "a0"), memory_gib=1) as grader:
+    members, _ = roster.members(classes.submissions_in(top / "class"), None)
+    class_ = classes.Class(
+        grader, top / "class", members, top / "grades.csv", top / "out", jobs=2
+    )
+    class_.grade(print)
+assert limits == [resource.getrlimit(number) for number in range(16)]
+print(json.dumps(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024))
+"""
+
+ELSEWHERE = """
+set -e
+closed=$1; hold=$2; user=$3; shift 3
+mount -t tmpfs -o mode=755 none "$hold"
+number=0
+for path in $PYTHON_FOLDERS; do
+    number=$((number + 1)); mkdir "$hold/$number"; mount --bind "$path" "$hold/$number"
+done
+mount -t tmpfs -o mode=755 none "$closed"
+number=0
+for path in $PYTHON_FOLDERS; do
+    number=$((number + 1)); mkdir -p "$path"; mount --bind "$hold/$number" "$path"
+done
+exec setpriv --reuid="$user" --regid="$user" --clear-groups "$@"
+"""
+
+
+def run_as(user: str, top: Path, command: list[str]) -> subprocess.CompletedProcess:
+    """Run a command, with Python where this user reaches it."""
+    environment = os.environ | {
+        "PYTHONPATH": str(CHECKOUT),
+        "HOME": str(top / "home"),
+        "TMPDIR": str(top / "tmp"),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    closed, who = sandbox.closed_to_others(), identity(user)
+    if closed and user == "nobody":
+        if shutil.which("unshare") is None or shutil.which("setpriv") is None:
+            pytest.skip("Python lies where other users cannot go")
+        (top / "hold").mkdir()
+        script = ["unshare", "-m", "sh", "-c", ELSEWHERE, "sh", closed, str(top / "hold")]
+        command, who = [*script, str(NOBODY), *command], {}
+        inside = [path for path in sandbox.python_folders() if path.startswith(closed + "/")]
+        environment["PYTHON_FOLDERS"] = " ".join(inside)
+    return subprocess.run(
+        command, env=environment, cwd=top, capture_output=True, text=True, check=False, **who
+    )
+
+
+def state_of(folder: Path) -> dict:
+    """Modes, owners, times and content of all files."""
+    found = {}
+    for path in (folder, *sorted(folder.rglob("*"))):
+        kept = path.lstat()
+        content = path.read_bytes() if path.is_file() else b""
+        found[str(path)] = (kept.st_mode, kept.st_uid, kept.st_mtime, kept.st_ctime, content)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("user", USERS)
+def test_class_with_hostile_members_is_graded_right(user, open_tmp):
+    assert python_for(user)
+    top = open_tmp
+    (top / "victims").mkdir()
+    targets = Targets(top / "victims", user)
+    tiny_assignment.write(top / "a0", tiny_assignment.wide(["sum"]))
+    aims = {n: text for n, text in hostile.ATTACKS.items() if n != "file: hidden file"}
+    attacks = hostile.source(aims, targets.named())
+    attacks += inspect.getsource(hostile.outcome)
+    attacks += "done = [name for name, it in attacks.items() if outcome(it) == 'done']\n"
+    attacks += "assert not done, done\n"
+    for name, (text, _, _) in MEMBERS.items():
+        text = text.replace("@TOP@", str(top)).replace("@ATTACKS@", attacks)
+        text = text if "def add0" in text else f"{text}\n{ADD}"
+        tiny_assignment.write(top / "class" / name, {"p0.py": BEGIN + text})
+    for name in ("home", "tmp"):
+        (top / name).mkdir()
+    owner = NOBODY if user == "nobody" else os.geteuid()
+    for path in (top, *top.rglob("*")):
+        os.chown(path, owner, -1)
+    before, files = targets.state(), state_of(top / "class")
+    try:
+        done = run_as(user, top, [sys.executable, "-P", "-c", DRIVER, str(top)])
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert targets.state() == before
+        assert targets.heard() == []
+    finally:
+        targets.close()
+    assert state_of(top / "class") == files
+    assert list((top / "tmp").iterdir()) == []
+    assert json.loads(done.stdout.splitlines()[-1]) < 600  # MB of the grader
+    with (top / "grades.csv").open(newline="") as table:
+        rows = {row["submission"]: row for row in csv.DictReader(table)}
+    wrong = {
+        name: rows[name]
+        for name, (_, points, reason) in MEMBERS.items()
+        if (float(rows[name]["total"]), reason in rows[name]["reason"]) != (points, True)
+    }
+    assert not wrong
+
+
+def test_disk_that_fills_up_is_seen(tmp_path, monkeypatch):
+    """What others write on the same disk counts for nothing."""
+    monkeypatch.setattr(processes, "MAX_WRITTEN", 1 << 20)
+    started = processes.Supervised(["sleep", "60"], cwd=tmp_path, env=dict(os.environ))
+    disk = SimpleNamespace(free=1 << 30)
+    monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)
+    try:
+        assert started.excess(None, tmp_path) == ""
+        disk.free -= 1 << 21
+        assert started.excess(None, tmp_path) == ""
+        (tmp_path / "inside").mkdir()
+        (tmp_path / "inside/file").write_bytes(b"x" * (1 << 21))
+        assert started.excess(None, tmp_path).startswith("wrote more than")
+    finally:
+        started.end()

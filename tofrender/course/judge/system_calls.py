@@ -1,0 +1,198 @@
+"""Which system calls a submission may make: a filter that the kernel runs (seccomp-BPF).
+
+What is not in the tables below is refused with EPERM. Among that are all sockets; modes, owners,
+times and attributes of files; shared memory, semaphores and queues of System V and POSIX; other
+processes' limits, memory and signals; mounts, namespaces, keys, io_uring, BPF. Nothing ends a
+process, so a refusal is an exception on the student's own line. What is newer than the tables
+answers ENOSYS, after which C libraries take the older way; so does `clone3`, whose arguments no
+filter sees.
+
+This file needs nothing but the standard library, see `sandbox`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import struct
+import sys
+from collections.abc import Iterable, Sequence
+
+ALLOWED = """
+-- Files, which Landlock guards
+read 0 63, write 1 64, readv 19 65, writev 20 66, pread64 17 67, pwrite64 18 68, preadv 295 69,
+pwritev 296 70, preadv2 327 286, pwritev2 328 287, lseek 8 62, open 2 -, openat 257 56,
+openat2 437 437, creat 85 -, close 3 57, close_range 436 436, dup 32 23, dup2 33 -, dup3 292 24,
+pipe 22 -, pipe2 293 59, stat 4 -, fstat 5 80, lstat 6 -, newfstatat 262 79, statx 332 291,
+access 21 -, faccessat 269 48, faccessat2 439 439, readlink 89 -, readlinkat 267 78,
+getdents 78 -, getdents64 217 61, getcwd 79 17, chdir 80 49, fchdir 81 50, mkdir 83 -,
+mkdirat 258 34, rmdir 84 -, unlink 87 -, unlinkat 263 35, rename 82 -, renameat 264 38,
+renameat2 316 276, link 86 -, linkat 265 37, symlink 88 -, symlinkat 266 36, truncate 76 45,
+ftruncate 77 46, fallocate 285 47, fsync 74 82, fdatasync 75 83, umask 95 166,
+fadvise64 221 223, readahead 187 213, copy_file_range 326 285, sendfile 40 71, splice 275 76,
+tee 276 77, flock 73 32, statfs 137 43, fstatfs 138 44, getxattr 191 8, lgetxattr 192 9,
+fgetxattr 193 10, listxattr 194 11, llistxattr 195 12, flistxattr 196 13
+-- Memory of its own
+mmap 9 222, munmap 11 215, mprotect 10 226, mremap 25 216, madvise 28 233, brk 12 214,
+msync 26 227, membarrier 324 283, mbind 237 235, get_mempolicy 239 236, set_mempolicy 238 237
+-- Threads and processes of its own, and what they may know
+fork 57 -, vfork 58 -, execve 59 221, execveat 322 281, exit 60 93, exit_group 231 94,
+wait4 61 260, waitid 247 95, futex 202 98, futex_waitv 449 449, set_robust_list 273 99,
+rseq 334 293, set_tid_address 218 96, gettid 186 178, getpid 39 172, getppid 110 173,
+getpgrp 111 -, getpgid 121 155, getsid 124 156, setsid 112 157, getuid 102 174, geteuid 107 175,
+getgid 104 176, getegid 108 177, getresuid 118 148, getresgid 120 150, getgroups 115 158,
+sched_yield 24 124, sched_getaffinity 204 123, sched_getparam 143 121,
+sched_getscheduler 145 120, sched_get_priority_max 146 125, sched_get_priority_min 147 126,
+getcpu 309 168, getpriority 140 141, getrlimit 97 163, getrusage 98 165, times 100 153,
+sysinfo 99 179, uname 63 160, capget 125 90, arch_prctl 158 -
+-- Signals that come, time, waiting, random numbers
+rt_sigaction 13 134, rt_sigprocmask 14 135, rt_sigreturn 15 139, rt_sigsuspend 130 133,
+rt_sigpending 127 136, rt_sigtimedwait 128 137, sigaltstack 131 132, pause 34 -,
+restart_syscall 219 128, alarm 37 -, setitimer 38 103, getitimer 36 102, timer_create 222 107,
+timer_settime 223 110, timer_gettime 224 108, timer_getoverrun 225 109, timer_delete 226 111,
+timerfd_create 283 85, timerfd_settime 286 86, timerfd_gettime 287 87, clock_gettime 228 113,
+clock_getres 229 114, clock_nanosleep 230 115, nanosleep 35 101, gettimeofday 96 169,
+time 201 -, poll 7 -, ppoll 271 73, select 23 -, pselect6 270 72, epoll_create 213 -,
+epoll_create1 291 20, epoll_ctl 233 21, epoll_wait 232 -, epoll_pwait 281 22, eventfd 284 -,
+eventfd2 290 19, getrandom 318 278
+"""
+"""Name and number on x86_64 and on aarch64; `-` where there is none."""
+
+LOOKED_AT = """
+clone 56 220, fcntl 72 25, ioctl 16 29, kill 62 129, prctl 157 167, prlimit64 302 261,
+sched_setaffinity 203 122, tgkill 234 131
+"""
+"""Allowed with some arguments, see `_conditions`."""
+
+ALSO_THE_JUDGE = """
+kill 62 129, tgkill 234 131, prctl 157 167, capset 126 91, chmod 90 -, fchmod 91 52,
+fchmodat 268 53, chown 92 -, fchown 93 55, fchownat 260 54, landlock_create_ruleset 444 444,
+landlock_add_rule 445 445, landlock_restrict_self 446 446, seccomp 317 277, setgid 106 144,
+setgroups 116 159, setpgid 109 154, setresgid 119 149, setresuid 117 147, setuid 105 146
+"""
+"""What confines and ends a submission, besides."""
+
+NEWEST = 450
+"""The last number that the tables know of."""
+CLONE3 = 435
+INSTALL = {"x86_64": 317, "aarch64": 277}  # the number of seccomp itself
+ARCHITECTURE = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}  # AUDIT_ARCH_*
+EPERM, ENOSYS = 1, 38
+
+NEW_NAMESPACES, SIBLING = 0x7E020000, 0x8000  # flags of clone
+IOCTLS = (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451)  # TCGETS to FIOCLEX: no setting
+FCNTLS = (0, 1, 2, 3, 4, 5, 6, 7, 36, 37, 38, 1030, 1032)  # copies, flags, locks; no signals
+PRCTLS = (3, 15, 16, 21, 23, 39, 0x53564D41)  # names of threads and memory, and what only tells
+
+# Classic BPF: the architecture and the number are words of what the filter gets, arguments follow.
+NUMBER_AT, ARCHITECTURE_AT, ARGUMENTS_AT = 0, 4, 16
+LOAD, IF_EQUAL, IF_ABOVE, IF_ANY_BIT, RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
+ALLOW, REFUSE = 0x7FFF0000, 0x00050000
+
+FILTER, SPEC_ALLOW, IS_THERE = 1, 1 << 2, 2  # of seccomp; speed as without a filter
+Condition = tuple[int, int, Sequence[int]]
+"""Word of the arguments, comparison, and with what."""
+
+
+def available() -> bool:
+    """Whether this kernel filters, and the tables fit it."""
+    if not sys.platform.startswith("linux") or struct.calcsize("P") != 8:
+        return False
+    number = INSTALL.get(os.uname().machine)
+    action = ctypes.c_uint32(REFUSE)
+    libc = ctypes.CDLL(None)
+    return number is not None and libc.syscall(number, IS_THERE, 0, ctypes.byref(action)) == 0
+
+
+def restrict(judge: bool = False) -> None:
+    """Filter the calls of this process and of all that it starts, for good.
+
+    It needs `PR_SET_NO_NEW_PRIVS` before.
+
+    Args:
+        judge: Allow what confines and ends others, too.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
+    machine = os.uname().machine
+    code = program(machine, os.getpid(), judge)
+    buffer = ctypes.create_string_buffer(code, len(code))
+    filters = struct.pack("@HP", len(code) // 8, ctypes.addressof(buffer))
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.syscall(INSTALL[machine], FILTER, SPEC_ALLOW, filters) != 0:
+        raise OSError(ctypes.get_errno(), "the filter of system calls is refused")
+
+
+def program(machine: str, own: int, judge: bool) -> bytes:
+    """The filter, 8 bytes an instruction.
+
+    Args:
+        machine: As `os.uname` names it.
+        own: Number of the process, which it may end.
+        judge: As for `restrict`.
+    """
+    allowed = _numbers(ALLOWED, machine)
+    if judge:
+        allowed |= _numbers(ALSO_THE_JUDGE, machine)
+    code = [
+        _step(LOAD, ARCHITECTURE_AT),
+        *_unless([ARCHITECTURE[machine]]),
+        _step(LOAD, NUMBER_AT),
+        _step(IF_ABOVE, NEWEST, 0, 1),
+        _step(RETURN, REFUSE | ENOSYS),
+        _step(IF_EQUAL, CLONE3, 0, 1),
+        _step(RETURN, REFUSE | ENOSYS),
+    ]
+    for number in allowed.values():
+        code += [_step(IF_EQUAL, number, 0, 1), _step(RETURN, ALLOW)]
+    conditions = _conditions(own, judge)
+    for name, number in _numbers(LOOKED_AT, machine).items():
+        if name not in allowed:
+            checks = [step for each in conditions[name] for step in _check(*each)]
+            code += [_step(IF_EQUAL, number, 0, len(checks) + 1), *checks, _step(RETURN, ALLOW)]
+    return b"".join([*code, _step(RETURN, REFUSE | EPERM)])
+
+
+def _conditions(own: int, judge: bool) -> dict[str, list[Condition]]:
+    """What the arguments of `LOOKED_AT` must be, all of it."""
+    low, high = (lambda k: 2 * k), (lambda k: 2 * k + 1)
+    no_new_limit = [(low(2), IF_EQUAL, [0]), (high(2), IF_EQUAL, [0])]
+    return {
+        "clone": [(low(0), IF_ANY_BIT, [NEW_NAMESPACES | SIBLING])],
+        "fcntl": [(low(1), IF_EQUAL, FCNTLS)],
+        "ioctl": [(low(1), IF_EQUAL, IOCTLS)],
+        "kill": [(low(0), IF_EQUAL, [own])],
+        "tgkill": [(low(0), IF_EQUAL, [own])],
+        "prctl": [(low(0), IF_EQUAL, PRCTLS)],
+        "prlimit64": [(low(0), IF_EQUAL, [0, own]), *([] if judge else no_new_limit)],
+        "sched_setaffinity": [(low(0), IF_EQUAL, [0])],
+    }
+
+
+def _check(word: int, comparison: int, values: Sequence[int]) -> list[bytes]:
+    """Refuse unless the word equals one of the values, or if it has a bit of them."""
+    load = _step(LOAD, ARGUMENTS_AT + 4 * word)
+    if comparison == IF_EQUAL:
+        return [load, *_unless(values)]
+    return [load, _step(comparison, values[0], 0, 1), _step(RETURN, REFUSE | EPERM)]
+
+
+def _unless(values: Iterable[int]) -> list[bytes]:
+    """Refuse unless what was loaded equals one of the values."""
+    values = list(values)
+    equal = [_step(IF_EQUAL, value, len(values) - k, 0) for k, value in enumerate(values)]
+    return [*equal, _step(RETURN, REFUSE | EPERM)]
+
+
+def _step(code: int, value: int, if_true: int = 0, if_false: int = 0) -> bytes:
+    """An instruction; jumps count those that are passed over."""
+    return struct.pack("=HBBI", code, if_true, if_false, value)
+
+
+def _numbers(table: str, machine: str) -> dict[str, int]:
+    """A table's numbers on a machine, by name."""
+    column = {"x86_64": 2, "aarch64": 3}[machine]
+    found = re.finditer(r"(\w+) (\d+|-) (\d+|-)", table)
+    return {each[1]: int(each[column]) for each in found if each[column] != "-"}
