@@ -460,6 +460,15 @@ def test_folder_with_links_and_pipes(tmp_path):
 # ----------------------------------------------------------------------------------- results
 
 
+def test_folder_that_cannot_be_listed(tmp_path, monkeypatch):
+    def closed(*_):
+        raise PermissionError("closed")
+
+    monkeypatch.setattr(unpacking, "_files_of", closed)
+    with pytest.raises(unpacking.BadSubmission, match="cannot be read: closed"):
+        unpacking.extract(tmp_path, ["*.py"], tmp_path / "taken")
+
+
 def test_report_that_was_cut_off(assignment, tmp_path):
     problem = assignment.rubric.problems[0]
     line = {"case": "", "outcome": "passed", "text": "", "share": 1.0, "seconds": 0.1}

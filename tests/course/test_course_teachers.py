@@ -309,6 +309,7 @@ tries = {
     "wrong solutions": lambda: (judging / "mutants.toml").read_text(),
     "right solution": lambda: (judging / "solutions" / "add.py").read_text(),
     "test": lambda: (judging / "tests" / "test_check_staff.py").read_text(),
+    "neighbour": lambda: (here.parents[2] / "submission-other" / "check.py").read_text(),
     "write": lambda: (judging / "new").write_text("x"),
     "mode": lambda: here.chmod(0o777),
     "socket": lambda: socket.socket(),
@@ -341,6 +342,8 @@ def check_add(add):
 def test_a_students_test_is_kept_in_as_all_submissions_are(staff, tmp_path):
     student = tiny_assignment.write(tmp_path / "student", RIGHT | {"check.py": TRIES})
     with grading.opened(staff) as grader:
+        other = tiny_assignment.write(grader.scratch / "submission-other", {"check.py": "1"})
+        grading.show(other)
         results = grader.grade(student, tmp_path / "results.json")
     check = results.grades["test_check_staff.py::test_share"]
     assert check.passed, check.reason

@@ -120,7 +120,9 @@ def is_asked_for(name: str, patterns: Iterable[str]) -> bool:
 def _opened(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
     """Names of all files down to `depth`, each with what opens it."""
     if source.is_dir():
-        yield dict(_files_of(source, depth))
+        with _readable():
+            found = dict(_files_of(source, depth))
+        yield found
         return
     with ExitStack() as stack:
         with _readable():
