@@ -409,6 +409,7 @@ def test_a_stopped_capture(path, small_steps, mode):
     assert difference(part, captured(mode, 512)(None)) < ROUNDING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ENDINGS)
 @pytest.mark.parametrize("name", ["gate", "gates", "phasors", "correlation", "own_sample"])
 def test_arrays_are_whole_or_an_error(path, small_steps, name, by):
@@ -556,6 +557,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REFUSED)
 def test_another_render_is_refused(path, small_steps, name):
     small_steps()
@@ -609,6 +611,7 @@ def test_a_students_pulse_counts(path, small_steps):
         gate(OwnSample(0.1))(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "other"),
     [
