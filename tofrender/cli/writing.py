@@ -23,6 +23,7 @@ def write(
 ) -> list[str]:
     """Write all files into `out`, which appears whole; returns their names."""
     from tofrender import io, vis
+    from tofrender.io.output import stack_bytes
     from tofrender.io.parallel import at_once
 
     def summary() -> None:
@@ -35,7 +36,7 @@ def write(
     def film() -> None:
         io.save_video(dataset, folder / "video.mp4")
 
-    needed = io.output.stack_bytes(dataset["transient"].shape, precision)
+    needed = stack_bytes(dataset["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
         at_once(summary, transient, *[film] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
