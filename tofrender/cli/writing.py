@@ -48,7 +48,8 @@ def _transient(
     dataset: xr.Dataset, folder: Path, format: str, precision: str, progress: bool
 ) -> None:
     """Write bins and their sum; of bins that stay in Zarr, the sum alone."""
-    from tofrender import io
+    from tofrender import io, vis
+    from tofrender.io.pictures import write_png
 
     bar: Any = {"progress": progress}
     if format == "npz":
@@ -60,19 +61,9 @@ def _transient(
         io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)
     elif format == "png":
         _move_up(io.save_png_frames(dataset, folder / "frames", **bar))
-        _picture(dataset["steady"].values, folder / "steady.png")
+        write_png(vis.tonemap(dataset["steady"].values), folder / "steady.png")
     else:
         _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))
-
-
-def _picture(values: Any, path: Path) -> None:
-    from PIL import Image, PngImagePlugin
-
-    from tofrender import vis
-
-    mark = PngImagePlugin.PngInfo()
-    mark.add_text("Software", "tofrender")
-    Image.fromarray(vis.tonemap(values)).save(path, pnginfo=mark)
 
 
 def _move_up(folder: Path) -> None:
