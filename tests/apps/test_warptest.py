@@ -300,6 +300,10 @@ def test_figures():
     assert "<script" not in svg
     assert engine.save(drawn, verdict, "64 points", "png").startswith(b"\x89PNG")
     assert engine.save(drawn, verdict, "64 points", "pdf").startswith(b"%PDF")
+    for kind in ("pdf", "svg"):  # Without dates: the same bytes each time
+        saved = engine.save(drawn, verdict, "64 points", kind)
+        assert b"Date" not in saved
+        assert engine.save(drawn, verdict, "64 points", kind) == saved
 
 
 @pytest.mark.slow

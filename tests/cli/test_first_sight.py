@@ -73,6 +73,8 @@ def test_it_can_be_left_alone(tmp_path, capfd, options):
 def test_whoever_speaks_of_time_gets_what_they_say(tmp_path, capfd):
     dataset, said = rendered(tmp_path, capfd, "cornell_box", "--window", "3,20", "--bins", "10")
     assert "suit this scene" not in said
+    _, said = rendered(tmp_path, capfd, "cornell_box", "--window", "3,20", "--pulse-width", "auto")
+    assert "suit this scene" not in said  # Bins from 3 to 20 m were not found
     assert dataset.attrs["pulse"] == "none"
     assert (start_of(dataset), dataset.sizes["opl"]) == (3.0, 10)
 

@@ -41,7 +41,7 @@ def at_first_sight(**words: Any) -> Asked:
 
 def tell_first_sight(asked: Asked, job: Job) -> None:
     """Say what was found for `asked`, and how to have the scene's own."""
-    if asked.pulse_width != "auto":
+    if asked.pulse_width != "auto" or asked.window != "auto":
         return
     start, stop = job.film.start_opl, job.film.end_opl()
     found = f"bins from {start:.4g} to {stop:.4g} m"

@@ -23,6 +23,7 @@ def write(
 ) -> list[str]:
     """Write all files into `out`, which appears whole; returns their names."""
     from tofrender import io, vis
+    from tofrender.io.output import stack_bytes
     from tofrender.io.parallel import at_once
 
     def summary() -> None:
@@ -35,7 +36,7 @@ def write(
     def film() -> None:
         io.save_video(dataset, folder / "video.mp4")
 
-    needed = io.output.stack_bytes(dataset["transient"].shape, precision)
+    needed = stack_bytes(dataset["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
         at_once(summary, transient, *[film] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
@@ -47,7 +48,8 @@ def _transient(
     dataset: xr.Dataset, folder: Path, format: str, precision: str, progress: bool
 ) -> None:
     """Write bins and their sum; of bins that stay in Zarr, the sum alone."""
-    from tofrender import io
+    from tofrender import io, vis
+    from tofrender.io.pictures import write_png
 
     bar: Any = {"progress": progress}
     if format == "npz":
@@ -59,19 +61,9 @@ def _transient(
         io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)
     elif format == "png":
         _move_up(io.save_png_frames(dataset, folder / "frames", **bar))
-        _picture(dataset["steady"].values, folder / "steady.png")
+        write_png(vis.tonemap(dataset["steady"].values), folder / "steady.png")
     else:
         _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))
-
-
-def _picture(values: Any, path: Path) -> None:
-    from PIL import Image, PngImagePlugin
-
-    from tofrender import vis
-
-    mark = PngImagePlugin.PngInfo()
-    mark.add_text("Software", "tofrender")
-    Image.fromarray(vis.tonemap(values)).save(path, pnginfo=mark)
 
 
 def _move_up(folder: Path) -> None:

@@ -70,23 +70,27 @@ def save_png_frames(
         ...     len(list(save_png_frames(dataset, folder + "/pictures").iterdir()))
         20
     """
-    from PIL import Image, PngImagePlugin
-
     checks.boolean("progress", progress)
     frames = _Frames(dataset, exposure, min_size)
     check_output(path, overwrite=overwrite)
     check_room(path, _PICTURE * frames.count)
-    mark = PngImagePlugin.PngInfo()
-    mark.add_text("Software", "tofrender")
     digits = max(4, len(str(frames.count - 1)))
     with output_folder(path, overwrite=overwrite) as folder:
 
         def write(index: int) -> None:
-            image = Image.fromarray(frames.draw(index))
-            image.save(folder / f"frame_{index:0{digits}d}.png", pnginfo=mark)
+            write_png(frames.draw(index), folder / f"frame_{index:0{digits}d}.png")
 
         for_each(write, range(frames.count), "Writing PNG", progress=progress)
     return Path(path)
+
+
+def write_png(picture: np.ndarray, path: Path) -> None:
+    """Write uint8 (height, width, 3), with the mark by which outputs of this package are known."""
+    from PIL import Image, PngImagePlugin
+
+    mark = PngImagePlugin.PngInfo()
+    mark.add_text("Software", "tofrender")
+    Image.fromarray(picture).save(path, pnginfo=mark)
 
 
 def save_video(

@@ -260,7 +260,6 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
         ...     save_figure(figure, folder + "/response.svg").read_text()[:5]
         '<?xml'
     """
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     checks.instance("figure", figure, Figure, "a figure of Matplotlib")
@@ -268,9 +267,17 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
     dpi = checks.number("dpi", dpi, low=20, high=2400)
     check_writable(path)
     kind = target.suffix.lower()
-    with replacing(target) as temporary, rc_context(_SAVED):
-        figure.savefig(temporary, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])
+    with replacing(target) as temporary:
+        draw_figure(figure, temporary, kind, dpi=dpi)
     return target
+
+
+def draw_figure(figure: Figure, place: Any, kind: str, *, dpi: float = 200) -> None:
+    """Draw a figure as `save_figure` does into a path or a binary stream, as ".png", ".pdf", ..."""
+    from matplotlib import rc_context
+
+    with rc_context(_SAVED):
+        figure.savefig(place, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])
 
 
 def check_figure_path(path: str | os.PathLike, name: str = "path") -> Path:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...course.judge.client import NoAnswer
 from ...runtime import backend, checks
-from ...runtime.canvas import in_style, palette
+from ...runtime.canvas import draw_figure, in_style, palette
 from ...runtime.plots import PictureGrid
 from ...runtime.withheld import Withheld
 from ...samplers import padded_sobol
@@ -159,7 +159,7 @@ def figure(drawn: Drawn, verdict: Verdict, title: str) -> Figure:
 def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
     """The same as a file, "png", "pdf" or "svg"."""
     stream = io.BytesIO()
-    figure(drawn, verdict, title).savefig(stream, format=format)
+    draw_figure(figure(drawn, verdict, title), stream, f".{format}")
     return stream.getvalue()
 
 
