@@ -52,6 +52,7 @@ FILES = {
         tests = [
           { id = "test_range.py::test_range", points = 3 },
           { id = "test_range.py::test_results", points = 1 },
+          { id = "test_range_staff.py::test_any_frequency", points = 0, visibility = "hidden" },
         ]
         """,
     "mutants.toml": """
@@ -63,6 +64,7 @@ FILES = {
         edits = [[" / (self.width_opl * 2.50662827)", ""]]
         fails = [
           "test_pulse.py::test_area", "test_pulse.py::test_peak", "test_range.py::test_range",
+          "test_range_staff.py::test_any_frequency",
         ]
         says = "sqrt(2 pi)"
 
@@ -81,7 +83,7 @@ FILES = {
         file = "wrapping.py"
         why = "Light goes there and back."
         edits = [["0.5 *", "1.0 *"]]
-        fails = ["test_range.py::test_range"]
+        fails = ["test_range.py::test_range", "test_range_staff.py::test_any_frequency"]
         says = "back"
 
         [[mutant]]
@@ -90,8 +92,29 @@ FILES = {
         file = "wrapping.py"
         why = "Half of the half."
         edits = [["0.5 *", "0.25 *"]]
-        fails = ["test_range.py::test_range"]
+        fails = ["test_range.py::test_range", "test_range_staff.py::test_any_frequency"]
         says = "back"
+        """,
+    "contracts.toml": """
+        [[contract]]
+        problem = "a0.pulse"
+        says = "A Gaussian of standard deviation `width_opl` [m]."
+        tests = ["test_pulse.py::test_fall_off", "test_pulse_staff.py::test_even"]
+        mutants = ["no_half"]
+
+        [[contract]]
+        problem = "a0.range"
+        says = "In metres."
+        tests = ["test_range.py::test_range"]
+        mutants = ["quarter"]
+
+        [[remark]]
+        problem = "a0.pulse"
+        says = ["A pulse."]
+
+        [[remark]]
+        problem = "a0.range"
+        says = ["The range."]
         """,
     "starter/pulse.py": '''
         """A pulse."""
@@ -193,7 +216,8 @@ FILES = {
 
 
         def test_even(submission):
-            left, right = submission.ask("density", width_opl=0.3, t=np.array([-0.1, 0.1]))
+            t = submission.random.uniform(0.05, 0.2)
+            left, right = submission.ask("density", width_opl=0.3, t=np.array([-t, t]))
             expect.close(left, right, "the density at -t")
         """,
     "tests/test_range.py": """
@@ -211,6 +235,19 @@ FILES = {
 
         def test_results(submission):
             expect.close(submission.arrays("deliverables/x.npz")["x"], [1.0, 2.0], "x")
+        """,
+    "tests/test_range_staff.py": """
+        import pytest
+
+        from tofrender.course.judge import expect
+
+        pytestmark = pytest.mark.a0_range
+
+
+        def test_any_frequency(submission):
+            f = submission.random.uniform(1e7, 1e8)
+            came = submission.ask("wrap", frequency_hz=f)
+            expect.close(came, 149896229.0 / f, "the range")
         """,
     "notebook.py": """
         # %% [markdown]

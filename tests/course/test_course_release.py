@@ -531,7 +531,7 @@ def test_structure_finds_what_does_not_agree(tiny):
 
 def test_which_tests_a_mutant_can_fail(tiny):
     those = {mutant.id: mutant for mutant in mutants.read(tiny)}
-    assert len(mutants.affected(tiny.rubric, those["no_half"])) == 6
+    assert len(mutants.affected(tiny.rubric, those["no_half"])) == 7
     assert mutants.affected(tiny.rubric, those["quarter"]) == [
         "test_range.py::test_range",
         "test_range.py::test_results",

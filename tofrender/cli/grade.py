@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from ..course.grade.grading import Grader
 
 MAX_JOBS = 256
+MAX_SEED = (1 << 31) - 1
+SEED = (
+    "Seed of the tests that students do not have; else the rubric's, or a drawn one. The results "
+    "name it."
+)
 
 
 def grade(
@@ -65,6 +70,7 @@ def grade(
     ] = None,
     time_limit: Annotated[float, real(30, "Seconds for one submission.")] = 540,
     memory: Annotated[float, real(1, "GiB of memory for one submission.")] = 4,
+    seed: Annotated[int | None, integer(1, MAX_SEED, SEED)] = None,
 ) -> None:
     """Grade a submission, or a class, with all tests.
 
@@ -98,7 +104,9 @@ def grade(
         say(f"warning: --roster = {roster}: {name!a} is nobody's", err=True)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: ends what runs
     try:
-        with grading.opened(found, time_limit_s=time_limit, memory_gib=memory) as grader:
+        if seed is None and submission is None:
+            seed = classes.seed_of_before(out)  # those that are graded stay as they are
+        with grading.opened(found, seed or 0, time_limit_s=time_limit, memory_gib=memory) as grader:
             if submission is not None:
                 _grade_one(grader, submission, out)
                 return

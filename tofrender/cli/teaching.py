@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .course import Name
+from .grade import MAX_SEED, SEED
 from .options import integer, real, say
 
 MAX_TERM = (1 << 31) - 1
@@ -20,6 +21,7 @@ def gradescope(
     ],
     time_limit: Annotated[float, real(30, "Seconds for one submission.")] = 540,
     memory: Annotated[float, real(1, "GiB of memory for one submission.")] = 4,
+    seed: Annotated[int | None, integer(1, MAX_SEED, SEED)] = None,
 ) -> None:
     """Make an autograder for Gradescope: setup.sh, run_autograder, and all that they need.
 
@@ -33,7 +35,8 @@ def gradescope(
     from ..course.grade import gradescope
 
     found = find(assignment)
-    names = gradescope.write(found, out, time_limit_s=time_limit, memory_gib=memory)
+    limits = {"time_limit_s": time_limit, "memory_gib": memory}
+    names = gradescope.write(found, out, **limits, seed=seed or 0)
     size = out.stat().st_size / 2**20
     say(f"{out}: {len(names)} files, {size:.1f} MiB; {found.rubric.points:g} points")
 

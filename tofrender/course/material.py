@@ -131,7 +131,10 @@ def _list(names: Iterable[str]) -> str:
 
 
 def visible(content: Mapping[str, Any]) -> dict[str, Any]:
-    """A rubric's content without the tests that students do not see, but with their points."""
+    """A rubric's content without the tests that students do not see, but with their points.
+
+    And without the seed of these tests.
+    """
     problems = []
     for problem in content["problem"]:
         seen = [t for t in problem["tests"] if t.get("visibility", "visible") == "visible"]
@@ -139,7 +142,8 @@ def visible(content: Mapping[str, Any]) -> dict[str, Any]:
         others += problem.get("other_points", 0)
         more = {"other_points": others} if others else {}
         problems.append(problem | more | {"tests": seen})
-    return {**content, "problem": problems}
+    head = {name: value for name, value in content["assignment"].items() if name != "seed"}
+    return {**content, "assignment": head, "problem": problems}
 
 
 def toml(content: Mapping[str, Any]) -> str:

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 FILE_NAME = "rubric.toml"
-MAX_TERM = (1 << 31) - 1
+MAX_SEED = MAX_TERM = (1 << 31) - 1
+FORBIDDEN = ("warps", "integrators", "light sampling")
+"""What a handout may not allow; `judge.forbidden` says what each is."""
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 
 
@@ -43,6 +45,7 @@ class Problem:
         reference: The module of the package in which these names are right.
         withholds: Modules and packages that students do not get, because they solve this problem.
         needs: Problems whose code this one uses.
+        forbids: What it may not use, of `FORBIDDEN`; besides the assignment's.
         tests_of: A problem whose right and wrong solutions this one's file has to tell apart: the
             task is to write a test.
         timeout_s: Longest time that one answer of a submission may take [s].
@@ -59,6 +62,7 @@ class Problem:
     reference: str = "tofrender"
     withholds: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    forbids: tuple[str, ...] = ()
     tests_of: str = ""
     timeout_s: float = 60.0
     takes_s: float = 10.0
@@ -125,6 +129,8 @@ class Rubric:
         also_withhold: Modules and packages that students do not get and that solve no one problem.
         keeps: Modules that students do get, though their package is withheld.
         submit: Patterns of the files that are handed in.
+        forbids: What no problem may use, of `FORBIDDEN`.
+        seed: Seed of the staff's tests; with 0, each grading draws one. Students do not get it.
         term: Chooses the numbers that the public tests ask for; `tofrender new-term` draws one.
         by_hand: What people grade.
         late: What handing in late costs.
@@ -137,6 +143,8 @@ class Rubric:
     also_withhold: tuple[str, ...] = ()
     keeps: tuple[str, ...] = ()
     submit: tuple[str, ...] = ("*.py",)
+    forbids: tuple[str, ...] = ()
+    seed: int = 0
     term: int = 0
     by_hand: tuple[ByHand, ...] = ()
     late: Late = Late()
@@ -218,8 +226,9 @@ def _check(rubric: Rubric, path: Path) -> None:
             raise ValueError(f"{path}: {kind} {double[0]!r} is there more than once")
     if not rubric.problems:
         raise ValueError(f"{path}: has no [[problem]]")
-    if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_TERM:
-        raise ValueError(f"{path}: term = {rubric.term}: must be an integer from 0 to {MAX_TERM}")
+    for name, value in (("term", rubric.term), ("seed", rubric.seed)):
+        if not isinstance(value, int) or not 0 <= value <= MAX_TERM:
+            raise ValueError(f"{path}: {name} = {value}: must be an integer from 0 to {MAX_TERM}")
     if not 0 <= rubric.late.free_days < math.inf:
         days = rubric.late.free_days
         raise ValueError(f"{path}: [late]: free_days = {days}: must be a number from 0")
@@ -238,6 +247,8 @@ def _check(rubric: Rubric, path: Path) -> None:
             raise ValueError(f"{where}: must start with {rubric.id!r} and a dot")
         if not problem.tests and not problem.other_points:
             raise ValueError(f"{where}: has no tests")
+        for word in {*rubric.forbids, *problem.forbids} - set(FORBIDDEN):
+            raise ValueError(f"{where}: forbids {word!r}: must be one of {', '.join(FORBIDDEN)}")
         if problem.timeout_s <= 0:
             raise ValueError(f"{where}: timeout_s = {problem.timeout_s}: must be above 0")
         for need in problem.needs:

@@ -15,6 +15,7 @@ from .. import material, mutants, notebooks
 from ..assignments import STAFF_TEST, Assignment
 from ..judge import running
 from ..rubric import Rubric
+from . import contracts
 
 POINTS_IN_TEXT = re.compile(
     r"\(\s*[\d.]+\s*(?:bonus )?(?:points?|pts?\.?)\s*\)|\bworth [\d.]+ |\bfor [\d.]+ points"
@@ -35,6 +36,7 @@ def check(assignment: Assignment) -> Iterator[str]:
     yield from _tests(assignment)
     yield from _notebook(assignment)
     yield from _mutants(assignment)
+    yield from contracts.check(assignment)
 
 
 def needed(rubric: Rubric, problem: str) -> set[str]:

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from ...runtime import checks
 from .. import edition, mutants
-from ..assignments import PACKAGE, Assignment
+from ..assignments import PACKAGE, STAFF_TEST, Assignment
 from ..judge import running
 from ..material import points_text
 from ..student.start import start
@@ -217,6 +217,7 @@ class _Work:
         check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
         check.reasons += self._uses(outcomes)
         check.reasons += self._is_slow(outcomes)
+        check.reasons += self._is_known(outcomes)
         check.detail = f"{len(outcomes)} tests"
         noisy = sorted(name for name, outcome in outcomes.items() if outcome.seeded)
         if self.seeds > 1 and noisy:
@@ -252,6 +253,16 @@ class _Work:
             owners = {rubric.home_of[each].id for each in used if each in rubric.home_of}
             for other in sorted(owners - structure.needed(rubric, problem.id)):
                 yield f"{name}: uses {other}, which {problem.id} does not need in rubric.toml"
+
+    def _is_known(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
+        """Problems whose answers could be a table, since no test that students lack draws any."""
+        for problem in self.assignment.rubric.problems:
+            staffs = [
+                t.id for t in problem.tests if Path(t.id.partition("::")[0]).match(STAFF_TEST)
+            ]
+            drawn = any(outcomes[name].seeded for name in staffs if name in outcomes)
+            if problem.file and not drawn:
+                yield f"{problem.id}: must have a test in {STAFF_TEST} that draws what it asks for"
 
     def _is_slow(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
         """Problems that take far longer than students are told."""

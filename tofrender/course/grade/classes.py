@@ -20,7 +20,7 @@ from typing import Any
 from ...runtime.progress import progress_bar
 from ..assignments import PACKAGE
 from .grading import Grader, Taken
-from .results import Results, finished, printable
+from .results import Results, finished, printable, seed_of
 from .roster import Marks, Member
 from .standing import Standing, write_csv
 
@@ -147,6 +147,7 @@ class Class:
         if isinstance(work, dict):
             return work, "graded before"
         rubric, fingerprint = self.grader.assignment.rubric, self.grader.fingerprint
+        seed = self.grader.seed
         path = self.results(member)
         private = (self.folder, self.out, self.csv, *self.private)
         wishes = {
@@ -154,6 +155,7 @@ class Class:
             "scratch": str(self.grader.scratch),
             "time_limit_s": self.grader.time_limit_s,
             "memory_gib": self.grader.memory_gib,
+            "seed": seed,
             "taken": str(work.folder),
             "refused": work.refused,
             "out": str(path.absolute()),
@@ -187,7 +189,7 @@ class Class:
         content = finished(path, rubric, fingerprint)
         if content is None:  # whatever has happened to it, the others go on
             last = said.decode(errors="replace").strip().splitlines()[-1:] or ["it was ended"]
-            results = Results(rubric, fingerprint=fingerprint)
+            results = Results(rubric, fingerprint=fingerprint, seed=seed)
             results.remarks = [f"not graded: {printable(last[0], 300)}"]
             with suppress(OSError):
                 results.write(path)
@@ -224,6 +226,12 @@ def submissions_in(folder: Path, *others: Path) -> list[Path]:
     if not found:
         raise ValueError(f"--all = {folder}: holds no folders and no zips")
     return found
+
+
+def seed_of_before(out: Path) -> int:
+    """The seed with which some of a class were graded, so that all of it gets the same; or 0."""
+    found = (seed_of(path) for path in sorted(out.glob("*.json")))
+    return next(filter(None, found), 0)
 
 
 def _short(content: dict[str, Any]) -> dict[str, Any]:

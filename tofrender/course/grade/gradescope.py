@@ -14,7 +14,7 @@ from pathlib import Path
 from ...runtime.atomic import replacing
 from .. import edition
 from ..assignments import PACKAGE, Assignment
-from .grading import MEMORY_GIB, TIME_LIMIT_S, judging_files
+from .grading import MEMORY_GIB, TIME_LIMIT_S, drawn_seed, judging_files
 
 LONG_AGO = (1980, 1, 1, 0, 0, 0)
 SETUP = """#!/usr/bin/env bash
@@ -33,7 +33,8 @@ root=${{AUTOGRADER:-/autograder}}
 cd "$root/source/course" || exit 1
 export PYTHONPATH=$PWD
 exec .venv/bin/python -m tofrender grade {folder} --submission "$root/submission" \\
-  -o "$root/results/results.json" --time-limit {time_limit_s:g} --memory {memory_gib:g}
+  -o "$root/results/results.json" --time-limit {time_limit_s:g} --memory {memory_gib:g} \\
+  --seed {seed}
 """
 CHECKOUT = (".ci/setup", ".ci/requirements.txt", "pyproject.toml", "README.md", "LICENSE")
 """What of the checkout the set-up needs."""
@@ -45,6 +46,7 @@ def write(
     *,
     time_limit_s: float = TIME_LIMIT_S,
     memory_gib: float = MEMORY_GIB,
+    seed: int = 0,
 ) -> list[str]:
     """Write the zip, whole or not at all.
 
@@ -53,6 +55,7 @@ def write(
         path: File to write.
         time_limit_s: Longest time for a submission [s]; Gradescope's own has to be longer.
         memory_gib: Most memory of a submission [GiB].
+        seed: Seed of the staff's tests, the same for the whole class; as in `grading.opened`.
 
     Returns:
         Names of the files in it.
@@ -66,6 +69,7 @@ def write(
         raise ValueError(f"{PACKAGE.parent}: has no {missing[0]}; must be the course's checkout")
     folder = f"assignment/{assignment.name}"
     limits = {"time_limit_s": time_limit_s, "memory_gib": memory_gib}
+    limits["seed"] = drawn_seed(assignment, seed)
     scripts = {"setup.sh": SETUP, "run_autograder": RUN.format(folder=folder, **limits)}
     with tempfile.TemporaryDirectory() as scratch, replacing(path) as temporary:
         edition.copy(assignment, Path(scratch))

@@ -21,6 +21,7 @@ from __future__ import annotations
 import compileall
 import hashlib
 import os
+import secrets
 import shutil
 import subprocess
 import sys
@@ -35,7 +36,7 @@ from ...runtime.atomic import replacing
 from .. import edition
 from ..assignments import PACKAGE, Assignment
 from ..judge import processes, running, sandbox
-from ..rubric import Problem
+from ..rubric import MAX_SEED, Problem
 from . import unpacking
 from .results import Grade, Results, grades_of
 
@@ -74,12 +75,14 @@ class Grader:
         scratch: Folder for what is made on the way; `opened` makes and removes it.
         time_limit_s: Longest time for a submission [s].
         memory_gib: Most memory of a submission [GiB].
+        seed: Seed of the staff's tests, the same for all submissions.
     """
 
     assignment: Assignment
     scratch: Path
     time_limit_s: float = TIME_LIMIT_S
     memory_gib: float = MEMORY_GIB
+    seed: int = 0
 
     def take(self, submission: Path) -> Taken:
         """Copy what a submission consists of."""
@@ -113,7 +116,7 @@ class Grader:
         """
         begin = time.monotonic()
         rubric = self.assignment.rubric
-        results = Results(rubric, fingerprint=self.fingerprint)
+        results = Results(rubric, fingerprint=self.fingerprint, seed=self.seed)
         results.missing_protections = sandbox.missing_protections()
         results.remarks = ["grading was interrupted"]
         results.write(out)
@@ -139,8 +142,8 @@ class Grader:
 
     @property
     def fingerprint(self) -> str:
-        """Stands for the rubric and the tests."""
-        digest = hashlib.sha256()
+        """Stands for the rubric, the tests and their seed."""
+        digest = hashlib.sha256(str(self.seed).encode())
         for path in judging_files(self.assignment):
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
         return digest.hexdigest()[:16]
@@ -192,6 +195,7 @@ class Grader:
             "submission": folder / "submission",
             "edition": package,
             "report": report,
+            "secret": self.seed,
             "pictures": place / "report" / "pictures",
             "memory-gib": self.memory_gib,
         }
@@ -231,13 +235,15 @@ class Grader:
 
 
 @contextmanager
-def opened(assignment: Assignment, **limits: float) -> Iterator[Grader]:
+def opened(assignment: Assignment, seed: int = 0, **limits: float) -> Iterator[Grader]:
     """Make what all submissions share, and remove it afterwards.
 
     Args:
         assignment: With all its tests.
+        seed: Seed of the staff's tests; with 0 the rubric's, and with 0 there one is drawn.
         limits: `time_limit_s` and `memory_gib` of `Grader`.
     """
+    seed = drawn_seed(assignment, seed)
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
         scratch.chmod(0o711)
@@ -245,9 +251,14 @@ def opened(assignment: Assignment, **limits: float) -> Iterator[Grader]:
         edition.of_grading(assignment, scratch / "edition")
         compileall.compile_dir(scratch / "edition", quiet=1)
         show(scratch / "edition")
-        yield Grader(assignment, scratch, **limits)
+        yield Grader(assignment, scratch, **limits, seed=seed)
     finally:
         remove(scratch)
+
+
+def drawn_seed(assignment: Assignment, seed: int = 0) -> int:
+    """The seed of the staff's tests: the one given, else the rubric's, else one that none knows."""
+    return seed or assignment.rubric.seed or 1 + secrets.randbelow(MAX_SEED)
 
 
 def remove(folder: Path) -> None:

@@ -23,6 +23,7 @@ def main(wishes: dict[str, Any]) -> None:
         Path(wishes["scratch"]),
         wishes["time_limit_s"],
         wishes["memory_gib"],
+        wishes["seed"],
     )
     hidden = [Path(path) for path in wishes["hidden"]]
     out, pictures = Path(wishes["out"]), Path(wishes["pictures"])

@@ -11,7 +11,7 @@ from typing import Any
 
 from ...runtime.atomic import replacing
 from ..judge.expect import PICTURE
-from ..rubric import GradedTest, Problem, Rubric
+from ..rubric import MAX_SEED, GradedTest, Problem, Rubric
 
 KEPT_TEXT = 6000
 """Characters of a test's text that are kept."""
@@ -47,6 +47,7 @@ class Results:
         seconds: How long grading took [s].
         fingerprint: Stands for the tests and the rubric that were used.
         complete: Whether grading has ended.
+        seed: Seed of the staff's tests.
         missing_protections: What the grading machine could not keep the submission from.
     """
 
@@ -56,6 +57,7 @@ class Results:
     seconds: float = 0.0
     fingerprint: str = ""
     complete: bool = False
+    seed: int = 0
     missing_protections: list[str] = field(default_factory=list)
 
     def grade(self, test: GradedTest) -> Grade:
@@ -109,6 +111,7 @@ class Results:
                 "summary": self.summary(),
                 "fingerprint": self.fingerprint,
                 "complete": self.complete,
+                "seed": self.seed,
                 "missing_protections": self.missing_protections,
             },
         }
@@ -135,6 +138,15 @@ class Results:
         text = json.dumps(self.gradescope(), indent=1, allow_nan=False)
         with replacing(path) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def seed_of(path: Path) -> int:
+    """The seed of the staff's tests in what `Results.write` has written; 0 if there is none."""
+    try:
+        seed = json.loads(path.read_text(encoding="utf-8"))["extra_data"]["seed"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0
+    return seed if isinstance(seed, int) and 0 <= seed <= MAX_SEED else 0
 
 
 def finished(path: Path, rubric: Rubric, fingerprint: str) -> dict[str, Any] | None:

@@ -16,17 +16,29 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ...sampling.statistics import p_values, smallest_allowed
+from . import factors
+from .factors import Ratios
 
 ALPHA = 1e-3
 """Chance that a right submission fails anywhere in an assignment."""
 PICTURE = "  picture:  "
 """What the line of a failure starts with that names its picture."""
+FACTOR = "  which is: "
+"""What the line starts with that says by which factor all of an answer is off."""
 HINT = "  hint:     "
 """What the line starts with that names the usual cause."""
 
 
 class Failure(AssertionError):
-    """What was expected did not come; the text is for the student."""
+    """What was expected did not come; the text is for the student.
+
+    Attributes:
+        share: Share of the test's points that there is for it all the same.
+    """
+
+    def __init__(self, text: str, share: float = 0.0) -> None:
+        super().__init__(text)
+        self.share = share
 
 
 class _Settings:
@@ -63,6 +75,7 @@ def close(
     rtol: float = 1e-4,
     atol: float = 0.0,
     hint: str = "",
+    ratios: Ratios | None = None,
     x: Any = None,
     x_label: str = "",
 ) -> None:
@@ -75,6 +88,7 @@ def close(
         rtol: Largest relative difference.
         atol: Largest difference where `wanted` is 0, in its units.
         hint: The usual cause of a difference.
+        ratios: Hints for answers that are right but for a factor.
         x: Abscissae of a one-dimensional array, for the text and the picture.
         x_label: What they are, with the unit.
 
@@ -89,7 +103,12 @@ def close(
     wanted = np.broadcast_to(wanted, came.shape)
     excess = np.abs(came - wanted) - (atol + rtol * np.abs(wanted))
     if not np.all(excess <= 0):
-        _fail_at(int(np.argmax(excess)), came, wanted, what, hint, x, x_label)
+        factor = factors.find(
+            wanted,
+            lambda other: bool(np.all(np.abs(came - other) <= atol + rtol * np.abs(other))),
+            ratios,
+        )
+        _fail_at(int(np.argmax(excess)), came, wanted, what, hint, x, x_label, factor)
 
 
 def finite(came: Any, what: str, *, hint: str = "") -> None:
@@ -139,6 +158,7 @@ def estimate(
     what: str,
     *,
     hint: str = "",
+    ratios: Ratios | None = None,
     rounding: float = 1e-5,
     x: Any = None,
     x_label: str = "",
@@ -150,6 +170,7 @@ def estimate(
         wanted: Exact mean, of a shape that broadcasts to (...).
         what: What it is.
         hint: The usual cause of a difference.
+        ratios: Hints for answers that are right but for a factor.
         rounding: Relative difference that single precision explains.
         x: Abscissae of one-dimensional estimates.
         x_label: What they are, with the unit.
@@ -161,7 +182,7 @@ def estimate(
     samples = _numbers(samples, what, hint)
     finite(samples, what, hint=hint)
     wanted = np.broadcast_to(np.asarray(wanted, np.float64), samples.shape[1:])
-    _judge(samples, wanted, wanted, what, hint, rounding, x, x_label)
+    _judge(samples, wanted, what, hint, ratios, rounding, x, x_label)
 
 
 def same(
@@ -170,6 +191,7 @@ def same(
     what: str,
     *,
     hint: str = "",
+    ratios: Ratios | None = None,
     rounding: float = 1e-5,
     x: Any = None,
     x_label: str = "",
@@ -185,7 +207,28 @@ def same(
     finite(samples_b, what, hint=hint)
     if samples_a.shape[1:] != samples_b.shape[1:]:
         shape(samples_a, (len(samples_a), *samples_b.shape[1:]), what, hint=hint)
-    _judge(samples_a, samples_b, samples_b.mean(0), what, hint, rounding, x, x_label)
+    _judge(samples_a, samples_b, what, hint, ratios, rounding, x, x_label)
+
+
+def noise(samples: Any, most: float, what: str, *, hint: str = "") -> None:
+    """Independent estimates do not scatter more than those of a good solution do.
+
+    Args:
+        samples: Estimates of shape (n, ...), n >= 2.
+        most: Largest standard deviation, in their units: the root of the mean variance of all
+            elements. Leave room above that of right solutions for the scatter of few estimates.
+        what: What it is.
+        hint: The usual cause of too much of it.
+
+    Raises:
+        Failure: They scatter more, or are not finite.
+    """
+    __tracebackhide__ = True
+    samples = _numbers(samples, what, hint)
+    finite(samples, what, hint=hint)
+    deviation = float(np.sqrt(np.mean(samples.var(axis=0, ddof=1))))
+    if not deviation <= most:
+        _fail(f"standard deviation of {what}", f"at most {_number(most)}", _number(deviation), hint)
 
 
 def histogram(
@@ -241,26 +284,37 @@ def histogram(
 # ------------------------------------------------------------------------------ texts
 
 
-def _judge(samples, reference, shown, what, hint, rounding, x, x_label) -> None:
+def _judge(samples, reference, what, hint, ratios, rounding, x, x_label) -> None:
+    """Fail if the mean of samples is not the reference: values, or samples of their own."""
     __tracebackhide__ = True
+    least = smallest_allowed(smallest_allowed(ALPHA, _Settings.comparisons), samples[0].size)
     p = p_values(samples, reference, rounding=rounding)
-    if not p.min() >= smallest_allowed(smallest_allowed(ALPHA, _Settings.comparisons), p.size):
+    if not p.min() >= least:
+        factor = factors.find(
+            reference,
+            lambda other: bool(p_values(samples, other, rounding=rounding).min() >= least),
+            ratios,
+        )
+        shown = reference if reference.ndim < samples.ndim else reference.mean(0)
         error = samples.std(axis=0, ddof=1) / len(samples) ** 0.5
         worst = int(np.argmin(p))
         text = f"{what} (mean of {len(samples)} renders, ± {_number(error.reshape(-1)[worst])})"
-        _fail_at(worst, samples.mean(0), np.asarray(shown), text, hint, x, x_label)
+        _fail_at(worst, samples.mean(0), np.asarray(shown), text, hint, x, x_label, factor)
 
 
 def _numbers(value: Any, what: str, hint: str) -> np.ndarray:
-    """The value as an array of numbers, if it is one."""
+    """The value as an array of numbers, if it is one and not empty."""
     __tracebackhide__ = True
     try:
-        return np.asarray(value, np.float64)
+        numbers = np.asarray(value, np.float64)
     except (TypeError, ValueError):
         _fail(what, "numbers", f"{value!r:.80}", hint)
+    if numbers.size == 0:
+        _fail(what, "numbers", f"none: an array of shape {numbers.shape}", hint)
+    return numbers
 
 
-def _fail_at(index, came, wanted, what, hint, x, x_label) -> None:
+def _fail_at(index, came, wanted, what, hint, x, x_label, factor=None) -> None:
     """Fail with the element that differs most, and a picture of all."""
     __tracebackhide__ = True
     where = ""
@@ -271,13 +325,19 @@ def _fail_at(index, came, wanted, what, hint, x, x_label) -> None:
     picture = _picture(came, wanted, what, x, x_label)
     expected, seen = wanted.reshape(-1)[index], came.reshape(-1)[index]
     ratio = f" ({seen / expected:.4g} times that)" if expected else ""
-    _fail(what + where, _number(expected), _number(seen) + ratio, hint, picture)
+    text, share = _number(seen) + ratio, 0.0
+    if factor is not None:
+        text, share = f"{text}\n{FACTOR}{factor.name} times what is right, everywhere", factor.share
+        hint = factor.hint or hint
+    _fail(what + where, _number(expected), text, hint, picture, share)
 
 
-def _fail(what: str, wanted: str, came: str, hint: str, picture: Path | None = None) -> NoReturn:
+def _fail(
+    what: str, wanted: str, came: str, hint: str, picture: Path | None = None, share: float = 0.0
+) -> NoReturn:
     __tracebackhide__ = True
     lines = [what, f"  expected: {wanted}", f"  came:     {came}", *_hint(hint)]
-    raise Failure("\n".join(lines + ([f"{PICTURE}{picture}"] if picture else [])))
+    raise Failure("\n".join(lines + ([f"{PICTURE}{picture}"] if picture else [])), share)
 
 
 def _hint(hint: str) -> list[str]:

@@ -7,6 +7,7 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 |---|---|
 | `--submission=DIR` | what is judged; by default the ini file's `submission`, else the package |
 | `--seed N` | seed from which the tests derive theirs |
+| `--secret N` | seed of the staff's tests, besides |
 | `--seeds N` | repeat every test under N seeds |
 | `--report FILE` | append a JSON line a test, as it ends |
 | `--collected FILE` | write which tests there are, with their markers |
@@ -27,7 +28,7 @@ import numpy as np
 import pytest
 
 from .. import rubric
-from ..assignments import Assignment
+from ..assignments import STAFF_TEST, Assignment
 from . import expect, inputs, wire
 from .client import Limits, NoAnswer, Worker, shortened
 
@@ -56,8 +57,9 @@ class Submission:
         assignment: Assignment,
         problem: rubric.Problem | None,
         seed: int,
+        name: str = "",
     ) -> None:
-        self._worker, self._folder, self._seed = worker, folder, seed
+        self._worker, self._folder, self._seed, self._name = worker, folder, seed, name
         self.assignment, self.problem = assignment, problem
         self._timeout_s = problem.timeout_s if problem else 60.0
         self.is_seeded, self.uses, self.share = False, set[str](), 0.0
@@ -68,9 +70,14 @@ class Submission:
 
     @property
     def seed(self) -> int:
-        """Seed from which a test derives its own."""
+        """Seed from which a test derives its own; nobody knows it before the staff's tests run."""
         self.is_seeded = True
         return self._seed
+
+    @property
+    def random(self) -> np.random.Generator:
+        """Draws what a test asks for; another one in each test and under each seed."""
+        return np.random.default_rng([self.seed, *self._name.encode()])
 
     def ask(self, probe: str, **arguments: Any) -> Any:
         """What a probe of `tests/probes.py` returns for this submission.
@@ -123,8 +130,14 @@ def submission(request: pytest.FixtureRequest) -> Submission:
     config = request.config
     seed = int(config.getoption("--seed") or 0) + getattr(request, "param", 0) * 1_000_003
     seed += inputs.seed_of(config.stash[RUBRIC].term)
-    assignment, problem = Assignment(config.rootpath), _problem(request.node)
-    asked = Submission(config.stash[WORKER], _folder(config), assignment, problem, seed)
+    if request.path.match(STAFF_TEST):
+        seed += int(config.getoption("--secret") or 0)
+    assignment, problem, name = (
+        Assignment(config.rootpath),
+        _problem(request.node),
+        request.node.name,
+    )
+    asked = Submission(config.stash[WORKER], _folder(config), assignment, problem, seed, name)
     request.node.stash[ASKED] = asked
     return asked
 
@@ -137,6 +150,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("tofrender", "judging a submission")
     group.addoption("--submission", metavar="DIR", help="folder of the files to judge")
     group.addoption("--seed", type=int, default=0, metavar="N", help="seed of the tests")
+    group.addoption("--secret", type=int, default=0, metavar="N", help="seed of staff's tests")
     group.addoption("--seeds", type=int, default=1, metavar="N", help="repeat under N seeds")
     group.addoption("--report", metavar="FILE", help="append a JSON line for each test")
     group.addoption("--collected", metavar="FILE", help="write the tests and their markers")
@@ -227,6 +241,9 @@ def pytest_runtest_makereport(
         return report
     said = call.excinfo.errisinstance((expect.Failure, NoAnswer))
     if said or item.config.getoption("--confine"):
+        asked = item.stash.get(ASKED, None)
+        if asked is not None and isinstance(call.excinfo.value, expect.Failure):
+            asked.award(max(asked.share, call.excinfo.value.share))
         text = shortened(str(call.excinfo.value)) if said else _unread(item, call.excinfo)
         problem = _problem(item)
         where = f"problem {problem.id}, {problem.file}" if problem else ""

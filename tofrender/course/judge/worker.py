@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 from .. import rubric as rubrics
-from . import wire
+from . import forbidden, wire
 
 MAX_TEXT = 4000
 """Characters of a reason that are sent."""
@@ -64,6 +64,9 @@ class Theirs:
         path = self._folder / problem.file
         if not path.is_file():
             raise NotTheirs(f"{problem.file} is missing (problem {problem.id})")
+        used = forbidden.find(path, frozenset(self._rubric.forbids + problem.forbids))
+        if used:
+            raise NotTheirs(f"{used} is not allowed in this problem: write it yourself")
         known = sys.modules.get(path.stem)
         if known is not None and getattr(known, "__file__", None) == str(path):
             return known
@@ -111,6 +114,8 @@ def main(configuration: str) -> None:
     probes = _load_apart(Path(settings["probes"]))
     if folder:
         sys.path.insert(0, str(folder))
+        if "warps" in rubric.forbids:
+            forbidden.guard(folder)
     theirs = Theirs(rubric, folder or None)
     wire.write(answers / "0.npz", {"ready": True})
     for number in map(int, numbers):
