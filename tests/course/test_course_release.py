@@ -535,6 +535,7 @@ def test_which_tests_a_mutant_can_fail(tiny):
     assert mutants.affected(tiny.rubric, those["quarter"]) == [
         "test_range.py::test_range",
         "test_range.py::test_results",
+        "test_range_staff.py::test_any_frequency",
     ]
     assert "= 0.25 *" not in mutants.apply(tiny, those["no_half"])
     assert "return 0.25 *" in mutants.apply(tiny, those["quarter"])
