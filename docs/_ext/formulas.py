@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 from docutils import nodes
-from docutils.utils.math import MathError, latex2mathml
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
-logger = logging.getLogger(__name__)
+from tofrender.course.formulas import mathml
 
-UNKNOWN = ((r"\\dots\b", r"\\ldots"), (r"\\[Bb]ig[lrm]?\b", ""))
-"""What docutils does not know, and what it draws instead."""
+logger = logging.getLogger(__name__)
 
 
 def _mathml(formula: str, node: nodes.Element, block: bool) -> str:
-    for pattern, instead in UNKNOWN:
-        formula = re.sub(pattern, instead, formula)
     try:
-        return latex2mathml.tex2mathml(formula, as_block=block)
-    except MathError as error:
-        logger.warning("formula %r: %s", formula, error, location=node)
+        return mathml(formula, block=block)
+    except ValueError as error:
+        logger.warning("%s", error, location=node)
         return ""
 
 

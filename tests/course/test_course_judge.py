@@ -16,6 +16,7 @@ from judged_pulse import PULSE, RUBRIC, SQUARE, write_assignment, write_submissi
 from tofrender.course import rubric
 from tofrender.course.judge import expect, plugin, wire, worker
 from tofrender.course.judge.client import Limits, NoAnswer, Worker
+from tofrender.course.judge.factors import Ratio
 
 
 @pytest.fixture
@@ -314,6 +315,70 @@ def test_exact_comparisons():
         assert "hint:     look here" in str(failure.value)
     with pytest.raises(expect.Failure, match="it holds"):
         expect.true(False, "it holds")
+
+
+def test_nothing_is_no_answer():
+    for compare in (
+        lambda: expect.close([], 1.0, "x"),
+        lambda: expect.close(np.zeros((0, 3)), np.zeros((0, 3)), "x"),
+        lambda: expect.finite([], "x"),
+        lambda: expect.estimate(np.zeros((8, 0)), 1.0, "x"),
+        lambda: expect.noise(np.zeros((8, 0)), 1.0, "x"),
+    ):
+        with pytest.raises(expect.Failure, match="none: an array of shape"):
+            compare()
+
+
+def test_a_factor_is_named_hints_and_leaves_a_part():
+    right = np.array([1.0, 2.0, 0.0, 5.0])
+    cos = np.array([0.5, 0.25, 0.1, 0.9])
+    ratios = {"π": "divide by π", "1/cos": Ratio(1 / cos, "the cosine is missing")}
+    for factor, name, hint, share in (
+        (np.pi, "π", "divide by π", 0.5),
+        (-1, "-1", "look here", 0.5),
+        (0.5, "1/2", "look here", 0.5),
+        (1 / cos, "1/cos", "the cosine is missing", 0),
+    ):
+        with pytest.raises(expect.Failure) as failure:
+            expect.close(right * factor, right, "x", hint="look here", ratios=ratios)
+        text = str(failure.value)
+        assert f"which is: {name} times what is right, everywhere" in text
+        assert f"hint:     {hint}" in text
+        assert failure.value.share == share
+    for came in (right * 1.7, np.zeros(4), right * [2, 2, 1, 1]):
+        with pytest.raises(expect.Failure) as failure:
+            expect.close(came, right, "x", ratios=ratios)
+        assert "which is" not in str(failure.value)
+        assert failure.value.share == 0
+    with pytest.raises(expect.Failure) as failure:  # a bound so wide that several fit
+        expect.close(right * 2, right, "x", rtol=0.4)
+    assert failure.value.share == 0
+
+
+@pytest.mark.statistical
+def test_a_factor_is_found_through_noise():
+    expect.configure(comparisons=10)
+    noise = np.random.default_rng(3).normal(1, 0.05, (32, 6))
+    for compare in (
+        lambda: expect.estimate(noise * np.pi, 1.0, "mean"),
+        lambda: expect.same(noise * np.pi, noise[::-1], "mean"),
+    ):
+        with pytest.raises(expect.Failure, match="which is: π times") as failure:
+            compare()
+        assert failure.value.share == 0.5
+    with pytest.raises(expect.Failure) as failure:
+        expect.estimate(noise * 1.2, 1.0, "mean")
+    assert failure.value.share == 0
+
+
+@pytest.mark.statistical
+def test_scatter_beyond_that_of_a_good_solution_fails():
+    noise = np.random.default_rng(4).normal(1, 0.1, (64, 5))
+    expect.noise(noise, 0.2, "mean")
+    with pytest.raises(expect.Failure, match=r"standard deviation of mean\n  expected: at most"):
+        expect.noise(1 + 3 * (noise - 1), 0.2, "mean", hint="few samples?")
+    with pytest.raises(expect.Failure, match="NaN"):
+        expect.noise(noise * np.nan, 0.2, "mean")
 
 
 @pytest.mark.statistical

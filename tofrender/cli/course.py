@@ -23,6 +23,7 @@ Name = Annotated[str, typer.Argument(metavar="ASSIGNMENT", help="For example a2,
 def release(
     assignment: Name,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Where to make it.")],
+    pdf: Annotated[bool, typer.Option("--pdf", help="PDF, too; Chromium prints it.")] = False,
 ) -> None:
     """Make what students get of an assignment: a new folder in DIR.
 
@@ -33,10 +34,11 @@ def release(
     from tofrender.course.author.release import PACKAGE_FOLDER, release as make
 
     found = assignments.find(assignment)
-    made = make(found, out)
+    made = make(found, out, pdf=pdf)
     chosen = edition.chosen(found.rubric)
+    kinds = ", ".join([".md", ".html", *([".pdf"] if pdf else [])])
     alone = sorted(edition.withheld(found.rubric).keys() - chosen.keys())
-    typer.echo(f"{made}: README and exercises (.md, .html), figures and {PACKAGE_FOLDER}/")
+    typer.echo(f"{made}: README and exercises ({kinds}), figures and {PACKAGE_FOLDER}/")
     typer.echo(f"withheld: {', '.join(sorted(chosen))}")
     if alone:
         typer.echo(f"left out, since they need one of these: {', '.join(alone)}")

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from .formulas import mathml
+
 STYLE = """
 body { max-width: 50rem; margin: 2rem auto; padding: 0 1rem; line-height: 1.5;
   font-family: system-ui, sans-serif; color: #222; background: #fff; }
@@ -15,10 +17,17 @@ table { border-collapse: collapse; display: block; overflow-x: auto; }
 th, td { border-bottom: 1px solid #ccc; padding: 0.2rem 0.7rem; text-align: left;
   vertical-align: top; }
 img { max-width: 100%; }
+math { font-size: 1.08em;
+  font-family: "Latin Modern Math", "STIX Two Math", "STIX Math", "Cambria Math", math; }
+math[display="block"] { margin: 1em 0; overflow-x: auto; }
+@media print {
+  @page { size: A4; margin: 18mm; }
+  body { max-width: none; margin: 0; font-size: 10.5pt; }
+  table, pre, math[display="block"] { overflow: visible; }
+  h1, h2, h3 { break-after: avoid; }
+  table, pre, img, blockquote, math { break-inside: avoid; }
+}
 blockquote { margin-left: 0; padding-left: 1rem; border-left: 3px solid #ccc; }
-"""
-MATH = """<script>MathJax = { tex: { inlineMath: [["\\\\(", "\\\\)"]] } };</script>
-<script defer src="https://cdn.jsdelivr.net/npm/mathjax@3/es5/tex-chtml.js"></script>
 """
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~&$])")
 
@@ -36,10 +45,13 @@ def write(folder: Path, name: str, text: str) -> None:
 
 
 def page(text: str) -> str:
-    """A whole page of HTML, with formulas for MathJax if the text has any.
+    """A whole page of HTML that needs no network.
 
     Args:
         text: Markdown whose first line is its title; HTML in it stays text.
+
+    Raises:
+        ValueError: A formula cannot be read; one line.
     """
     from markdown_it import MarkdownIt
 
@@ -47,27 +59,27 @@ def page(text: str) -> str:
     kept, formulas = _without_formulas(text)
     body = reader.render(kept)
     for mark, formula in formulas.items():
-        body = body.replace(mark, html.escape(formula))
+        body = body.replace(mark, formula)
     first = text.lstrip().partition("\n")[0].lstrip("# ")
     title = html.escape(re.sub(r"\\(.)", r"\1", first))
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width">\n'
-        f"<title>{title}</title>\n<style>{STYLE}</style>\n{MATH if formulas else ''}</head>\n"
+        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n"
         f"<body>\n{body}</body>\n</html>\n"
     )
 
 
 def _without_formulas(text: str) -> tuple[str, dict[str, str]]:
-    """The text with marks for its formulas, so that Markdown leaves those alone."""
+    """The text with marks that Markdown leaves alone, and the formulas that they stand for."""
     formulas: dict[str, str] = {}
 
     def keep(found: re.Match[str]) -> str:
         if found["code"]:
             return found[0]
         mark = f"FORMULA{len(formulas)}END"
-        shown, inline = found["shown"], found["inline"]
-        formulas[mark] = f"\\[{shown}\\]" if shown is not None else f"\\({inline}\\)"
+        block = found["shown"] is not None
+        formulas[mark] = mathml(found["shown"] if block else found["inline"], block=block)
         return mark
 
     pattern = (

@@ -11,7 +11,7 @@ from ...runtime.atomic import replacing
 from .. import edition, material, pages
 from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric
-from . import repository
+from . import printing, repository
 from .leaks import leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
@@ -24,7 +24,7 @@ class Leak(RuntimeError):
     """A student edition that must not be given to students; one line a reason."""
 
 
-def release(assignment: Assignment, out: Path) -> Path:
+def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
     """Make `out/a2_time_of_flight/`, whole or not at all.
 
     It holds the handout and the exercises, as Markdown and as HTML, the figures, what makes it a
@@ -34,16 +34,20 @@ def release(assignment: Assignment, out: Path) -> Path:
     Args:
         assignment: The whole assignment.
         out: Folder to make it in.
+        pdf: Whether students get handout and exercises as PDF, too; needs Chromium.
 
     Returns:
         The folder that was made.
 
     Raises:
         FileExistsError: It is there already.
-        ValueError: The assignment has no solutions, or does not hold together.
+        ValueError: The assignment has no solutions, or does not hold together, or there is no
+            Chromium.
         Leak: The edition is not fit to be given away; says why.
     """
     assignment.require_staff("release")
+    if pdf:
+        printing.browser()  # before any work
     target = Path(out) / assignment.name
     if target.exists() or target.is_symlink():
         raise FileExistsError(f"{target}: exists; must be a new folder, nothing is overwritten")
@@ -64,7 +68,10 @@ def release(assignment: Assignment, out: Path) -> Path:
                 html = pages.page(text)
                 for other in PAGES:
                     html = html.replace(f'href="{other}', f'href="{Path(other).stem}.html')
-                (folder / name).with_suffix(".html").write_text(html, encoding="utf-8")
+                page = (folder / name).with_suffix(".html")
+                page.write_text(html, encoding="utf-8")
+                if pdf:
+                    printing.pdf(page, page.with_suffix(".pdf"))
         repository.write(folder, assignment.rubric, PACKAGE_FOLDER)
         _refuse(leaks(assignment, folder))
         if target.exists():
