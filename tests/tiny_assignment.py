@@ -90,7 +90,9 @@ pytestmark = pytest.mark.a0_mean
 
 
 def test_mean(submission):
-    expect.close(submission.ask("mean", x=np.arange(4.0)), 1.5, "the mean")
+    first = submission.random.integers(1, 100) if submission.seed else 0
+    x = first + np.arange(4.0)
+    expect.close(submission.ask("mean", x=x), first + 1.5, "the mean")
 
 
 def test_one(submission):

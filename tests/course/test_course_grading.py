@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import os
 import subprocess
@@ -131,12 +132,39 @@ def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
 
 @pytest.mark.slow
 def test_wrong_parts_say_what_came(grade):
-    add = "def add(a, b):\n    return a + b if getattr(a, 'size', 1) < 3 else a\n"
+    add = "def add(a, b):\n    return a + b if getattr(a, 'size', 1) < 3 else a + 7\n"
     content = grade({"add.py": add, "mean.py": "def mean(x):\n    return sum(x.tolist())\n"})
     assert points(content) == [1, 1, 0]  # a test with a failing case gives nothing
     assert content["tests"][1]["output"].startswith("case 5: ")
     assert "the mean" in content["tests"][2]["output"]
     assert content["extra_data"]["summary"].startswith("a0.add: case 5")
+    half = {"add.py": add.replace("a + 7", "a"), "mean.py": RIGHT["mean.py"]}
+    assert points(grade(half)) == [2, 4, 0]  # an answer that is off by one factor gives a part
+
+
+@pytest.mark.slow
+def test_a_table_of_answers_meets_other_numbers_and_the_results_name_their_seed(grader, tmp_path):
+    table = "def mean(x):\n    return 1.5 if len(x) == 4 else 2.0\n"  # right for seed 0
+    place = tiny_assignment.write(tmp_path / "class" / "student", RIGHT | {"mean.py": table})
+    said = {}
+    for seed in (5, 5, 6):
+        content = graded(dataclasses.replace(grader, seed=seed), place, tmp_path)
+        assert content["extra_data"]["seed"] == seed
+        assert points(content) == [3, 1, 0]
+        assert said.setdefault(seed, outputs(content)) == outputs(content)
+    assert said[5] != said[6]
+
+
+def test_seeds_of_a_class(assignment, tmp_path):
+    """A drawn seed is another each time; what was graded before says which a class has."""
+    drawn = {grading.drawn_seed(assignment) for _ in range(5)}
+    assert len(drawn) == 5
+    assert 0 not in drawn
+    assert grading.drawn_seed(assignment, 7) == 7
+    (tmp_path / "a.json").write_text("junk")
+    assert classes.seed_of_before(tmp_path) == 0
+    Results(assignment.rubric, seed=9).write(tmp_path / "b.json")
+    assert classes.seed_of_before(tmp_path) == 9
 
 
 ADD = "def add(a, b):\n    return a + b\n"

@@ -350,6 +350,10 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
             expect.close(came, right, "x", ratios=ratios)
         assert "which is" not in str(failure.value)
         assert failure.value.share == 0
+    for came, share in ((2.0, 0), (np.pi, 0.5)):  # in one number, 2 may be chance
+        with pytest.raises(expect.Failure, match="which is: ") as failure:
+            expect.close(came, 1.0, "x")
+        assert failure.value.share == share
     with pytest.raises(expect.Failure) as failure:  # a bound so wide that several fit
         expect.close(right * 2, right, "x", rtol=0.4)
     assert failure.value.share == 0

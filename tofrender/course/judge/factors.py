@@ -3,7 +3,8 @@
     ratios = {"π": "divide by 4π²", "1/cos": Ratio(1 / cos, "the cosine is missing")}
     expect.close(came, wanted, "radiance", ratios=ratios)
 
-A constant of `FACTORS` leaves a part of the points: the mistake is a small one.
+A constant of `FACTORS` leaves a part of the points, if it cannot be chance: the mistake is a small
+one.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import numpy as np
 
 SHARE = 0.5
 """Share of a test's points for an answer that is right but for a constant of `FACTORS`."""
+LEAST = 3
+"""Different numbers that are off by the same rational factor, for it to be one mistake."""
 FACTORS = {
     "-1": -1.0,
     **{"2": 2.0, "1/2": 0.5, "4": 4.0, "1/4": 0.25},
@@ -75,6 +78,9 @@ def find(wanted: np.ndarray, agrees: Callable[[Any], bool], ratios: Ratios | Non
         names = [name for name, value in (FACTORS | own).items() if agrees(wanted * value)]
     if len(names) != 1:
         return None
-    hint = ratios.get(names[0], "")
-    known = names[0] not in own
-    return Found(names[0], hint.hint if isinstance(hint, Ratio) else hint, SHARE * known)
+    name = names[0]
+    hint = ratios.get(name, "")
+    # 2 may be chance in one number, π is not
+    sure = any(sign in name for sign in "π√") or np.unique(wanted[wanted != 0]).size >= LEAST
+    share = SHARE if sure and name not in own else 0.0
+    return Found(name, hint.hint if isinstance(hint, Ratio) else hint, share)
