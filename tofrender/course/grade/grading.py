@@ -46,7 +46,9 @@ MEMORY_GIB = 4.0
 """Memory of all processes of a submission together [GiB]."""
 JUDGE_GIB = 2.0  # of the judge, besides
 START_S = 30.0  # of judge and worker, on a slow machine
-LEAST_S = 20.0  # for a problem, even if those before it have used up the time
+LEAST_S = 20.0  # for a problem, even if those before it have used up their time
+BEYOND_S = 15.0
+"""Time beyond a submission's limit in which the problems that are left are still judged [s]."""
 MAX_PICTURES, MAX_PICTURE = 40, 4 << 20  # of a problem; of each [bytes]
 CLASS = "class"
 """Folder of the copies that wait."""
@@ -161,10 +163,14 @@ class Grader:
         hidden += [self.scratch, *map(Path, sandbox.home())]
         with sandbox.own_user() as uid:
             for number, problem in enumerate(problems):
+                left = self.time_limit_s - (time.monotonic() - begin)
+                if left < 1 - BEYOND_S:
+                    reason = f"not judged: all problems together took {self.time_limit_s:g} s"
+                    results.grades |= grades_of(problem, [], False, reason)
+                    continue
                 later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
-                left = self.time_limit_s - (time.monotonic() - begin) - later
                 whole = START_S + problem.timeout_s + 4 * problem.takes_s
-                timeout_s = max(LEAST_S, min(whole, left))
+                timeout_s = min(max(LEAST_S, min(whole, left - later)), left + BEYOND_S)
                 results.grades |= self._judge(problem, folder, package, hidden, timeout_s, uid)
 
     def _judge(
