@@ -133,6 +133,22 @@ def test_optimize_false_keeps_shapes_apart():
     assert len(merged.shapes()) < 8
 
 
+def test_a_seed_means_the_same_paths_at_each_load():
+    """Mitsuba's merging of meshes orders them by their addresses, and their lamps with them."""
+
+    def lamps() -> tuple[float, ...]:
+        scene = {"type": "scene"}
+        for k in range(6):
+            place = mi.ScalarTransform4f().translate([3 * k, 0, 0])
+            lamp = {"emitter": {"type": "area"}} if k % 2 else {"bsdf": {"type": "diffuse"}}
+            scene |= {f"lamp{k}": {"type": "rectangle", "to_world": place, **lamp}}
+            scene |= {f"box{k}": {"type": "cube", "to_world": place}}
+        loaded = load_scene(scene)
+        return tuple(float(lamp.get_shape().bbox().min.x) for lamp in loaded.emitters())
+
+    assert len({lamps() for _ in range(40)}) == 1
+
+
 def test_files_named_in_xml_are_found_beside_it(tmp_path):
     mi.load_dict({"type": "cube"}).write_ply(str(tmp_path / "cube.ply"))
     shape = '<shape type="ply"><string name="filename" value="cube.ply"/></shape>'

@@ -21,6 +21,7 @@ from ..runtime.progress import shown
 from . import BUILT_IN
 from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
+from .nodes import is_kind
 from .packaged import packaged
 from .peers import use_own_names
 from .settings import Settings, check_settings
@@ -53,7 +54,9 @@ def load_scene(
             dict as for `mi.load_dict`, or an `mi.Scene`, which is returned as it is.
         parameters: Values for the `<default>` names of an XML file.
         optimize: Whether Mitsuba may merge shapes that share a material, which saves memory but
-            makes them one shape. Scenes that tell shapes apart (NLOS) need False.
+            makes them one shape. Scenes that tell shapes apart (NLOS) need False. Shapes of a scene
+            with several emitters are never merged, since the order of its emitters would be another
+            at each load, and a seed would mean other paths.
         **settings: Any of `width`, `height` [pixels], `temporal_bins`, `start_opl`,
             `bin_width_opl` [m], `spp`, `sampler`, `max_depth`, `integrator` (a name, or a dict as
             for `mi.load_dict`), `pulse_width_opl` [m]. What is not given, or None, stays as the
@@ -97,6 +100,8 @@ def load_scene(
             use_own_plugins(state)
             _require_meshes(state)
             name_shapes(state)
+            if sum(is_kind(node, mi.ObjectType.Emitter) for node in state.nodes) > 1:
+                config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
     except RuntimeError as error:
