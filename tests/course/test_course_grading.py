@@ -364,6 +364,22 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
 
 
 @pytest.mark.slow
+def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home):
+    """However many of its problems are endless."""
+    titles = [f"endless {k}" for k in range(14)]
+    staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(titles, titles))
+    files = {f"p{k}.py": f"def add{k}(a, b):\n    while True: pass\n" for k in range(14)}
+    student = tiny_assignment.write(tmp_path / "class" / "student", files)
+    limit_s = 5.0
+    with grading.opened(find(staff), time_limit_s=limit_s, memory_gib=MEMORY_GIB) as grader:
+        content = graded(grader, student, tmp_path)
+    assert content["execution_time"] < limit_s + grading.BEYOND_S + 10
+    assert content["score"] == 0
+    assert "no answer within 2 s" in content["tests"][0]["output"]
+    assert content["tests"][-1]["output"] == "not judged: all problems together took 5 s"
+
+
+@pytest.mark.slow
 def test_own_judge_and_modules_change_nothing(grade):
     always = "import pytest\n@pytest.fixture\ndef submission():\n    pytest.skip('fine')\n"
     modules = ("json.py", "numpy.py", "mitsuba.py", "tofrender.py", "pytest.py", "random.py")
