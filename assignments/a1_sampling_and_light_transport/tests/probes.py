@@ -56,7 +56,7 @@ def light_sample(theirs, light, o, points):
 def light_record(theirs, light, o, v):
     """All fields of the records of given directions of shape (n, 3)."""
     shape = _light(theirs, light)
-    o, v, count = mi.Point3f(_vector3(o)), _vector3(v), len(o)
+    o, v, count = mi.Point3f(_vector3(o)), _vector3(v), max(len(o), len(v))
     fields = _fields(shape.record(o, v), count)
     return fields | {"pdf_method": _lanes(shape.pdf(o, v), count)}
 
