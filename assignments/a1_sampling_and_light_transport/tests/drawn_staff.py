@@ -43,3 +43,24 @@ def directions(random, count):
     """Uniform directions, shape (count, 3)."""
     v = random.normal(size=(count, 3))
     return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def tilted_normals(origin, z, normal, size, bsdf):
+    """A square, `size` half its side, that looks along `z` and has other shading normals."""
+    x = np.cross(z, [0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0])
+    x = size * x / np.linalg.norm(x)
+    y = np.cross(z, x)
+    corners = np.array([origin - x - y, origin + x - y, origin + x + y, origin - x + y])
+    return {
+        "type": "with normals",
+        "corners": corners,
+        "normals": np.tile(normal, (4, 1)),
+        "faces": np.array([[0, 1, 2], [0, 2, 3]]),
+        "bsdf": bsdf,
+    }
+
+
+def near(random, axis, angle):
+    """A direction at an angle to an axis [rad]."""
+    x = np.cross(axis, directions(random, 1)[0])
+    return np.cos(angle) * axis + np.sin(angle) * x / np.linalg.norm(x)
