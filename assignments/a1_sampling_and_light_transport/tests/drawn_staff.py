@@ -7,7 +7,7 @@ import numpy as np
 from tofrender.course.judge import expect
 
 LARGEST = 0.35
-"""Largest chi-square per cell of regular numbers; independent ones have 1, right warps below 0.1."""
+"""Largest chi-square per cell of regular numbers; of independent ones it is about 1."""
 
 
 def regular(random, side=256):
@@ -35,7 +35,9 @@ def asked_twice(submission, probe, what, square, **arguments):
     expect.finite(rows, what)
     first, again = np.split(rows, 2)
     hint = "a warp is a function of its two numbers; it draws none of its own"
-    expect.close(again, first, f"{what}, for the same numbers again", rtol=1e-3, atol=1e-4, hint=hint)
+    expect.close(
+        again, first, f"{what}, for the same numbers again", rtol=1e-3, atol=1e-4, hint=hint
+    )
     return first
 
 

@@ -93,9 +93,7 @@ def _triangle(arguments, o, v):
         t = (corners[0] - o) @ normal / cos
     t = np.where(np.isfinite(t), t, -1)
     p = o + t[:, None] * v
-    edges = [
-        np.cross(corners[(i + 1) % 3] - corners[i], p - corners[i]) @ normal for i in range(3)
-    ]
+    edges = [np.cross(corners[(i + 1) % 3] - corners[i], p - corners[i]) @ normal for i in range(3)]
     within = np.min(edges, axis=0)
     hit = (t > 0) & (within >= 0)
     pdf = t**2 / (area * np.maximum(np.abs(cos), 1e-9))

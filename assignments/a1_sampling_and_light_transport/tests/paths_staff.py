@@ -130,7 +130,7 @@ def check_lights(submission, integrator, noise):
     phi = random.uniform(0, 2 * np.pi) + np.array([0, 2, 4]) * np.pi / 3
     out = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=1)
     ball, radius = 2.6 * out[0] + random.uniform(1.2, 2) * UP, random.uniform(0.5, 0.9)
-    panel = 2.8 * out[1] + random.uniform(1.5, 2.2) * UP
+    panel = 2.8 * out[1] + random.uniform(1.8, 2.4) * UP
     facing = -panel + random.uniform(-0.4, 0.4, 3)
     size = random.uniform(0.6, 1.0, 2)
     corners = scenes.frame(panel, facing, [*size, 1.0])[:3] @ CORNERS
@@ -150,10 +150,8 @@ def check_lights(submission, integrator, noise):
         "floor": scenes.rectangle([0, 0, 0], UP, 12.0, matte(albedo)),
         "ball": scenes.sphere(ball, radius, scenes.BLACK, emitter=lamp(strength[0])),
         "panel": scenes.rectangle(panel, facing, size, scenes.BLACK, emitter=lamp(strength[1])),
-        "away": scenes.rectangle(
-            1.2 * panel, panel, 0.5, scenes.BLACK, emitter=lamp(strength[2])
-        ),
-        "screen": scenes.disk([7.0, 7, 0.05], UP, 1.0, scenes.BLACK),
+        "away": scenes.rectangle(1.2 * panel, panel, 0.5, scenes.BLACK, emitter=lamp(strength[2])),
+        "screen": scenes.disk([7.0, 7, 0.05], UP, 4.0, scenes.BLACK),
         "plate": scenes.rectangle([0, 0, -5.0], UP, 0.5, rough),
         "point": {"type": "point", "position": point, "intensity": scenes.rgb(*strength[3])},
         "second": {"type": "point", "position": second, "intensity": scenes.rgb(*strength[4])},
@@ -181,7 +179,13 @@ def check_lights(submission, integrator, noise):
         lobe = rough_mirror(-down[3][None], arriving[None], alpha)[0]
         wanted[6] = plate * lobe * strength[4] / (to @ to)
     front = facing / np.linalg.norm(facing)
-    o = [*(x - 0.01 * down[:3]), [7, 7, 0.02], panel + 0.1 * front, panel - 0.1 * front, y - 0.01 * down[3]]
+    o = [
+        *(x - 0.01 * down[:3]),
+        [7, 7, 0.02],
+        panel + 0.1 * front,
+        panel - 0.1 * front,
+        y - 0.01 * down[3],
+    ]
     d = [*down[:3], -UP, -front, front, down[3]]
     o, d = np.array([*o, [0, 0, 30.0]]), np.array([*d, UP])
     came = ask(submission, integrator, {"max_bounces": 1}, scenes.scene(**parts), o, d, spp=8192)
@@ -193,9 +197,8 @@ def check_lights(submission, integrator, noise):
         "a rough plate under a point light",
         "nothing",
     ]
-    hint = (
-        "all lights count, each once and with its own colour, and only where they are seen; "
-        + ("point lights and the sun are never met" if not meets_points else "a chance for each")
+    hint = "all lights count, each once and with its own colour, and only where they are seen; " + (
+        "point lights and the sun are never met" if not meets_points else "a chance for each"
     )
     compare(came, wanted, names, noise=noise, hint=hint)
     hint = "the second of what sample returns says which lanes' camera ray met a surface"
@@ -242,7 +245,9 @@ def check_sky(submission, integrator, noise):
         f"plate{k}": scenes.rectangle(x[k], n[k], 0.2, materials[k], id=f"plate{k}")
         for k in range(6)
     }
-    parts["ball"] = scenes.sphere([0, 0, 0], 0.5, {"type": "dielectric", "int_ior": ior, "ext_ior": 1.0})
+    parts["ball"] = scenes.sphere(
+        [0, 0, 0], 0.5, {"type": "dielectric", "int_ior": ior, "ext_ior": 1.0}
+    )
     parts["sky"] = {"type": "constant", "radiance": scenes.rgb(*sky)}
     incidence = random.uniform(0.1, 1.2)
     outwards = drawn.directions(random, 1)[0]
@@ -255,15 +260,17 @@ def check_sky(submission, integrator, noise):
     above = w[:, 2] > 0
     lobe = rough_mirror(wi, w[above], alpha)
     mirrored = fresnel(incidence, ior)
-    glass = {1: mirrored, 2: mirrored + (1 - mirrored) ** 2, -1: 1.0}[bounces]
+    shown = {1: mirrored, 2: mirrored + (1 - mirrored) ** 2, -1: 1.0}[bounces]
     wanted = np.ones((8, 3)) * sky
     wanted[:2] *= albedo
     wanted[2] = 0
     coat = fresnel(tilt[4], ior)
     wanted[4] *= coat + (1 - coat) * albedo  # What enters is reflected by the body or comes back
     wanted[5] *= np.sum(lobe * solid_angle[above])
-    wanted[7] *= glass
-    came = ask(submission, integrator, {"max_bounces": bounces}, scenes.scene(**parts), o, d, spp=2048)
+    wanted[7] *= shown
+    came = ask(
+        submission, integrator, {"max_bounces": bounces}, scenes.scene(**parts), o, d, spp=2048
+    )
     names = [
         "a diffuse plate under a sky",
         "the back of a two-sided plate under a sky",

@@ -98,8 +98,10 @@ def answer(theirs, integrator, name, parameters, scene, o, d, seeds, spp, seed):
     `met` is the share of samples that met a surface, `deviation` the standard deviation of one
     sample, shape (n, 3).
     """
-    getattr(theirs, integrator)  # Its file is imported
+    kind = getattr(theirs, integrator)
     plugin = mi.load_dict({"type": name, **parameters})
+    if not isinstance(plugin, kind):
+        raise TypeError(f"the plugin {name} is no {integrator}; mi.register_integrator names it")
     return _answer(plugin, scene, o, d, seeds, spp, seed)
 
 

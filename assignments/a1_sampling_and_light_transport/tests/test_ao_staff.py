@@ -57,9 +57,9 @@ def test_drawn_lids(submission):
     hint = "any surface hides the sky, on the side of the shading normal that the camera sees"
     what = "openness of plates under lids, of their backs, and with tilted shading normals"
     grey = came["radiance"][:, :9]
+    same = "L is the same in each channel"
+    expect.close(grey, grey[..., :1] * np.ones(3), "openness in all channels", hint=same)
     expect.estimate(grey.mean(axis=2), wanted, what, rounding=5e-3, hint=hint)
-    hint = "L is the same in each channel"
-    expect.close(grey, grey[..., :1] * np.ones(3), "openness in all channels", hint=hint)
     expect.close(came["radiance"][:, 9], 0.0, "value where there is no surface, but a sky")
     expect.close(came["met"][:9], 1.0, "lanes that met a surface")
     most = np.max(came["deviation"])
@@ -84,12 +84,18 @@ def test_far_lid(submission):
     expect.close(nothing["met"], 0.0, "lanes that met a surface", hint=hint)
     came = ask(submission, scene, zero, -n)
     hint = "the shadow ray has no end"
-    expect.estimate(came["radiance"], 0.5, f"openness with a lid in {far:.0f} m", rounding=3e-3, hint=hint)
+    expect.estimate(
+        came["radiance"], 0.5, f"openness with a lid in {far:.0f} m", rounding=3e-3, hint=hint
+    )
     least = np.min(came["deviation"])
-    text = f"half open, one direction scatters by about 1/2; a call's result scatters by {least:.3g}"
+    text = (
+        f"half open, one direction scatters by about 1/2; a call's result scatters by {least:.3g}"
+    )
     expect.true(least > 0.4, text, hint="each call estimates the integral with one direction")
     again = ask(submission, scene, zero, -n)["radiance"]
     other = ask(submission, scene, zero, -n, shift=1)["radiance"]
-    expect.close(again, came["radiance"], "the same with the same seed", atol=2e-3, hint="sampler.next_2d")
+    expect.close(
+        again, came["radiance"], "the same with the same seed", atol=2e-3, hint="sampler.next_2d"
+    )
     different = np.abs(other - again).max() > 0
     expect.true(different, "other seeds must give other estimates", hint="sampler.next_2d")

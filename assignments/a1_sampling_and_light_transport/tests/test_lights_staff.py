@@ -42,7 +42,11 @@ def compare(record, light, o, v, what):
 def group(random):
     """A group with a group, a black triangle and lights behind each other in it."""
     at = lights.around(random, 4)
-    inner = ["SurfaceGroup", [lights.sphere(random, at[0], 0.6), lights.triangle(random, at[1])], {}]
+    inner = [
+        "SurfaceGroup",
+        [lights.sphere(random, at[0], 0.6), lights.triangle(random, at[1])],
+        {},
+    ]
     black = lights.triangle(random, 0.7 * at[2], emission=0.0)
     behind = lights.sphere(random, 1.5 * at[2], 1.2)
     return ["SurfaceGroup", [black, inner, behind, lights.triangle(random, at[3])], {}], at
@@ -57,7 +61,8 @@ def test_records_of_drawn_lights(submission):
     cases = {"a triangle": single, "a sphere": ball, "a group": both}
     for what, light in cases.items():
         o = random.uniform(-0.4, 0.4, (3000, 3))
-        o[::6] += 2.5 * at[random.integers(0, 4, 500)]  # From the other sides, and inside
+        o[::6] += 2.5 * at[random.integers(0, 4, 500)]  # From the other sides
+        o[3::6] = at[0] + random.normal(0, 0.1, (500, 3))  # From inside the ball
         target = at[random.integers(0, 4, 3000)] + random.normal(0, 0.5, (3000, 3))
         v = np.where(random.random((3000, 1)) < 0.8, target - o, drawn.directions(random, 3000))
         v /= np.linalg.norm(v, axis=1, keepdims=True)
@@ -173,9 +178,9 @@ def test_irradiance_from_other_points(submission):
     ball = lights.sphere(random, o + random.uniform(2, 4) * to[1], random.uniform(0.3, 0.8))
     far = lights.sphere(random, o + 6 * to[2], 2.0)
     near = lights.sphere(random, o + 2.5 * to[2], random.uniform(0.2, 0.6))
-    from_dark_side = lights.triangle(random, 3 * to[1])
-    corners = np.array(from_dark_side[1][:3])[[0, 2, 1]] + o + 3 * to[1]
-    from_dark_side[1][:3] = corners.tolist()
+    between = o + 3.5 * (to[0] + to[1])  # Its light goes away from o
+    away = lights.triangle(random, between - o)
+    away[1][:3] = (np.array(away[1][:3])[[0, 2, 1]] + o).tolist()
 
     def of(light):
         return formulas.sphere_irradiance(light[1][0], light[1][1], o, normal, 1.0)
@@ -183,7 +188,7 @@ def test_irradiance_from_other_points(submission):
     wanted = formulas.polygon_irradiance(flat[1][:3], o, normal, 1.0) * np.array(flat[1][3])
     wanted += of(ball) * np.array(ball[1][2]) + of(near) * np.array(near[1][2])
     wanted += (of(far) - of(near)) * np.array(far[1][2])
-    light = ["SurfaceGroup", [flat, near, ball, far, from_dark_side], {}]
+    light = ["SurfaceGroup", [flat, near, ball, far, away], {}]
     square = formulas.uniform(64_000, random.integers(2**31))
     record = submission.ask("light_sample", light=light, o=o[None], points=square)
     cos = np.maximum(record["d"] @ normal, 0)

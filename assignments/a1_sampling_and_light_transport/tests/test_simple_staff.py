@@ -67,7 +67,7 @@ def test_drawn_scene(submission):
     to_ball = drawn.directions(random, 30)
     to_ball[:, 2] = np.abs(to_ball[:, 2]) + 0.2
     to_ball /= np.linalg.norm(to_ball, axis=1, keepdims=True)
-    ball = to_ball + [8.0, 0, 0]
+    ball = to_ball + np.array([8.0, 0, 0])
     lamp, tilted = np.array([[0, 9.0, 0]]), np.array([[-8.0, 0, 0]])
     air = np.append(random.uniform(-3, 3, (5, 2)), np.ones((5, 1)) * 20, axis=1)
     x = np.concatenate([floor, ball, lamp, tilted, air])
@@ -81,8 +81,12 @@ def test_drawn_scene(submission):
         what, scale = f"radiance of {name}", 1e-3 * wanted[part].max() + 1e-3
         expect.close(came[part], wanted[part], what, rtol=3e-3, atol=scale, hint=hint)
     hint = "the cosine is that of the shading normal, si.sh_frame.n"
-    expect.close(came[61], wanted[61], "radiance where shading normals are tilted", rtol=3e-3, hint=hint)
-    expect.close(came[-5:], 0.0, "radiance where there is no surface", hint="the sky does not count")
+    expect.close(
+        came[61], wanted[61], "radiance where shading normals are tilted", rtol=3e-3, hint=hint
+    )
+    expect.close(
+        came[-5:], 0.0, "radiance where there is no surface", hint="the sky does not count"
+    )
     expect.close(met[:62], 1.0, "lanes that met a surface")
 
 
@@ -97,11 +101,17 @@ def test_from_the_other_side(submission):
     x = random.uniform(-1, 1, (20, 2)) @ inside.T
     below = -downwards(random, 20)
     d = np.concatenate([below, -below, -below])
-    aside = x + [9.0, 0, 0]
+    aside = x + np.array([9.0, 0, 0])
     came, met = ask(submission, plate, light, energy, np.concatenate([x, x, aside]), d)
     wanted = wanted_of(light, float(energy), x, -n)
     hint = "turn the shading normal to the side that the camera ray comes from"
-    expect.close(came[:20], wanted, "radiance of a plate that is lit and seen from below", rtol=3e-3, hint=hint)
+    expect.close(
+        came[:20],
+        wanted,
+        "radiance of a plate that is lit and seen from below",
+        rtol=3e-3,
+        hint=hint,
+    )
     what = "radiance of a plate that is lit from below and seen from above"
     expect.close(came[20:40], 0.0, what, hint=hint)
     expect.close(came[40:], 0.0, "radiance where there is no surface")

@@ -53,8 +53,15 @@ def test_triangle_density_of_any_size(submission):
         b = random.dirichlet([1, 1, 1], 60)
         within = b @ corners
         above = np.where(random.random((60, 1)) < 0.5, 1, -1) * normal
-        on = [within, on_edges, on_edges + 2e-6 * longest * outwards, within + 2e-6 * longest * above]
-        on = np.concatenate([*on, submission.ask("triangle", corners=corners, points=formulas.CORNERS)])
+        on = [
+            within,
+            on_edges,
+            on_edges + 2e-6 * longest * outwards,
+            within + 2e-6 * longest * above,
+        ]
+        on = np.concatenate(
+            [*on, submission.ask("triangle", corners=corners, points=formulas.CORNERS)]
+        )
         came = submission.ask("triangle_pdf", corners=corners, p=on)
         what = f"density on a triangle of the size {size:.3g}"
         hint = "allow for about 1e-5 of the longest edge: points on the edges belong to it"
