@@ -100,9 +100,7 @@ def check_furnace(submission, integrator, noise):
     hint = "without max_bounces there is no limit; the roulette must be without bias, however long"
     came = ask(submission, integrator, {}, scene, o, d, spp=2048)
     compare(came, wanted(2000), names, noise=2 * noise, hint=hint)
-    again, other = (
-        ask(submission, integrator, {}, scene, o, d, spp=2048, shift=k) for k in (0, 1)
-    )
+    again, other = (ask(submission, integrator, {}, scene, o, d, spp=2048, shift=k) for k in (0, 1))
     what = "radiance with the same seed again"
     hint = "random numbers come from the sampler"
     expect.close(again["radiance"], came["radiance"], what, rtol=1e-2, hint=hint)

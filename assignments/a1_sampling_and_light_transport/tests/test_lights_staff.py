@@ -96,8 +96,15 @@ def test_regular_numbers(submission):
     for quotient in (random.uniform(0.05, 0.95), 10 ** random.uniform(-3, -2)):
         radius = quotient * np.linalg.norm(at[1] - o)
         light = lights.sphere(random, at[1], radius)
-        d = _twice(submission, light, o, square)["d"]
-        _even_cone(d, at[1] - o, quotient, f"directions to a sphere, r / D = {quotient:.3g}")
+        record = _twice(submission, light, o, np.concatenate([square, formulas.CORNERS]))
+        hint = "it was aimed at the sphere: clamp the discriminant at 0, at the cone's edge, too"
+        expect.close(record["valid"], 1.0, "valid of directions to a sphere", hint=hint)
+        what = f"directions to a sphere, r / D = {quotient:.3g}"
+        _even_cone(record["d"][: len(square)], at[1] - o, quotient, what)
+        v = (at[1] - o)[None] / np.linalg.norm(at[1] - o)
+        given = submission.ask("light_record", light=light, o=o[None], v=v)["pdf"]
+        pdf = formulas.cone_pdf(quotient, 1.0)
+        expect.close(given, pdf, f"pdf of a given direction, r / D = {quotient:.3g}", rtol=2e-3)
     inside = at[1] + 0.9 * radius * drawn.directions(random, 1)[0]
     d = _twice(submission, light, inside, square)["d"]
     whole = np.stack([(1 + d[:, 2]) / 2, formulas.azimuth(d)], axis=1)
