@@ -59,8 +59,8 @@ class Case:
         )
 
 
-def compare(came, case, hint, rounding=3e-3):
-    """Light, its length, and lanes that met a surface."""
+def compare(came, case, hint, most, rounding=3e-3):
+    """Light, its length, lanes that met a surface; `most` bounds the light's relative noise."""
     light, moment = np.array(case.light), np.array(case.moment)
     dark = light.max(axis=1) == 0
     names = {"light": light, "moment": moment} | ({"steady": light} if "steady" in came else {})
@@ -79,6 +79,9 @@ def compare(came, case, hint, rounding=3e-3):
         expect.estimate(
             came[name][:, ~dark], wanted[~dark], texts[name], rounding=rounding, hint=hint
         )
+    shares = came["light"][:, ~dark] / light[~dark]
+    what = "radiance, over what is right, from few samples"
+    expect.noise(shares, most, what, hint="random numbers where the light is; next-event estimation")
     wanted = np.array(case.valid, float)
     what = f"lanes that met a surface, ray by ray: expected {wanted}, came {came['valid'][0]}"
     expect.true(np.array_equal(came["valid"], np.tile(wanted, (len(came["valid"]), 1))), what)

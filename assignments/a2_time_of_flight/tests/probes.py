@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Real
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -68,6 +70,32 @@ def pulse_samples(theirs, width_opl, xi):
     }
 
 
+def pulses_side_by_side(theirs, widths, t, xi):
+    """All that two pulses say; both are there before either is asked. t and xi in widths."""
+    pulses = [theirs.GaussianPulse(width_opl=width) for width in widths]
+    return [_told(pulse, t * width, xi) for pulse, width in zip(pulses, widths, strict=True)]
+
+
+def _told(pulse, t, xi):
+    t, xi = mi.Float(t), mi.Float(xi)
+    before = np.array(t), np.array(xi)
+    offsets, weight = pulse.sample(xi)
+    told = {
+        "width_opl": pulse.width_opl,
+        "support": [float(each) for each in pulse.support],
+        "normalization": pulse.normalization,
+        "is_number": isinstance(pulse.normalization, Real),
+        "density": _of_drjit("eval", pulse.eval(t)),
+        "cdf": _of_drjit("cdf", pulse.cdf(t)),
+        "offsets": _of_drjit("sample", offsets),
+        "again": pulse.sample(xi)[0],
+        "weight": mi.Float(_of_drjit("sample", weight)) + dr.zeros(mi.Float, dr.width(xi)),
+        "one": [pulse.eval(mi.Float(t[0])), pulse.cdf(mi.Float(t[0])), *pulse.sample(xi[0])],
+    }
+    same = [np.array_equal(np.array(a), b) for a, b in zip((t, xi), before, strict=True)]
+    return told | {"kept": all(same)}
+
+
 def defines(theirs, name):
     """Load it, or say why not."""
     getattr(theirs, name)
@@ -86,8 +114,22 @@ def try_pulse(theirs, name, text):
 
 def modulation(theirs, frequency_hz, phase_offset, opl):
     """Its values and numbers."""
-    wave = theirs.AMCWPulse(frequency_hz=frequency_hz, phase_offset=phase_offset)
+    return _wave(theirs.AMCWPulse(frequency_hz=frequency_hz, phase_offset=phase_offset), opl)
+
+
+def modulations(theirs, each, opl):
+    """Those of several waves, which are there before one is asked: (frequency, offset or None)."""
+    waves = [
+        theirs.AMCWPulse(frequency) if offset is None else theirs.AMCWPulse(frequency, offset)
+        for frequency, offset in each
+    ]
+    return [_wave(wave, opl) for wave in waves]
+
+
+def _wave(wave, opl):
     return {
+        "frequency_hz": wave.frequency_hz,
+        "phase_offset": wave.phase_offset,
         "values": _of_drjit("eval", wave.eval(mi.Float(opl))),
         "omega": wave.omega,
         "range": wave.get_unambiguous_range(),
@@ -107,15 +149,8 @@ def gate_along_ray(theirs, scene, view, origin, target, times, pulse, max_depth)
     """What `sample` returns along one ray, for each target time: shape (times,)."""
     scene = world(scene, view)
     integrator = _gated(theirs, pulse, max_depth=max_depth)
-    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
-    ray = mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
-    values = []
-    for time in times:
-        sampler = mi.load_dict({"type": "independent", "sample_count": 16})
-        sampler.seed(0, 16)
-        spec, _, _ = integrator.sample(scene, sampler, ray, float(time))
-        values.append(float(np.mean(np.array(mi.Color3f(spec).x + dr.zeros(mi.Float, 16)))))
-    return values
+    ray = _ray(origin, target)
+    return [_mean(integrator.sample(scene, _sampler(), ray, float(time))[0]) for time in times]
 
 
 def gate_image(theirs, scene, view, time, pulse, spp, seed, max_depth=2):
@@ -138,18 +173,55 @@ def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
     )
 
 
-def kernels_of_gates(theirs, view, numbers):
-    """How many kernels `render_transient` launches for each number of gates."""
+def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
+    """Pictures of `render_at_time` and cubes of `render_transient`, see `_pictures`."""
+    scene = world("lamp", view, colours=colours)
+    integrator, sensor = _gated(theirs, pulse, max_depth=2), scene.sensors()[0]
+    names = ("temporal_bins", "start_opl", "bin_width_opl")
+    config = dict(zip(names, (int(gates[0]), float(gates[1]), float(gates[2])), strict=True))
+
+    def one(s):
+        return theirs.render_at_time(scene, integrator, sensor, time, spp=spp, seed=s)
+
+    def many(s):
+        return theirs.render_transient(scene, integrator, sensor, config, spp=spp, seed=s)
+
+    return {"one": _pictures(one, seed), "many": _pictures(many, seed)}
+
+
+def gate_profile(theirs, view, times, pulse, options):
+    """What `sample` gives along the camera's ray; the pulse is that of the options if it is None."""
+    integrator = theirs.TimeGatedTransientPath(properties(**options))
+    if pulse is not None:
+        integrator.pulse = worlds.pulse(*pulse)
     scene = world("lamp", view)
-    integrator, sensor = _gated(theirs, ("hat", 0.1), max_depth=3), scene.sensors()[0]
-    counts = []
-    for number in numbers:
-        config = {"temporal_bins": int(number), "start_opl": 3.0, "bin_width_opl": 0.02}
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            theirs.render_transient(scene, integrator, sensor, config, spp=16, seed=0)
-            counts.append(len(dr.kernel_history((dr.KernelType.JIT,))))
-    return counts
+    ray = _ray(view["origin"], view["target"])
+    return [_mean(integrator.sample(scene, _sampler(), ray, float(time))[0]) for time in times]
+
+
+def _ray(origin, target):
+    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
+    return mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
+
+
+def _sampler():
+    sampler = mi.load_dict({"type": "independent", "sample_count": 16})
+    sampler.seed(0, 16)
+    return sampler
+
+
+def _mean(spectrum):
+    return float(np.mean(np.array(mi.Color3f(spectrum).x + dr.zeros(mi.Float, 16))))
+
+
+def _pictures(render, seed):
+    """Pictures of several seeds, of the first one once more, and what numbers they hold."""
+    first = render(seed)
+    return {
+        "values": over_seeds(render, seed),
+        "again": np.array(first, dtype=np.float64),
+        "kind": f"{type(first).__name__} of {getattr(first, 'dtype', 'no dtype')}",
+    }
 
 
 # -------------------------------------------------------------------------------------- AMCW
@@ -159,16 +231,34 @@ def amcw_along_ray(theirs, scene, view, origin, target, ramps, max_depth):
     """What `sample` returns along one ray, for each modulation (at zero, slope [1/m])."""
     scene = world(scene, view)
     integrator = theirs.AMCWTransientPath(properties(max_depth=max_depth))
-    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
-    ray = mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
     values = []
     for ramp in ramps:
-        sampler = mi.load_dict({"type": "independent", "sample_count": 16})
-        sampler.seed(0, 16)
         integrator.set_modulation(worlds.Ramp(*ramp))
-        spec, _, _ = integrator.sample(scene, sampler, ray)
-        values.append(float(np.mean(np.array(mi.Color3f(spec).x + dr.zeros(mi.Float, 16)))))
+        values.append(_mean(integrator.sample(scene, _sampler(), _ray(origin, target))[0]))
     return values
+
+
+def amcw_pictures(theirs, view, colours, ramp, spp, seed):
+    """Pictures of `render_single_amcw`, see `_pictures`."""
+    scene = world("lamp", view, colours=colours)
+    integrator = theirs.AMCWTransientPath(properties(max_depth=2))
+    integrator.set_modulation(worlds.Ramp(*ramp))
+
+    def render(s):
+        return theirs.render_single_amcw(scene, integrator, scene.sensors()[0], spp=spp, seed=s)
+
+    return _pictures(render, seed)
+
+
+def amcw_phasors(theirs, parts, view, frequency_hz, spp, seed, seeds=SEEDS):
+    """I, Q, amplitude, phase and depth of any scene, each (seeds, height, width, 3)."""
+    scene = world("described", view, parts=parts)
+    sensor = scene.sensors()[0]
+    found = [
+        theirs.render_amcw_phasor(scene, sensor, frequency_hz, spp=spp, seed=seed + k)
+        for k in range(seeds)
+    ]
+    return [np.stack([np.array(f[part], np.float64) for f in found]) for part in range(5)]
 
 
 def amcw_image(theirs, scene, view, ramp, spp, seed, max_depth=2, **options):
@@ -193,10 +283,12 @@ def amcw_phasor(theirs, scene, view, frequency_hz, spp, seed):
 
 
 def film(theirs, scene, view, pulse, spp, seed, seeds=SEEDS, max_depth=2, **options):
-    """(steady, bins) of `TransientPath`, seeds in front."""
+    """(steady, bins) of `TransientPath`, seeds in front; `pulse` may be a width for its option."""
     scene = world(scene, view, **options)
-    integrator = theirs.TransientPath(properties(max_depth=max_depth))
-    integrator.pulse = worlds.pulse(*pulse)
+    width = {"pulse_width_opl": pulse} if isinstance(pulse, Real) else {}
+    integrator = theirs.TransientPath(properties(max_depth=max_depth, **width))
+    if not width:
+        integrator.pulse = worlds.pulse(*pulse)
     return _render(integrator, scene, spp, seed, seeds)
 
 
@@ -220,11 +312,20 @@ def _render(integrator, scene, spp, seed, seeds):
 
 
 def phasors(theirs, transient, frequency_hz, start_opl, bin_width_opl):
-    return theirs.transient_to_phasor(transient, frequency_hz, start_opl, bin_width_opl)
+    before = transient.copy()
+    result = theirs.transient_to_phasor(transient, frequency_hz, start_opl, bin_width_opl)
+    return _unless_changed(result, before, transient)
 
 
 def summed_channels(theirs, I, Q, frequency_hz):  # noqa: E741
-    return theirs.sum_channels(I, Q, frequency_hz)
+    before = I + 1j * Q
+    return _unless_changed(theirs.sum_channels(I, Q, frequency_hz), before, I + 1j * Q)
+
+
+def _unless_changed(result, before, after):
+    if not np.array_equal(before, after):
+        raise ValueError("the arrays that were given have been changed")
+    return result
 
 
 # -------------------------------------------------------------------------------- relay wall
@@ -241,6 +342,17 @@ def on_wall(theirs, names, x, y):
         matrix[0, 3] = middle
         parts[name] = worlds.rectangle(matrix, worlds.diffuse(0.5))
     scene = worlds.load(parts)
-    wall = [shape for name in names for shape in scene.shapes() if shape.id() == name]
-    rays = mi.Ray3f(mi.Point3f(mi.Float(x), mi.Float(y), 1), mi.Vector3f(0, 0, -1))
-    return mi.Bool(theirs.is_on_relay_wall(scene.ray_intersect(rays), wall))
+    return _on(theirs, scene, names, x, y, 1.0)
+
+
+def on_shapes(theirs, parts, names, x, y, z):
+    """The same from (x, y, z), for other scenes."""
+    return _on(theirs, worlds.described(None, parts), names, x, y, z)
+
+
+def _on(theirs, scene, names, x, y, z):
+    wall = tuple(shape for name in names for shape in scene.shapes() if shape.id() == name)
+    rays = mi.Ray3f(mi.Point3f(mi.Float(x), mi.Float(y), z), mi.Vector3f(0, 0, -1))
+    mask = mi.Bool(theirs.is_on_relay_wall(scene.ray_intersect(rays), wall))
+    dr.eval(mask)  # as long as the scene is there
+    return mask
