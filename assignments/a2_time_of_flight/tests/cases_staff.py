@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scenes_staff import (
     blocked,
+    colour,
     diffuse,
     fresnel,
     ggx,
@@ -15,7 +16,6 @@ from scenes_staff import (
     panel,
     placed,
     point,
-    colour,
     sphere,
     square,
     under_coat,
@@ -43,9 +43,7 @@ class Case:
         """A ray, and its paths, pairs of (radiance, length from the origin)."""
         origin, towards = np.asarray(origin, float), np.asarray(towards, float)
         start = origin - behind * unit(towards - origin)
-        for name, value in zip(
-            self.rays, (origin, towards, start, active), strict=True
-        ):
+        for name, value in zip(self.rays, (origin, towards, start, active), strict=True):
             self.rays[name].append(value)
         paths = [(np.broadcast_to(light, 3), opl + behind) for light, opl in paths]
         self.light.append(sum((light for light, _ in paths), np.zeros(3)))
@@ -81,7 +79,7 @@ def compare(came, case, hint, most, rounding=3e-3):
         )
     shares = came["light"][:, ~dark] / light[~dark]
     what = "radiance, over what is right, from few samples"
-    expect.noise(shares, most, what, hint="random numbers where the light is; next-event estimation")
+    expect.noise(shares, most, what, hint="random numbers where the light is; connections")
     wanted = np.array(case.valid, float)
     what = f"lanes that met a surface, ray by ray: expected {wanted}, came {came['valid'][0]}"
     expect.true(np.array_equal(came["valid"], np.tile(wanted, (len(came["valid"]), 1))), what)
@@ -118,7 +116,7 @@ def several_lights(random):
     )
     behind = float(random.uniform(0.2, 1.0))
     for target in targets:
-        eye = target + (*random.uniform(-0.5, 0.5, 2), random.uniform(0.3, 0.8))
+        eye = target + random.uniform([-0.5, -0.5, 0.3], [0.5, 0.5, 0.8])
         paths = []
         for lamp, intensity in zip(lamps, intensities, strict=True):
             d = np.linalg.norm(lamp - target)
@@ -129,8 +127,8 @@ def several_lights(random):
         if len(case.light) == 1:
             case.add(eye, target, active=False)
     above = np.array([0.1, 0.2, 5.0])
-    case.add(above, above + random.uniform(-0.5, 0.5, 3) + (0, 0, 1), valid=False)
-    case.add(middle + (0, 0, 0.3), middle)
+    case.add(above, above + random.uniform([-0.5, -0.5, 0.5], [0.5, 0.5, 1.5]), valid=False)
+    case.add(middle + np.array([0, 0, 0.3]), middle)
     case.add((0.3, -0.2, -1.0), (0.1, 0.1, 0.0))
     return case
 
@@ -162,8 +160,8 @@ def materials(random):
     for x, number in zip(0.75 * (np.arange(5) - 2), order, strict=True):
         plate = np.array([x, 0.0, 0.0])
         turn = random.uniform(0, 2 * math.pi)
-        seen = np.array([math.cos(turn), math.sin(turn), 0]) * radius * random.uniform(0.1, 0.6)
-        to_panel = unit(seen + (0, 0, height) - plate)
+        seen = random.uniform(0.1, 0.6) * radius * np.array([math.cos(turn), math.sin(turn), 0])
+        to_panel = unit(seen + np.array([0, 0, height]) - plate)
         eye = plate + random.uniform(0.4, 0.9) * to_panel * (-1, -1, 1)
         wi = unit(eye - plate)
         whole = np.linalg.norm(eye - plate) + height / to_panel[2]
@@ -189,9 +187,7 @@ def materials(random):
             ({"type": "twosided", "bsdf": diffuse(tint)}, [(tint, smooth)]),
         )[number]
         case.parts[f"plate_{number}"] = square(plate, 0.2, bsdf, down=number == 4)
-        paths = [
-            (radiance * weight * light, moment / light) for weight, (light, moment) in parts
-        ]
+        paths = [(radiance * weight * light, moment / light) for weight, (light, moment) in parts]
         case.add(eye, plate, paths, behind=behind)
     case.parts["back"] = square((0.0, -1.2, 0.0), 0.2, diffuse(0.8), down=True)
     case.add((0.1, -1.3, 0.4), (0.0, -1.2, 0.0))

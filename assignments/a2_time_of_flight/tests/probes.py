@@ -190,7 +190,7 @@ def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
 
 
 def gate_profile(theirs, view, times, pulse, options):
-    """What `sample` gives along the camera's ray; the pulse is that of the options if it is None."""
+    """What `sample` gives along the camera's ray; without a pulse, with that of the options."""
     integrator = theirs.TimeGatedTransientPath(properties(**options))
     if pulse is not None:
         integrator.pulse = worlds.pulse(*pulse)

@@ -37,10 +37,10 @@ def along_rays(
         options: Parameters of the integrator.
 
     Returns:
-        Some of `light` (seeds, n, 3), summed over all lengths; `moment`, the same times the length [m];
-        `late` (seeds, n), share of lanes with light that is longer than `after`; `valid` (seeds, n),
-        share of lanes that are said to have met a surface; and `extra`, the number of AOVs. For a
-        film also `steady` (seeds, n, 3), the light that `sample` returns.
+        Some of `light` (seeds, n, 3), summed over all lengths; `moment`, the same times the length
+        [m]; `late` (seeds, n), share of lanes with light that is longer than `after`; `valid`
+        (seeds, n), share of lanes that are said to have met a surface; and `extra`, the number of
+        AOVs. For a film also `steady` (seeds, n, 3), the light that `sample` returns.
     """
     scene = worlds.described(None, parts)
     kind = getattr(theirs, name)
@@ -83,7 +83,7 @@ def _properties(options):
     return props
 
 
-# Each takes the integrator, the scene, rays, (where lengths start, active lanes), a seed and a length
+# Each takes integrator, scene, rays, (where lengths start, active lanes), a seed, and a length
 
 
 def _gated(integrator, scene, ray, given, seed, after):

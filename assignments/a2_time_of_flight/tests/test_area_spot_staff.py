@@ -18,11 +18,10 @@ def test_any_beam(submission):
     p = np.array([*random.uniform(-0.1, 0.1, 2), 0.0])
     eye = p + random.uniform([-0.25, -0.1, 0.3], [-0.15, 0.1, 0.4])
     centre = p + random.uniform([0.3, -0.1, 0.4], [0.4, 0.1, 0.5])
-    hidden = Patch(
-        centre, (0.15, 0.1), random.uniform(0.3, 0.9, 3), cells=14, **facing(centre, p)
-    )
+    hidden = Patch(centre, (0.15, 0.1), random.uniform(0.3, 0.9, 3), cells=14, **facing(centre, p))
     # A low edge on the wall: points before it do not see the patch, and some behind it no beam
-    edge = (p + (random.uniform(0.07, 0.1), 0, 0.03), (0, 1, 0), (0, 0, 1), (1.0, 0.03))
+    middle = p + np.array([random.uniform(0.07, 0.1), 0, 0.03])
+    edge = (middle, (0, 1, 0), (0, 0, 1), (1.0, 0.03))
     case = Case(
         {
             "relay_wall": square((0, 0, 0), 5.0, diffuse(wall)),

@@ -13,21 +13,20 @@ CELLS = 4000
 
 
 def drawn(submission):
-    """Two widths, and what pulses of them say; the random numbers are even in cells."""
+    """Pairs of a width and what a pulse of it says; the random numbers are even in cells."""
     random = submission.random
     widths = np.exp(random.uniform(np.log([1e-3, 0.2]), np.log([0.1, 3.0])))
+    widths = [float(width) for width in random.permutation(widths)]
     xi = (random.permutation(CELLS) + random.random(CELLS)) / CELLS
-    came = submission.ask(
-        "pulses_side_by_side", widths=[float(w) for w in random.permutation(widths)], t=T, xi=xi
-    )
-    return came, xi
+    came = submission.ask("pulses_side_by_side", widths=widths, t=T, xi=xi)
+    return list(zip(widths, came, strict=True)), xi
 
 
 def test_any_width(submission):
     """Two pulses, from a millimetre to a few metres, side by side."""
-    for pulse in drawn(submission)[0]:
-        width = pulse["width_opl"]
+    for width, pulse in drawn(submission)[0]:
         what = f"of a pulse of σ = {width:.4g} m"
+        expect.close(pulse["width_opl"], width, f"width_opl {what}", rtol=1e-5)
         expect.close(pulse["support"], [-5 * width, 5 * width], f"support {what}", rtol=1e-5)
         wanted = 1 / (width * np.sqrt(2 * np.pi))
         expect.true(pulse["is_number"], f"normalization {what}: a float; came something else")
@@ -41,14 +40,14 @@ def test_any_width(submission):
         wanted = [pulse[name][0] for name in ("density", "cdf", "offsets", "weight")]
         what = f"eval, cdf, offset and weight {what}, asked for one number"
         expect.close(one, wanted, what, rtol=1e-4, atol=1e-6 * width)
-        expect.true(pulse["kept"], "the arrays that eval, cdf and sample get: must stay as they are")
+        expect.true(pulse["kept"], "arrays that eval, cdf and sample get: must stay as they are")
 
 
 def test_samples_of_any_width(submission):
     """Even random numbers become offsets with even shares of the energy, the same again."""
     came, xi = drawn(submission)
-    for pulse in came:
-        offsets, width = pulse["offsets"], pulse["width_opl"]
+    for width, pulse in came:
+        offsets = pulse["offsets"]
         expect.shape(offsets, xi.shape, "offsets", hint="one for each random number")
         expect.finite(offsets, "offsets")
         hint = "the offset is a function of ξ: t = σ √2 erfinv(2ξ - 1)"

@@ -28,6 +28,7 @@ class GaussianPulse:
         return -self.width_opl * dr.log(dr.maximum(1 - xi, 2**-24)), dr.ones(mi.Float, dr.width(xi))
 """
 EVAL, CDF = "dr.exp(-t / self.width_opl) / self.width_opl", "1 - dr.exp(-t / self.width_opl)"
+ONES = "dr.ones(mi.Float, dr.width(xi))"
 SAMPLE = "-self.width_opl * dr.log(dr.maximum(1 - xi, 2**-24))"
 RIGHT = {
     "as it is": [],
@@ -35,7 +36,10 @@ RIGHT = {
     "folded": [("1 - xi", "1 - dr.minimum(3 * xi - dr.floor(3 * xi), 1)")],
     "later": [
         ("(0.0, 12 * self.width_opl)", "(3 * self.width_opl, 15 * self.width_opl)"),
-        ("(self, t):\n        return", "(self, t):\n        t = t - 3 * self.width_opl\n        return"),
+        (
+            "(self, t):\n        return",
+            "(self, t):\n        t = t - 3 * self.width_opl\n        return",
+        ),
         (SAMPLE, f"3 * self.width_opl {SAMPLE}"),
     ],
     "mirrored": [
@@ -53,12 +57,12 @@ WRONG = {
     "The density is negative where it should be small.": (EVAL, f"{EVAL} - 0.02 / self.width_opl"),
     "The density integrates to 1.2.": (EVAL, f"1.2 * {EVAL}"),
     "The last tenth of the pulse is never drawn.": ("1 - xi", "1 - 0.9 * xi"),
-    "Samples are too far apart, by half.": (SAMPLE, f"1.5 * {SAMPLE.replace('-self', '-1 * self')}"),
+    "Samples are too far apart, by half.": (SAMPLE, f"-1.5 * {SAMPLE[1:]}"),
     "Samples come late, by half a width.": (SAMPLE, f"0.5 * self.width_opl {SAMPLE}"),
     "The end ξ = 1 is not finite.": ("dr.maximum(1 - xi, 2**-24)", "1 - xi"),
     "The end ξ = 0 is not finite.": ("dr.maximum(1 - xi, 2**-24)", "xi"),
-    "The weights are 2.": ("dr.ones(mi.Float, dr.width(xi))", "2 * dr.ones(mi.Float, dr.width(xi))"),
-    "Weights are not 1 for the later half.": ("dr.ones(mi.Float, dr.width(xi))", "dr.select(xi > 0.5, mi.Float(0.5), 1)"),
+    "The weights are 2.": (ONES, f"2 * {ONES}"),
+    "Weights are not 1 for the later half.": (ONES, "dr.select(xi > 0.5, mi.Float(0.5), 1)"),
     "A fifth of the pulse lies outside of its support.": ("12 * self", "1.6 * self"),
 }
 
@@ -68,7 +72,10 @@ def test_share_of_wrong_pulses(submission):
     random = submission.random
     more = []
     for number, (edits, why) in enumerate(
-        [*((edits, "") for edits in RIGHT.values()), *(([edit], why) for why, edit in WRONG.items())]
+        [
+            *((edits, "") for edits in RIGHT.values()),
+            *(([edit], why) for why, edit in WRONG.items()),
+        ]
     ):
         scale = np.exp(random.uniform(np.log(0.1), np.log(40.0)))  # the probe's width is 0.05 m
         text = PULSE.replace("SCALE", f"{scale:.6g}")

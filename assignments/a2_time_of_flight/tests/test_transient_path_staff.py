@@ -1,5 +1,7 @@
 """Path tracing into the bins of a film: drawn scenes, pulses, windows and pictures."""
 
+from itertools import pairwise
+
 import formulas
 import numpy as np
 import pytest
@@ -96,7 +98,7 @@ def test_pictures(submission):
 
         return value(weight)
 
-    wanted = np.stack([between(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)], axis=2)
+    wanted = np.stack([between(a, b) for a, b in pairwise(edges)], axis=2)
     for values, right, what in (
         (transient, wanted, "bins"),
         (steady, value(lambda light, opl: light), "steady image"),

@@ -24,7 +24,9 @@ def compare(came, wanted, frequency, what):
         expect.shape(values, wanted.shape, f"{name} of {what}")
         expect.finite(values, f"{name} of {what}")
         inside = values.min() >= least - 1e-6 and values.max() <= least + period + 1e-6
-        text = f"{name} of {what}: from {least:.4g} to {least + period:.4g}; came {values.min():.4g}"
+        text = (
+            f"{name} of {what}: from {least:.4g} to {least + period:.4g}; came {values.min():.4g}"
+        )
         expect.true(inside, f"{text} to {values.max():.4g}", hint="phase in (-π, π], depth >= 0")
         turns = np.abs(wanted) * np.exp(2j * np.pi * np.asarray(values) / period)
         for part, a, b in (("cos", turns.real, wanted.real), ("sin", turns.imag, wanted.imag)):

@@ -159,7 +159,9 @@ def load(parts):
 
 def described(view, parts):
     """A scene from a dict of numbers and texts; matrices are arrays named `to_world`."""
-    return load(({} if view is None else {"sensor": view}) | {k: _made(v) for k, v in parts.items()})
+    return load(
+        ({} if view is None else {"sensor": view}) | {k: _made(v) for k, v in parts.items()}
+    )
 
 
 def _made(part):
