@@ -90,7 +90,11 @@ def _told(pulse, t, xi):
         "offsets": _of_drjit("sample", offsets),
         "again": pulse.sample(xi)[0],
         "weight": mi.Float(_of_drjit("sample", weight)) + dr.zeros(mi.Float, dr.width(xi)),
-        "one": [pulse.eval(mi.Float(t[0])), pulse.cdf(mi.Float(t[0])), *pulse.sample(xi[0])],
+        "one": [
+            pulse.eval(mi.Float(t[0])),
+            pulse.cdf(mi.Float(t[0])),
+            *pulse.sample(mi.Float(xi[0])),
+        ],
     }
     same = [np.array_equal(np.array(a), b) for a, b in zip((t, xi), before, strict=True)]
     return told | {"kept": all(same)}
@@ -283,11 +287,14 @@ def amcw_phasor(theirs, scene, view, frequency_hz, spp, seed):
 
 
 def film(theirs, scene, view, pulse, spp, seed, seeds=SEEDS, max_depth=2, **options):
-    """(steady, bins) of `TransientPath`, seeds in front; `pulse` may be a width for its option."""
+    """(steady, bins) of `TransientPath`, seeds in front.
+
+    `pulse` may be the width for its option, or None for what it has by default.
+    """
     scene = world(scene, view, **options)
     width = {"pulse_width_opl": pulse} if isinstance(pulse, Real) else {}
     integrator = theirs.TransientPath(properties(max_depth=max_depth, **width))
-    if not width:
+    if pulse is not None and not width:
         integrator.pulse = worlds.pulse(*pulse)
     return _render(integrator, scene, spp, seed, seeds)
 

@@ -186,4 +186,4 @@ def test_long_paths(submission):
     )
     share = came["late"].min()
     what = f"paths that go to and fro 17 times if rr_depth = 30: all; came {100 * share:.0f} %"
-    expect.true(share > 0.99, what, hint="roulette may end a path from the vertex rr_depth on")
+    expect.true(share > 0.9, what, hint="roulette may end a path from the vertex rr_depth on")

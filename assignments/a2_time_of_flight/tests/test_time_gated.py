@@ -226,7 +226,9 @@ def test_same_paths_for_all_gates(submission):
     )[:, 0, 0, :, 0]
     times = bins[1] + bins[2] * (np.arange(8) + 0.5)
     hint = "hand each contribution to all gates within one trace"
-    expect.true(came.min() > 0, "light in each gate, at 1 spp: none came", hint=hint)
+    came = came[came.max(axis=1) > 0]
+    expect.true(len(came) > 2, "light at 1 spp, under 16 seeds: (almost) none came", hint=hint)
+    expect.true(came.min() > 0, "light of one sample: in all gates; some have none", hint=hint)
     # p(t - opl) = 2 (last - t + opl) / (last - first)², so first and last gate tell both
     light = (came[:, 0] - came[:, -1]) / (times[-1] - times[0]) * (last - first) ** 2 / 2
     with np.errstate(all="ignore"):

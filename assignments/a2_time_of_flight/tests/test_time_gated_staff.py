@@ -39,7 +39,7 @@ def test_any_pulse(submission):
         (None, {"pulse_width_opl": width}, lambda t: formulas.gaussian(t, width), 3 * width),
         (("slope", first, last), {}, lambda t: formulas.slope(t, first, last), 0.0),
     ):
-        offsets = random.uniform(-most, most, 6) if most else random.uniform(first, last, 6)
+        offsets = random.uniform(-most, most, 6) if most else random.uniform(first + 0.01, last, 6)
         offsets = np.append(offsets, first - 0.01 if pulse else -6 * most)
         came = submission.ask(
             "gate_profile", view=view, times=opl + offsets, pulse=pulse, options=options

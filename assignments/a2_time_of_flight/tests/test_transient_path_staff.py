@@ -45,6 +45,7 @@ def test_any_pulse(submission):
         (wide, OPL + first + random.uniform(0.3, 0.7) * (last - first), 20),
         (narrow, OPL + random.uniform(-0.003, 0.002) - 3 * width, 6),
         (gauss, OPL - 2.4 * sigma, 12),
+        ((None, lambda t: np.asarray(t > 0, float)), OPL - 2.5 * width, 6),
     ):
         steady, transient = submission.ask(
             "film",
