@@ -91,11 +91,14 @@ def compare(came, case, hint, most, rounding=3e-3):
 def several_lights(random):
     """Two lamps and a spot over a floor, and a black plate in the way of one of them."""
     albedo = random.uniform(0.2, 0.9, 3)
-    lamps = [(*random.uniform(-0.6, 0.6, 2), random.uniform(1.6, 2.4)) for _ in range(2)]
-    lamps.append((*random.uniform(-0.4, 0.4, 2), random.uniform(3.0, 3.6)))
+    lamps = [
+        random.uniform([-0.6, -0.6, 1.6], [-0.3, 0.6, 2.4]),
+        random.uniform([0.3, -0.6, 1.6], [0.6, 0.6, 2.4]),
+        random.uniform([-0.4, -0.4, 3.0], [0.4, 0.4, 3.6]),
+    ]
     intensities = random.uniform(1.0, 4.0, (3, 3))
     targets = np.array([(*random.uniform(-0.6, 0.6, 2), 0.0) for _ in range(4)])
-    height, half = 1.0, 0.25
+    height, half = 1.0, 0.12
     middle = targets[0] + height / lamps[0][2] * (lamps[0] - targets[0])
     plate = (middle, (1, 0, 0), (0, 1, 0), (half, half))
     down = placed(lamps[2], (1, 0, 0), (0, -1, 0), (1, 1))

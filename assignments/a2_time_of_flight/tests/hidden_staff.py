@@ -67,7 +67,7 @@ def _sums(light, length, albedos):
 def lit_points(random, number):
     """Points of the wall, devices that look at them from aside, and how far those are."""
     for _ in range(number):
-        p = np.array([random.uniform(0.15, 0.35), random.uniform(-0.1, 0.1), 0.0])
+        p = np.array([random.uniform(0.25, 0.35), random.uniform(-0.1, 0.1), 0.0])
         eye = np.array([random.uniform(0.1, 0.3), *random.uniform([-1.0, 0.3], [-0.8, 0.45])])
         yield p, eye, float(np.linalg.norm(eye - p))
 

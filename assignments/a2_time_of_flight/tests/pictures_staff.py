@@ -45,6 +45,10 @@ def expect_pictures(came, wanted, what, most, is_single=True):
     expect.estimate(came["values"][:, lit], wanted[lit], what, rounding=5e-3, hint=hint)
     hint = "do all of the spp samples of a pixel count?"
     expect.noise(came["values"] / scale, most, f"{what}, over its maximum", hint=hint)
+    if "few" in came:
+        few, many = (came[name].std(axis=0).mean() for name in ("few", "values"))
+        text = f"standard deviation of {what}: an 8th of that with a 64th of the samples; came 1 /"
+        expect.true(many < few / 4, f"{text} {few / many:.1f}", hint=hint)
     first, second = came["values"][:2]
     text = f"{what}, the same seed again"
     expect.close(came["again"], first, text, rtol=1e-3, atol=1e-4 * scale, hint="use the seed")

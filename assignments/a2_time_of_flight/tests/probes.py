@@ -77,7 +77,7 @@ def pulses_side_by_side(theirs, widths, t, xi):
 
 
 def _told(pulse, t, xi):
-    t, xi = mi.Float(t), mi.Float(xi)
+    t, xi, one = mi.Float(t), mi.Float(xi), mi.Float(t[0])
     before = np.array(t), np.array(xi)
     offsets, weight = pulse.sample(xi)
     told = {
@@ -91,8 +91,8 @@ def _told(pulse, t, xi):
         "again": pulse.sample(xi)[0],
         "weight": mi.Float(_of_drjit("sample", weight)) + dr.zeros(mi.Float, dr.width(xi)),
         "one": [
-            pulse.eval(mi.Float(t[0])),
-            pulse.cdf(mi.Float(t[0])),
+            pulse.eval(one),
+            pulse.cdf(one),
             *pulse.sample(mi.Float(xi[0])),
         ],
     }
@@ -184,13 +184,13 @@ def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
     names = ("temporal_bins", "start_opl", "bin_width_opl")
     config = dict(zip(names, (int(gates[0]), float(gates[1]), float(gates[2])), strict=True))
 
-    def one(s):
-        return theirs.render_at_time(scene, integrator, sensor, time, spp=spp, seed=s)
+    def one(s, n):
+        return theirs.render_at_time(scene, integrator, sensor, time, spp=n, seed=s)
 
-    def many(s):
-        return theirs.render_transient(scene, integrator, sensor, config, spp=spp, seed=s)
+    def many(s, n):
+        return theirs.render_transient(scene, integrator, sensor, config, spp=n, seed=s)
 
-    return {"one": _pictures(one, seed), "many": _pictures(many, seed)}
+    return {"one": _pictures(one, seed, spp), "many": _pictures(many, seed, spp)}
 
 
 def gate_profile(theirs, view, times, pulse, options):
@@ -218,11 +218,12 @@ def _mean(spectrum):
     return float(np.mean(np.array(mi.Color3f(spectrum).x + dr.zeros(mi.Float, 16))))
 
 
-def _pictures(render, seed):
-    """Pictures of several seeds, of the first one once more, and what numbers they hold."""
-    first = render(seed)
+def _pictures(render, seed, spp):
+    """Pictures of several seeds, also of a 64th of the samples; the first one once more."""
+    first = render(seed, spp)
     return {
-        "values": over_seeds(render, seed),
+        "values": over_seeds(lambda s: render(s, spp), seed),
+        "few": over_seeds(lambda s: render(s, spp // 64), seed),
         "again": np.array(first, dtype=np.float64),
         "kind": f"{type(first).__name__} of {getattr(first, 'dtype', 'no dtype')}",
     }
@@ -248,10 +249,10 @@ def amcw_pictures(theirs, view, colours, ramp, spp, seed):
     integrator = theirs.AMCWTransientPath(properties(max_depth=2))
     integrator.set_modulation(worlds.Ramp(*ramp))
 
-    def render(s):
-        return theirs.render_single_amcw(scene, integrator, scene.sensors()[0], spp=spp, seed=s)
+    def render(s, n):
+        return theirs.render_single_amcw(scene, integrator, scene.sensors()[0], spp=n, seed=s)
 
-    return _pictures(render, seed)
+    return _pictures(render, seed, spp)
 
 
 def amcw_phasors(theirs, parts, view, frequency_hz, spp, seed, seeds=SEEDS):
@@ -297,6 +298,25 @@ def film(theirs, scene, view, pulse, spp, seed, seeds=SEEDS, max_depth=2, **opti
     if pulse is not None and not width:
         integrator.pulse = worlds.pulse(*pulse)
     return _render(integrator, scene, spp, seed, seeds)
+
+
+def spread_lanes(theirs, pulse, opl, active):
+    """What `TransientPath.spread` puts for each lane; None for the package, which has none."""
+    if theirs.TransientPath.__module__.startswith("tofrender."):
+        return None
+    film = mi.load_dict(worlds.camera((0, 0, 1), (0, 0, 0), bins=(60, 0.0, 0.1))["film"])
+    integrator = theirs.TransientPath(properties())
+    integrator.pulse = worlds.pulse(*pulse)
+    number = len(opl)
+    lane, total = dr.arange(mi.UInt32, number), dr.zeros(mi.Float, number)
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(0, number)
+
+    def put(spectrum, opl, active):
+        dr.scatter_add(total, mi.Color3f(spectrum).x, lane, mi.Bool(active))
+
+    integrator.spread(film, put, sampler, mi.Color3f(1), mi.Float(opl), mi.Bool(active))
+    return total
 
 
 def confocal(theirs, scene, view, spp, seed, seeds=SEEDS, integrator=None, **options):

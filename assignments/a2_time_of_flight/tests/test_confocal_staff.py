@@ -27,9 +27,11 @@ def test_behind_a_screen(submission):
     wall, power = random.uniform(0.4, 0.9, 3), float(random.uniform(1, 4))
     centre = random.uniform([0.45, -0.1, 0.65], [0.6, 0.1, 0.75])
     hidden = random.uniform([-0.5, 0.05, 0.55], [-0.4, 0.15, 0.6])
-    seen = Patch(centre, (0.2, 0.15), random.uniform(0.3, 0.9, 3), **facing(centre, (0, 0, 0.2)))
-    other = Patch(hidden, (0.15, 0.15), (0.9, 0.9, 0.9), **facing(hidden, (0.2, 0, 0.2)))
-    screen = ((-0.14, 0.08, 0.25), (1, 0, 0), (0, 1, 0), (0.31, 0.3))
+    # The one that is seen turns to the hidden one, which so has a good part of the light
+    aim = hidden + np.array([0, 0, 0.2])
+    seen = Patch(centre, (0.2, 0.15), random.uniform(0.6, 0.9, 3), **facing(centre, aim))
+    other = Patch(hidden, (0.25, 0.25), (0.9, 0.9, 0.9), **facing(hidden, (0.2, 0, 0.2)))
+    screen = ((-0.18, 0.08, 0.25), (1, 0, 0), (0, 1, 0), (0.37, 0.3))
     above = random.uniform([0.0, 0.3, 0.5], [0.4, 0.5, 0.7])
     dark = Patch(above, (0.15, 0.1), (0.9, 0.9, 0.9), **facing(above, (0.2, 0, 0)))
     case = Case(
@@ -43,7 +45,7 @@ def test_behind_a_screen(submission):
             "panel": panel(2.5, 0.5, 20.0),
         }
     )
-    for p, eye, d in lit_points(random, 3):
+    for p, eye, d in lit_points(random, 2):
         assert not blocked(p, seen.points, *screen).any()
         assert blocked(p, other.points, *screen).all()
         add(case, eye, p, d, [one_patch(p, d, seen, wall, power)])
@@ -56,13 +58,12 @@ def test_behind_a_screen(submission):
     came = case.ask(
         submission,
         NAME,
-        seeds=8,
-        lanes=12288,
+        lanes=20480,
         max_depth=4,
         power=power,
         use_nlos_only=bool(random.integers(2)),
     )
-    compare(came, case, hint, most=0.1)
+    compare(came, case, hint, most=0.2)
 
 
 @pytest.mark.parametrize("use_nlos_only", [False, True])
@@ -98,14 +99,13 @@ def test_filter_of_longer_paths(submission, use_nlos_only):
     came = case.ask(
         submission,
         NAME,
-        seeds=8,
-        lanes=20480,
+        lanes=12288,
         max_depth=4,
         relay_wall="floor, wall",
         use_nlos_only=use_nlos_only,
     )
     hint = "a path counts if any of its vertices so far was off the wall, not just the last one"
-    compare(came, case, hint, most=0.07, rounding=8e-3)
+    compare(came, case, hint, most=0.1, rounding=8e-3)
 
 
 def test_lit_point_off_the_wall(submission):
@@ -127,14 +127,13 @@ def test_lit_point_off_the_wall(submission):
         came = case.ask(
             submission,
             NAME,
-            seeds=8,
-            lanes=16384,
+            lanes=8192,
             max_depth=3,
             power=power,
             use_nlos_only=use_nlos_only,
         )
         hint = "any of its vertices: the first one, p, may be off the wall, too"
-        compare(came, case, hint, most=0.03)
+        compare(came, case, hint, most=0.05)
 
 
 def test_any_material(submission):
@@ -156,9 +155,9 @@ def test_any_material(submission):
         light = f**2 * cos**2 / math.pi / r**4 * hidden.area
         both = [np.sum(light), np.sum(light * (2 * d + 2 * r))]
         add(case, eye, p, d, [[each * tint**2 * hidden.albedo for each in both]])
-    came = case.ask(submission, NAME, seeds=8, lanes=16384, max_depth=3)
+    came = case.ask(submission, NAME, lanes=8192, max_depth=3)
     hint = "bsdf.eval of the wall, at both ends, with si.wi towards the device; not albedo / π"
-    compare(came, case, hint, most=0.08)
+    compare(came, case, hint, most=0.18)
 
 
 def test_long_paths(submission):

@@ -27,6 +27,7 @@ def test_any_width(submission):
     for width, pulse in drawn(submission)[0]:
         what = f"of a pulse of σ = {width:.4g} m"
         expect.close(pulse["width_opl"], width, f"width_opl {what}", rtol=1e-5)
+        expect.true(pulse["kept"], "arrays that eval, cdf and sample get: must stay as they are")
         expect.close(pulse["support"], [-5 * width, 5 * width], f"support {what}", rtol=1e-5)
         wanted = 1 / (width * np.sqrt(2 * np.pi))
         expect.true(pulse["is_number"], f"normalization {what}: a float; came something else")
@@ -40,7 +41,6 @@ def test_any_width(submission):
         wanted = [pulse[name][0] for name in ("density", "cdf", "offsets", "weight")]
         what = f"eval, cdf, offset and weight {what}, asked for one number"
         expect.close(one, wanted, what, rtol=1e-4, atol=1e-6 * width)
-        expect.true(pulse["kept"], "arrays that eval, cdf and sample get: must stay as they are")
 
 
 def test_samples_of_any_width(submission):

@@ -54,7 +54,7 @@ WRONG = {
     "The cdf is what is still to come.": (CDF, CDF[4:]),
     "The cdf is a tenth too small.": (CDF, f"0.9 * ({CDF})"),
     "The cdf is that of a pulse of twice the width.": (CDF, CDF.replace("-t", "-0.5 * t")),
-    "The density is negative where it should be small.": (EVAL, f"{EVAL} - 0.02 / self.width_opl"),
+    "The density is negative where it should be small.": (EVAL, f"{EVAL} - 4e-4 / self.width_opl"),
     "The density integrates to 1.2.": (EVAL, f"1.2 * {EVAL}"),
     "The last tenth of the pulse is never drawn.": ("1 - xi", "1 - 0.9 * xi"),
     "Samples are too far apart, by half.": (SAMPLE, f"-1.5 * {SAMPLE[1:]}"),

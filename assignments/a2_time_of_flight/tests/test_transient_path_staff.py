@@ -74,6 +74,18 @@ def test_any_pulse(submission):
         expect.close(steady[:, 0, 0, 0], RADIANCE, "steady image, which has no pulse", rtol=3e-3)
 
 
+def test_lanes_of_a_pulse(submission):
+    """All of a contribution goes into the film, of lanes that have one."""
+    random = submission.random
+    first, number = random.uniform(-0.5, 0.2), 200
+    active, opl = random.random(number) < 0.5, random.uniform(1.0, 4.0, number)
+    pulse = ("slope", first, first + random.uniform(0.1, 0.8))
+    came = submission.ask("spread_lanes", pulse=pulse, opl=opl, active=active)
+    if came is not None:
+        hint = "hand `active` on to put"
+        expect.close(came, active.astype(float), "light of each lane", atol=1e-3, hint=hint)
+
+
 def test_pictures(submission):
     """Films of any size, in colour."""
     random = submission.random
