@@ -37,8 +37,13 @@ def expect_pictures(came, wanted, what, most, is_single=True):
     if is_single:
         text = f"{what}: expected ndarray of float32, came {came['kind']}"
         expect.true(came["kind"] == "ndarray of float32", text)
-    lit = wanted > 0.02 * wanted.max()
     scale = wanted.max()
+    first, second = came["values"][:2]
+    text = f"{what}, the same seed again"
+    expect.close(came["again"], first, text, rtol=1e-3, atol=1e-4 * scale, hint="use the seed")
+    text = f"{what}, another seed: other random numbers; came the same"
+    expect.true(np.abs(first - second).max() > 1e-6 * scale, text, hint="use the seed")
+    lit = wanted > 0.02 * wanted.max()
     dark = came["values"][:, ~lit]
     if dark.size:
         expect.close(dark.mean(0), wanted[~lit], f"{what}, dark", rtol=0, atol=0.02 * scale)
@@ -49,8 +54,3 @@ def expect_pictures(came, wanted, what, most, is_single=True):
         few, many = (came[name].std(axis=0).mean() for name in ("few", "values"))
         text = f"standard deviation of {what}: an 8th of that with a 64th of the samples; came 1 /"
         expect.true(many < few / 4, f"{text} {few / many:.1f}", hint=hint)
-    first, second = came["values"][:2]
-    text = f"{what}, the same seed again"
-    expect.close(came["again"], first, text, rtol=1e-3, atol=1e-4 * scale, hint="use the seed")
-    text = f"{what}, another seed: other random numbers; came the same"
-    expect.true(np.abs(first - second).max() > 1e-6 * scale, text, hint="use the seed")
