@@ -52,7 +52,7 @@ def test_between_two_surfaces(submission):
     low, high = np.quantile(opl, [0.02, 0.98])
     bins = (4, low, (high - low) / 4)
     steady, transient = render(
-        submission, "by_mirror", options | {"bins": bins}, spp=1 << 14, **scene,
+        submission, "by_mirror", options | {"bins": bins}, spp=1 << 13, **scene,
         integrator={"max_depth": 4},
     )  # fmt: skip
     wanted = part.sum() * np.array(scene["lamp"][1]) * scene["colour"]

@@ -77,7 +77,9 @@ def test_any_point(submission):
         hint = "density of the camera's ray to the point; 0 where it is not seen"
         expect.close(came["density"], density, "density", rtol=1e-3, hint=hint)
         before = depth[some] > 0
-        front = {name: came[name][..., before] for name in ("distance", "direction", "lens", "near")}
+        front = {
+            name: came[name][..., before] for name in ("distance", "direction", "lens", "near")
+        }
         check_way(front, view, p[some][before], depth[some][before], near)
         origin = np.broadcast_to(view.origin, (len(some), 3))
         expect.close(came["sampled"].T, origin, "sample", atol=1e-5, hint="it is the position")

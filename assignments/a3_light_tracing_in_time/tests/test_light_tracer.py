@@ -72,7 +72,7 @@ def in_the_way(submission, name=NAME, near_clip=1e-3, lamp=(-0.2, 0.1, 0.4), spp
     hidden = seen.direction(*np.meshgrid([0.5, 1.5], [0.5, 1.5]))[..., 0] > 0
     hint = "scene.ray_test(si.spawn_ray_to(arrival.near)): something is between floor and lens"
     if near_clip > 0.1:
-        hint = "scene.ray_test(si.spawn_ray_to(arrival.near)): what is before it hides nothing"
+        hint = "what is between floor and lamp, or floor and near, hides it; what is before does not"
     wanted = np.where(hidden, 0, wanted)
     expect.estimate(steady[..., 0], wanted, "picture", rounding=5e-3, hint=hint)
 
@@ -87,10 +87,11 @@ def check_bins(transient, part, opl, bins, hint):
     expect.estimate(
         came[:, much], wanted[much], "radiance per bin", rounding=1e-2, hint=hint, **axis
     )
-    none = (edges[1:] < there.min() - 1e-3) | (edges[:-1] > there.max() + 1e-3)
+    margin = 1e-3 + 0.02 * np.ptp(there)  # the quadrature does not reach the very ends
+    none = (edges[1:] < there.min() - margin) | (edges[:-1] > there.max() + margin)
     wrong = came[:, none].sum() / max(came.sum(), 1e-30)
     expect.close(
-        wrong, 0, "part of the light that comes too early or too late", atol=1e-6, hint=hint
+        wrong, 0, "part of the light that comes too early or too late", atol=1e-5, hint=hint
     )
 
 

@@ -25,9 +25,7 @@ def test_two_lights(submission):
     lamps = [[drawn.above(random), drawn.colour(random)] for _ in range(2)]
     found = [formulas.under_point(view, view.pixels(16), at, 1.0, albedo) for at, _ in lamps]
     wanted = sum(picture(f[0], colour) for f, (_, colour) in zip(found, lamps, strict=True))
-    steady, _ = render(
-        submission, "floor", options, lights=lamps, albedo=albedo, integrator=DIRECT
-    )
+    steady, _ = render(submission, "floor", options, lights=lamps, albedo=albedo, integrator=DIRECT)
     hint = "emitted.weight has the chance of the light already"
     expect.estimate(steady, wanted, "picture", rounding=2e-3, hint=hint)
     parts = [
@@ -84,12 +82,14 @@ def test_long_paths(submission):
     options = drawn.inside(random, radius)
     steady, _ = render(
         submission, "inside_sphere", options, radius=radius, albedo=albedo, intensity=intensity,
-        integrator={"max_depth": max_depth},
+        integrator={"max_depth": max_depth}, spp=1024,
     )  # fmt: skip
     each = [formulas.sphere_bounce(n, radius, albedo, intensity) for n in range(1, max_depth)]
     hint = "every vertex connects, and counts in full; Russian roulette divides by its chance"
-    wanted = np.full(steady.shape[1:], sum(each))
-    expect.estimate(steady, wanted, f"picture, max_depth {max_depth}", rounding=2e-3, hint=hint)
+    wanted, what = np.full(steady.shape[1:], sum(each)), f"picture, max_depth {max_depth}"
+    expect.estimate(steady, wanted, what, rounding=2e-3, hint=hint)
+    what = f"film's mean, max_depth {max_depth}"
+    expect.estimate(steady.mean((1, 2)), wanted[0, 0], what, rounding=2e-3, hint=hint)
     bins = (8, radius * 1.45, radius * 0.3)
     _, transient = render(
         submission, "inside_sphere", options | {"bins": bins}, radius=radius, albedo=albedo,

@@ -21,7 +21,9 @@ class MitsubasLens:
         axis = dr.normalize(sensor.world_transform() @ mi.Vector3f(0, 0, 1))
         parameters = mi.traverse(sensor)
         self.axis, self.near = axis, parameters["near_clip"]
-        self.radius = parameters["aperture_radius"] if "aperture_radius" in parameters else None
+        self.radius = None
+        if "aperture_radius" in parameters:
+            self.radius = parameters["aperture_radius"]
 
     def sample(self, sampler):
         if self.radius is None:
@@ -41,7 +43,9 @@ class MitsubasLens:
         u = mi.Point2f(0.5)
         if self.radius is not None:
             local = self.sensor.world_transform().inverse() @ mi.Point3f(lens)
-            u = mi.warp.uniform_disk_to_square_concentric(mi.Point2f(local.x, local.y) / self.radius)
+            u = mi.warp.uniform_disk_to_square_concentric(
+                mi.Point2f(local.x, local.y) / self.radius
+            )
         ds, weight = self.sensor.sample_direction(at, u)
         distance = dr.norm(p - lens)
         d = (p - lens) / distance
