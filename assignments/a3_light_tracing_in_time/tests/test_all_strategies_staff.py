@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_all_strategies import NAME
 from test_caustics_staff import mirrored
-from test_light_tracer import check_bins, in_the_way, render
+from test_light_tracer import check_bins, check_picture, in_the_way, render
 from test_light_tracer_staff import same_numbers
 from test_two_strategies_staff import agrees_with_a_path_tracer
 
@@ -37,7 +37,7 @@ def test_shares_of_indirect_light(submission, mis):
         hint = "every vertex has a density from each end, also the two at the connection"
         share = last if s == n + 1 else inner
         wanted = np.repeat((share * whole)[..., None], 3, axis=-1)
-        expect.estimate(steady, wanted, what, rounding=4e-3, hint=hint)
+        check_picture(steady, wanted, what, 4e-3, hint)
 
 
 def test_long_paths(submission):

@@ -48,6 +48,13 @@ def expected_noise(means):
     return square - sum(r.mean() for r, _, _ in means) ** 2
 
 
+def check_picture(steady, wanted, what, rounding, hint):
+    """Pixel by pixel, and the film's mean, which has less noise."""
+    expect.estimate(steady, wanted, what, rounding=rounding, hint=hint)
+    whole = what.replace("picture", "film's mean")
+    expect.estimate(steady.mean((1, 2)), wanted.mean((0, 1)), whole, rounding=rounding, hint=hint)
+
+
 def check_noise(steady, variance, paths):
     """As little noise as one connection for each path of light leaves."""
     hint = "as many paths of light as there are lanes, each of them connected"
@@ -72,7 +79,9 @@ def in_the_way(submission, name=NAME, near_clip=1e-3, lamp=(-0.2, 0.1, 0.4), spp
     hidden = seen.direction(*np.meshgrid([0.5, 1.5], [0.5, 1.5]))[..., 0] > 0
     hint = "scene.ray_test(si.spawn_ray_to(arrival.near)): something is between floor and lens"
     if near_clip > 0.1:
-        hint = "what is between floor and lamp, or floor and near, hides it; what is before does not"
+        hint = (
+            "what is between floor and lamp, or floor and near, hides it; what is before does not"
+        )
     wanted = np.where(hidden, 0, wanted)
     expect.estimate(steady[..., 0], wanted, "picture", rounding=5e-3, hint=hint)
 

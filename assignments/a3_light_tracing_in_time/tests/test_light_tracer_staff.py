@@ -4,7 +4,15 @@ import drawn_staff as drawn
 import formulas
 import numpy as np
 import pytest
-from test_light_tracer import NAME, check_bins, check_noise, expected_noise, in_the_way, render
+from test_light_tracer import (
+    NAME,
+    check_bins,
+    check_noise,
+    check_picture,
+    expected_noise,
+    in_the_way,
+    render,
+)
 
 from tofrender.course.judge import expect
 
@@ -27,7 +35,7 @@ def test_two_lights(submission):
     wanted = sum(picture(f[0], colour) for f, (_, colour) in zip(found, lamps, strict=True))
     steady, _ = render(submission, "floor", options, lights=lamps, albedo=albedo, integrator=DIRECT)
     hint = "emitted.weight has the chance of the light already"
-    expect.estimate(steady, wanted, "picture", rounding=2e-3, hint=hint)
+    check_picture(steady, wanted, "picture", 2e-3, hint)
     parts = [
         (f[0] * colour[0], f[2], f[3] / 2) for f, (_, colour) in zip(found, lamps, strict=True)
     ]
@@ -71,7 +79,7 @@ def test_other_floors(submission, kind):
         spp=512, integrator=DIRECT,
     )  # fmt: skip
     hint = "the material says how much it reflects to the lens: bsdf.eval, in local directions"
-    expect.estimate(steady, picture(radiance, colour), "picture", rounding=3e-3, hint=hint)
+    check_picture(steady, picture(radiance, colour), "picture", 3e-3, hint)
 
 
 def test_long_paths(submission):
@@ -87,9 +95,7 @@ def test_long_paths(submission):
     each = [formulas.sphere_bounce(n, radius, albedo, intensity) for n in range(1, max_depth)]
     hint = "every vertex connects, and counts in full; Russian roulette divides by its chance"
     wanted, what = np.full(steady.shape[1:], sum(each)), f"picture, max_depth {max_depth}"
-    expect.estimate(steady, wanted, what, rounding=2e-3, hint=hint)
-    what = f"film's mean, max_depth {max_depth}"
-    expect.estimate(steady.mean((1, 2)), wanted[0, 0], what, rounding=2e-3, hint=hint)
+    check_picture(steady, wanted, what, 2e-3, hint)
     bins = (8, radius * 1.45, radius * 0.3)
     _, transient = render(
         submission, "inside_sphere", options | {"bins": bins}, radius=radius, albedo=albedo,
@@ -126,7 +132,7 @@ def test_another_lens(submission):
         integrator=DIRECT,
     )  # fmt: skip
     hint = "lens.arrive(si.p, lens.sample(sampler)): the lens that sample() gets"
-    expect.estimate(steady, picture(radiance, colour), "picture", rounding=5e-3, hint=hint)
+    check_picture(steady, picture(radiance, colour), "picture", 5e-3, hint)
     part = radiance.ravel() / radiance.size * colour[0]
     check_bins(transient, part, opl.ravel(), bins, hint)
 

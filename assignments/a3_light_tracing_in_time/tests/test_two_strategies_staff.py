@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from path_traced import ROOM, reference
 from test_caustics_staff import mirrored
-from test_light_tracer import in_the_way, render
+from test_light_tracer import check_picture, in_the_way, render
 from test_light_tracer_staff import same_numbers
 from test_two_strategies import NAME, share
 
@@ -33,7 +33,7 @@ def test_shares_of_indirect_light(submission):
         hint = "the share is that of the whole path: every vertex has a density from each end"
         what = f"picture, end {end}, max_depth {max_depth}"
         wanted = np.repeat((part * each)[..., None], 3, axis=-1)
-        expect.estimate(steady, wanted, what, rounding=4e-3, hint=hint)
+        check_picture(steady, wanted, what, 4e-3, hint)
 
 
 def test_several_lamps(submission):
