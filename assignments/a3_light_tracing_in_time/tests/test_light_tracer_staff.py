@@ -33,13 +33,15 @@ def test_two_lights(submission):
     lamps = [[drawn.above(random), drawn.colour(random)] for _ in range(2)]
     found = [formulas.under_point(view, view.pixels(16), at, 1.0, albedo) for at, _ in lamps]
     wanted = sum(picture(f[0], colour) for f, (_, colour) in zip(found, lamps, strict=True))
-    steady, _ = render(submission, "floor", options, lights=lamps, albedo=albedo, integrator=DIRECT)
+    steady, _ = render(
+        *(submission, "floor", options, 2048), lights=lamps, albedo=albedo, integrator=DIRECT
+    )
     hint = "emitted.weight has the chance of the light already"
     check_picture(steady, wanted, "picture", 2e-3, hint)
     parts = [
         (f[0] * colour[0], f[2], f[3] / 2) for f, (_, colour) in zip(found, lamps, strict=True)
     ]
-    check_noise(steady, expected_noise(parts), np.prod(options["size"]) * 256)
+    check_noise(steady, expected_noise(parts), np.prod(options["size"]) * 2048)
 
 
 def test_other_lamps(submission):
@@ -76,7 +78,7 @@ def test_other_floors(submission, kind):
     radiance = formulas.under_point(view, view.pixels(16), at, 1.0, alpha=alpha)[0]
     steady, _ = render(
         submission, "floor", options, lights=[[at, colour]], alpha=alpha, flipped=kind == "back",
-        spp=512, integrator=DIRECT,
+        spp=2048, integrator=DIRECT,
     )  # fmt: skip
     hint = "the material says how much it reflects to the lens: bsdf.eval, in local directions"
     check_picture(steady, picture(radiance, colour), "picture", 3e-3, hint)
@@ -122,11 +124,12 @@ def test_another_lens(submission):
     random = submission.random
     options = drawn.over_floor(random)
     options |= {"aperture": drawn.between(random, 0.2, 0.3), "focus": drawn.between(random, 1, 1.4)}
-    bins = (4, 2.6, 0.2)
     view = formulas.View(**options)
     at, colour = drawn.above(random), drawn.colour(random)
     origin, d = view.through_lens()
     radiance, opl, _, _ = formulas.under_point(view, d, at, 1.0, origin=origin)
+    low, high = np.quantile(opl, [0.05, 0.95])
+    bins = (4, low, (high - low) / 4)
     steady, transient = render(
         submission, "floor", options | {"bins": bins}, lights=[[at, colour]], spp=1024,
         integrator=DIRECT,
