@@ -159,6 +159,19 @@ def integrating_sphere(radius, radiance, albedo, bounces):
     return first / (1 - ratio) * (1 if bounces < 0 else 1 - ratio**bounces)
 
 
+def ball_in_a_sphere(radius, emission, ball, wall, bounces):
+    """Radiances of a ball that emits and reflects, and of the diffuse unit sphere around it.
+
+    As in `integrating_sphere`, the wall sees the ball in the part radius^2 of its view and itself
+    in the rest; the ball sees the wall alone.
+    """
+    of_ball, of_wall = np.asarray(emission, float), np.zeros_like(emission, float)
+    for _ in range(bounces):
+        arriving = radius**2 * of_ball + (1 - radius**2) * of_wall
+        of_ball, of_wall = emission + ball * of_wall, wall * arriving
+    return of_ball, of_wall
+
+
 def point_light(position, energy, x, normal):
     """Radiance of a white diffuse surface at x (n, 3) under a point light of power `energy`."""
     to_light = position - x

@@ -12,15 +12,15 @@ import numpy as np
 
 
 def warp(theirs, name, points, parameters=()):
-    """Warped points, shape (n, 2 or 3), from points of shape (n, 2)."""
-    return _rows(getattr(theirs, name)(_point2(points), *parameters), len(points))
+    """Warped points, shape (n, 2 or 3), from points of shape (n, 2); arrays are Dr.Jit floats."""
+    return _rows(getattr(theirs, name)(_point2(points), *_floats(parameters)), len(points))
 
 
 def warp_pdf(theirs, name, points, parameters=()):
     """A warp's density at points of shape (n, 2 or 3)."""
     points = np.asarray(points)
     p = _point2(points) if points.shape[1] == 2 else _vector3(points)
-    return _lanes(getattr(theirs, name)(p, *parameters), len(points))
+    return _lanes(getattr(theirs, name)(p, *_floats(parameters)), len(points))
 
 
 def triangle(theirs, corners, points):
@@ -56,9 +56,14 @@ def light_sample(theirs, light, o, points):
 def light_record(theirs, light, o, v):
     """All fields of the records of given directions of shape (n, 3)."""
     shape = _light(theirs, light)
-    o, v, count = mi.Point3f(_vector3(o)), _vector3(v), len(o)
+    o, v, count = mi.Point3f(_vector3(o)), _vector3(v), max(len(o), len(v))
     fields = _fields(shape.record(o, v), count)
     return fields | {"pdf_method": _lanes(shape.pdf(o, v), count)}
+
+
+def emissive(theirs, lights):
+    """Whether each light emits anything."""
+    return np.array([_light(theirs, light).is_emissive for light in lights])
 
 
 def _light(theirs, light):
@@ -83,8 +88,26 @@ def _fields(record, count):
 
 def radiance(theirs, integrator, parameters, scene, o, d, seeds, spp, seed):
     """Means of `spp` calls of an integrator's `sample`, shape (seeds, n, 3), along n rays."""
+    plugin = _integrator(theirs, integrator, parameters)
+    return _answer(plugin, scene, o, d, seeds, spp, seed)["radiance"]
+
+
+def answer(theirs, integrator, name, parameters, scene, o, d, seeds, spp, seed):
+    """All that the plugin `name` answers: see `radiance`; the other two elements, and the noise.
+
+    `met` is the share of samples that met a surface, `deviation` the standard deviation of one
+    sample, shape (n, 3).
+    """
+    kind = getattr(theirs, integrator)
+    plugin = mi.load_dict({"type": name, **parameters})
+    if not isinstance(plugin, kind):
+        raise TypeError(f"the plugin {name} is no {integrator}; mi.register_integrator names it")
+    return _answer(plugin, scene, o, d, seeds, spp, seed)
+
+
+def _answer(plugin, scene, o, d, seeds, spp, seed):
     o, d = np.asarray(o), np.asarray(d)
-    scene, plugin = mi.load_dict(_scene(scene)), _integrator(theirs, integrator, parameters)
+    scene = mi.load_dict(_scene(scene))
     count = len(o) * seeds * spp
     each = dr.arange(mi.UInt32, count) // (seeds * spp)
     lanes = [
@@ -94,9 +117,15 @@ def radiance(theirs, integrator, parameters, scene, o, d, seeds, spp, seed):
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
     ray = mi.RayDifferential3f(mi.Point3f(lanes[0]), lanes[1])
-    colour, _, _ = plugin.sample(scene, sampler, ray, None, mi.Bool(True))
-    values = _rows(mi.Color3f(colour), count)
-    return values.reshape(len(o), seeds, spp, 3).mean(axis=2).swapaxes(0, 1)
+    colour, met, others = plugin.sample(scene, sampler, ray, None, mi.Bool(True))
+    dr.eval(colour, met)
+    values = _rows(mi.Color3f(colour), count).reshape(len(o), seeds, spp, 3)
+    return {
+        "radiance": values.mean(axis=2).swapaxes(0, 1),
+        "deviation": values.reshape(len(o), -1, 3).std(axis=1),
+        "met": _lanes(met, count).reshape(len(o), -1).mean(axis=1),
+        "others": len(others),
+    }
 
 
 def moments(theirs, integrator, parameters, scene, o, d, spp, seed):
@@ -118,6 +147,8 @@ def _integrator(theirs, name, parameters):
 
 def _scene(value):
     """A dict for `mi.load_dict`: arrays of 4 x 4 become transforms."""
+    if isinstance(value, dict) and value.get("type") == "with normals":
+        return _mesh(value)
     if isinstance(value, dict):
         return {key: _scene(item) for key, item in value.items()}
     if isinstance(value, np.ndarray) and value.shape == (4, 4):
@@ -125,7 +156,27 @@ def _scene(value):
     return value
 
 
+def _mesh(value):
+    """A mesh with a normal of its own at each corner."""
+    corners, normals = np.asarray(value["corners"]), np.asarray(value["normals"])
+    faces = np.asarray(value["faces"], np.uint32)
+    bsdf = mi.Properties()
+    bsdf["bsdf"] = mi.load_dict(value["bsdf"])
+    mesh = mi.Mesh("mesh", len(corners), len(faces), has_vertex_normals=True, props=bsdf)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(corners.ravel().astype(np.float32))
+    parameters["vertex_normals"] = mi.Float(normals.ravel().astype(np.float32))
+    parameters["faces"] = mi.UInt32(faces.ravel())
+    parameters.update()
+    return mesh
+
+
 # -------------------------------------------------------------------------------- conversions
+
+
+def _floats(parameters):
+    """Numbers as they are, arrays as Dr.Jit floats."""
+    return [mi.Float(np.float32(p)) if isinstance(p, np.ndarray) else p for p in parameters]
 
 
 def _point2(points):

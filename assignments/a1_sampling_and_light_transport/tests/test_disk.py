@@ -35,7 +35,12 @@ def test_density(submission):
     p = (r[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)).reshape(-1, 2)
     density = submission.ask("warp_pdf", name="square_to_uniform_disk_pdf", points=p)
     on = np.repeat(r < 1, len(phi))
-    expect.close(density[on], 1 / np.pi, "density on the disk", hint="1 over the area")
+    ratios = {
+        "π": "the density is 1 over the area, π",
+        "2": "the density of (x, y) is 1 over the area, not that of (r, φ)",
+    }
+    what, hint = "density on the disk", "1 over the area"
+    expect.close(density[on], 1 / np.pi, what, hint=hint, ratios=ratios)
     expect.close(density[~on], 0.0, "density off the disk", hint="no point is ever sampled there")
 
 

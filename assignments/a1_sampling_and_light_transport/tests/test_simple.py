@@ -6,6 +6,7 @@ import pytest
 import small_scenes as scenes
 
 from tofrender.course.judge import expect
+from tofrender.course.judge.factors import Ratio
 
 pytestmark = pytest.mark.a1_simple
 
@@ -34,11 +35,22 @@ def test_plane(submission):
     """Points of a plane, whose material makes no difference."""
     came = look(submission, scenes.scene(floor=scenes.floor(0.1)), GROUND)
     wanted = formulas.point_light(LIGHT, 40.0, GROUND, np.array([0, 0, 1.0]))
+    to_light = LIGHT - GROUND
+    distance = np.linalg.norm(to_light, axis=1)
+    once = "Phi / (4 pi^2) cos / distance^2"
+    ratios = {
+        "4π": f"{once}: a point light of the power Phi has the intensity Phi / 4 pi",
+        "π": f"{once}: a white surface reflects 1 / pi of the irradiance",
+        "1/cos": Ratio(distance / to_light[:, 2], f"{once}: the cosine is missing"),
+        "cos": Ratio(to_light[:, 2] / distance, f"{once}, with the cosine once"),
+        "distance": Ratio(distance, f"{once}, the distance squared"),
+    }
     expect.close(
         came[:, 1],
         wanted,
         "radiance of a plane",
         rtol=1e-3,
+        ratios=ratios,
         hint="Phi / (4 pi^2) cos / distance^2, with the cosine once and the distance squared",
     )
 

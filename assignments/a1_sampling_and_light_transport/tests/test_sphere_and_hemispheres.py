@@ -70,7 +70,13 @@ def test_densities_above_the_horizon(submission, name, density):
     hint = "a density per solid angle integrates to 1: is it normalised, with the cosine once?"
     x, x_label = np.arccos(v[:, 2]), "theta [rad]"
     what = f"density of {name}"
-    expect.close(came, density(v[:, 2]), what, hint=hint, x=x, x_label=x_label)
+    ratios = {
+        "2": f"{hint} the whole sphere has 4π, its half 2π",
+        "1/2": f"{hint} the whole sphere has 4π, its half 2π",
+        "π": f"{hint} divide by π",
+    }
+    wanted = density(v[:, 2])
+    expect.close(came, wanted, what, hint=hint, ratios=ratios, x=x, x_label=x_label)
 
 
 @pytest.mark.parametrize("name", [UNIFORM, COSINE], ids=["uniform", "cosine"])

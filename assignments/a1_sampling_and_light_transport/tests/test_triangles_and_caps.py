@@ -37,9 +37,9 @@ def test_triangle_density(submission):
     p = CORNERS[0] + b @ (CORNERS[1:] - CORNERS[0])
     area = formulas.triangle_area(CORNERS)
     on = submission.ask("triangle_pdf", corners=CORNERS, p=p)
-    expect.close(
-        on, 1 / area, "density on the triangle", hint="the cross product is twice the area"
-    )
+    hint = "1 / area of the triangle"
+    ratios = dict.fromkeys(("2", "1/2"), "the cross product is twice the area")
+    expect.close(on, 1 / area, "density on the triangle", hint=hint, ratios=ratios)
     b = np.array([[0.6, 0.6], [-0.1, 0.5], [0.5, -0.1], [1.5, 0.2]])
     beside = CORNERS[0] + b @ (CORNERS[1:] - CORNERS[0])
     off = submission.ask("triangle_pdf", corners=CORNERS, p=beside)

@@ -42,7 +42,7 @@ class GaussianPulse:
             xi: Even random numbers in [0, 1], **both ends included**.
 
         Returns:
-            Offsets [m], distributed as `eval` says and finite for every `xi`, and their weights:
-            1, since offsets are drawn in exact proportion to the density.
+            Offsets [m], distributed as `eval` says and within 9 σ for every `xi`, and their
+            weights: 1, since offsets are drawn in exact proportion to the density.
         """
         raise NotImplementedError("a2.gaussian_pulse: GaussianPulse.sample")

@@ -10,7 +10,7 @@ import numpy as np
 
 
 def check_pulse(pulse) -> None:
-    """Raise an AssertionError that says what is wrong if `pulse` breaks this contract.
+    """Raise an AssertionError if `pulse` breaks this contract; it may say what is wrong.
 
     A pulse of any shape, symmetric or not, a few millimetres to a few metres wide, has
 

@@ -95,7 +95,8 @@ def render_transient(
 ) -> np.ndarray:
     """Render many instants: gates at the centres of time bins.
 
-    The same paths serve all gates: they are traced once, not once a gate.
+    All gates see the same paths: what one sample finds, each of them weights by its own time. So
+    the paths need to be traced only once.
 
     Args:
         scene: The scene.

@@ -43,6 +43,17 @@ def decay(t, width) -> np.ndarray:
     return np.where(t >= 0, np.exp(-np.maximum(t, 0) / width) / width, 0)
 
 
+def slope(t, first, last) -> np.ndarray:
+    """Density of a pulse that starts at `first` and falls evenly to 0 at `last`."""
+    t = np.asarray(t, float)
+    return np.where((t >= first) & (t <= last), 2 * (last - t) / (last - first) ** 2, 0)
+
+
+def slope_cdf(t, first, last) -> np.ndarray:
+    """Its integral."""
+    return 1 - ((last - np.clip(t, first, last)) / (last - first)) ** 2
+
+
 # ------------------------------------------------------------------------- lamp over a plane
 
 LIGHT = (

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from numbers import Real
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pulses_to_check
 import worlds
+from rays import along_rays
 
 from tofrender.course.judge import trials
 
+__all__ = ["along_rays"]
 SEEDS = 16
 
 
@@ -66,6 +70,36 @@ def pulse_samples(theirs, width_opl, xi):
     }
 
 
+def pulses_side_by_side(theirs, widths, t, xi):
+    """All that two pulses say; both are there before either is asked. t and xi in widths."""
+    pulses = [theirs.GaussianPulse(width_opl=width) for width in widths]
+    return [_told(pulse, t * width, xi) for pulse, width in zip(pulses, widths, strict=True)]
+
+
+def _told(pulse, t, xi):
+    t, xi, one = mi.Float(t), mi.Float(xi), mi.Float(t[0])
+    before = np.array(t), np.array(xi)
+    offsets, weight = pulse.sample(xi)
+    told = {
+        "width_opl": pulse.width_opl,
+        "support": [float(each) for each in pulse.support],
+        "normalization": pulse.normalization,
+        "is_number": isinstance(pulse.normalization, Real),
+        "density": _of_drjit("eval", pulse.eval(t)),
+        "cdf": _of_drjit("cdf", pulse.cdf(t)),
+        "offsets": _of_drjit("sample", offsets),
+        "again": pulse.sample(xi)[0],
+        "weight": mi.Float(_of_drjit("sample", weight)) + dr.zeros(mi.Float, dr.width(xi)),
+        "one": [
+            pulse.eval(one),
+            pulse.cdf(one),
+            *pulse.sample(mi.Float(xi[0])),
+        ],
+    }
+    same = [np.array_equal(np.array(a), b) for a, b in zip((t, xi), before, strict=True)]
+    return told | {"kept": all(same)}
+
+
 def defines(theirs, name):
     """Load it, or say why not."""
     getattr(theirs, name)
@@ -84,8 +118,22 @@ def try_pulse(theirs, name, text):
 
 def modulation(theirs, frequency_hz, phase_offset, opl):
     """Its values and numbers."""
-    wave = theirs.AMCWPulse(frequency_hz=frequency_hz, phase_offset=phase_offset)
+    return _wave(theirs.AMCWPulse(frequency_hz=frequency_hz, phase_offset=phase_offset), opl)
+
+
+def modulations(theirs, each, opl):
+    """Those of several waves, which are there before one is asked: (frequency, offset or None)."""
+    waves = [
+        theirs.AMCWPulse(frequency) if offset is None else theirs.AMCWPulse(frequency, offset)
+        for frequency, offset in each
+    ]
+    return [_wave(wave, opl) for wave in waves]
+
+
+def _wave(wave, opl):
     return {
+        "frequency_hz": wave.frequency_hz,
+        "phase_offset": wave.phase_offset,
         "values": _of_drjit("eval", wave.eval(mi.Float(opl))),
         "omega": wave.omega,
         "range": wave.get_unambiguous_range(),
@@ -105,15 +153,8 @@ def gate_along_ray(theirs, scene, view, origin, target, times, pulse, max_depth)
     """What `sample` returns along one ray, for each target time: shape (times,)."""
     scene = world(scene, view)
     integrator = _gated(theirs, pulse, max_depth=max_depth)
-    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
-    ray = mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
-    values = []
-    for time in times:
-        sampler = mi.load_dict({"type": "independent", "sample_count": 16})
-        sampler.seed(0, 16)
-        spec, _, _ = integrator.sample(scene, sampler, ray, float(time))
-        values.append(float(np.mean(np.array(mi.Color3f(spec).x + dr.zeros(mi.Float, 16)))))
-    return values
+    ray = _ray(origin, target)
+    return [_mean(integrator.sample(scene, _sampler(), ray, float(time))[0]) for time in times]
 
 
 def gate_image(theirs, scene, view, time, pulse, spp, seed, max_depth=2):
@@ -136,18 +177,56 @@ def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
     )
 
 
-def kernels_of_gates(theirs, view, numbers):
-    """How many kernels `render_transient` launches for each number of gates."""
+def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
+    """Pictures of `render_at_time` and cubes of `render_transient`, see `_pictures`."""
+    scene = world("lamp", view, colours=colours)
+    integrator, sensor = _gated(theirs, pulse, max_depth=2), scene.sensors()[0]
+    names = ("temporal_bins", "start_opl", "bin_width_opl")
+    config = dict(zip(names, (int(gates[0]), float(gates[1]), float(gates[2])), strict=True))
+
+    def one(s, n):
+        return theirs.render_at_time(scene, integrator, sensor, time, spp=n, seed=s)
+
+    def many(s, n):
+        return theirs.render_transient(scene, integrator, sensor, config, spp=n, seed=s)
+
+    return {"one": _pictures(one, seed, spp), "many": _pictures(many, seed, spp)}
+
+
+def gate_profile(theirs, view, times, pulse, options):
+    """What `sample` gives along the camera's ray; without a pulse, with that of the options."""
+    integrator = theirs.TimeGatedTransientPath(properties(**options))
+    if pulse is not None:
+        integrator.pulse = worlds.pulse(*pulse)
     scene = world("lamp", view)
-    integrator, sensor = _gated(theirs, ("hat", 0.1), max_depth=3), scene.sensors()[0]
-    counts = []
-    for number in numbers:
-        config = {"temporal_bins": int(number), "start_opl": 3.0, "bin_width_opl": 0.02}
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            theirs.render_transient(scene, integrator, sensor, config, spp=16, seed=0)
-            counts.append(len(dr.kernel_history((dr.KernelType.JIT,))))
-    return counts
+    ray = _ray(view["origin"], view["target"])
+    return [_mean(integrator.sample(scene, _sampler(), ray, float(time))[0]) for time in times]
+
+
+def _ray(origin, target):
+    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
+    return mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
+
+
+def _sampler():
+    sampler = mi.load_dict({"type": "independent", "sample_count": 16})
+    sampler.seed(0, 16)
+    return sampler
+
+
+def _mean(spectrum):
+    return float(np.mean(np.array(mi.Color3f(spectrum).x + dr.zeros(mi.Float, 16))))
+
+
+def _pictures(render, seed, spp):
+    """Pictures of several seeds, also of a 64th of the samples; the first one once more."""
+    first = render(seed, spp)
+    return {
+        "values": over_seeds(lambda s: render(s, spp), seed),
+        "few": over_seeds(lambda s: render(s, spp // 64), seed),
+        "again": np.array(first, dtype=np.float64),
+        "kind": f"{type(first).__name__} of {getattr(first, 'dtype', 'no dtype')}",
+    }
 
 
 # -------------------------------------------------------------------------------------- AMCW
@@ -157,16 +236,34 @@ def amcw_along_ray(theirs, scene, view, origin, target, ramps, max_depth):
     """What `sample` returns along one ray, for each modulation (at zero, slope [1/m])."""
     scene = world(scene, view)
     integrator = theirs.AMCWTransientPath(properties(max_depth=max_depth))
-    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
-    ray = mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
     values = []
     for ramp in ramps:
-        sampler = mi.load_dict({"type": "independent", "sample_count": 16})
-        sampler.seed(0, 16)
         integrator.set_modulation(worlds.Ramp(*ramp))
-        spec, _, _ = integrator.sample(scene, sampler, ray)
-        values.append(float(np.mean(np.array(mi.Color3f(spec).x + dr.zeros(mi.Float, 16)))))
+        values.append(_mean(integrator.sample(scene, _sampler(), _ray(origin, target))[0]))
     return values
+
+
+def amcw_pictures(theirs, view, colours, ramp, spp, seed):
+    """Pictures of `render_single_amcw`, see `_pictures`."""
+    scene = world("lamp", view, colours=colours)
+    integrator = theirs.AMCWTransientPath(properties(max_depth=2))
+    integrator.set_modulation(worlds.Ramp(*ramp))
+
+    def render(s, n):
+        return theirs.render_single_amcw(scene, integrator, scene.sensors()[0], spp=n, seed=s)
+
+    return _pictures(render, seed, spp)
+
+
+def amcw_phasors(theirs, parts, view, frequency_hz, spp, seed, seeds=SEEDS):
+    """I, Q, amplitude, phase and depth of any scene, each (seeds, height, width, 3)."""
+    scene = world("described", view, parts=parts)
+    sensor = scene.sensors()[0]
+    found = [
+        theirs.render_amcw_phasor(scene, sensor, frequency_hz, spp=spp, seed=seed + k)
+        for k in range(seeds)
+    ]
+    return [np.stack([np.array(f[part], np.float64) for f in found]) for part in range(5)]
 
 
 def amcw_image(theirs, scene, view, ramp, spp, seed, max_depth=2, **options):
@@ -191,11 +288,35 @@ def amcw_phasor(theirs, scene, view, frequency_hz, spp, seed):
 
 
 def film(theirs, scene, view, pulse, spp, seed, seeds=SEEDS, max_depth=2, **options):
-    """(steady, bins) of `TransientPath`, seeds in front."""
+    """(steady, bins) of `TransientPath`, seeds in front.
+
+    `pulse` may be the width for its option, or None for what it has by default.
+    """
     scene = world(scene, view, **options)
-    integrator = theirs.TransientPath(properties(max_depth=max_depth))
-    integrator.pulse = worlds.pulse(*pulse)
+    width = {"pulse_width_opl": pulse} if isinstance(pulse, Real) else {}
+    integrator = theirs.TransientPath(properties(max_depth=max_depth, **width))
+    if pulse is not None and not width:
+        integrator.pulse = worlds.pulse(*pulse)
     return _render(integrator, scene, spp, seed, seeds)
+
+
+def spread_lanes(theirs, pulse, opl, active):
+    """What `TransientPath.spread` puts for each lane; None for the package, which has none."""
+    if theirs.TransientPath.__module__.startswith("tofrender."):
+        return None
+    film = mi.load_dict(worlds.camera((0, 0, 1), (0, 0, 0), bins=(60, 0.0, 0.1))["film"])
+    integrator = theirs.TransientPath(properties())
+    integrator.pulse = worlds.pulse(*pulse)
+    number = len(opl)
+    lane, total = dr.arange(mi.UInt32, number), dr.zeros(mi.Float, number)
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(0, number)
+
+    def put(spectrum, opl, active):
+        dr.scatter_add(total, mi.Color3f(spectrum).x, lane, mi.Bool(active))
+
+    integrator.spread(film, put, sampler, mi.Color3f(1), mi.Float(opl), mi.Bool(active))
+    return total
 
 
 def confocal(theirs, scene, view, spp, seed, seeds=SEEDS, integrator=None, **options):
@@ -218,11 +339,20 @@ def _render(integrator, scene, spp, seed, seeds):
 
 
 def phasors(theirs, transient, frequency_hz, start_opl, bin_width_opl):
-    return theirs.transient_to_phasor(transient, frequency_hz, start_opl, bin_width_opl)
+    before = transient.copy()
+    result = theirs.transient_to_phasor(transient, frequency_hz, start_opl, bin_width_opl)
+    return _unless_changed(result, before, transient)
 
 
 def summed_channels(theirs, I, Q, frequency_hz):  # noqa: E741
-    return theirs.sum_channels(I, Q, frequency_hz)
+    before = I + 1j * Q
+    return _unless_changed(theirs.sum_channels(I, Q, frequency_hz), before, I + 1j * Q)
+
+
+def _unless_changed(result, before, after):
+    if not np.array_equal(before, after):
+        raise ValueError("the arrays that were given have been changed")
+    return result
 
 
 # -------------------------------------------------------------------------------- relay wall
@@ -239,6 +369,17 @@ def on_wall(theirs, names, x, y):
         matrix[0, 3] = middle
         parts[name] = worlds.rectangle(matrix, worlds.diffuse(0.5))
     scene = worlds.load(parts)
-    wall = [shape for name in names for shape in scene.shapes() if shape.id() == name]
-    rays = mi.Ray3f(mi.Point3f(mi.Float(x), mi.Float(y), 1), mi.Vector3f(0, 0, -1))
-    return mi.Bool(theirs.is_on_relay_wall(scene.ray_intersect(rays), wall))
+    return _on(theirs, scene, names, x, y, 1.0)
+
+
+def on_shapes(theirs, parts, names, x, y, z):
+    """The same from (x, y, z), for other scenes."""
+    return _on(theirs, worlds.described(None, parts), names, x, y, z)
+
+
+def _on(theirs, scene, names, x, y, z):
+    wall = tuple(shape for name in names for shape in scene.shapes() if shape.id() == name)
+    rays = mi.Ray3f(mi.Point3f(mi.Float(x), mi.Float(y), z), mi.Vector3f(0, 0, -1))
+    mask = mi.Bool(theirs.is_on_relay_wall(scene.ray_intersect(rays), wall))
+    dr.eval(mask)  # as long as the scene is there
+    return mask

@@ -38,3 +38,8 @@ def test_wrong_pulses_are_found(submission):
                 f"a wrong pulse ({name} of width {width} m) passes your test",
                 hint="tests/pulses_to_check.py says what is wrong with it",
             )
+            kind = said["text"].partition(":")[0]
+            expect.true(
+                kind == "AssertionError",
+                f"what a wrong pulse ({name}) raises: an AssertionError; came {kind}",
+            )

@@ -210,11 +210,37 @@ def test_many_gates(submission):
     )
 
 
-def test_one_trace_for_all_gates(submission):
-    """The paths are traced once: more gates take no more kernels."""
-    few, many = submission.ask("kernels_of_gates", view=OVER, numbers=[8, 128])
-    expect.true(
-        many <= few + 40,
-        f"kernels that render_transient launches: {few} for 8 gates, {many} for 128",
-        hint="hand each contribution to all gates within one trace; evaluate results together",
-    )
+def test_same_paths_for_all_gates(submission):
+    """One sample of one path: all gates see its light, at one length."""
+    first, last = -4.0, 6.0
+    bins = (8, 3.2, 0.25)
+    came = submission.ask(
+        "gates",
+        scene="lamp",
+        view=OVER | {"fov": 60.0},
+        bins=bins,
+        pulse=("slope", first, last),
+        spp=1,
+        seed=submission.seed,
+        max_depth=2,
+    )[:, 0, 0, :, 0]
+    times = bins[1] + bins[2] * (np.arange(8) + 0.5)
+    hint = "hand each contribution to all gates within one trace"
+    came = came[came.max(axis=1) > 0]
+    expect.true(len(came) > 2, "light at 1 spp, under 16 seeds: (almost) none came", hint=hint)
+    expect.true(came.min() > 0, "light of one sample: in all gates; some have none", hint=hint)
+    # p(t - opl) = 2 (last - t + opl) / (last - first)², so first and last gate tell both
+    light = (came[:, 0] - came[:, -1]) / (times[-1] - times[0]) * (last - first) ** 2 / 2
+    with np.errstate(all="ignore"):
+        opl = came[:, 0] / light * (last - first) ** 2 / 2 - last + times[0]
+        wanted = light[:, None] * formulas.slope(times - opl[:, None], first, last)
+    what = "gates of one sample, as light x p(time - opl) with one light and one length"
+    expect.close(came / came[:, :1], wanted / came[:, :1], what, rtol=2e-3, hint=hint)
+    half = OVER["origin"][2] * math.tan(math.radians(30))
+    x, y = np.meshgrid(formulas.X + half * np.linspace(-1, 1, 50), half * np.linspace(-1, 1, 50))
+    lengths = formulas.lamp(x, y, OVER["origin"])[1]
+    low, high = lengths.min() - 0.05, lengths.max() + 0.05
+    what = f"length that the gates of one sample tell: from {low:.2f} m to {high:.2f} m; came"
+    inside = opl.min() > low and opl.max() < high
+    expect.true(inside, f"{what} {opl.min():.2f} m to {opl.max():.2f} m", hint=hint)
+    expect.true(np.ptp(opl) > 0.01, "lengths under other seeds: others; came the same", hint=hint)

@@ -47,6 +47,46 @@ class Decay:
         return -self.width_opl * dr.log(dr.maximum(1 - xi, 2**-24)), mi.Float(1)
 
 
+class Slope:
+    """A pulse that starts at once and falls evenly to 0; it may lie anywhere beside its centre."""
+
+    def __init__(self, first, last):
+        self.support = (first, last)
+
+    def eval(self, t):
+        first, last = self.support
+        inside = (t >= first) & (t <= last)
+        return dr.select(inside, 2 * (last - t) / (last - first) ** 2, 0)
+
+    def cdf(self, t):
+        first, last = self.support
+        left = (last - dr.clip(t, first, last)) / (last - first)
+        return 1 - left * left
+
+    def sample(self, xi):
+        first, last = self.support
+        return last - (last - first) * dr.sqrt(1 - xi), mi.Float(1)
+
+
+class Box:
+    """An even pulse from `first` to `last`."""
+
+    def __init__(self, first, last):
+        self.support = (first, last)
+
+    def eval(self, t):
+        first, last = self.support
+        return dr.select((t >= first) & (t <= last), 1 / (last - first), 0)
+
+    def cdf(self, t):
+        first, last = self.support
+        return (dr.clip(t, first, last) - first) / (last - first)
+
+    def sample(self, xi):
+        first, last = self.support
+        return first + (last - first) * xi, mi.Float(1)
+
+
 class Ramp:
     """A modulation that grows with the length: its mean says the mean length."""
 
@@ -57,9 +97,20 @@ class Ramp:
         return self.at_zero + self.slope * opl
 
 
-def pulse(kind, width_opl):
+class Step:
+    """A modulation that counts what is longer than a length."""
+
+    def __init__(self, after):
+        self.after = after
+
+    def eval(self, opl):
+        return dr.select(opl > self.after, mi.Float(1), 0)
+
+
+def pulse(kind, *numbers):
     """A pulse by name, None for an instant."""
-    return {"hat": Hat, "decay": Decay, "none": lambda _: None}[kind](width_opl)
+    kinds = {"hat": Hat, "decay": Decay, "slope": Slope, "box": Box, "none": lambda _: None}
+    return kinds[kind](*(float(number) for number in numbers))
 
 
 # ------------------------------------------------------------------------------------- parts
@@ -106,20 +157,40 @@ def load(parts):
     return mi.load_dict(scene, parallel=False, optimize=False)
 
 
+def described(view, parts):
+    """A scene from a dict of numbers and texts; matrices are arrays named `to_world`."""
+    return load(
+        ({} if view is None else {"sensor": view}) | {k: _made(v) for k, v in parts.items()}
+    )
+
+
+def _made(part):
+    if not isinstance(part, dict):
+        return part
+    made = {key: _made(value) for key, value in part.items()}
+    if "to_world" in made:
+        made["to_world"] = mi.ScalarTransform4f(np.asarray(made["to_world"], np.float64))
+    for key in {"position", "value"} & made.keys():
+        made[key] = [float(each) for each in made[key]]
+    return made
+
+
 # ------------------------------------------------------------------------------------ scenes
 
 
-def lamp(view):
-    """A plane under a point light."""
+def lamp(view, colours=((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))):
+    """A plane under a point light; the colours multiply its albedo and the light's intensity."""
+    albedo, intensity = (
+        {"type": "rgb", "value": [value * each for each in colour]}
+        for value, colour in zip((formulas.ALBEDO, formulas.INTENSITY), colours, strict=True)
+    )
     return load(
         {
             "sensor": view,
-            "plane": rectangle(np.diag([20.0, 20, 1, 1]), diffuse(formulas.ALBEDO)),
-            "lamp": {
-                "type": "point",
-                "position": list(formulas.LIGHT),
-                "intensity": grey(formulas.INTENSITY),
-            },
+            "plane": rectangle(
+                np.diag([20.0, 20, 1, 1]), {"type": "diffuse", "reflectance": albedo}
+            ),
+            "lamp": {"type": "point", "position": list(formulas.LIGHT), "intensity": intensity},
         }
     )
 

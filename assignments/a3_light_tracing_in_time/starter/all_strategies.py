@@ -15,7 +15,7 @@ class TransientBDPT(BothEnds):
     Strategy (s, t) makes paths of s vertices from the light and t from the lens, of s + t - 1
     segments, 1 to `max_depth` of them: s = 0 runs into the light, s = 1 connects to it, t = 1
     connects to the lens, and all others connect two vertices. You may leave out (1, 1); (0, 2) then
-    has its light in full.
+    has its light in full. Lights are points, spots and surfaces, one or several.
 
     | parameter | default | meaning |
     |---|---|---|

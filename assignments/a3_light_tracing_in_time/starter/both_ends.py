@@ -98,7 +98,7 @@ class BothEnds(mi.SamplingIntegrator):
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | 6 | longest path in segments, those at light and camera included |
+    | `max_depth` | 6 | longest path in segments, those at light and camera included: 2 or more |
     """
 
     def __init__(self, props: mi.Properties) -> None:

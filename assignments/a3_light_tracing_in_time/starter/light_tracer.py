@@ -44,7 +44,8 @@ class TransientLightTracer(BothEnds):
 
         Args:
             scene: The scene.
-            sampler: Random numbers; so many lanes, so many paths of light.
+            sampler: All random numbers: the same give the same picture. So many lanes, so many
+                paths of light.
             camera: As many camera rays.
             lens: The lens; a test may bring another than yours, which has `sample` and `arrive`
                 with all that an `Arrival` has.

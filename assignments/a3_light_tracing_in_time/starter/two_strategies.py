@@ -14,7 +14,7 @@ class TransientTwoStrategies(BothEnds):
 
     A path that both find is shared by the power heuristic (exponent 2); one that only one of them
     finds counts in full. Paths have 2 to `max_depth` segments. Lights that a path runs into do not
-    count.
+    count. Lights are points, spots and surfaces, one or several.
 
     | parameter | default | meaning |
     |---|---|---|

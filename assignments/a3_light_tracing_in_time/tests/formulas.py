@@ -6,21 +6,39 @@ import math
 
 import numpy as np
 
+from tofrender.course.judge.inputs import Inputs
+
+inputs = Inputs(__file__)
+
 
 class View:
     """A pinhole: `size` pixels (width, height), `fov` degrees across its width.
 
-    `crop` is (x, y, width, height) in pixels, `shift` moves the window by a part of its width.
+    `crop` is (x, y, width, height) in pixels, `shift` moves the window by parts of its width and
+    of its height. A mirrored camera sees right as left; `aperture` and `focus` are a thin lens's.
     """
 
     def __init__(
-        self, origin, target, fov=40.0, size=(8, 8), up=(0, 1, 0), crop=None, shift=0.0, **_
+        self,
+        origin,
+        target,
+        fov=40.0,
+        size=(8, 8),
+        up=(0, 1, 0),
+        crop=None,
+        shift=(0.0, 0.0),
+        mirrored=False,
+        aperture=0.0,
+        focus=1.0,
+        **_,
     ):
         self.origin = np.array(origin, float)
         self.axis = _unit(np.array(target, float) - self.origin)
         self.left = _unit(np.cross(up, self.axis))
         self.up = np.cross(self.axis, self.left)
+        self.left *= -1 if mirrored else 1
         self.half, self.size, self.shift = math.tan(math.radians(fov) / 2), size, shift
+        self.aperture, self.focus = aperture, focus
         self.crop = (0, 0, *size) if crop is None else crop
         width, height = size
         whole = 4 * self.half**2 * height / width
@@ -29,8 +47,8 @@ class View:
     def direction(self, x, y):
         """Unit vectors through film positions [pixels of the crop]."""
         width, height = self.size
-        across = (1 - 2 * ((x + self.crop[0]) / width + self.shift)) * self.half
-        down = (1 - 2 * (y + self.crop[1]) / height) * self.half * height / width
+        across = (1 - 2 * ((x + self.crop[0]) / width + self.shift[0])) * self.half
+        down = (1 - 2 * ((y + self.crop[1]) / height + self.shift[1])) * self.half * height / width
         d = self.axis + across[..., None] * self.left + down[..., None] * self.up
         return _unit(d)
 
@@ -39,8 +57,8 @@ class View:
         width, height = self.size
         way = np.asarray(p, float) - self.origin
         depth = way @ self.axis
-        x = (1 - (way @ self.left) / depth / self.half) / 2 - self.shift
-        y = (1 - (way @ self.up) / depth / self.half * width / height) / 2
+        x = (1 - (way @ self.left) / depth / self.half) / 2 - self.shift[0]
+        y = (1 - (way @ self.up) / depth / self.half * width / height) / 2 - self.shift[1]
         return np.stack([x * width, y * height], -1), depth
 
     def density(self, d):
@@ -54,6 +72,16 @@ class View:
         a, b = (each.ravel() for each in np.meshgrid(inside, inside))
         x, y = np.meshgrid(np.arange(width), np.arange(height))
         return self.direction(x[..., None] + a, y[..., None] + b)
+
+    def through_lens(self, count=12):
+        """As `pixels`, from even points of the thin lens: where rays start, and directions."""
+        u, v, a, b = even(count**2 * 16, 4)
+        x, y = np.meshgrid(np.arange(self.size[0]), np.arange(self.size[1]))
+        d = self.direction(x[..., None] + a, y[..., None] + b)
+        r, φ = self.aperture * np.sqrt(u), 2 * math.pi * v
+        offset = (r * np.cos(φ))[:, None] * self.left + (r * np.sin(φ))[:, None] * self.up
+        sharp = d * (self.focus / (d @ self.axis))[..., None]
+        return self.origin + offset, _unit(sharp - offset)
 
 
 def _unit(v):
@@ -72,25 +100,51 @@ def even(count, dimensions):
 # ------------------------------------------------------------------------------------- floor
 
 
-def on_floor(view, d, z=0.0):
+def on_floor(view, d, z=0.0, origin=None):
     """Where rays meet the plane at z, their lengths, and their cosines to its normal."""
-    length = (z - view.origin[2]) / d[..., 2]
-    return view.origin + length[..., None] * d, length, np.abs(d[..., 2])
+    origin = view.origin if origin is None else origin
+    length = (z - origin[..., 2]) / d[..., 2]
+    return origin + length[..., None] * d, length, np.abs(d[..., 2])
 
 
-def under_point(view, d, light, intensity, albedo=0.5):
+def under_point(view, d, light, intensity, albedo=0.5, alpha=None, cone=None, origin=None):
     """A floor under a point light: radiance along rays, path lengths, and densities by area.
 
-    The densities are those of the floor's points, from the camera and from the light.
+    The densities are those of the floor's points, from the camera and from the light. With `alpha`
+    the floor is rough metal; with `cone` (target, cutoff, beam) [deg] the light is a spot, whose
+    light starts with an even density in the cone.
     """
-    x, seen, cos = on_floor(view, d)
+    x, seen, cos = on_floor(view, d, origin=origin)
     way = np.asarray(light, float) - x
     far = np.linalg.norm(way, axis=-1)
     cos_light = way[..., 2] / far
-    radiance = albedo / math.pi * intensity * cos_light / far**2
+    f_cos = albedo / math.pi * cos_light
+    if alpha is not None:
+        f_cos = ggx(-d, way / far[..., None], alpha)
+    spread, per_sr = 1.0, 1 / (4 * math.pi)
+    if cone is not None:
+        spread, per_sr = spot(light, -way / far[..., None], *cone)
+    radiance = f_cos * intensity * spread / far**2
     from_camera = view.density(d) * cos / seen**2
-    from_light = cos_light / (4 * math.pi * far**2)
+    from_light = cos_light / far**2 * per_sr
     return radiance, seen + far, from_camera, from_light
+
+
+def spot(position, d, target, cutoff, beam):
+    """Part of a spot's intensity in directions, and their density if they are even in its cone."""
+    axis = _unit(np.asarray(target, float) - np.asarray(position, float))
+    angle = np.degrees(np.arccos(np.clip(d @ axis, -1, 1)))
+    part = np.clip((cutoff - angle) / (cutoff - beam), 0, 1)
+    return part, (angle < cutoff) / (2 * math.pi * (1 - math.cos(math.radians(cutoff))))
+
+
+def ggx(wi, wo, alpha):
+    """Reflection of rough metal (GGX, no absorption) on a floor, times the cosine of wo."""
+    half = _unit(wi + wo)[..., 2]
+    d = 1 / (math.pi * alpha**2 * (half**2 + (1 - half**2) / alpha**2) ** 2)
+    for w in (wi, wo):
+        d = d * 2 / (1 + np.sqrt(1 + alpha**2 * (1 / w[..., 2] ** 2 - 1)))
+    return d / (4 * wi[..., 2])
 
 
 def under_panel(view, half, height, radiance, albedo=0.5, count=1 << 17):
@@ -138,9 +192,109 @@ def sphere_shares(view, n, exponent, inner=True):
     return float((p / (p + q)).mean()), float((q / (p + q)).mean())
 
 
+def in_sphere(view, d, radius):
+    """Lengths of rays to a sphere around the origin, and its points' densities by area.
+
+    The first is from the camera; the other from any of its points, and from a light in its middle.
+    """
+    along = d @ view.origin
+    length = np.sqrt(along**2 + radius**2 - view.origin @ view.origin) - along
+    cos = (length + along) / radius
+    return length, view.density(d) * cos / length**2, 1 / (4 * math.pi * radius**2)
+
+
+def shares(mine, count, other, power):
+    """Of strategies that all have the density `mine` but the last: of one of them, of the last.
+
+    `count` of them have the density `mine`, pixel by pixel.
+    """
+    mine, other = mine**power, other**power
+    total = count * mine + other
+    return (mine / total).mean(-1), (other / total).mean(-1)
+
+
 def chord_masses(edges, radius):
     """Shares of random chords, density r / 2R², between lengths."""
     return np.diff(np.clip(np.asarray(edges, float) / (2 * radius), 0, 1) ** 2)
+
+
+# ------------------------------------------------------------------------------ two surfaces
+
+
+def by_mirror(view, lamp, mirror, albedo, count=1 << 18):
+    """Light of a spot that a floor z = 0 gets from itself, by a mirror above it.
+
+    `lamp` is (position, intensity, target, cutoff, beam). Two surfaces and the mirror between them.
+
+    Returns:
+        Parts of the film's mean, path lengths, and densities of the paths from the camera (a
+        connection to the lamp) and from the light.
+    """
+    u, v, a, b = even(count, 4)
+    d = view.direction(u * view.size[0], v * view.size[1])
+    x, seen, cos = on_floor(view, d)
+    position, intensity, target, cutoff, beam = lamp
+    position = np.array(position, float)
+    top = 1 - math.cos(math.radians(cutoff))
+    axis = _unit(np.array(target, float) - position)
+    side = _unit(np.cross(axis, (0.3, 0.8, 0.1)))
+    rays = _around(axis, side, np.cross(axis, side), 1 - a * top, 2 * math.pi * b)
+    part, per_sr = spot(position, rays, target, cutoff, beam)
+    far = -position[2] / rays[:, 2]
+    y = position + far[:, None] * rays
+    by_lamp = per_sr * np.abs(rays[:, 2]) / far**2
+    y[:, 2] = 2 * mirror
+    way = np.linalg.norm(y - x, axis=-1)
+    each = (2 * mirror / way) ** 2 / (math.pi * way**2)
+    part = part * intensity * 2 * math.pi * top * albedo**2 / math.pi * each / count
+    by_camera = view.density(d) * cos / seen**2
+    return part, seen + way + far, [by_camera * each, by_lamp * each]
+
+
+def by_floor(view, ceiling, panel, radiance, albedo, screen=None, count=1 << 18):
+    """Light of a panel that a ceiling gets from a floor z = 0.
+
+    `panel` is (z, half) and faces down, around the z axis; a black `screen` is (x, y, z, half).
+
+    Returns:
+        Parts of the film's mean, path lengths, and densities of strategies (0, 4) to (3, 1).
+    """
+    u, v, a, b, e, f = even(count, 6)
+    d = view.direction(u * view.size[0], v * view.size[1])
+    x, seen, cos = on_floor(view, d, ceiling)
+    rays = _around(*-np.eye(3)[::-1], np.sqrt(a), 2 * math.pi * b)  # by the cosine
+    way = -ceiling / rays[:, 2]
+    y = x + way[:, None] * rays
+    lamp = np.stack([(2 * e - 1) * panel[1], (2 * f - 1) * panel[1], 0 * e + panel[0]], -1)
+    far = np.linalg.norm(lamp - y, axis=-1)
+    x_y = (ceiling / way) ** 2 / (math.pi * way**2)
+    y_lamp = (panel[0] / far) ** 2 / (math.pi * far**2)
+    area = 4 * panel[1] ** 2
+    part = albedo**2 * radiance * area * y_lamp / count * ~_meets(x, y, (0, 0, *panel))
+    if screen is not None:
+        part = part * ~_meets(x, y, screen) * ~_meets(y, lamp, screen)
+    by_camera = view.density(d) * cos / seen**2
+    densities = [
+        by_camera * x_y * y_lamp,
+        by_camera * x_y / area,
+        by_camera * y_lamp / area,
+        y_lamp * x_y / area,
+    ]
+    return part, seen + way + far, densities
+
+
+def _around(axis, u, v, cos, φ):
+    """Directions at angles to an axis and around it."""
+    sin = np.sqrt(1 - cos**2)
+    return np.stack([cos, sin * np.cos(φ), sin * np.sin(φ)], -1) @ np.stack([axis, u, v])
+
+
+def _meets(a, b, square):
+    """Whether what is between points meets a square (x, y, z, half) across the z axis."""
+    x, y, z, half = square
+    t = (z - a[:, 2]) / (b[:, 2] - a[:, 2])
+    at = a + t[:, None] * (b - a) - (x, y, z)
+    return (t > 0) & (t < 1) & np.all(np.abs(at[:, :2]) < half, axis=-1)
 
 
 # -------------------------------------------------------------------------------- refraction

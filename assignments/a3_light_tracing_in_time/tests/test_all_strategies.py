@@ -4,21 +4,24 @@ import formulas
 import numpy as np
 import pytest
 from path_traced import ROOM, reference
+from test_caustics import SLAB
 from test_light_tracer import check_bins, render
 
 from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a3_all_strategies
 NAME = "TransientBDPT"
-PANEL = {"half": 0.4, "height": 1.2, "radiance": 3.0}
+PANEL = {"half": 0.4, "height": 1.2}
+PANEL["radiance"] = formulas.inputs.number("radiance of the panel", 3.0, low=2.0, high=5.0)
+GREY = formulas.inputs.number("albedo around", 0.8, low=0.7, high=0.85)
 OVER = {"origin": (0, 0, 0.8), "target": (0, 0, 0), "size": (4, 4), "fov": 70.0}
 STRATEGIES = ("0,3", "1,2", "2,1")
 
 
 def sphere(submission, view, max_depth, spp=256, **options):
-    """(steady, bins) means over the film, first channel, of a sphere of albedo 0.8."""
+    """(steady, bins) means over the film, first channel, of a sphere."""
     steady, transient = render(
-        submission, "inside_sphere", view, name=NAME, radius=1.0, albedo=0.8, intensity=1.0,
+        submission, "inside_sphere", view, name=NAME, radius=1.0, albedo=GREY, intensity=1.0,
         integrator={"max_depth": max_depth} | options, spp=spp,
     )  # fmt: skip
     return steady.mean((1, 2))[..., 0], transient.mean((1, 2))[..., 0]
@@ -47,7 +50,7 @@ def test_connections_of_vertices(submission, strategy):
     view = {"origin": (0, 0, 0), "target": (0, 0, 1), "size": (4, 4), "bins": bins}
     s, t = map(int, strategy.split(","))
     steady, transient = sphere(submission, view, s + t - 1, strategy=strategy, mis="none")
-    wanted = formulas.sphere_bounce(s + t - 2, 1.0, 0.8, 1.0)
+    wanted = formulas.sphere_bounce(s + t - 2, 1.0, GREY, 1.0)
     hint = "f f' times both cosines / distance²: bsdf.eval has the cosine; so many of one length"
     expect.estimate(steady, wanted, f"film's mean, strategy ({strategy})", rounding=1e-3, hint=hint)
     if s + t == 4:
@@ -79,11 +82,15 @@ def test_shares_add_up(submission, mis):
     """All strategies together: each path's shares add up to 1."""
     view = {"origin": (0, 0, 0), "target": (0, 0, 1), "size": (4, 4)}
     for max_depth in (3, 4):
-        steady, _ = sphere(submission, view, max_depth, mis=mis, spp=128)
-        wanted = sum(formulas.sphere_bounce(n, 1.0, 0.8, 1.0) for n in range(1, max_depth))
+        chosen = {"mis": mis} if mis == "balance" else {}  # "power" is the default
+        steady, _ = sphere(submission, view, max_depth, spp=128, **chosen)
+        wanted = sum(formulas.sphere_bounce(n, 1.0, GREY, 1.0) for n in range(1, max_depth))
         what = f"film's mean, max_depth {max_depth}, mis {mis!r}"
         hint = "the shares of a path's strategies add up to 1"
         expect.estimate(steady, wanted, what, rounding=2e-3, hint=hint)
+        hint = "in a sphere, connections have no noise; only (s, 1) has some, and a small share"
+        most = {"balance": 0.005, "power": 0.0005}[mis] * wanted
+        expect.noise(steady, most, what, hint=hint)
 
 
 def test_agrees_with_a_path_tracer(submission):
@@ -101,11 +108,10 @@ def test_agrees_with_a_path_tracer(submission):
 
 def test_through_glass(submission):
     """A point light through a slab of glass: only (4, 1) finds it, and has it in full."""
-    slab = {"bottom": 0.5, "top": 0.8, "light": 1.8, "intensity": 1.0}
     view = {"origin": (0, 0, 0.45), "target": (0, 0, 0), "fov": 120.0, "size": (4, 4)}
-    part, _ = formulas.through_slab(formulas.View(**view), **slab)
+    part, _ = formulas.through_slab(formulas.View(**view), **SLAB)
     steady, _ = render(
-        submission, "under_slab", view, name=NAME, integrator={"max_depth": 4}, spp=1024, **slab
+        submission, "under_slab", view, name=NAME, integrator={"max_depth": 4}, spp=1024, **SLAB
     )
     hint = "a strategy that would connect to glass finds nothing: it gets no share"
     expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)

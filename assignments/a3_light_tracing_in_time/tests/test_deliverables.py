@@ -17,6 +17,14 @@ def require(arrays, file, *names):
     expect.true(not missing, f"{file}: has no {', '.join(missing)}", hint="the handout names all")
 
 
+def require_size(submission, shape, what):
+    """Pictures have the size of the caustic's."""
+    steady = submission.arrays("deliverables/caustic.npz").get("steady", np.zeros((0, 0, 3)))
+    same = tuple(shape) == steady.shape
+    text = f"{what}: expected the size of caustic.npz, {steady.shape}; came {tuple(shape)}"
+    expect.true(same, text, hint="all pictures have the same size")
+
+
 def test_caustic(submission):
     """Bins and picture of all strategies, and when the caustic arrives."""
     file = "deliverables/caustic.npz"
@@ -28,6 +36,9 @@ def test_caustic(submission):
     what = f"{file}, transient: expected (height, width, bins, 3), 16 pixels or more; "
     expect.true(good, what + f"came {bins.shape}")
     expect.shape(steady, (*bins.shape[:2], 3), f"{file}, steady")
+    what = f"{file}: number of bins, start_opl [m], bin_width_opl [m]"
+    hint = "200 bins of 0.04 m from 4.2 m"
+    expect.close([bins.shape[2], start, width], [200, 4.2, 0.04], what, hint=hint)
     expect.finite(bins, f"{file}, transient")
     hint = "max_depth 4; all of this light arrives between 4.2 m and 12.2 m"
     expect.close(bins.sum() / steady.sum(), 1.0, "sum over bins / picture", rtol=0.02, hint=hint)
@@ -58,6 +69,7 @@ def test_comparison(submission):
     names = ("path", "light", "two", "bdpt")
     require(arrays, file, *names, "reference", "mask", "mse")
     reference, mask = np.asarray(arrays["reference"], float), np.asarray(arrays["mask"]) > 0.5
+    require_size(submission, reference.shape, f"{file}, reference")
     expect.shape(mask, reference.shape[:2], f"{file}, mask")
     expect.true(mask.mean() > 0.3, f"{file}, mask: has too few pixels, {mask.sum()}")
     for name in names:
@@ -84,6 +96,8 @@ def test_strategies(submission):
     alone, shared = (np.asarray(arrays[name], float) for name in ("alone", "shared"))
     expect.true(alone.ndim == 4 and len(alone) == 5, f"{file}, alone: came {alone.shape}")
     expect.shape(shared, alone.shape, f"{file}, shared")
+    require_size(submission, alone.shape[1:], f"{file}, alone")
+    expect.finite(alone, f"{file}, alone")
     height, width = alone.shape[1:3]
     corner = (slice(None), slice(0, height // 2), slice(width // 2, width))  # no glass, no lamp
     hint = "alone: mis 'none'; shared: mis 'power'"

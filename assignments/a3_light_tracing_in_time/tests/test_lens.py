@@ -5,11 +5,16 @@ import numpy as np
 import pytest
 
 from tofrender.course.judge import expect
+from tofrender.course.judge.factors import Ratio
 
 pytestmark = pytest.mark.a3_lens
 
+number = formulas.inputs.number
 SQUARE = {"origin": (0.3, -0.2, 1.5), "target": (1.0, 0.5, 0.0), "size": (8, 8)}
-WIDE = {"origin": (1.0, 2.0, -1.0), "target": (0.2, 0.0, 0.4), "size": (12, 5), "fov": 65.0}
+SQUARE["fov"] = number("narrow view", 40.0, low=30, high=48)
+WIDE = {"origin": (1.0, 2.0, -1.0), "target": (0.2, 0.0, 0.4), "size": (12, 5)}
+WIDE["fov"] = number("wide view", 65.0, low=55, high=75)
+NEAR = number("near plane", 0.2, low=0.1, high=0.4)
 VIEWS = pytest.mark.parametrize("options", [SQUARE, WIDE], ids=["square", "wide"])
 
 
@@ -36,22 +41,61 @@ def inside(view, position):
     return np.all((position >= low) & (position < high), axis=-1)
 
 
+def check_area(came, view):
+    """A, one number."""
+    hint = "A is width times height of the window at distance 1: Window has its extent"
+    expect.close(np.ravel(came["area"])[0], view.area, "area of the window", hint=hint)
+
+
+def check_density(came, view, d):
+    cos = d @ view.axis
+    ratios = {
+        "cos": Ratio(cos, "three cosines, not two: one for the slant, two for the distance"),
+        "1/cos": Ratio(1 / cos, "three cosines, not four: that is the importance"),
+        "1/4": "the extent is the whole window, not half of it",
+    }
+    hint = "1 / (A cos³): one cosine for the slant, two for the distance 1 / cos"
+    what = "density of directions"
+    expect.close(came["density"], view.density(d), what, rtol=1e-3, hint=hint, ratios=ratios)
+
+
+def check_importance(came, view, d):
+    cos = d @ view.axis
+    ratios = {"cos": Ratio(cos, "1 / (A cos⁴): the density over the cosine at the lens")}
+    hint = "1 / (A cos⁴): the density over the cosine at the lens"
+    wanted = view.density(d) / cos
+    expect.close(came["importance"], wanted, "importance", rtol=1e-3, hint=hint, ratios=ratios)
+
+
+def check_way(came, view, p, depth, near_clip):
+    """Everything between points and lens."""
+    way = view.origin - p
+    distance = np.linalg.norm(way, axis=1)
+    hint = "from the point to the lens, not to the near plane"
+    expect.close(came["distance"], distance, "distance", hint=hint)
+    hint = "a unit vector from the point to the lens"
+    direction = way / distance[:, None]
+    expect.close(came["direction"].T, direction, "direction", atol=1e-4, hint=hint)
+    wanted = np.broadcast_to(view.origin, p.shape)
+    expect.close(came["lens"].T, wanted, "lens", atol=1e-5, hint="the point that was given")
+    near = view.origin - way * (near_clip / depth)[:, None]
+    hint = "at the depth near_clip along the axis: at near_clip / cos along the ray"
+    expect.close(came["near"].T, near, "near", atol=1e-4, hint=hint)
+
+
 @VIEWS
 def test_density(submission, options):
     """Area of the window, and the density of camera rays."""
     view, d, came = along(submission, options)
-    hint = "A is width times height of the window at distance 1: Window has its extent"
-    expect.close(np.ravel(came["area"])[0], view.area, "area of the window", hint=hint)
-    hint = "1 / (A cos³): one cosine for the slant, two for the distance 1 / cos"
-    expect.close(came["density"], view.density(d), "density of directions", hint=hint)
+    check_area(came, view)
+    check_density(came, view, d)
 
 
 @VIEWS
 def test_importance(submission, options):
     """We of directions."""
     view, d, came = along(submission, options)
-    hint = "1 / (A cos⁴): the density over the cosine at the lens"
-    expect.close(came["importance"], view.density(d) / (d @ view.axis), "importance", hint=hint)
+    check_importance(came, view, d)
 
 
 @VIEWS
@@ -73,22 +117,11 @@ def test_where_light_lands(submission, options):
 @VIEWS
 def test_distance_and_direction(submission, options):
     """Distances, directions, lens points and where rays cross the near plane."""
-    options = options | {"near_clip": 0.2}
+    options = options | {"near_clip": NEAR}
     view = formulas.View(**options)
     p, _, depth = points(view)
     came = submission.ask("lens_arrival", view=options, p=p)
-    way = view.origin - p
-    distance = np.linalg.norm(way, axis=1)
-    hint = "from the point to the lens, not to the near plane"
-    expect.close(came["distance"], distance, "distance", hint=hint)
-    hint = "a unit vector from the point to the lens"
-    direction = way / distance[:, None]
-    expect.close(came["direction"].T, direction, "direction", atol=1e-4, hint=hint)
-    wanted = np.broadcast_to(view.origin, p.shape)
-    expect.close(came["lens"].T, wanted, "lens", atol=1e-5, hint="the point that was given")
-    near = view.origin - way * (0.2 / depth)[:, None]
-    hint = "at the depth near_clip along the axis: at near_clip / cos along the ray"
-    expect.close(came["near"].T, near, "near", atol=1e-4, hint=hint)
+    check_way(came, view, p, depth, NEAR)
 
 
 def test_what_is_not_seen(submission):

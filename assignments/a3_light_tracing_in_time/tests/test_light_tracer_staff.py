@@ -1,25 +1,164 @@
-"""a3.light_tracer: several lights."""
+"""a3.light_tracer: other lamps, floors, cameras, and paths of many bounces."""
 
+import drawn_staff as drawn
 import formulas
+import numpy as np
 import pytest
-from test_light_tracer import render
+from test_light_tracer import (
+    NAME,
+    check_bins,
+    check_noise,
+    check_picture,
+    expected_noise,
+    in_the_way,
+    render,
+)
 
 from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a3_light_tracer
+DIRECT = {"max_depth": 2}
+
+
+def picture(radiance, colour):
+    return radiance.mean(-1)[..., None] * colour
 
 
 def test_two_lights(submission):
     """Lamps of different power and colour, and another floor."""
-    options = {"origin": (0.8, 0.9, 1.7), "target": (0.1, 0.2, 0.0), "size": (3, 5), "fov": 55.0}
+    random = submission.random
+    options = drawn.over_floor(random)
+    albedo = drawn.between(random, 0.4, 0.8)
     view = formulas.View(**options)
-    lamps = [[(0.4, -0.3, 0.9), (3.0, 0.5, 1.0)], [(-0.7, 0.5, 1.6), (0.2, 5.0, 2.0)]]
-    wanted = sum(
-        formulas.under_point(view, view.pixels(), place, 1.0, 0.7)[0].mean(-1)[..., None] * colour
-        for place, colour in lamps
-    )
+    lamps = [[drawn.above(random), drawn.colour(random)] for _ in range(2)]
+    found = [formulas.under_point(view, view.pixels(16), at, 1.0, albedo) for at, _ in lamps]
+    wanted = sum(picture(f[0], colour) for f, (_, colour) in zip(found, lamps, strict=True))
     steady, _ = render(
-        submission, "floor", options, lights=lamps, albedo=0.7, integrator={"max_depth": 2}
+        *(submission, "floor", options, 2048), lights=lamps, albedo=albedo, integrator=DIRECT
     )
     hint = "emitted.weight has the chance of the light already"
-    expect.estimate(steady, wanted, "picture", rounding=2e-3, hint=hint)
+    check_picture(steady, wanted, "picture", 2e-3, hint)
+    parts = [
+        (f[0] * colour[0], f[2], f[3] / 2) for f, (_, colour) in zip(found, lamps, strict=True)
+    ]
+    check_noise(steady, expected_noise(parts), np.prod(options["size"]) * 2048)
+
+
+def test_other_lamps(submission):
+    """A spot, which is chosen more often, a panel, and a point: all at once."""
+    random = submission.random
+    options = drawn.over_floor(random)
+    view = formulas.View(**options)
+    d = view.pixels(16)
+    at, colour = drawn.above(random), drawn.colour(random)
+    spot, spots = drawn.above(random), drawn.colour(random)
+    cone = ([*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0)
+    height, half = drawn.between(random, 2.3, 2.6), drawn.between(random, 0.15, 0.3)
+    panels = drawn.colour(random)
+    wanted = formulas.under_point(view, d, at, 1.0)[0].mean() * np.array(colour)
+    wanted += formulas.under_point(view, d, spot, 1.0, cone=cone)[0].mean() * np.array(spots)
+    part, _, _ = formulas.under_panel(view, half, height, 1.0)
+    steady, _ = render(
+        submission, "floor", options, lights=[[at, colour]], panels=[[height, half, panels]],
+        spots=[[spot, spots, *cone, drawn.between(random, 1.5, 3)]], spp=2048, integrator=DIRECT,
+    )  # fmt: skip
+    hint = "emitted.weight is right for every light: a spot shines in its cone only"
+    wanted += part.sum() * np.array(panels)
+    expect.estimate(steady.mean((1, 2)), wanted, "film's mean", rounding=2e-3, hint=hint)
+
+
+@pytest.mark.parametrize("kind", ["metal", "back"])
+def test_other_floors(submission, kind):
+    """Rough metal, and a floor that is seen and lit from its back."""
+    random = submission.random
+    options = drawn.over_floor(random)
+    view = formulas.View(**options)
+    at, colour = drawn.above(random), drawn.colour(random)
+    alpha = drawn.between(random, 0.3, 0.5) if kind == "metal" else None
+    radiance = formulas.under_point(view, view.pixels(16), at, 1.0, alpha=alpha)[0]
+    steady, _ = render(
+        submission, "floor", options, lights=[[at, colour]], alpha=alpha, flipped=kind == "back",
+        spp=2048, integrator=DIRECT,
+    )  # fmt: skip
+    hint = "the material says how much it reflects to the lens: bsdf.eval, in local directions"
+    check_picture(steady, picture(radiance, colour), "picture", 3e-3, hint)
+
+
+def test_long_paths(submission):
+    """Up to eight segments in a sphere, from beside its middle; and when the first arrive."""
+    random = submission.random
+    radius, albedo = drawn.between(random, 0.6, 1.5), drawn.between(random, 0.6, 0.8)
+    intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(7, 9))
+    options = drawn.inside(random, radius)
+    steady, _ = render(
+        submission, "inside_sphere", options, radius=radius, albedo=albedo, intensity=intensity,
+        integrator={"max_depth": max_depth}, spp=1024,
+    )  # fmt: skip
+    each = [formulas.sphere_bounce(n, radius, albedo, intensity) for n in range(1, max_depth)]
+    hint = "every vertex connects, and counts in full; Russian roulette divides by its chance"
+    wanted, what = np.full(steady.shape[1:], sum(each)), f"picture, max_depth {max_depth}"
+    check_picture(steady, wanted, what, 2e-3, hint)
+    bins = (8, radius * 1.45, radius * 0.3)
+    _, transient = render(
+        submission, "inside_sphere", options | {"bins": bins}, radius=radius, albedo=albedo,
+        intensity=intensity, integrator={"max_depth": 3}, spp=1024,
+    )  # fmt: skip
+    view = formulas.View(**options)
+    u, v, chord = formulas.even(1 << 17, 3)
+    d = view.direction(u * view.size[0], v * view.size[1])
+    length = formulas.in_sphere(view, d, radius)[0]
+    opl = np.concatenate([radius + length, radius + 2 * radius * np.sqrt(chord) + length])
+    part = np.repeat(np.array(each[:2]) / len(length), len(length))
+    check_bins(transient, part, opl, bins, "each segment adds its length, from point to point")
+
+
+def test_near_the_lens(submission):
+    """Squares that hide the floor from camera and lamp, and one before the near plane."""
+    random = submission.random
+    near, lamp = drawn.between(random, 0.3, 0.6), [-0.2, 0.1, drawn.between(random, 0.35, 0.45)]
+    in_the_way(submission, near_clip=near, lamp=lamp)
+
+
+def test_another_lens(submission):
+    """A lens with an extent, which the test brings: each path is connected to a point of it."""
+    random = submission.random
+    options = drawn.over_floor(random)
+    options |= {"aperture": drawn.between(random, 0.2, 0.3), "focus": drawn.between(random, 1, 1.4)}
+    view = formulas.View(**options)
+    at, colour = drawn.above(random), drawn.colour(random)
+    origin, d = view.through_lens()
+    radiance, opl, _, _ = formulas.under_point(view, d, at, 1.0, origin=origin)
+    low, high = np.quantile(opl, [0.05, 0.95])
+    bins = (4, low, (high - low) / 4)
+    steady, transient = render(
+        submission, "floor", options | {"bins": bins}, lights=[[at, colour]], spp=1024,
+        integrator=DIRECT,
+    )  # fmt: skip
+    hint = "lens.arrive(si.p, lens.sample(sampler)): the lens that sample() gets"
+    check_picture(steady, picture(radiance, colour), "picture", 5e-3, hint)
+    part = radiance.ravel() / radiance.size * colour[0]
+    check_bins(transient, part, opl.ravel(), bins, hint)
+
+
+def test_random_numbers(submission):
+    """The same seed twice and another one, and one path alone."""
+    same_numbers(submission, NAME)
+
+
+def same_numbers(submission, name, **tracer):
+    """The same seed gives the same picture, another one does not; one lane is enough."""
+    random = submission.random
+    options = {"radius": 1.0, "albedo": 0.7, "intensity": 2.0} | {"name": name}
+    options["integrator"] = {"max_depth": 4} | tracer
+    view = drawn.inside(random, 1.0) | {"size": (3, 2)}
+    first, again = (
+        render(submission, "inside_sphere", view, seeds=2, spp=64, **options)[0] for _ in range(2)
+    )
+    hint = "all random numbers are the sampler's"
+    atol = 1e-3 * first.max()
+    expect.close(again, first, "the same seed again", rtol=1e-3, atol=atol, hint=hint)
+    apart = np.abs(first[1] - first[0]).max()
+    expect.true(apart > 1e-5 * first.max(), "another seed gives the same picture", hint=hint)
+    one = view | {"size": (1, 1)}
+    alone, _ = render(submission, "inside_sphere", one, seeds=2, spp=1, **options)
+    expect.finite(alone, "a picture of one pixel, one path")

@@ -4,13 +4,16 @@ import formulas
 import numpy as np
 import pytest
 from path_traced import ROOM, reference
+from test_caustics import SLAB
 from test_light_tracer import ASLANT, COLOUR, LIGHT, check_bins, render
 
 from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a3_two_strategies
 NAME = "TransientTwoStrategies"
-PANEL = {"half": 0.4, "height": 1.2, "radiance": 3.0}
+PANEL = {"half": formulas.inputs.number("half of the panel", 0.4, low=0.35, high=0.45)}
+PANEL |= {"height": 1.2, "radiance": 3.0}
+RADIUS = formulas.inputs.number("radius of the sphere", 0.7, low=0.6, high=0.9)
 OVER = {"origin": (0, 0, 0.8), "target": (0, 0, 0), "size": (4, 4), "fov": 70.0}
 HINT = "p² over the sum of both p²: densities by area of floor and light, from either end"
 
@@ -55,6 +58,9 @@ def test_together(submission):
     wanted = radiance.mean(-1)[..., None] * COLOUR
     hint = "the two shares of a path add up to 1"
     expect.estimate(steady, wanted, "picture", rounding=3e-3, hint=hint)
+    hint = "both ends share what they find: neither counts in full, or as one half"
+    means = steady[..., 0].mean((1, 2))
+    expect.noise(means, 0.004 * wanted[..., 0].mean(), "the film's mean", hint=hint)
     hint = "both ends measure the same length, from light to lens"
     check_bins(transient, radiance / radiance.size, opl, bins, hint)
 
@@ -64,10 +70,10 @@ def test_many_bounces(submission, max_depth):
     """In a sphere, of which the light of each bounce is known."""
     view = {"origin": (0, 0, 0), "target": (0, 0, 1), "size": (4, 4)}
     steady, _ = render(
-        submission, "inside_sphere", view, name=NAME, radius=0.7, albedo=0.6, intensity=2.0,
+        submission, "inside_sphere", view, name=NAME, radius=RADIUS, albedo=0.6, intensity=2.0,
         integrator={"max_depth": max_depth},
     )  # fmt: skip
-    wanted = sum(formulas.sphere_bounce(n, 0.7, 0.6, 2.0) for n in range(1, max_depth))
+    wanted = sum(formulas.sphere_bounce(n, RADIUS, 0.6, 2.0) for n in range(1, max_depth))
     hint = "densities of the way back are those of a path that comes from the other end"
     expect.estimate(
         steady.mean((1, 2)), wanted, f"film's mean, max_depth {max_depth}", rounding=1e-3,
@@ -77,11 +83,10 @@ def test_many_bounces(submission, max_depth):
 
 def test_what_one_alone_finds(submission):
     """Through glass only light finds the camera, in a mirror only the camera; no lamp is seen."""
-    slab = {"bottom": 0.5, "top": 0.8, "light": 1.8, "intensity": 1.0}
     view = {"origin": (0, 0, 0.45), "target": (0, 0, 0), "fov": 120.0, "size": (4, 4)}
-    part, _ = formulas.through_slab(formulas.View(**view), **slab)
+    part, _ = formulas.through_slab(formulas.View(**view), **SLAB)
     steady, _ = render(
-        submission, "under_slab", view, name=NAME, integrator={"max_depth": 4}, **slab
+        submission, "under_slab", view, name=NAME, integrator={"max_depth": 4}, **SLAB
     )
     hint = "a strategy that would connect to glass finds nothing: it gets no share"
     expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)

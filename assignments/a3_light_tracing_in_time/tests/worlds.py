@@ -10,7 +10,7 @@ import numpy as np
 
 
 class MitsubasLens:
-    """A lens by Mitsuba's own sampling of a pinhole's importance, so that none has to be written.
+    """A lens by Mitsuba's own sampling of a camera's importance, so that none has to be written.
 
     Its film must not be cropped, nor its principal point shifted.
     """
@@ -19,10 +19,17 @@ class MitsubasLens:
         self.sensor = sensor
         self.position = sensor.world_transform() @ mi.Point3f(0)
         axis = dr.normalize(sensor.world_transform() @ mi.Vector3f(0, 0, 1))
-        self.axis, self.near = axis, mi.traverse(sensor)["near_clip"]
+        parameters = mi.traverse(sensor)
+        self.axis, self.near = axis, parameters["near_clip"]
+        self.radius = None
+        if "aperture_radius" in parameters:
+            self.radius = parameters["aperture_radius"]
 
     def sample(self, sampler):
-        return self.position
+        if self.radius is None:
+            return self.position
+        disk = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d()) * self.radius
+        return self.sensor.world_transform() @ mi.Point3f(disk.x, disk.y, 0)
 
     def density(self, d):
         return self.arrive(self.position + d, self.position).density
@@ -33,13 +40,19 @@ class MitsubasLens:
     def arrive(self, p, lens):
         at = dr.zeros(mi.Interaction3f, dr.width(p))
         at.p = mi.Point3f(p)
-        ds, weight = self.sensor.sample_direction(at, mi.Point2f(0.5))
-        distance = dr.norm(p - self.position)
-        d = (p - self.position) / distance
+        u = mi.Point2f(0.5)
+        if self.radius is not None:
+            local = self.sensor.world_transform().inverse() @ mi.Point3f(lens)
+            u = mi.warp.uniform_disk_to_square_concentric(
+                mi.Point2f(local.x, local.y) / self.radius
+            )
+        ds, weight = self.sensor.sample_direction(at, u)
+        distance = dr.norm(p - lens)
+        d = (p - lens) / distance
         seen = (ds.pdf > 0) & (dr.max(weight) > 0)
         return Arrival(
             lens=mi.Point3f(lens),
-            near=self.position + d * (self.near / dr.dot(d, self.axis)),
+            near=lens + d * (self.near / dr.dot(d, self.axis)),
             direction=-d,
             distance=distance,
             density=dr.select(seen, weight.x * dr.square(distance), 0),
@@ -94,10 +107,16 @@ def camera(
     bins=(1, 0.0, 100.0),
     up=(0, 1, 0),
     crop=None,
-    shift=0.0,
+    shift=(0.0, 0.0),
     far_clip=1e4,
+    mirrored=False,
+    aperture=0.0,
+    focus=1.0,
 ):
-    """A pinhole over a film with time; `bins` is (number, start, width), `crop` (x, y, w, h)."""
+    """A pinhole over a film with time; `bins` is (number, start, width), `crop` (x, y, w, h).
+
+    With an `aperture` [m] it is a thin lens.
+    """
     names = ("temporal_bins", "start_opl", "bin_width_opl")
     film = {"type": "transient_hdr_film", "width": size[0], "height": size[1]}
     film |= dict(zip(names, (int(bins[0]), float(bins[1]), float(bins[2])), strict=True))
@@ -105,15 +124,23 @@ def camera(
     if crop is not None:
         names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
         film |= dict(zip(names, map(int, crop), strict=True))
-    return {
+    to_world = mi.ScalarTransform4f().look_at(list(origin), list(target), list(up))
+    if mirrored:
+        to_world = to_world @ mi.ScalarTransform4f().scale([-1, 1, 1])
+    sensor = {
         "type": "perspective",
         "fov": fov,
         "near_clip": near_clip,
         "far_clip": far_clip,
-        "principal_point_offset_x": shift,
-        "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), list(up)),
+        "to_world": to_world,
         "film": film,
         "sampler": {"type": "independent", "sample_count": 16},
+    }
+    if aperture:
+        return sensor | {"type": "thinlens", "aperture_radius": aperture, "focus_distance": focus}
+    return sensor | {
+        "principal_point_offset_x": shift[0],
+        "principal_point_offset_y": shift[1],
     }
 
 
@@ -129,16 +156,74 @@ def point(position, intensity):
 # ------------------------------------------------------------------------------------ scenes
 
 
-def floor(view, lights, albedo=0.5, blockers=()):
-    """A floor z = 0 under point lights (position, intensity), and black squares (x, y, z, half)."""
-    parts = {"sensor": view, "floor": rectangle(flat(0.0), diffuse(albedo))}
+def square(x, y, z, half):
+    """A black square across the z axis."""
+    matrix = flat(z, half)
+    matrix[:2, 3] = x, y
+    return rectangle(matrix, {"type": "twosided", "bsdf": diffuse(0.0)})
+
+
+def spot(position, intensity, target, cutoff, beam, weight=1.0):
+    """A spot light; angles in degrees, and how often it is chosen."""
+    up = (0.3, 0.8, 0.1)
+    turn = mi.ScalarTransform4f().look_at(list(position), list(target), list(up))
+    return {
+        "type": "spot",
+        "to_world": turn,
+        "intensity": rgb(*intensity),
+        "cutoff_angle": cutoff,
+        "beam_width": beam,
+        "sampling_weight": weight,
+    }
+
+
+def floor(view, lights, albedo=0.5, blockers=(), alpha=None, flipped=False, spots=(), panels=()):
+    """A floor z = 0 under point lights (position, intensity), and black squares (x, y, z, half).
+
+    With `alpha` it is rough metal; flipped, its normal is down and both sides reflect. `spots` are
+    arguments of `spot`, `panels` (z, half, radiance) face down.
+    """
+    bsdf = diffuse(albedo)
+    if alpha is not None:
+        bsdf = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
+    if flipped:
+        bsdf = {"type": "twosided", "bsdf": bsdf}
+    parts = {"sensor": view, "floor": rectangle(flat(0.0, up=not flipped), bsdf)}
     for number, (position, intensity) in enumerate(lights):
         parts[f"light_{number}"] = point(position, intensity)
-    for number, (x, y, z, half) in enumerate(blockers):
-        matrix = flat(z, half)
-        matrix[:2, 3] = x, y
-        both = {"type": "twosided", "bsdf": diffuse(0.0)}
-        parts[f"blocker_{number}"] = rectangle(matrix, both)
+    for number, those in enumerate(spots):
+        parts[f"spot_{number}"] = spot(*those)
+    for number, (z, half, radiance) in enumerate(panels):
+        panel = rectangle(flat(z, half, up=False), diffuse(0.0))
+        panel["emitter"] = {"type": "area", "radiance": rgb(*radiance)}
+        parts[f"panel_{number}"] = panel
+    for number, those in enumerate(blockers):
+        parts[f"blocker_{number}"] = square(*those)
+    return load(parts)
+
+
+def by_mirror(view, lamp, mirror, albedo, colour):
+    """A floor z = 0, a spot light on it, and a coloured mirror above both."""
+    clear = {"type": "conductor", "material": "none", "specular_reflectance": rgb(*colour)}
+    return load(
+        {
+            "sensor": view,
+            "floor": rectangle(flat(0.0), diffuse(albedo)),
+            "lamp": spot(*lamp),
+            "mirror": rectangle(flat(mirror, up=False), clear),
+        }
+    )
+
+
+def by_floor(view, ceiling, panel, radiance, albedo, screen=None):
+    """A floor z = 0 under a square light (z, half) that faces down, under a ceiling."""
+    lamp = rectangle(flat(*panel, up=False), diffuse(0.0))
+    lamp["emitter"] = {"type": "area", "radiance": rgb(*radiance)}
+    above = rectangle(flat(ceiling, up=False), diffuse(albedo))
+    below = rectangle(flat(0.0), diffuse(albedo))
+    parts = {"sensor": view, "floor": below, "ceiling": above, "panel": lamp}
+    if screen is not None:
+        parts["screen"] = square(*screen)
     return load(parts)
 
 
@@ -155,7 +240,7 @@ def inside_sphere(view, radius, albedo, intensity):
     return load({"sensor": view, "sphere": sphere, "light": point([0] * 3, [intensity] * 3)})
 
 
-def under_slab(view, bottom, top, light, intensity, albedo=0.5):
+def under_slab(view, bottom, top, light, intensity, albedo=0.5, index=1.5):
     """A floor z = 0 under a wide slab of glass, and a point light above it."""
     slab = np.diag([50.0, 50.0, (top - bottom) / 2, 1.0])
     slab[2, 3] = (top + bottom) / 2
@@ -163,7 +248,7 @@ def under_slab(view, bottom, top, light, intensity, albedo=0.5):
         {
             "sensor": view,
             "floor": rectangle(flat(0.0, 50.0), diffuse(albedo)),
-            "slab": {"type": "cube", "to_world": mi.ScalarTransform4f(slab), "bsdf": glass()},
+            "slab": {"type": "cube", "to_world": mi.ScalarTransform4f(slab), "bsdf": glass(index)},
             "light": point((0, 0, light), [intensity] * 3),
         }
     )
@@ -210,8 +295,8 @@ def beside_mirror(view, x, light, intensity, albedo=0.5):
     )
 
 
-def room(view, mirror=True):
-    """A closed room of 2 m: a panel under its ceiling, a glossy block, a wall that is a mirror.
+def room(view, mirror=True, unit=1.0, radiance=(3.0, 2.2, 1.5)):
+    """A closed room of 2 units: a panel under its ceiling, a glossy block, a wall that is a mirror.
 
     Without a mirror, that wall, the floor and the ceiling are glossy. Densities of the glossy
     material are the same from both ends, and not, as for diffuse ones, by the cosine.
@@ -220,7 +305,10 @@ def room(view, mirror=True):
     white, red = diffuse(0.6), {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
     glossy = {"type": "roughconductor", "alpha": 0.3, "sample_visible": False}
     clear = {"type": "conductor", "material": "none"}
-    turn = mi.ScalarTransform4f
+
+    def turn():
+        return mi.ScalarTransform4f().scale(unit)
+
     for name, axis, angle, bsdf in (
         ("floor", (1, 0, 0), -90, white if mirror else glossy),
         ("ceiling", (1, 0, 0), 90, white if mirror else glossy),
@@ -229,11 +317,11 @@ def room(view, mirror=True):
         ("back", (0, 1, 0), 0, white),
         ("front", (0, 1, 0), 180, white),
     ):
-        matrix = turn().rotate(list(axis), angle) @ turn().translate([0, 0, -1])
+        matrix = turn().rotate(list(axis), angle).translate([0, 0, -1])
         walls[name] = {"type": "rectangle", "to_world": matrix, "bsdf": bsdf}
     block = turn().translate([-0.3, -0.7, -0.2]).rotate([0, 1, 0], 30).scale([0.25, 0.3, 0.25])
     walls["block"] = {"type": "cube", "to_world": block, "bsdf": glossy}
     panel = turn().translate([0.1, 0.8, 0.0]).rotate([1, 0, 0], 90).scale([0.5, 0.5, 1])
     walls["panel"] = {"type": "rectangle", "to_world": panel, "bsdf": diffuse(0.0)}
-    walls["panel"]["emitter"] = {"type": "area", "radiance": rgb(3.0, 2.2, 1.5)}
+    walls["panel"]["emitter"] = {"type": "area", "radiance": rgb(*radiance)}
     return load(walls)
