@@ -34,7 +34,7 @@ from pathlib import Path
 
 from ...runtime.atomic import replacing
 from .. import edition
-from ..assignments import PACKAGE, Assignment
+from ..assignments import PACKAGE, STAFF_TEST, Assignment
 from ..judge import processes, running, sandbox
 from ..rubric import MAX_SEED, Problem
 from . import unpacking
@@ -194,14 +194,16 @@ class Grader:
             target = judging / path.relative_to(self.assignment.folder)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
-        show(judging, but=("test_*.py", "mutants.toml", "solutions/*"))
+        show(judging, but=("test_*.py", STAFF_TEST, "mutants.toml", "solutions/*"))
         report = place / "report" / "lines.json"
+        secret = place / "report" / "secret"
+        secret.write_text(str(self.seed), encoding="utf-8")
         options = {
             "rootdir": judging,
             "submission": folder / "submission",
             "edition": package,
             "report": report,
-            "secret": self.seed,
+            "secret": secret,
             "pictures": place / "report" / "pictures",
             "memory-gib": self.memory_gib,
         }

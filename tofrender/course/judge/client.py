@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
-from ..assignments import PACKAGE
+from ..assignments import PACKAGE, STAFF_TEST
 from . import sandbox, wire
 from .processes import Supervised
 
@@ -132,7 +132,8 @@ class Worker:
             (self._place / name).mkdir()
         limits = self._limits
         tests = self._assignment / "tests"
-        hidden = [*tests.glob("test_*.py"), *map(self._assignment.joinpath, TELLING)]
+        hidden = [*tests.glob("test_*.py"), *tests.glob(STAFF_TEST)]
+        hidden += [*map(self._assignment.joinpath, TELLING)]
         confine = {
             "writable": [str(self._place / name) for name in ("answers", "work", "tmp")],
             "hidden": [*limits.hidden, *(str(path) for path in hidden if path.exists())],

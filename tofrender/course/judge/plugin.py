@@ -7,7 +7,7 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 |---|---|
 | `--submission=DIR` | what is judged; by default the ini file's `submission`, else the package |
 | `--seed N` | seed from which the tests derive theirs |
-| `--secret N` | seed of the staff's tests, besides |
+| `--secret FILE` | holds the seed of the staff's tests; read and removed before any runs |
 | `--seeds N` | repeat every test under N seeds |
 | `--report FILE` | append a JSON line a test, as it ends |
 | `--collected FILE` | write which tests there are, with their markers |
@@ -34,6 +34,7 @@ from .client import Limits, NoAnswer, Worker, shortened
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKER = pytest.StashKey[Worker]()
+SECRET = pytest.StashKey[int]()
 ASKED = pytest.StashKey["Submission"]()
 MAX_DELIVERED = 1 << 30
 """Most bytes of the arrays in a file that was handed in."""
@@ -131,7 +132,7 @@ def submission(request: pytest.FixtureRequest) -> Submission:
     seed = int(config.getoption("--seed") or 0) + getattr(request, "param", 0) * 1_000_003
     seed += inputs.seed_of(config.stash[RUBRIC].term)
     if request.path.match(STAFF_TEST):
-        seed += int(config.getoption("--secret") or 0)
+        seed += config.stash[SECRET]
     assignment, problem, name = (
         Assignment(config.rootpath),
         _problem(request.node),
@@ -150,7 +151,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("tofrender", "judging a submission")
     group.addoption("--submission", metavar="DIR", help="folder of the files to judge")
     group.addoption("--seed", type=int, default=0, metavar="N", help="seed of the tests")
-    group.addoption("--secret", type=int, default=0, metavar="N", help="seed of staff's tests")
+    group.addoption("--secret", metavar="FILE", help="seed of the staff's tests; is removed")
     group.addoption("--seeds", type=int, default=1, metavar="N", help="repeat under N seeds")
     group.addoption("--report", metavar="FILE", help="append a JSON line for each test")
     group.addoption("--collected", metavar="FILE", help="write the tests and their markers")
@@ -177,7 +178,7 @@ def pytest_configure(config: pytest.Config) -> None:
             f"--submission {folder}: pytest has taken it for the folder of the tests; "
             "write --submission=DIR"
         )
-    config.stash[RUBRIC] = assignment
+    config.stash[RUBRIC], config.stash[SECRET] = assignment, _taken(config.getoption("--secret"))
     for problem in assignment.problems:
         config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
     pictures = folder / "failures" if config.getini("submission") and folder else None
@@ -301,6 +302,15 @@ def rubric_id(nodeid: str) -> str:
     """
     path, _, function = nodeid.partition("::")
     return f"{Path(path).name}::{function.partition('[')[0]}"
+
+
+def _taken(path: str | None) -> int:
+    """The number in a file, which is gone then: a command's arguments can be read by all."""
+    if path is None:
+        return 0
+    text = Path(path).read_text(encoding="utf-8")
+    Path(path).unlink()
+    return int(text)
 
 
 def _problem(item: Any) -> rubric.Problem | None:
