@@ -76,7 +76,7 @@ def check_furnace(submission, integrator, noise):
     random = submission.random
     radius = float(random.uniform(0.32, 0.42))
     wall, ball = colour(random, 0.4, 0.9), colour(random, 0.1, 0.3)
-    wall[np.argmax(wall)] = random.uniform(0.92, 0.95)  # Long paths bring a good part
+    wall[np.argmax(wall)] = random.uniform(0.98, 1)  # Long paths bring a good part
     emission = colour(random, 0.5, 3)
     scene = scenes.scene(
         wall=scenes.sphere([0, 0, 0], 1.0, matte(wall), flip_normals=True),
@@ -99,7 +99,7 @@ def check_furnace(submission, integrator, noise):
     expect.close(came["met"], 1.0, "lanes whose camera ray met a surface")
     hint = "without max_bounces there is no limit; the roulette must be without bias, however long"
     came = ask(submission, integrator, {}, scene, o, d, spp=2048)
-    compare(came, wanted(2000), names, noise=2 * noise, hint=hint)
+    compare(came, wanted(2000), names, noise=4 * noise, hint=hint)
     again, other = (ask(submission, integrator, {}, scene, o, d, spp=2048, shift=k) for k in (0, 1))
     what = "radiance with the same seed again"
     hint = "random numbers come from the sampler"
@@ -204,6 +204,17 @@ def check_lights(submission, integrator, noise):
     compare(came, wanted, names, noise=noise, hint=hint)
     hint = "the second of what sample returns says which lanes' camera ray met a surface"
     expect.close(came["met"], [1.0] * 7 + [0.0], "lanes that met a surface", hint=hint)
+    hidden = np.append(random.uniform(-0.5, 0.5, 2), random.uniform(1.0, 1.5))
+    scene = scenes.scene(
+        floor=scenes.floor(0.9),
+        ceiling=scenes.rectangle([0, 0, 3.0], -UP, 9.0, matte(plate)),
+        shell=scenes.sphere(hidden, 0.5, scenes.BLACK),
+        lamp=scenes.disk(hidden, -UP, 0.3, scenes.BLACK, emitter=lamp(strength[0])),
+        point={"type": "point", "position": hidden.tolist(), "intensity": scenes.rgb(9.0)},
+    )
+    came = ask(submission, integrator, {"max_bounces": 4}, scene, o[:1], d[:1], spp=64)
+    what = "radiance of a room whose only lights are in a closed black ball"
+    expect.close(came["radiance"], 0.0, what, hint="a shadow ray at every bounce")
 
 
 CORNERS = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1.0]])

@@ -29,6 +29,11 @@ def test_regular_numbers(submission):
         square = drawn.regular(random)
         p = drawn.asked_twice(submission, "hierarchical", "points", square, image=wanted)
         expect.true((p >= 0).all() and (p < 1).all(), "all points must lie in [0, 1)^2")
+        lower = p[np.argsort(square[:, 1]), 1] < 0.5
+        switches = np.count_nonzero(np.diff(lower))
+        hint = "first y selects a half of the image, then x a quadrant of that, and so on"
+        text = f"the half of the image must depend on y alone; it switches {switches} times with y"
+        expect.true(switches <= 4, text, hint=hint)
         counts = formulas.cells(p[:, ::-1], (0, 0), (1, 1), (n, n))
         dark = counts[wanted == 0].sum()
         expect.true(dark == 0, f"no point may lie in a texel that is 0; {dark:.0f} do")

@@ -125,7 +125,8 @@ def test_drawn_shadows(submission):
     light = np.append(random.uniform(-0.5, 0.5, 2), random.uniform(1.5, 3))
     grid = np.stack([each.ravel() for each in np.mgrid[-2:3, -2:3]], axis=1)
     x = np.append(0.8 * grid[random.permutation(25)[:16]], np.zeros((16, 1)), axis=1)
-    share = np.concatenate([random.uniform(0.02, 0.1, 3), random.uniform(0.1, 0.97, 5)])
+    share = np.concatenate([random.uniform(0.02, 0.1, 3), random.uniform(0.1, 0.96, 4)])
+    share = np.append(share, random.uniform(0.97, 0.985))
     share = np.append(share, random.uniform(1.05, 1.3, 8))  # Behind the light
     materials = [scenes.BLACK, GLASS, MIRROR, {"type": "null"}]
     parts = {"floor": scenes.floor(0.5, 3.0)}

@@ -27,7 +27,8 @@ IDS = ["sphere", "uniform", "cosine"]
 def test_regular_numbers(submission, name):
     """Numbers that cover the square evenly, twice; and the square's edges."""
     random = submission.random
-    edges = np.concatenate([formulas.CORNERS, random.choice(formulas.CORNERS.ravel(), (64, 2))])
+    edge = np.stack([random.choice([0, formulas.LAST], 8192), random.random(8192)], axis=1)
+    edges = np.concatenate([formulas.CORNERS, edge, edge[:, ::-1]])
     square = np.concatenate([drawn.regular(random), edges])
     v = drawn.asked_twice(submission, "warp", f"directions of {name}", square, name=name)
     expect.close(np.linalg.norm(v, axis=1), 1.0, f"length of the vectors of {name}", rtol=1e-5)
