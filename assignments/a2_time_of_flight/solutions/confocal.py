@@ -48,8 +48,9 @@ class ConfocalTransientIntegrator(TransientPath):
         off_wall = active & ~is_on_relay_wall(si, wall)
 
         for _ in range(2, self.max_depth):
-            # Next vertex, by a direction that is even over the hemisphere
+            # Next vertex, by a direction that is even over the hemisphere that the path came from
             wo = mi.warp.square_to_uniform_hemisphere(sampler.next_2d())
+            wo.z = dr.mulsign(wo.z, si.wi.z)
             f = si.bsdf().eval(ctx, si, wo, active)
             throughput *= f * (2 * math.pi)
             here = si.p

@@ -76,7 +76,8 @@ def test_phasor_of_one_sample(submission):
     what = "I + iQ over amplitude x exp(i phase)"
     expect.close(I / amplitude, np.cos(phase), what, rtol=0, atol=2e-3)
     expect.close(Q / amplitude, np.sin(phase), what, rtol=0, atol=2e-3)
-    expect.true(np.ptp(depth) > 1e-3, "depths of several samples: several; came one")
+    differ = np.ptp(came[4], axis=0).max() > 1e-3
+    expect.true(differ, "depths under 16 seeds: several; came one", hint="use the seed")
 
 
 def test_phasor_of_bounces(submission):

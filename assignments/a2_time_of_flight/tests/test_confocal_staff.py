@@ -28,7 +28,9 @@ def test_behind_a_screen(submission):
     centre = random.uniform([0.45, -0.1, 0.65], [0.6, 0.1, 0.75])
     hidden = random.uniform([-0.5, 0.05, 0.65], [-0.4, 0.15, 0.7])
     # The one that is seen turns to the hidden one, which so has a good part of the light
-    aim = hidden + np.array([0, 0, 0.2])
+    to_lit, to_hidden = unit(np.array([0.3, 0, 0]) - centre), unit(hidden - centre)
+    aside = unit(to_hidden - (to_hidden @ to_lit) * to_lit)
+    aim = centre + 0.14 * to_lit + math.sqrt(1 - 0.14**2) * aside
     seen = Patch(centre, (0.3, 0.25), random.uniform(0.6, 0.9, 3), **facing(centre, aim))
     other = Patch(hidden, (0.35, 0.35), (0.9, 0.9, 0.9), **facing(hidden, (0.2, 0, 0.2)))
     screen = ((-0.165, 0.08, 0.25), (1, 0, 0), (0, 1, 0), (0.385, 0.4))

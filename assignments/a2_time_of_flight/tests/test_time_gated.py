@@ -204,7 +204,7 @@ def test_many_gates(submission):
         return light * formulas.hat(times[:, None, None] - opl, 0.3)
 
     wanted = np.moveaxis(formulas.over_pixels(value, camera, 60.0, *size), 0, 2)
-    some = [1, 4]
+    some = [1, 4, 7]
     expect.estimate(
         came[..., some, 0], wanted[:, :, some], "radiance per metre", rounding=5e-3, hint=hint
     )

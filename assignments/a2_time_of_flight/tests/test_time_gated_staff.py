@@ -61,7 +61,7 @@ def test_pictures(submission):
     view, colours, value = drawn_view(random)
     first = float(random.uniform(-0.6, 0.1))
     pulse = ("slope", first, first + float(random.uniform(0.9, 1.5)))
-    gates = (int(random.integers(5, 9)), 3.0 + float(random.uniform(0, 0.3)), 0.2)
+    gates = (int(random.integers(5, 9)), 3.0 + float(random.uniform(0, 0.3)), 0.15)
     time = float(random.uniform(3.6, 4.2))
     came = submission.ask(
         "gate_pictures",
