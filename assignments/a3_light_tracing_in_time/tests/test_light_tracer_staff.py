@@ -67,21 +67,32 @@ def test_other_lamps(submission):
     expect.estimate(steady.mean((1, 2)), wanted, "film's mean", rounding=2e-3, hint=hint)
 
 
-@pytest.mark.parametrize("kind", ["metal", "back"])
+@pytest.mark.parametrize("kind", ["metal", "back", "colour", "half a mirror"])
 def test_other_floors(submission, kind):
-    """Rough metal, and a floor that is seen and lit from its back."""
+    """Rough metal, a floor seen and lit from its back, one without red, and half a mirror."""
     random = submission.random
     options = drawn.over_floor(random)
     view = formulas.View(**options)
     at, colour = drawn.above(random), drawn.colour(random)
     alpha = drawn.between(random, 0.3, 0.5) if kind == "metal" else None
+    albedo = np.array([0.0, *drawn.between(random, 0.2, 0.8, 2)]) if kind == "colour" else 0.5
+    share = drawn.between(random, 0.3, 0.7) if kind == "half a mirror" else 0.0
+    floor = {"alpha": alpha, "flipped": kind == "back", "mirrored": share}
+    floor["albedo"] = np.broadcast_to(albedo, 3).tolist()
     radiance = formulas.under_point(view, view.pixels(16), at, 1.0, alpha=alpha)[0]
+    wanted = picture(radiance * (1 - share), np.array(colour) * albedo / 0.5)
     steady, _ = render(
-        submission, "floor", options, lights=[[at, colour]], alpha=alpha, flipped=kind == "back",
-        spp=2048, integrator=DIRECT,
-    )  # fmt: skip
+        submission, "floor", options, lights=[[at, colour]], **floor, spp=2048, integrator=DIRECT
+    )
     hint = "the material says how much it reflects to the lens: bsdf.eval, in local directions"
-    check_picture(steady, picture(radiance, colour), "picture", 3e-3, hint)
+    check_picture(steady, wanted, "picture", 3e-3, hint)
+    if kind != "half a mirror":
+        behind = [*at[:2], -at[2]]
+        steady, _ = render(
+            submission, "floor", options, lights=[[behind, colour]], **floor, spp=64, seeds=8,
+            integrator=DIRECT,
+        )  # fmt: skip
+        expect.close(steady, 0.0, "picture of a floor that is lit from below", hint=hint)
 
 
 def test_long_paths(submission):
@@ -90,14 +101,19 @@ def test_long_paths(submission):
     radius, albedo = drawn.between(random, 0.6, 1.5), drawn.between(random, 0.6, 0.8)
     intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(7, 9))
     options = drawn.inside(random, radius)
+    colour = [0.0, albedo, drawn.between(random, 0.3, 0.6)]
     steady, _ = render(
-        submission, "inside_sphere", options, radius=radius, albedo=albedo, intensity=intensity,
+        submission, "inside_sphere", options, radius=radius, albedo=colour, intensity=intensity,
         integrator={"max_depth": max_depth}, spp=1024,
     )  # fmt: skip
-    each = [formulas.sphere_bounce(n, radius, albedo, intensity) for n in range(1, max_depth)]
+    orders = range(1, max_depth)
+    wanted = [
+        sum(formulas.sphere_bounce(n, radius, part, intensity) for n in orders) for part in colour
+    ]
     hint = "every vertex connects, and counts in full; Russian roulette divides by its chance"
-    wanted, what = np.full(steady.shape[1:], sum(each)), f"picture, max_depth {max_depth}"
+    wanted, what = np.zeros(steady.shape[1:]) + wanted, f"picture, max_depth {max_depth}"
     check_picture(steady, wanted, what, 2e-3, hint)
+    each = [formulas.sphere_bounce(n, radius, albedo, intensity) for n in (1, 2)]
     bins = (8, radius * 1.45, radius * 0.3)
     _, transient = render(
         submission, "inside_sphere", options | {"bins": bins}, radius=radius, albedo=albedo,
@@ -108,7 +124,7 @@ def test_long_paths(submission):
     d = view.direction(u * view.size[0], v * view.size[1])
     length = formulas.in_sphere(view, d, radius)[0]
     opl = np.concatenate([radius + length, radius + 2 * radius * np.sqrt(chord) + length])
-    part = np.repeat(np.array(each[:2]) / len(length), len(length))
+    part = np.repeat(np.array(each) / len(length), len(length))
     check_bins(transient, part, opl, bins, "each segment adds its length, from point to point")
 
 

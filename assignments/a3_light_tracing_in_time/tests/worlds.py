@@ -80,7 +80,7 @@ def rgb(*value):
 
 
 def diffuse(albedo):
-    return {"type": "diffuse", "reflectance": grey(albedo)}
+    return {"type": "diffuse", "reflectance": rgb(*np.broadcast_to(albedo, 3).tolist())}
 
 
 def rectangle(matrix, bsdf, **more):
@@ -177,13 +177,27 @@ def spot(position, intensity, target, cutoff, beam, weight=1.0):
     }
 
 
-def floor(view, lights, albedo=0.5, blockers=(), alpha=None, flipped=False, spots=(), panels=()):
+def floor(
+    view,
+    lights,
+    albedo=0.5,
+    blockers=(),
+    alpha=None,
+    flipped=False,
+    mirrored=0.0,
+    spots=(),
+    panels=(),
+):
     """A floor z = 0 under point lights (position, intensity), and black squares (x, y, z, half).
 
-    With `alpha` it is rough metal; flipped, its normal is down and both sides reflect. `spots` are
-    arguments of `spot`, `panels` (z, half, radiance) face down.
+    With `alpha` it is rough metal; flipped, its normal is down and both sides reflect; `mirrored`
+    is the share of a mirror in it. `spots` are arguments of `spot`, `panels` (z, half, radiance)
+    face down.
     """
     bsdf = diffuse(albedo)
+    if mirrored:
+        mirror = {"type": "conductor", "material": "none"}
+        bsdf = {"type": "blendbsdf", "weight": mirrored, "matte": bsdf, "mirror": mirror}
     if alpha is not None:
         bsdf = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
     if flipped:
