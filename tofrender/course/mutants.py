@@ -23,6 +23,7 @@ class Mutant:
         edits: Pairs of what stands there once, and what replaces it.
         fails: The tests that fail, and no others.
         says: What the text of one of them has to hold: the cause.
+        unseen_by: Problems whose students' tests need not find it, as their contract does not ask.
     """
 
     id: str
@@ -32,6 +33,7 @@ class Mutant:
     edits: tuple[tuple[str, str], ...]
     fails: tuple[str, ...]
     says: str
+    unseen_by: tuple[str, ...] = ()
 
 
 def read(assignment: Assignment) -> list[Mutant]:
@@ -57,13 +59,14 @@ def read(assignment: Assignment) -> list[Mutant]:
 
 def _mutant(entry: dict[str, Any]) -> Mutant:
     where = f"mutants.toml: {entry.get('id', entry)}"
-    fields = set(Mutant.__dataclass_fields__)
-    if set(entry) != fields:
+    fields = set(Mutant.__dataclass_fields__) - {"unseen_by"}
+    if set(entry) - {"unseen_by"} != fields:
         raise ValueError(f"{where}: must have exactly {', '.join(sorted(fields))}")
     edits = tuple(tuple(edit) for edit in entry["edits"])
     if not edits or any(len(edit) != 2 for edit in edits):
         raise ValueError(f"{where}: edits must be pairs [old, new], one or more")
-    return Mutant(**entry | {"edits": edits, "fails": tuple(entry["fails"])})
+    unseen = tuple(entry.get("unseen_by", ()))
+    return Mutant(**entry | {"edits": edits, "fails": tuple(entry["fails"]), "unseen_by": unseen})
 
 
 def source(assignment: Assignment, mutant: Mutant) -> Path:

@@ -74,6 +74,7 @@ def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
             Solution(mutant.id, mutants.apply(assignment, mutant), mutant.why)
             for mutant in mutants.read(assignment)
             if (mutant.problem, mutant.file) == (other.id, other.file)
+            and problem.id not in mutant.unseen_by
         ),
     ]
 
