@@ -27,7 +27,8 @@ def drawn_view(random):
         )
         return means[..., None] * colours.prod(axis=0)
 
-    return over | {"fov": fov, "size": (width, height)}, colours, value
+    near = float(random.uniform(0.2, 0.6))
+    return over | {"fov": fov, "size": (width, height), "near_clip": near}, colours, value
 
 
 def expect_pictures(came, wanted, what, most, is_single=True):
