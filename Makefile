@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-kills test-inputs lint bench bench-full bench-lost clean
+.PHONY: help setup render notebook docs test test-kills test-inputs verify lint bench bench-full bench-lost clean
 
 OUT ?= out/cornell_box
 
@@ -27,6 +27,9 @@ test-kills: setup ## kill and stop commands at sixty random moments, and go on w
 
 test-inputs: setup ## try every bad input and thousands of damaged files; make test tries a sample
 	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
+
+verify: setup ## check all assignments with all of their wrong solutions, in about half an hour
+	for a in a1 a2 a3; do .venv/bin/tofrender verify $$a $(ARGS) || exit 1; done
 
 lint: setup ## check style, types, and that rooms import downwards only
 	.venv/bin/ruff check .

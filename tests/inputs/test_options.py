@@ -241,7 +241,10 @@ COMMANDS: dict[str, tuple[list[str], dict[str, str]]] = {
     ),
     "report": (["render.npz"], {"source": "file", "--megabytes": "positive"}),
     "release": (["a1"], {"assignment": "choice"}),
-    "verify": (["a1"], {"assignment": "choice", "--seeds": "count", "--only": "choice"}),
+    "verify": (
+        ["a1"],
+        {"assignment": "choice", "--seeds": "count", "--wrong": "count", "--only": "choice"},
+    ),
     "start": (["a1", "folder"], {"assignment": "choice"}),
     "submit": (["a1", "folder"], {"assignment": "choice", "folder": "file"}),
     "grade": (

@@ -48,6 +48,9 @@ def release(
 def verify(
     assignment: Name,
     seeds: Annotated[int, integer(1, MAX_SEEDS, "Seeds under which right code must pass.")] = 1,
+    wrong: Annotated[
+        int | None, integer(1, MAX_SEEDS, "Try N of the wrong solutions only, evenly spread.")
+    ] = None,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -72,7 +75,10 @@ def verify(
     console = Console()
     failed = 0
     with console.status("") as status:
-        for check in run_checks(found, seeds=seeds, only=tuple(only or ()), say=status.update):
+        checks = run_checks(
+            found, seeds=seeds, only=tuple(only or ()), wrong=wrong, say=status.update
+        )
+        for check in checks:
             mark = "ok    " if check.ok else "FAILED"
             line = f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)

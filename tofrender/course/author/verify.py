@@ -61,6 +61,7 @@ def verify(
     *,
     seeds: int = 1,
     only: Collection[str] = (),
+    wrong: int | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Check]:
     """Check an assignment; see the table above.
@@ -69,6 +70,7 @@ def verify(
         assignment: The whole assignment.
         seeds: Seeds under which right solutions must pass the tests that draw random numbers.
         only: Some of `CHECKS`, and ids of mutants; all if empty.
+        wrong: How many wrong solutions are tried, evenly spread over the file; None for all.
         say: Gets a line about what happens now.
 
     Yields:
@@ -80,7 +82,7 @@ def verify(
     assignment.require_staff("verify")
     chosen = _choose(assignment, only)
     with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
-        work = _Work(assignment, Path(folder), seeds, only, say)
+        work = _Work(assignment, Path(folder), seeds, only, wrong, say)
         for name in CHECKS:
             if name in chosen:
                 say(name)
@@ -115,6 +117,7 @@ class _Work:
     folder: Path
     seeds: int
     only: Collection[str]
+    wrong: int | None
     say: Callable[[str], None]
 
     @cached_property
@@ -275,6 +278,9 @@ class _Work:
         """Each wrong solution fails exactly its tests."""
         those = mutants.read(self.assignment)
         named = [mutant for mutant in those if mutant.id in self.only]
+        whole = len(those)
+        if not named and self.wrong is not None and self.wrong < whole:
+            those = [those[k * whole // self.wrong] for k in range(self.wrong)]
         those = named or those
         right, package = self._right, self._edition
         (self.folder / "mutants").mkdir()
@@ -289,7 +295,8 @@ class _Work:
                 check.reasons += run.result()
                 self.say(f"mutants: {done} of {len(those)}")
         check.reasons.sort()
-        check.detail = f"{len(those)} wrong solutions"
+        part = f" of {whole}" * (len(those) < whole)
+        check.detail = f"{len(those)}{part} wrong solutions"
 
 
 def _cores() -> int:
