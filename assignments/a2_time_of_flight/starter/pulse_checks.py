@@ -14,7 +14,7 @@ def check_pulse(pulse) -> None:
 
     A pulse of any shape, symmetric or not, a few millimetres to a few metres wide, has
 
-    - `support`: (first, last) offset [m] beyond which at most 1e-4 of the energy lies;
+    - `support`: (first, last) offset [m] beyond which at most 1e-4 of all energy lies;
     - `eval(t)`: its density [1/m] at the offsets `t` [m], never negative, with the integral 1;
     - `cdf(t)`: the integral of `eval` up to `t`, from 0 to 1;
     - `sample(xi)`: for even random numbers `xi` in [0, 1], both ends included, the pair of offsets

@@ -51,8 +51,8 @@ class TransientPath(FilmIntegrator):
         Light of the length `opl` arrives as a pulse around it: the bin from a to b gets the part
         of the energy that lies between the offsets a - opl and b - opl. Either that part is
         computed for every bin that the pulse reaches, or an offset is drawn from the pulse, which
-        is right on average and noisier. (Nothing may reach a bin before `film.start_opl`, and the
-        energy beyond the last bin is lost.)
+        is right on average and noisier. (Energy before `film.start_opl` and beyond the last bin is
+        lost.)
 
         Args:
             film: The film: `start_opl` [m], `bin_width_opl` [m], `temporal_bins`.

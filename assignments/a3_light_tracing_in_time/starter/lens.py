@@ -60,7 +60,8 @@ class Lens(Window):
               depth `near_clip` along the axis [m]
             - `direction`: unit vector from the point to the lens
             - `distance`: from the point to the lens [m]
-            - `position`: where it lands on the film [pixels]; (0, 0) is the first pixel's corner
+            - `position`: where it lands on the film [pixels]; (0, 0) is the first pixel's corner,
+              that of the whole film if this is a crop
             - `seen`: whether it is in the window, and its depth along the axis is from `near_clip`
               to `far_clip`; what is behind the camera is not
             - `density`: that of the camera's ray to the point, 0 where it is not `seen`
