@@ -77,7 +77,7 @@ def test_any_pulse(submission):
 def test_lanes_of_a_pulse(submission):
     """A contribution goes into the film, of lanes that have one and of no others."""
     random = submission.random
-    first, number = random.uniform(-0.5, 0.2), 200
+    first, number = random.uniform(-0.5, 0.2), 4000
     active, opl = random.random(number) < 0.5, random.uniform(1.0, 4.0, number)
     pulse = ("slope", first, first + random.uniform(0.1, 0.8))
     came = submission.ask("spread_lanes", pulse=pulse, opl=opl, active=active)
