@@ -28,6 +28,8 @@ from . import forbidden, wire
 
 MAX_TEXT = 4000
 """Characters of a reason that are sent."""
+MAX_READ = 100_000
+"""Characters of an exception's text in which the traceback inside is looked for."""
 
 
 class NotTheirs(Exception):
@@ -167,7 +169,7 @@ def explain(error: BaseException, folder: Path | None) -> str:
         return f"not written yet: {error}" if str(error) else "not written yet"
     if isinstance(error, SystemExit):
         return f"the submission called sys.exit({error.code!r})"
-    text = str(error)[-MAX_TEXT:]
+    text = str(error)[-MAX_READ:]
     inner = _RAISED_INSIDE.search(text.rpartition("Traceback (most recent call last):")[2])
     if isinstance(error, RuntimeError) and inner:  # Mitsuba's, for what a plugin raises
         if inner["kind"] == "NotImplementedError":
