@@ -95,8 +95,8 @@ def radiance(theirs, integrator, parameters, scene, o, d, seeds, spp, seed):
 def answer(theirs, integrator, name, parameters, scene, o, d, seeds, spp, seed):
     """All that the plugin `name` answers: see `radiance`; the other two elements, and the noise.
 
-    `met` is the share of samples that met a surface, `deviation` the standard deviation of one
-    sample, shape (n, 3).
+    `met` is the share of samples that met a surface, `empty` whether nothing else came, and
+    `deviation` the standard deviation of one sample, shape (n, 3).
     """
     kind = getattr(theirs, integrator)
     plugin = mi.load_dict({"type": name, **parameters})
@@ -124,7 +124,7 @@ def _answer(plugin, scene, o, d, seeds, spp, seed):
         "radiance": values.mean(axis=2).swapaxes(0, 1),
         "deviation": values.reshape(len(o), -1, 3).std(axis=1),
         "met": _lanes(met, count).reshape(len(o), -1).mean(axis=1),
-        "others": len(others),
+        "empty": isinstance(others, list | tuple) and len(others) == 0,
     }
 
 

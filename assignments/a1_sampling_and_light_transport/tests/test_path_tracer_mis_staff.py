@@ -9,7 +9,7 @@ NAME = "PathTracerMIS"
 
 def test_long_paths(submission):
     """Many bounces, and no limit, where every surface emits and reflects."""
-    paths.check_furnace(submission, NAME, noise=3)
+    paths.check_furnace(submission, NAME, noise=4.5)
 
 
 def test_lights_of_all_kinds(submission):
