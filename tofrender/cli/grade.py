@@ -104,7 +104,7 @@ def grade(
         say(f"warning: --roster = {roster}: {name!a} is nobody's", err=True)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: ends what runs
     try:
-        if seed is None and submission is None:
+        if seed is None and submission is None and not found.rubric.seed:
             seed = classes.seed_of_before(out)  # those that are graded stay as they are
         with grading.opened(found, seed or 0, time_limit_s=time_limit, memory_gib=memory) as grader:
             if submission is not None:

@@ -11,8 +11,6 @@ from .course import Name
 from .grade import MAX_SEED, SEED
 from .options import integer, real, say
 
-MAX_TERM = (1 << 31) - 1
-
 
 def gradescope(
     assignment: Name,
@@ -70,7 +68,7 @@ def similarity(
 def new_term(
     assignment: Name,
     term: Annotated[
-        int | None, integer(0, MAX_TERM, "The term; 0 is that of the first year. Else drawn.")
+        int | None, integer(0, MAX_SEED, "The term; 0 is that of the first year. Else drawn.")
     ] = None,
 ) -> None:
     """Let the public tests ask for other numbers, so that last year's answers fit no more.

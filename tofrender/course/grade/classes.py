@@ -163,21 +163,22 @@ class Class:
             "hidden": [str(each.absolute()) for each in private],
             "pictures": str(self.pictures(member).absolute()),
         }
-        command = [sys.executable, "-P", "-m", f"{__package__}.one", json.dumps(wishes)]
+        command = [sys.executable, "-P", "-m", f"{__package__}.one"]
         with lock:
             if stopped.is_set():
                 raise KeyboardInterrupt
             process = subprocess.Popen(
                 command,
                 env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)},
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,  # all can read a command's arguments, and the seed is secret
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 start_new_session=True,  # Ctrl-C is ours to pass on
             )
             running.append(process)
         try:
-            said = process.communicate(timeout=self.grader.time_limit_s + MORE_S)[1]
+            asked = json.dumps(wishes).encode()
+            said = process.communicate(asked, timeout=self.grader.time_limit_s + MORE_S)[1]
         except subprocess.TimeoutExpired:
             process.terminate()
             said = b"took too long"

@@ -1,4 +1,4 @@
-"""The process that grades one of a class: `python -m tofrender.course.grade.one WISHES`.
+"""The process that grades one of a class: `python -m tofrender.course.grade.one < WISHES`.
 
 What a submission starts ends with it, and nothing that it does to it harms another.
 """
@@ -36,6 +36,6 @@ if __name__ == "__main__":
         sandbox.prctl(sandbox.SET_PDEATHSIG, signal.SIGTERM)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: ends what runs
     try:
-        main(json.loads(sys.argv[1]))
+        main(json.loads(sys.stdin.read()))
     except KeyboardInterrupt:
         sys.exit(130)
