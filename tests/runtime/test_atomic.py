@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from tofrender.runtime import atomic
-from tofrender.runtime.atomic import hidden, locked, remove_leftovers, replacing
+from tofrender.runtime.atomic import check_writable, hidden, locked, remove_leftovers, replacing
 
 ROOT = Path(__file__).parents[2]
 
@@ -195,6 +196,14 @@ def test_it_is_never_away(tmp_path, folder):
     bad, seen = map(int, watcher.communicate(timeout=30)[0].split())
     assert bad == 0
     assert seen > 20
+
+
+def test_threads_may_try_one_folder_at_once(tmp_path):
+    """What several threads try in one folder at once keeps none of them from writing."""
+    with ThreadPoolExecutor(8) as threads:
+        found = threads.map(check_writable, [tmp_path / f"{count}" for count in range(400)])
+        assert list(found) == [None] * 400
+    assert names(tmp_path) == []
 
 
 def test_where_folders_cannot_be_exchanged(tmp_path, monkeypatch):

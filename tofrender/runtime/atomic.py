@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -153,10 +154,8 @@ def check_writable(path: str | os.PathLike) -> None:
             "may write to"
         ) from None
     parent = nearest_folder(path)
-    probe = parent / f"{TEMPORARY_PREFIX}{os.getpid()}.probe"
     try:
-        probe.mkdir()
-        probe.rmdir()
+        os.rmdir(tempfile.mkdtemp(".probe", TEMPORARY_PREFIX, parent))
     except OSError as error:
         raise PermissionError(
             f"path = {path}: cannot write in {parent} ({error.strerror}); "
