@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import socket
 import urllib.error
@@ -9,6 +10,8 @@ import urllib.request
 
 import pytest
 from served import is_free, served
+from tornado.iostream import StreamClosedError
+from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps import serving
 
@@ -105,6 +108,18 @@ def test_addresses():
     assert not serving.is_loopback("example.org")
     assert serving._url("::1", 5006, "") == "http://[::1]:5006/"
     assert serving._url("10.0.0.1", 5006, "abc") == "http://10.0.0.1:5006/?token=abc"
+
+
+def test_readers_may_go_while_something_is_sent_to_them(caplog):
+    """A page that is closed leaves no traceback; any other error does."""
+    loop = asyncio.new_event_loop()
+    loop.set_exception_handler(serving._let_readers_go)
+    for error in (StreamClosedError(), WebSocketClosedError()):
+        loop.call_exception_handler({"message": "never retrieved", "exception": error})
+    assert caplog.text == ""
+    loop.call_exception_handler({"message": "never retrieved", "exception": KeyError("lost")})
+    assert "lost" in caplog.text
+    loop.close()
 
 
 def test_without_panel_one_line_says_what_to_install(monkeypatch):

@@ -580,6 +580,18 @@ def table_rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def test_what_was_given_need_not_come_back(tmp_path):
+    """A file that all students have is the course's own, unless they hand in theirs."""
+    given = {"starter/given.py": "X = 1\n", "starter/other.py": "X = 2\n"}
+    staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"]) | given))
+    mine = tiny_assignment.write(tmp_path / "ana", {"p0.py": "", "other.py": "X = 3\n"})
+    with grading.opened(staff) as grader:
+        taken = grader.take(mine).folder
+        assert (taken / "given.py").read_text() == "X = 1\n"
+        assert (taken / "other.py").read_text() == "X = 3\n"
+        assert sorted(path.name for path in taken.iterdir()) == ["given.py", "other.py", "p0.py"]
+
+
 @pytest.mark.slow
 def test_class_is_graded_and_gone_on_with(tmp_path, home):
     staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))

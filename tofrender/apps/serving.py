@@ -102,6 +102,7 @@ def serve(
     sys.stdout.flush()
     if browser and _has_screen():
         server.io_loop.call_later(0.1, webbrowser.open, url)
+    server.io_loop.asyncio_loop.set_exception_handler(_let_readers_go)
     try:
         server.start()
         server.io_loop.start()
@@ -109,6 +110,15 @@ def serve(
         for number, handler in before.items():
             signal.signal(number, handler)
         server.stop(wait=False)
+
+
+def _let_readers_go(loop: Any, context: dict[str, Any]) -> None:
+    """Say nothing when a page is closed while something is sent to it; pass on all other errors."""
+    from tornado.iostream import StreamClosedError
+    from tornado.websocket import WebSocketClosedError
+
+    if not isinstance(context.get("exception"), StreamClosedError | WebSocketClosedError):
+        loop.default_exception_handler(context)
 
 
 def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, token: str) -> Any:

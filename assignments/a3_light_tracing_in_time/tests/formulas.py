@@ -178,6 +178,19 @@ def sphere_bounce(n, radius, albedo, intensity):
     return albedo**n * intensity / (math.pi * radius**2)
 
 
+def around_bubble(n, radius, bubble, albedo, intensity, index):
+    """Radiance and first length of the n-th reflection, light and camera in a small bubble.
+
+    What surrounds the bubble fills the sphere. Light passes the bubble's surface straight, twice,
+    and loses (1 - F)²; its radiance shrinks by the squared index on the way back.
+    """
+    reflected = ((index - 1) / (index + 1)) ** 2
+    lost = (1 - reflected) ** 2 / index**2
+    return lost * sphere_bounce(n, radius, albedo, intensity), 2 * (
+        bubble + index * (radius - bubble)
+    )
+
+
 def sphere_shares(view, n, exponent, inner=True):
     """Shares of the strategies (1, t) to (s, 1) for n reflections, means over the film.
 
@@ -322,15 +335,21 @@ def _landing(view, r, φ, z, power, opl, albedo):
     return np.where(inside, part, 0), opl + seen
 
 
-def through_slab(view, bottom, top, light, intensity, albedo=0.5, index=1.5, count=1 << 18):
-    """Light that a slab lets through at once: parts of the film's mean, and path lengths."""
+def through_slab(
+    view, bottom, top, light, intensity, albedo=0.5, index=1.5, order=0, count=1 << 18
+):
+    """Light that a slab lets through: parts of the film's mean, and path lengths.
+
+    The order is how often both of its surfaces have reflected it before.
+    """
+    through = (2 * order + 1) * (top - bottom)
     u, v = even(count, 2)
     cos, φ = u, 2 * math.pi * v  # even in the half of all directions
     reflected, inside = fresnel(cos, index)
     tan, tan_in = np.sqrt(1 - cos**2) / cos, np.sqrt(1 - inside**2) / inside
-    r = (light - top + bottom) * tan + (top - bottom) * tan_in
-    opl = (light - top + bottom) / cos + index * (top - bottom) / inside
-    power = 2 * math.pi * intensity * (1 - reflected) ** 2 / count
+    r = (light - top + bottom) * tan + through * tan_in
+    opl = (light - top + bottom) / cos + index * through / inside
+    power = 2 * math.pi * intensity * (1 - reflected) ** 2 * reflected ** (2 * order) / count
     return _landing(view, r, φ, 0.0, power, opl, albedo)
 
 

@@ -66,6 +66,29 @@ def test_long_paths(submission):
     expect.estimate(steady.mean((1, 2)), np.full(3, each[n - 1]), what, rounding=3e-3, hint=hint)
 
 
+def test_connections_in_water(submission):
+    """Light and camera in a bubble, in a sphere full of water: two reflections, one connection."""
+    random = submission.random
+    scene = {"radius": drawn.between(random, 0.8, 1.5), "albedo": drawn.between(random, 0.6, 0.8)}
+    scene |= {"bubble": 0.02, "index": drawn.between(random, 1.2, 1.5)}
+    scene["intensity"] = drawn.between(random, 1, 5)
+    wanted, first = formulas.around_bubble(2, **scene)
+    chords = 2 * scene["index"] * scene["radius"]
+    bins = (4, first, chords / 4)
+    options = drawn.inside(random, scene["radius"]) | {"origin": [0, 0, 0], "bins": bins}
+    steady, transient = render(
+        submission, "inside_bubble", options, name=NAME, spp=512,
+        integrator={"max_depth": 5, "strategy": "3,3", "mis": "none"}, **scene,
+    )  # fmt: skip
+    hint = "in a medium of the index n light takes n times as long, also along a connection"
+    what = "film's mean, strategy (3,3)"
+    expect.estimate(steady.mean((1, 2)), np.full(3, wanted), what, rounding=1e-2, hint=hint)
+    masses = wanted * formulas.chord_masses(np.linspace(0, 2, 5) * scene["radius"], scene["radius"])
+    expect.estimate(
+        transient.mean((1, 2))[..., 0], masses, "radiance per bin", rounding=1e-2, hint=hint
+    )
+
+
 def test_by_way_of_a_floor(submission):
     """A ceiling that gets a panel's light from a floor: all strategies of three segments."""
     random = submission.random

@@ -30,6 +30,22 @@ def test_through_a_ball(submission):
     check_bins(transient, part, opl, bins, "in glass, light takes index times as long")
 
 
+def test_reflected_in_a_slab(submission):
+    """What both surfaces of a slab reflect, and only then let through, comes by itself."""
+    random = submission.random
+    slab = {"bottom": 0.5, "top": 0.7, "light": drawn.between(random, 1.6, 1.9)}
+    slab |= {"index": drawn.between(random, 1.9, 2.1), "intensity": drawn.between(random, 1, 3)}
+    view = {"origin": (0, 0, 0.45), "target": (0, 0, 0), "fov": 40.0, "size": (2, 2)}
+    part, opl = formulas.through_slab(formulas.View(**view), **slab, order=1)
+    bins = (4, opl.min() - 0.02, 0.025)  # Earlier than what the floor sends to the slab and back
+    _, transient = render(
+        *(submission, "under_slab", view | {"bins": bins}), spp=1 << 16,
+        integrator={"max_depth": 6}, **slab,
+    )  # fmt: skip
+    hint = "in glass, light takes index times as long, also after it was reflected inside"
+    check_bins(transient, part, opl, bins, hint)
+
+
 def test_into_other_water(submission):
     """A lamp over a liquid of some index and depth, and a floor of some albedo."""
     random = submission.random

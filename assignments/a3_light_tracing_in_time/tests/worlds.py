@@ -254,6 +254,14 @@ def inside_sphere(view, radius, albedo, intensity):
     return load({"sensor": view, "sphere": sphere, "light": point([0] * 3, [intensity] * 3)})
 
 
+def inside_bubble(view, radius, bubble, albedo, intensity, index):
+    """The same in a medium of some index, with a bubble of air around camera and light."""
+    sphere = {"type": "sphere", "radius": radius, "flip_normals": True, "bsdf": diffuse(albedo)}
+    air = {"type": "sphere", "radius": bubble, "bsdf": glass(1.0, outside=index)}
+    light = point([0] * 3, [intensity] * 3)
+    return load({"sensor": view, "sphere": sphere, "bubble": air, "light": light})
+
+
 def under_slab(view, bottom, top, light, intensity, albedo=0.5, index=1.5):
     """A floor z = 0 under a wide slab of glass, and a point light above it."""
     slab = np.diag([50.0, 50.0, (top - bottom) / 2, 1.0])

@@ -87,13 +87,16 @@ class Grader:
     seed: int = 0
 
     def take(self, submission: Path) -> Taken:
-        """Copy what a submission consists of."""
+        """Copy what a submission consists of, and what was given and is not in it."""
         folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
         try:
             unpacking.extract(submission, self.assignment.rubric.submit, folder)
         except unpacking.BadSubmission as error:
             remove(folder.parent)
             return Taken(folder, f"the submission {error}")
+        for name in self.assignment.given:
+            if not (folder / name).exists():
+                shutil.copyfile(self.assignment.starter / name, folder / name)
         return Taken(folder)
 
     def grade(
