@@ -77,7 +77,7 @@ def test_power(value):
 
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf, 1.0])
 def test_spot_sigma(value):
-    """Eight of them must be less than a right angle."""
+    """Eight of their tangents must fit into the widest projector."""
     assert "spot_sigma" in refusal(scan(spot_sigma=value))
 
 

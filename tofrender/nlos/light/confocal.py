@@ -16,8 +16,8 @@ from ...signals.illuminants import white
 from .laser_spot import Spot
 from .relay_wall_path import RelayWallPath, Scan
 
-MAX_SIGMA = 0.35
-"""Widest beam: standard deviation of its direction [rad]."""
+MAX_SIGMA = 0.75
+"""Widest beam: standard deviation of its direction [rad]. Eight tangents fit into a projector."""
 
 
 class ConfocalTransientIntegrator(RelayWallPath):
@@ -37,7 +37,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
     |---|---|---|
     | `max_depth` | 8 | longest path in segments between camera and lit point |
     | `power` | 1.0 | power of the laser that arrives on the wall, Phi [W] |
-    | `spot_sigma` | 0.0 | standard deviation of the beam's direction [rad]; 0 is a point |
+    | `spot_sigma` | 0.0 | standard deviation of the beam in rad, below 0.75; 0 is a point |
     | `confocal_projector` | none | a nested emitter of that kind, instead of the two above |
 
     The assignment's text has a `max_depth` of 10 and a pulse of 0.03 m by default; here these are
