@@ -37,7 +37,7 @@ def test_reflected_in_a_slab(submission):
     slab |= {"index": drawn.between(random, 1.9, 2.1), "intensity": drawn.between(random, 1, 3)}
     view = {"origin": (0, 0, 0.45), "target": (0, 0, 0), "fov": 40.0, "size": (2, 2)}
     part, opl = formulas.through_slab(formulas.View(**view), **slab, order=1)
-    bins = (4, opl.min() - 0.02, 0.025)  # Earlier than what the floor sends to the slab and back
+    bins = (1, opl.min() - 0.02, 0.1)  # Earlier than what the floor sends to the slab and back
     _, transient = render(
         *(submission, "under_slab", view | {"bins": bins}), spp=1 << 16,
         integrator={"max_depth": 6}, **slab,
