@@ -16,6 +16,7 @@ import numpy as np
 import tofrender
 
 from .case_first_film import first_film
+from .case_fog import fog, gates_in_fog
 from .case_lights import camera_connections, light_samples, lights
 from .case_nlos import nlos
 from .case_reconstruction import reconstruction
@@ -284,6 +285,8 @@ CASES = {
     "light-samples": light_samples,
     "camera-connections": camera_connections,
     "first-film": first_film,
+    "fog": fog,
+    "gates-in-fog": gates_in_fog,
     "nlos": nlos,
     "reconstruction": reconstruction,
     "warps": warps,

@@ -34,6 +34,7 @@ class Panel:
         options: Arguments of the scene's builder.
         spp: Samples per pixel.
         exposure: Radiance 1 / exposure is white.
+        gated: Whether only light in the film's bins is shown.
     """
 
     scene: str
@@ -41,9 +42,11 @@ class Panel:
     options: Mapping[str, Any] = field(default_factory=dict)
     spp: int = 256
     exposure: float = 1.0
+    gated: bool = False
 
 
 ONE_BIN = {"temporal_bins": 1}  # only the steady picture is shown
+GATED = ONE_BIN | {"start_opl": 29.9, "bin_width_opl": 0.4}
 BOTH_ENDS = ONE_BIN | {"integrator": "transient_bdpt"}
 
 
@@ -78,6 +81,13 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("mirror_and_glass", "mirror and glass", BOTH_ENDS, 64, 0.7),
         Panel("lamp_in_fixture", "fixture", BOTH_ENDS, 64, 0.7),
         Panel("light_through_hole", "hole", BOTH_ENDS, 64),
+    ),
+    "fog": (
+        Panel("cornell_box_fog", "fog", ONE_BIN, 192, 1.6),
+        Panel("lamp_in_milk", "milk", ONE_BIN, 384, 0.7),
+        Panel("smoke_corridor", "smoke", ONE_BIN, 128, 0.9),
+        Panel("headlight_in_fog", "headlight", ONE_BIN, 256, 0.5),
+        Panel("headlight_in_fog", "gate at 30 m", GATED, 384, 25.0, gated=True),
     ),
 }
 """What each rendered file `pictures/NAME.png` shows, from left to right."""
@@ -117,7 +127,7 @@ PLAN_DPI = 96
 
 
 def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
-    """The steady picture of a scene, sRGB.
+    """The steady picture of a scene, or what a gate sees of it, sRGB.
 
     Args:
         panel: What to render.
@@ -132,8 +142,11 @@ def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
     described = builder(width=width, height=height, **panel.options)
     scene = tofrender.load_scene(described, sampler="padded_sobol")
     found = mi.render(scene, spp=panel.spp, seed=0)
-    image = found[0] if isinstance(found, tuple) else found  # without its bins
-    return tofrender.tonemap(np.array(image)[..., :3], exposure=panel.exposure)
+    if panel.gated:
+        image = np.array(found[1]).sum(axis=2)
+    else:
+        image = np.array(found[0] if isinstance(found, tuple) else found)
+    return tofrender.tonemap(image[..., :3], exposure=panel.exposure)
 
 
 def picture(panels: Iterable[Panel], width: int = PANEL_WIDTH) -> np.ndarray:

@@ -139,8 +139,8 @@ class Paths:
 class Recorded(Vertex):
     """A vertex, with the direction that its path went on in; 0 at the end."""
 
-    onward: mi.Vector3f
-    specular: mi.Bool
+    onward: Any = None
+    specular: Any = None
 
 
 class Track:
@@ -148,6 +148,12 @@ class Track:
 
     def __init__(self, paths: Paths) -> None:
         self.paths = paths
+
+    def place(self, ray):
+        """Nothing."""
+
+    def leave(self, path, vertex, direction):
+        """Nothing."""
 
     def next(self, path, sampler):
         """The next one of a path from the camera, or from a light."""
@@ -163,7 +169,9 @@ class Track:
         valid = there & si.is_valid()
         si.wi = dr.select(valid, si.to_local(-path.ray.d), -path.ray.d)
         specular = paths.at(paths.specular, j, there) == 1
-        return path, Recorded(si, dr.norm(si.p - path.prev.p), valid, onward, specular)
+        return path, Recorded(
+            si, dr.norm(si.p - path.prev.p), valid, onward=onward, specular=specular
+        )
 
     def transmittance(self, path, vertex, connection, sampler):
         """All: what is in the way was asked when the paths were found."""

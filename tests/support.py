@@ -152,7 +152,9 @@ def steady_twin(description: dict, **changes: Any) -> dict:
 
 # -------------------------------------------------------------------------------- descriptions
 
-NAMELESS = ("integrator", "sensor", "film", "rfilter", "sampler", "emitter", "bsdf")
+NAMELESS = (
+    *("integrator", "sensor", "film", "rfilter", "sampler", "emitter", "bsdf", "phase", "sigma_t"),
+)
 """Keys of a dict for parts that have no id in an XML file."""
 
 

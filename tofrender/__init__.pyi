@@ -54,6 +54,7 @@ from .integrators.time_gated import (
     render_transient as render_transient,
 )
 from .integrators.transient_path import TransientPath as TransientPath
+from .integrators.transient_volpath import TransientVolpath as TransientVolpath
 from .io import (
     load_capture as load_capture,
     load_exr_stack as load_exr_stack,
@@ -108,10 +109,13 @@ from .scenes import (
     caustic as caustic,
     cornell_box as cornell_box,
     cornell_box_flash as cornell_box_flash,
+    cornell_box_fog as cornell_box_fog,
     cornell_box_glass as cornell_box_glass,
     cornell_box_mirror as cornell_box_mirror,
     cornell_box_steady_state as cornell_box_steady_state,
+    headlight_in_fog as headlight_in_fog,
     lamp_in_fixture as lamp_in_fixture,
+    lamp_in_milk as lamp_in_milk,
     light_through_hole as light_through_hole,
     mirror_and_glass as mirror_and_glass,
     nlos_bunny as nlos_bunny,
@@ -122,6 +126,7 @@ from .scenes import (
     rectangle_light_quad as rectangle_light_quad,
     rectangle_light_triangles as rectangle_light_triangles,
     small_box as small_box,
+    smoke_corridor as smoke_corridor,
     sphere_light_large as sphere_light_large,
     sphere_light_medium as sphere_light_medium,
     sphere_light_small as sphere_light_small,

@@ -835,6 +835,10 @@ TABLE = [
     built_in("caustic", **BOX, integrator="choice", lamp_radius="radius"),
     built_in("cornell_box", **BOX | {"start_opl": "metres? but 1e30, 2**40"}, light="choice"),
     built_in("cornell_box_steady_state", **SIZE | DEPTH, light="choice"),
+    *(
+        built_in(name, **BOX, integrator="choice", sigma_t="extinction")
+        for name in ("cornell_box_fog", "headlight_in_fog", "lamp_in_milk", "smoke_corridor")
+    ),
     built_in("lamp_in_fixture", **BOX, integrator="choice"),
     built_in("light_through_hole", **BOX, integrator="choice", hole_width="radius"),
     built_in("mirror_and_glass", **BOX, integrator="choice", lamp_radius="radius"),

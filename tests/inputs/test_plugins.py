@@ -145,6 +145,7 @@ def integrator(name: str, kinds: dict[str, str], **good: Any) -> Plugin:
 
 TABLE = [
     integrator("transient_path", LIGHTS),
+    integrator("transient_volpath", LIGHTS),
     integrator("path_tracer_mats", IN_BINS | TRACED),
     integrator("path_tracer_nee", LIGHTS | TRACED),
     integrator("path_tracer_mis", LIGHTS | TRACED),

@@ -128,8 +128,8 @@ SCENES: dict[str, Callable[[], Any]] = {
         film={"type": "phasor_hdr_film", "width": 4, "height": 4, "frequencies_hz": "2e7"}
     ),
     "a deep nest": lambda: nested(300),
-    "a medium": lambda: floor(interior={"type": "homogeneous"}),
-    "a camera in a medium": lambda: camera(medium={"type": "homogeneous"}),
+    "a bright medium": lambda: floor(interior={"type": "homogeneous", "albedo": 1.5}),
+    "a camera in no medium": lambda: camera(medium={"type": "homogeneous", "sigma_t": -1.0}),
     # --------------------------------------------------------------------------- lights
     **{
         f"an intensity of {value}": lambda value=value: lamp(intensity=rgb(1, value, 1))

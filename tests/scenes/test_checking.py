@@ -38,7 +38,7 @@ def scaled(x: float, y: float, z: float):
 @pytest.mark.slow
 def test_built_in_scenes_are_sound():
     for name in BUILT_IN:
-        check_scene(load_scene(name, optimize=False))
+        check_scene(load_scene(name, optimize=False), media=True)
 
 
 def test_what_looks_odd_and_is_right():
@@ -233,7 +233,10 @@ def test_a_scene_of_another_variant():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"fog": {"type": "sphere", "bsdf": {"type": "null"}, "interior": FOG}}, "fog.interior"),
+        (
+            {"fog": {"type": "sphere", "interior": FOG | {"albedo": 2.0}}},
+            "interior.albedo.value.value = 2",
+        ),
         ({"lamp": {"type": "point", "intensity": grey(-1.0)}}, "lamp.intensity.value = "),
         ({"ball": {"type": "sphere", "radius": NAN}}, "ball.to_world = "),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ ONLY_IN_TIME = {
 
 
 def small(panel: gallery.Panel) -> gallery.Panel:
-    return gallery.Panel(panel.scene, panel.label, panel.options, 2, panel.exposure)
+    return replace(panel, spp=2)
 
 
 def test_every_scene_has_a_line_and_a_picture():
@@ -47,7 +48,7 @@ def test_the_page_shows_the_pictures_that_there_are():
     kept = [path.stem for path in gallery.FOLDER.glob("*.png")]
     assert sorted(on_page) == sorted(kept) == sorted([*gallery.PICTURES, *gallery.PLANS])
     sizes = {path.name: path.stat().st_size for path in gallery.FOLDER.iterdir()}
-    assert sum(sizes.values()) < 1.5e6, sizes
+    assert sum(sizes.values()) < 2.2e6, sizes
 
 
 @pytest.mark.parametrize("name", gallery.PICTURES)

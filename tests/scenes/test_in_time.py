@@ -20,7 +20,7 @@ WRAPPERS = {
     "stokes": "Stokes vectors",
     "aov": "AOVs",
 }
-OTHERS = ("volpath", "volpathmis", "prbvolpath", "prb", "direct", "ptracer", "depth")
+OTHERS = ("prb", "direct", "ptracer", "depth")
 QUIET = pytest.mark.filterwarnings("ignore:integrator = '.*are left out")
 
 

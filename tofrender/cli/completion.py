@@ -10,7 +10,8 @@ SCENES = (
     *("cornell_box_steady_state", "bust_simple", "bust_ao", "veach", "sphere_light_small"),
     *("sphere_light_medium", "sphere_light_large", "rectangle_light_quad"),
     *("rectangle_light_triangles", "small_box", "caustic", "mirror_and_glass", "lamp_in_fixture"),
-    *("light_through_hole", "nlos_z", "nlos_bunny", "nlos_patch", "nlos_plane"),
+    *("light_through_hole", "cornell_box_fog", "lamp_in_milk", "smoke_corridor"),
+    *("headlight_in_fog", "nlos_z", "nlos_bunny", "nlos_patch", "nlos_plane"),
     *("wall_box_sphere_nlos", "wall_box_spheres_nlos", "wall_box_hi_nlos", "wall_box_behind"),
     "ourbox_confocal",
 )

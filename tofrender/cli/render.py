@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 Integrator = Literal[
     "transient_path",
+    "transient_volpath",
     "path_tracer_mats",
     "path_tracer_nee",
     "path_tracer_mis",

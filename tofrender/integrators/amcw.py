@@ -144,7 +144,7 @@ def render_single_amcw(
         >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
         (16, 16, 3)
     """
-    check_view(scene, sensor)
+    check_view(scene, sensor, media=True)
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, "sample(scene, sampler, ray)")
@@ -206,7 +206,7 @@ def render_amcw_phasor(
         (2, 16, 16, 3)
     """
     frequencies = parse_frequencies(frequency_hz)
-    check_view(scene, sensor)
+    check_view(scene, sensor, media=True)
     film = mi.load_dict(
         {
             "type": plugins.own_name("phasor_hdr_film"),

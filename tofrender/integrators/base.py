@@ -13,12 +13,14 @@ from ..films.recording import Recording, recording, tell_not_finite
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.light_points import checked_count
-from ..paths.protocols import Endpoint, Scattering
+from ..paths.media import Media, Phases
+from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..runtime import checks
 from ..scenes.checking import check_scene
+from ..scenes.media import media_of
 from .own_sample import brings_sample, by_sample
 from .passes import WHOLE, Part, expose, steps
 from .plan import Plan
@@ -78,6 +80,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
     needs_lights = True
     """Whether a scene without emitters would be black."""
 
+    follows_media = True
+    """Whether paths go through media, and are scattered there."""
+
     takes_light_samples = False
     """Whether a vertex may connect to several points of the scene's emitters."""
 
@@ -120,8 +125,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
             sensor: The sensor, None where only rays are known.
             weight: What light counts by its length where nothing else of it matters.
         """
-        endpoint, scattering = self.endpoint(scene, sensor), self.scattering(scene)
-        return Plan(Vacuum(scene), endpoint, scattering, self.limits())
+        space, scattering = self.surroundings(scene, sensor)
+        return Plan(space, self.endpoint(scene, sensor), scattering, self.limits())
+
+    def surroundings(self, scene: mi.Scene, sensor: mi.Sensor | None) -> tuple[Space, Scattering]:
+        """What paths go through, and how they go on there."""
+        scattering = self.scattering(scene)
+        if self.follows_media and media_of(scene, sensor):
+            around = None if sensor is None else sensor.get_medium()
+            return Media(scene, around), Phases(scattering)
+        return Vacuum(scene), scattering
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.
@@ -154,7 +167,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             `(steady, transient)` as the film develops them, None if `develop` is false.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        check_scene(scene, sensor)
+        check_scene(scene, sensor, media=self.follows_media)
         film, sampler = sensor.film(), sensor.sampler().clone()
         if spp:
             sampler.set_sample_count(spp)

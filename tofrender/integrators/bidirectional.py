@@ -153,6 +153,7 @@ class BothEnds(TransientPath):
     | `target_time` | none | path length of a gate [m]: a picture then shows what it sees |
     """
 
+    follows_media = False
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:

@@ -75,7 +75,12 @@ class FirstSeen:
     ) -> tuple[Any, Path]:
         """Find what camera rays see first."""
         plan = self.plan
-        path = Path.start(ray, origin, True, plan.endpoint.memory(), plan.scattering.guide())
+        memory, guide, place = (
+            plan.endpoint.memory(),
+            plan.scattering.guide(),
+            plan.space.place(ray),
+        )
+        path = Path.start(ray, origin, True, memory, guide, place)
         path, vertex = plan.space.next(path, sampler)
         path.active &= vertex.valid  # What is behind the scene is left to the paths
         path = meet(path, vertex, plan.endpoint, measurement, plan.limits)

@@ -71,7 +71,8 @@ class Plan:
             The measurement, and the paths at their ends.
         """
         memory, guide = self.endpoint.memory(), self.scattering.guide()
-        path = Path.start(self.endpoint.begin(ray), origin, active, memory, guide)
+        place = self.space.place(ray)
+        path = Path.start(self.endpoint.begin(ray), origin, active, memory, guide, place)
         space, endpoint, scattering = self.space, self.endpoint, self.scattering
         with uncollected():
             return walk(sampler, path, space, endpoint, scattering, measurement, self.limits)

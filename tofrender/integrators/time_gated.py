@@ -16,8 +16,8 @@ from ..films.exposure import BINS, PICTURE, Exposure, Weight
 from ..films.image import image_film, transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
-from ..paths.endpoints import GatedLights
-from ..paths.space import Vacuum
+from ..paths.endpoints import GatedFog, GatedLights
+from ..paths.media import Media
 from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
@@ -42,7 +42,8 @@ class Gate:
         target_time: Path length of the gate [m].
 
     Attributes:
-        closes: Length beyond which the weight is 0 [m], None if the pulse does not say.
+        opens, closes: Lengths before and beyond which the weight is 0 [m], None if the pulse does
+            not say.
     """
 
     def __init__(self, pulse: Any, target_time: Any) -> None:
@@ -53,11 +54,20 @@ class Gate:
             )
         self.pulse, self.target_time = pulse, target_time
         support = getattr(pulse, "support", None)
-        self.closes = None if support is None else target_time - support[0]
+        self.opens, self.closes = (
+            (None, None)
+            if support is None
+            else (target_time - support[1], target_time - support[0])
+        )
 
     def __call__(self, opl: mi.Float) -> mi.Float:
         """Density of the pulse at the gate [1/m]."""
         return self.pulse.eval(self.target_time - opl)
+
+    def draw(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """A path length that the gate sees [m], and its weight as `Pulse.sample` has it."""
+        offset, weight = self.pulse.sample(xi)
+        return self.target_time - offset, weight
 
 
 class TimeGatedTransientPath(TransientIntegrator):
@@ -147,9 +157,18 @@ class TimeGatedTransientPath(TransientIntegrator):
             self.endpoint(scene, sensor),
             self.limits(getattr(weight, "closes", None)),
         )
+        space, scattering = self.surroundings(scene, sensor)
+        in_media = isinstance(space, Media)
         if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
-            endpoint = self.emitters(GatedLights, scene, sensor, weight)
-        return Plan(Vacuum(scene), endpoint, self.scattering(scene), limits)
+            ahead = (
+                in_media
+                and GatedFog.serves(scene)
+                and hasattr(self.pulse, "sample")
+                and weight.closes is not None
+            )
+            kind = GatedFog if ahead and not self.camera_unwarp else GatedLights
+            endpoint = self.emitters(kind, scene, sensor, weight)
+        return Plan(space, endpoint, scattering, limits)
 
     def sample_arguments(self) -> tuple[Any, ...]:
         """A `sample` of a subclass takes the target time after the ray."""
@@ -204,7 +223,7 @@ def render_at_time(
     target = checks.metres("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
-    check_view(scene, sensor)
+    check_view(scene, sensor, media=getattr(integrator, "follows_media", True))
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, CALL)
@@ -279,7 +298,7 @@ def render_transient(
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
         )
     _require_gates(integrator)
-    check_view(scene, sensor)
+    check_view(scene, sensor, media=getattr(integrator, "follows_media", True))
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
     record = recording(film, replace(integrator.exposure(), at_centres=True))

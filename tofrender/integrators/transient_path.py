@@ -38,8 +38,9 @@ all further vertices connect to half as many, rounded up |
     exact and adds no noise. The assignment's text has a pulse of 0.03 m and a `max_depth` of 8 by
     default, where these are none and 6.
 
-    Limitations: participating media and polarised variants, which `tofrender.render` refuses; no
-    derivatives.
+    Participating media are followed, which Mitsuba's `path` ignores; see `TransientVolpath`.
+
+    Limitations: polarised variants, which `tofrender.render` refuses; no derivatives.
 
     Example:
         >>> import tofrender

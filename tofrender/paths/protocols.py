@@ -3,17 +3,20 @@
 | part | kind | is |
 |---|---|---|
 | space | `space.Vacuum` | straight rays, nothing lost on the way |
+| | `media.Media` | straight rays through fog, smoke and milk |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by connections and by hits |
 | | `endpoints.EmitterHits` | the scene's emitters where paths run into them |
 | | `endpoints.ConnectionsOnly` | the scene's emitters by connections, mirrors and glass apart |
 | | `endpoints.OneSampleLights` | an emitter or, as often, what the material's sampling finds |
 | | `endpoints.GatedLights` | points on emitters whose light comes when a gate is open |
+| | `endpoints.GatedFog` | the same, from points of media along rays |
 | | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
 | | `endpoints.camera.Camera` | the lens, for paths that come from lights |
 | | `endpoints.light_paths.LightPaths` | the scene's emitters, and the vertices of a light path |
 | | `nlos.light.laser_spot.LaserSpot` | the point of a wall that a laser lights |
 | | `nlos.light.transient_nlos.LaserItself` | the laser, for the paths that count |
 | scattering | `scattering.Materials` | each surface's own material, or one for all |
+| | `media.Phases` | phase functions in media, another scattering on surfaces |
 | | `guided.Guided` | another scattering, mixed with directions to target surfaces |
 | measurement | `films.sums.Radiance` | the plain sum |
 | | `films.sums.Weighted` | a sum weighted by length: a gate, a correlation |
@@ -39,6 +42,14 @@ from .records import Bounce, Connection, Hit, Path, Turn, Vertex
 class Space(Protocol):
     """How the next vertex is found, how long the way is, and what is lost on it."""
 
+    def place(self, ray: mi.Ray3f) -> Any:
+        """What is known of where rays start, None if it is the same everywhere."""
+        ...
+
+    def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> Any:
+        """What is known of where a path is that goes on from a vertex."""
+        ...
+
     def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """Where the path's ray leads, and the path with what was lost on the way."""
         ...
@@ -57,11 +68,14 @@ class Endpoint(Protocol):
         connects: Whether next-event estimation happens at all.
         finds_all: Whether connections find all light on their own, mirrors apart.
         importance: Whether paths come from a light, and connections end on the sensor.
+        looks_ahead: Whether points of media that rays pass connect in the place of those where
+            they are scattered.
     """
 
     connects: bool
     finds_all: bool
     importance: bool
+    looks_ahead: bool
 
     def resolving(self, width_opl: float) -> Endpoint:
         """The same for light whose lengths are told apart by `width_opl` [m]."""
@@ -107,6 +121,20 @@ class Endpoint(Protocol):
         active: mi.Bool,
     ) -> Connection:
         """Number `k` of the connections that follow the first one."""
+        ...
+
+    def wait(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Any:
+        """How long light may take to the path's last vertex by way of a point of a medium."""
+        ...
+
+    def towards(self, wait: Any, sampler: mi.Sampler) -> tuple[Any, mi.Vector3f, mi.Float]:
+        """A direction to look for such a point in, the wait in it, and its density [1/sr]."""
+        ...
+
+    def ahead(
+        self, path: Path, wait: Any, space: Any, sampler: mi.Sampler
+    ) -> tuple[Path, Vertex, Connection]:
+        """Such a point along the path's ray, the path up to there, and its connection."""
         ...
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:

@@ -29,6 +29,7 @@ class Path:
         pdf: Density of the ray's direction [1/sr].
         memory: What the endpoint remembers of the vertices, None if nothing.
         guide: What the scattering remembers of how it chose the direction, None if nothing.
+        place: What the space knows of where the ray is, None if it is the same everywhere.
         not_finite: Contributions that were left out because they were not finite.
         alive: `active` as an integer.
         met: `covered` as an integer.
@@ -44,6 +45,7 @@ class Path:
     pdf: mi.Float
     memory: Any
     guide: Any
+    place: Any
     not_finite: mi.UInt32
     alive: mi.UInt32
     met: mi.UInt32
@@ -57,6 +59,7 @@ class Path:
         active: Any = True,
         memory: Any = None,
         guide: Any = None,
+        place: Any = None,
     ) -> Path:
         """A path that has no vertex yet.
 
@@ -66,6 +69,7 @@ class Path:
             active: Lanes that have a path.
             memory: As the endpoint's `memory()` gives it.
             guide: As the scattering's `guide()` gives it.
+            place: As the space's `place(ray)` gives it.
         """
         lanes = dr.width(ray)
         nothing = dr.zeros(mi.Float, lanes)
@@ -84,6 +88,7 @@ class Path:
             pdf=1 + nothing,
             memory=memory,
             guide=guide,
+            place=place,
             not_finite=dr.zeros(mi.UInt32, lanes),
             alive=dr.select(mi.Bool(active), mi.UInt32(1), dr.zeros(mi.UInt32, lanes)),
             met=dr.zeros(mi.UInt32, lanes),
@@ -132,14 +137,16 @@ class Vertex:
     """Where a ray leads.
 
     Attributes:
-        si: The surface point.
+        si: The surface point; a point in a medium has no shape and no normal there.
         length: Distance from the last vertex, point to point [m].
-        valid: Whether there is a surface.
+        valid: Whether there is a surface, or a point that scatters.
+        inside: What the space knows of such a point, None where there are surfaces only.
     """
 
     si: mi.SurfaceInteraction3f
     length: mi.Float
     valid: mi.Bool
+    inside: Any = None
 
 
 @dataclass
@@ -188,6 +195,12 @@ class Connection:
     clear: mi.Bool
     position: Any = None
     rival: Any = None
+
+    def only(self, mask: mi.Bool) -> Connection:
+        """The same in some of its lanes."""
+        other = copy(self)
+        other.active = self.active & mask
+        return other
 
 
 @dataclass

@@ -19,6 +19,14 @@ class Vacuum:
     def __init__(self, scene: mi.Scene) -> None:
         self.scene = scene
 
+    def place(self, ray: mi.Ray3f) -> None:
+        """Nothing: it is the same everywhere."""
+        return None
+
+    def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> None:
+        """Nothing."""
+        return None
+
     def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """The first surface along the ray.
 

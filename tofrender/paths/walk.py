@@ -90,6 +90,9 @@ def step(
     Arguments as for `walk`. Returns the paths with that vertex as their last one.
     """
     path = copy(path)
+    parts = space, endpoint, scattering, measurement, limits, sampler
+    if endpoint.looks_ahead:
+        path.not_finite += _look_ahead(path, path.active & path.specular, *parts)
     path, vertex = space.next(path, sampler)
     path = scattering.arrive(path, vertex)
 
@@ -122,12 +125,15 @@ def step(
             parts = space, endpoint, scattering
             ways = more, link, path, vertex
             path.not_finite += _connect(*ways, *parts, sampler, measurement, smooth)
+        if endpoint.looks_ahead:
+            path.not_finite += _look_around(path, vertex, smooth, *parts)
     else:
         _, bounce = scattering.scatter(vertex, None, sampler, active)
 
     # ------------------------ Move to the next vertex ----------------------
 
     path.memory = endpoint.leave(path, vertex, bounce)
+    path.place = space.leave(path, vertex, bounce.ray.d)
     path.ray, path.guide = bounce.ray, bounce.guide
     path.β = extend(path.β, bounce.weight)
     path.η *= bounce.η
@@ -192,6 +198,38 @@ def _connect(count, first, path, vertex, space, endpoint, scattering, sampler, m
         not_finite += deliver(measurement, lit)
         k += 1
     return not_finite
+
+
+def _look_ahead(
+    path, active, space, endpoint, scattering, measurement, limits, sampler, wait=None
+) -> mi.UInt32:
+    """Connect a point of a medium that rays pass; gives the number of those left out."""
+    if limits.bounded:
+        active &= path.depth + 1 < limits.max_depth
+    wait = endpoint.wait(path, sampler, active) if wait is None else wait
+    ahead, vertex, link = endpoint.ahead(path, wait, space, sampler)
+    link.weight *= space.transmittance(ahead, vertex, link, sampler)
+    turn = scattering.turn(vertex, link.direction, link.active)
+    return deliver(measurement, _along(link, ahead, turn, mi.Float(1), endpoint))
+
+
+def _look_around(
+    path, vertex, active, space, endpoint, scattering, measurement, limits, sampler
+) -> mi.UInt32:
+    """The same with rays from a vertex, in directions of their own."""
+    around = copy(path)
+    around.prev = mi.Interaction3f(vertex.si)
+    around.depth = path.depth + 1
+    if limits.bounded:
+        active &= around.depth + 1 < limits.max_depth
+    wait = endpoint.wait(around, sampler, active)
+    wait, d, pdf = endpoint.towards(wait, sampler)
+    turn = scattering.turn(vertex, d, wait.active)
+    around.place = space.leave(path, vertex, d)
+    around.ray = vertex.si.spawn_ray(d)
+    around.β = extend(path.β, turn.f / pdf)
+    parts = space, endpoint, scattering, measurement, limits, sampler
+    return _look_ahead(around, wait.active, *parts, wait)
 
 
 def _along(

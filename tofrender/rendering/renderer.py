@@ -212,7 +212,9 @@ def opened(asked: Asked) -> tuple[mi.Scene, Any]:
     require_sensor(scene)
     sensors = scene.sensors()
     checks.integer("sensor", asked.sensor, 0, len(sensors) - 1)
-    check_scene(scene, sensors[asked.sensor])
+    follows = scene.integrator() if integrator is None else _integrator(scene, integrator)
+    media = getattr(follows, "follows_media", True)  # Those of others are refused later
+    check_scene(scene, sensors[asked.sensor], media=media)
     windowed_film(sensors[asked.sensor].film(), *asked.timing)  # Refuses a wrong window first
     return scene, integrator
 

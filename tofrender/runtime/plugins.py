@@ -20,6 +20,7 @@ MODULES = (
     "tofrender.films.phasor",
     "tofrender.integrators.base",
     "tofrender.integrators.transient_path",
+    "tofrender.integrators.transient_volpath",
     "tofrender.integrators.time_gated",
     "tofrender.integrators.amcw",
     "tofrender.integrators.path_tracer",
@@ -98,6 +99,9 @@ PLUGINS = {
         "integrator",
         "tofrender.integrators.transient_path",
         maker="tofrender.nlos.light.confocal",
+    ),
+    "TransientVolpath": Plugin(
+        "transient_volpath", "integrator", "tofrender.integrators.transient_volpath"
     ),
 }
 """Public plugin classes by name.

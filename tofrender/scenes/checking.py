@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import drjit as dr
@@ -12,6 +11,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from .media import require_sound_media
+from .numbers import finite, first_wrong, floats_of, is_transform
 
 LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_scale|data)(\.\w+)?")
 """Parameters of emitters that say how bright they are."""
@@ -21,17 +22,16 @@ SINGULAR = 1e-12
 
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
-SHOWN = 16
-"""Longest parameter that a message shows whole."""
 
-
-def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
+def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, *, media: bool = False) -> None:
     """Refuse a scene whose picture would be wrong or black without a word.
 
-    The sensor is the one that looks at it; None stands for all of the scene's.
+    The sensor is the one that looks at it; None stands for all of the scene's. `media` says that
+    participating media are followed.
 
     Raises:
-        ValueError: As `require_modelled` and `require_sound`; one line that names the object.
+        ValueError: As `require_modelled`, `require_sound` and `require_sound_media`; one line that
+            names the object.
 
     Example:
         >>> lamp = {"type": "point", "intensity": {"type": "rgb", "value": [1, -2, 1]}}
@@ -39,22 +39,26 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         Traceback (most recent call last):
         ValueError: lamp.intensity.value = [1, -2, 1]: must be 0 or more, light cannot be negative
     """
-    require_modelled(scene, sensor)
+    require_modelled(scene, sensor, media=media)
     require_sound(scene, sensor)
+    if media:
+        require_sound_media(scene, sensor)
 
 
-def check_view(scene: mi.Scene, sensor: mi.Sensor) -> None:
+def check_view(scene: mi.Scene, sensor: mi.Sensor, *, media: bool = False) -> None:
     """`check_scene` for a sensor that must be one.
 
     Raises:
         ValueError: As `check_scene`, or it is no sensor; one line.
     """
-    check_scene(scene, sensor)
+    check_scene(scene, sensor, media=media)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
 
-def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Refuse what changes the light and is not followed: media and polarisation.
+def require_modelled(
+    scene: mi.Scene, sensor: mi.Sensor | None = None, *, media: bool = False
+) -> None:
+    """Refuse what changes the light and is not followed: polarisation, and media unless they are.
 
     Raises:
         ValueError: The scene is one of another variant, the variant is polarised, or a shape,
@@ -76,6 +80,8 @@ def require_modelled(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         )
     if sensor is not None:
         checks.instance("sensor", sensor, mi.Sensor, SENSOR)
+    if media:
+        return
     cameras = scene.sensors() if sensor is None else [sensor]
     for node in mi.traverse(scene).hierarchy:
         if isinstance(node, mi.Shape):
@@ -106,40 +112,18 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     if sensor is not None and sensor not in sources[0].hierarchy:
         sources.append(mi.traverse(sensor))
     values = {name: source[name] for source in sources for name in source.keys()}  # noqa: SIM118
-    numbers = {name: list(_leaves(value)) for name, value in values.items()}
+    numbers = {name: list(floats_of(value)) for name, value in values.items()}
     dr.eval(numbers)
     for name, leaves in numbers.items():
         arrays = [np.asarray(leaf) for leaf in leaves]
-        if not all(_finite(each) for each in arrays) and not _may_be_infinite(values[name], arrays):
-            raise ValueError(f"{_shown(name, arrays, np.isfinite)}: must be finite numbers")
-        if _is_transform(values[name]) and len(arrays) == 16:
+        if not all(finite(each) for each in arrays) and not _may_be_infinite(values[name], arrays):
+            raise ValueError(f"{first_wrong(name, arrays, np.isfinite)}: must be finite numbers")
+        if is_transform(values[name]) and len(arrays) == 16:
             _require_inverse(name, np.array([each.flat[0] for each in arrays]).reshape(4, 4))
     for emitter in scene.emitters():
         _require_positive(emitter)
     for shape in scene.shapes():
         _require_extent(shape)
-
-
-def _leaves(value: Any) -> Iterator[Any]:
-    """The arrays of floating-point numbers that a parameter consists of."""
-    if _is_transform(value):
-        value = value.matrix
-    if dr.is_tensor_v(value):
-        value = value.array
-    if dr.depth_v(value) > 1 or (dr.depth_v(value) == 1 and not dr.is_jit_v(value)):
-        for each in value:
-            yield from _leaves(each)
-    elif isinstance(value, float) or (dr.is_array_v(value) and dr.is_float_v(value)):
-        yield value
-
-
-def _is_transform(value: Any) -> bool:
-    return "Transform" in type(value).__name__
-
-
-def _finite(array: np.ndarray) -> bool:
-    """Whether all numbers are finite; smallest and largest tell, since NaN is passed on."""
-    return array.size == 0 or bool(np.isfinite(array.min()) and np.isfinite(array.max()))
 
 
 def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
@@ -163,13 +147,13 @@ def _require_positive(emitter: mi.Emitter) -> None:
     parameters = mi.traverse(emitter)
     for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
         value = parameters[name]
-        if not LIGHT.fullmatch(name) or _is_transform(value):
+        if not LIGHT.fullmatch(name) or is_transform(value):
             continue
         if mi.is_spectral and isinstance(value, mi.Color3f):  # Coefficients, of either sign
             continue
-        arrays = [np.asarray(leaf) for leaf in _leaves(value)]
+        arrays = [np.asarray(leaf) for leaf in floats_of(value)]
         if any(each.size and each.min() < 0 for each in arrays):
-            shown = _shown(f"{owner}.{name}", arrays, lambda x: x >= 0)
+            shown = first_wrong(f"{owner}.{name}", arrays, lambda x: x >= 0)
             raise ValueError(f"{shown}: must be 0 or more, light cannot be negative")
 
 
@@ -182,14 +166,3 @@ def _require_extent(shape: mi.Shape) -> None:
                 f"{shape.id() or shape.class_name()}.vertex_positions: are all in one point; "
                 "must span a surface"
             )
-
-
-def _shown(name: str, arrays: list[np.ndarray], good: Any) -> str:
-    """A parameter and its value: whole if it is short, else the first number that is wrong."""
-    flat = np.concatenate([np.ravel(each) for each in arrays])
-    if flat.size == 1:
-        return f"{name} = {flat[0]:g}"
-    if flat.size <= SHOWN:
-        return f"{name} = [{', '.join(f'{x:g}' for x in flat)}]"
-    first = int(np.flatnonzero(~good(flat))[0])
-    return f"{name}[{first}] = {flat[first]:g}"

@@ -18,8 +18,14 @@ WRAPPERS = {"aov": "AOVs", "moment": "moments", "stokes": "Stokes vectors"}
 KEPT = ("max_depth", "rr_depth", "hide_emitters")
 """What an integrator hands on to the one that takes its place."""
 
-UNLIMITED = ("path", "volpath", "volpathmis", "ptracer")
-"""Integrators of Mitsuba whose paths have no limit where a scene gives none."""
+DEPTHS = {**dict.fromkeys(("path", "volpath", "volpathmis", "ptracer"), -1), "prbvolpath": 6}
+"""Longest paths of Mitsuba's integrators where a scene gives none; -1 is unlimited."""
+
+SUCCESSORS = {
+    "path": "transient_path",
+    **dict.fromkeys(("volpath", "volpathmis", "prbvolpath"), "transient_volpath"),
+}
+"""What takes the place of an integrator of Mitsuba when its film turns transient."""
 
 
 def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns: bool) -> None:
@@ -39,12 +45,12 @@ def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns
     _count_depth(nodes[inner].props)
     wanted = settings.get("integrator")
     if wanted is None and turns and name not in IN_TIME:
-        if name != "path":
+        if name not in SUCCESSORS:
             raise ValueError(
                 f"integrator = {name!r}: a transient film needs another one; "
                 f"must be one of {', '.join(INTEGRATORS)}"
             )
-        wanted = "transient_path"
+        wanted = SUCCESSORS[name]
     if isinstance(wanted, Mapping) or (wanted is not None and wanted != name):
         nodes[index].props = _replacement(wanted, nodes[inner].props)
     elif (wanted is not None or turns) and inner != index:
@@ -85,7 +91,7 @@ def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Prop
     new = mi.Properties(plugin)
     new.set_id(old.id())
     if plugin in IN_TIME:
-        before = {"max_depth": -1} if old.plugin_name() in UNLIMITED else {}
+        before = {"max_depth": DEPTHS[old.plugin_name()]} if old.plugin_name() in DEPTHS else {}
         before |= {name: old[name] for name in KEPT if name in old}
         given = before | given
     for name, value in given.items():

@@ -209,9 +209,11 @@ def find_scene(name: str) -> str | Path:
         what = "is a folder" if path.is_dir() else "does not exist"
         raise FileNotFoundError(f"scene = {name!r}: {what}; must be a Mitsuba XML file")
     near = get_close_matches(built_in, BUILT_IN, 3, 0.5)
-    hint = f"did you mean {' or '.join(near)}? Must" if near else "must"
-    known = ", ".join(BUILT_IN)
-    raise ValueError(f"scene = {name!r}: {hint} be one of {known}, or a Mitsuba XML file")
+    what = f"must be one of {', '.join(BUILT_IN)}"
+    if near:
+        meant = " or ".join(near)
+        what = f"did you mean {meant}? Must be a scene that `tofrender scenes` lists"
+    raise ValueError(f"scene = {name!r}: {what}, or a Mitsuba XML file")
 
 
 def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:

@@ -17,8 +17,8 @@ class Packed:
     """An object of Mitsuba as numbers.
 
     Attributes:
-        kind: "transform" or "bitmap".
-        values: Its matrix and the inverse transpose of that, (2, 4, 4), or its pixels.
+        kind: "transform", "bitmap" or "grid".
+        values: Its matrix and the inverse transpose of that, (2, 4, 4), or its pixels or voxels.
         srgb: Whether pixels are gamma-encoded.
     """
 
@@ -49,6 +49,8 @@ def _packed(value: Any, where: str) -> Any:
         return Packed("transform", np.array(both, dtype=np.float64).reshape(2, 4, 4))
     if isinstance(value, mi.Bitmap):
         return Packed("bitmap", np.array(value), value.srgb_gamma())
+    if isinstance(value, mi.VolumeGrid):
+        return Packed("grid", np.array(value))
     if isinstance(value, mi.Object):
         kind = type(value).__name__
         raise ValueError(
@@ -70,6 +72,8 @@ def unpacked(scene: Any) -> Any:
         # Found anew, it would differ in its last digits
         transform.inverse_transpose = type(transform.inverse_transpose)(scene.values[1].tolist())
         return transform
+    if scene.kind == "grid":
+        return mi.VolumeGrid(scene.values)
     bitmap = mi.Bitmap(scene.values)
     bitmap.set_srgb_gamma(scene.srgb)
     return bitmap

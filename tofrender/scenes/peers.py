@@ -14,8 +14,8 @@ def use_own_names(state: Any) -> None:
     """Put this package's names in the place of others', where they mean the same.
 
     `timegated_transient_path`, whose gates fill the bins of a film, becomes the `transient_path`
-    around the same `confocal_projector`; `nlos_confocal` of a `transient_nlos_path` its
-    `capture_type`.
+    around the same `confocal_projector`; `transient_prbvolpath` becomes `transient_volpath`;
+    `nlos_confocal` of a `transient_nlos_path` its `capture_type`.
 
     Args:
         state: The `mi.parser.ParserState`, with its references resolved.
@@ -27,6 +27,9 @@ def use_own_names(state: Any) -> None:
         name = node.props.plugin_name()
         if name == "timegated_transient_path":
             _gate_all_bins(node.props)
+        elif name == "transient_prbvolpath":
+            _limit_depth(node.props)
+            node.props.set_plugin_name("transient_volpath")
         elif name == "transient_nlos_path" and "nlos_confocal" in node.props:
             _scan(node.props)
         elif name == "angulararea":
@@ -46,9 +49,13 @@ def _gate_all_bins(props: Any) -> None:
         given = checks.one_of("time_sampling", props["time_sampling"], TIME_SAMPLINGS)
         del props["time_sampling"]
         _tell(f"time_sampling = {given!r}: has no effect; every path counts in all bins")
-    if "max_depth" not in props:
-        props["max_depth"] = 6
+    _limit_depth(props)
     props.set_plugin_name("transient_path")
+
+
+def _limit_depth(props: Any) -> None:
+    if not {"max_depth", "max_bounces"} & set(props.keys()):
+        props["max_depth"] = 6
 
 
 def _scan(props: Any) -> None:

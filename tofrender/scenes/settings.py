@@ -20,6 +20,7 @@ SAMPLERS = (
 )
 INTEGRATORS = (
     "transient_path",
+    "transient_volpath",
     "path_tracer_mats",
     "path_tracer_nee",
     "path_tracer_mis",

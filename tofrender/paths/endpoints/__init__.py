@@ -10,6 +10,7 @@ direction's wavefront is plane, all of it starts at OPL 0, and no length is nega
 from __future__ import annotations
 
 from .gated import GatedLights
+from .gated_fog import GatedFog
 from .one_sample import OneSampleLights
 from .outside import OpenSky, PointSource
 from .scene_lights import ConnectionsOnly, EmitterHits, SceneLights
@@ -17,6 +18,7 @@ from .scene_lights import ConnectionsOnly, EmitterHits, SceneLights
 __all__ = [
     "ConnectionsOnly",
     "EmitterHits",
+    "GatedFog",
     "GatedLights",
     "OneSampleLights",
     "OpenSky",

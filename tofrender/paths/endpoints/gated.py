@@ -58,9 +58,11 @@ class GatedLights(SceneLights):
         for k in range(CANDIDATES):
             u = shift + mi.Point2f(k / CANDIDATES, _radical_inverse(k))
             link = self.choose(vertex, u - dr.floor(u), active)
-            n: Any = vertex.si.sh_frame.n
-            cos = dr.abs(dr.dot(link.direction, n))
-            t = dr.max(link.weight) * cos * self.gate(dr.fma(path.η, link.length, path.opl))
+            t = (
+                dr.max(link.weight)
+                * _cosine(vertex, link.direction)
+                * self.gate(dr.fma(path.η, link.length, path.opl))
+            )
             t = dr.select(link.active & dr.isfinite(t), t, 0)
 
             # One random number chooses among all: what is left of it is uniform again
@@ -74,6 +76,13 @@ class GatedLights(SceneLights):
         chosen.active = active & (t_chosen > 0)
         chosen.weight *= dr.select(chosen.active, total / (CANDIDATES * t_chosen), 0)
         return chosen
+
+
+def _cosine(vertex: Vertex, direction: mi.Vector3f) -> mi.Float:
+    """Cosine of a direction at a surface; 1 in a medium, which has none."""
+    n: Any = vertex.si.sh_frame.n
+    cos = dr.abs(dr.dot(direction, n))
+    return cos if vertex.inside is None else dr.select(vertex.inside.here, 1, cos)
 
 
 def _radical_inverse(k: int) -> float:

@@ -24,6 +24,7 @@ class Unseen:
     connects = True
     finds_all = True
     importance = False
+    looks_ahead = False
 
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
         if not hasattr(scene, "sample_emitter_direction"):

@@ -1,0 +1,127 @@
+"""Fog: time over that of Mitsuba's `volpath`, and noise of a gate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+from unittest import mock
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+from tofrender.paths.endpoints import GatedFog
+
+from .timing import in_turn, noise
+
+if TYPE_CHECKING:
+    from .cases import Row
+
+DEPTH = {"max_depth": 6, "rr_depth": 50}
+HAZE = {
+    "type": "homogeneous",
+    "sigma_t": {"type": "rgb", "value": [0.3, 0.2, 0.1]},
+    "albedo": {"type": "rgb", "value": [0.9, 0.8, 0.95]},
+    "phase": {"type": "hg", "g": 0.5},
+}
+
+
+def fog(runs: int, quick: bool) -> list[Row]:
+    """The Cornell box in coloured fog and with a cloud in it, at equal samples and rays."""
+    size, spp = (32, 16) if quick else (128, 64)
+    rows: list[Row] = []
+    for name, change in (("in coloured fog", _in_fog), ("with a cloud", _with_cloud)):
+        steady = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
+        steady["integrator"] = {"type": "volpath", **DEPTH}
+        steady["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}
+        ours = tofrender.cornell_box(width=size, height=size, temporal_bins=300, spp=spp)
+        ours["integrator"] = {"type": "transient_volpath", "light_samples": 1, **DEPTH}
+        scenes = {"volpath": steady, "ours": ours}
+        loaded = {key: mi.load_dict(change(each)) for key, each in scenes.items()}
+        times = in_turn({key: _draw(each, spp) for key, each in loaded.items()}, runs)
+        wall, cpu = times["ours"].ratio(times["volpath"])
+        what = f"Cornell box {name}, {size}x{size} x 300 bins, {spp} spp, over volpath"
+        rows += [(f"{what}: wall", wall, 1.15), (f"{what}: cpu", cpu, None)]
+    return rows
+
+
+def gates_in_fog(runs: int, quick: bool) -> list[Row]:
+    """Variance of a gate times CPU time, of plain paths over that of points of the right length."""
+    size, spp = (8, 64) if quick else (16, 1024)
+    rows: list[Row] = []
+    for sigma_t in (0.5, 2.0, 10.0):
+        scene = mi.load_dict(_headlight(size, sigma_t))
+        for gate in (1.0, 2.5):
+            functions = {True: _gate(scene, gate, spp, True), False: _gate(scene, gate, spp, False)}
+            variance, times = noise(functions, max(runs, 8))
+            gain = variance[False] / variance[True] * times[False].ratio(times[True])[1]
+            target = 25.0 if sigma_t == 10 else None
+            what = f"{sigma_t:g} per metre, gate at {gate:g} m: plain variance x cpu time over ours"
+            rows.append((what, gain, target))
+    return rows
+
+
+def _in_fog(scene: dict[str, Any]) -> dict[str, Any]:
+    scene["sensor"]["medium"] = HAZE
+    return scene
+
+
+def _with_cloud(scene: dict[str, Any]) -> dict[str, Any]:
+    density = np.random.default_rng(0).random((8, 8, 8, 1)).astype(np.float32) ** 2
+    place = mi.ScalarTransform4f().translate([-0.5, -0.4, -0.4])
+    smoke = {
+        "type": "heterogeneous",
+        "albedo": 0.9,
+        "scale": 8.0,
+        "sigma_t": {"type": "gridvolume", "grid": mi.VolumeGrid(density), "to_world": place},
+    }
+    scene["cloud"] = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().translate([0, 0.1, 0.1]).scale(0.5),
+        "bsdf": {"type": "null"},
+        "interior": smoke,
+    }
+    return scene
+
+
+def _headlight(size: int, sigma_t: float) -> dict[str, Any]:
+    """A point light half a metre in front of the camera, aside, and a wall 2 m away."""
+    look = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 0, -2], [0, 1, 0])
+    wall = mi.ScalarTransform4f().translate([0, 0, -2]).scale(20)
+    return {
+        "type": "scene",
+        "sensor": {
+            "type": "perspective",
+            "to_world": look,
+            "fov": 40.0,
+            "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent"},
+            "medium": {
+                "type": "homogeneous",
+                "sigma_t": sigma_t,
+                "albedo": 0.9,
+                "phase": {"type": "hg", "g": 0.5},
+            },
+        },
+        "wall": {"type": "rectangle", "to_world": wall, "bsdf": {"type": "diffuse"}},
+        "lamp": {"type": "point", "position": [0.5, 0.3, -0.4], "intensity": 5.0},
+    }
+
+
+def _gate(scene: mi.Scene, target: float, spp: int, ahead: bool) -> Callable[[int], np.ndarray]:
+    gate: Any = {"type": "time_gated_transient_path", "max_depth": 20, "rr_depth": 50}
+    integrator, sensor = mi.load_dict(gate | {"pulse_width_opl": 0.03}), scene.sensors()[0]
+
+    def draw(seed: int) -> np.ndarray:
+        with mock.patch.object(GatedFog, "serves", staticmethod(lambda _: ahead)):
+            options = {"spp": spp, "seed": seed}
+            return np.asarray(
+                tofrender.render_at_time(scene, integrator, sensor, target, **options)
+            )
+
+    return draw
+
+
+def _draw(scene: mi.Scene, spp: int) -> Callable[[], None]:
+    return lambda: dr.eval(mi.render(scene, spp=spp))

@@ -1,0 +1,273 @@
+"""Light in participating media, against what is exact to all orders of scattering."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from fogs import fog
+
+from tofrender.integrators.plan import Plan
+from tofrender.paths.endpoints import SceneLights
+from tofrender.paths.media import Media, Phases
+from tofrender.paths.records import Limits, Path
+from tofrender.paths.scattering import Materials
+from tofrender.sampling.statistics import p_values, smallest_allowed
+
+pytestmark = pytest.mark.statistical
+
+ALPHA = 1e-4
+"""Chance that a comparison of right code fails."""
+SEEDS, COUNT = 16, 2000
+BLACK = {"type": "diffuse", "reflectance": 0.0}
+
+
+@dataclass
+class Moments:
+    """Sum of light, of light times length, and of light in one bin."""
+
+    total: Any
+    length: mi.Float
+    binned: mi.Float
+    low: mi.Float
+    high: mi.Float
+
+    @classmethod
+    def zero(cls, low: float = 0.0, high: float = 1e9) -> Moments:
+        return cls(mi.Color3f(0), mi.Float(0), mi.Float(0), mi.Float(low), mi.Float(high))
+
+    def add(self, contribution: Any) -> None:
+        light = dr.select(contribution.active, contribution.spectrum, 0)
+        self.total += light
+        self.length += light.x * contribution.opl
+        inside = (contribution.opl >= self.low) & (contribution.opl < self.high)
+        self.binned += dr.select(inside, light.x, 0)
+
+
+def traced(
+    scene: mi.Scene,
+    medium: mi.Medium | None,
+    ray: Any,
+    seed: int,
+    max_depth: int = -1,
+    window: tuple[float, float] = (0.0, 1e9),
+) -> np.ndarray:
+    """Mean light, light times length, and light in a window of lengths, of rays in a medium."""
+    lanes = dr.width(ray)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, lanes)
+    space, scattering = Media(scene, medium), Phases(Materials(scene))
+    plan = Plan(space, SceneLights(scene), scattering, Limits(max_depth, 10_000))
+    origin = mi.Point3f(ray.o)
+    ray.o = dr.fma(ray.d, 1e-4, ray.o)  # Off the surface; lengths and media start at the origin
+    moments, _ = plan.trace(sampler, ray, origin, Moments.zero(*window))
+    sums = [moments.total.x, moments.length, moments.binned]
+    dr.eval(sums)
+    return np.array([dr.mean(each)[0] for each in sums])
+
+
+def agrees(samples: Any, wanted: Any) -> bool:
+    """Whether estimates over independent seeds have this mean."""
+    samples = np.asarray(samples)
+    p = p_values(samples, np.broadcast_to(np.asarray(wanted, float), samples.shape[1:]))
+    return bool(p.min() >= smallest_allowed(ALPHA, p.size))
+
+
+def from_one_point(direction: Any, count: int) -> mi.Ray3f:
+    """Equal rays from the origin."""
+    return mi.Ray3f(mi.Point3f(0) + dr.zeros(mi.Float, count), mi.Vector3f(*direction))
+
+
+# ------------------------------------------------------------------------------ wandering
+
+
+def wandered(scene: Any, medium: Any, length: float, count: int, seed: int) -> np.ndarray:
+    """Where paths are that start along z, when they are so long, shape (n, 3)."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, count)
+    space, phases = Media(scene, medium), Phases(Materials(scene))
+    ray = mi.Ray3f(mi.Point3f(0) + dr.zeros(mi.Float, count), mi.Vector3f(0, 0, 1))
+    path = Path.start(ray, place=space.place(ray))
+    reached = dr.zeros(mi.Point3f, count)
+    while dr.any(path.active):
+        path, vertex = space.next(path, sampler)
+        ends = path.active & (path.opl + vertex.length >= length)
+        at = path.prev.p + path.ray.d * (length - path.opl)
+        reached = dr.select(ends, at, reached)
+        _, bounce = phases.scatter(vertex, None, sampler, path.active)
+        path.opl += vertex.length
+        path.place = space.leave(path, vertex, bounce.ray.d)
+        path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
+        path.active &= ~ends
+        dr.eval(path, reached)
+    return reached.numpy().T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["even", "dense corner"])
+@pytest.mark.parametrize(
+    ("g", "mu_s", "length", "z", "r2"),
+    [(0.0, 2, 3, 0.49876, 2.50124), (0.7, 2, 3, 1.39117, 5.36277), (0.9, 10, 4, 0.98168, 6.03664)],
+)
+def test_photons_wander_as_they_must(kind, g, mu_s, length, z, r2):
+    """<z> = l (1 - exp(-s/l)) and <r²> = 2 l² (s/l - 1 + exp(-s/l)), l = 1 / (mu_s (1 - g))."""
+    medium = mi.load_dict(fog(float(mu_s), 1.0, g, kind))
+    scene = mi.load_dict({"type": "scene"})
+    found = []
+    for seed in range(SEEDS):
+        p = wandered(scene, medium, float(length), COUNT, seed)
+        found.append([p[:, 2].mean(), np.sum(p**2, axis=1).mean()])
+    assert agrees(found, [z, r2])
+
+
+# ------------------------------------------------------------------------- bodies and beams
+
+
+def shell(radiance: float = 1.0) -> dict:
+    """The inside of a sphere of radius 1 that shines evenly, and reflects nothing."""
+    return {
+        "type": "scene",
+        "shell": {
+            "type": "sphere",
+            "flip_normals": True,
+            "bsdf": BLACK,
+            "light": {"type": "area", "radiance": radiance},
+        },
+    }
+
+
+def inwards(seed: int, count: int) -> mi.Ray3f:
+    """Rays from the top of the unit sphere into it, as many as an even radiance brings."""
+    u = np.random.default_rng(seed).random((2, count))
+    d = mi.warp.square_to_cosine_hemisphere(mi.Point2f(*map(mi.Float, u)))
+    return mi.Ray3f(mi.Point3f(0, 0, 1) + dr.zeros(mi.Float, count), mi.Vector3f(d.x, d.y, -d.z))
+
+
+@pytest.mark.parametrize("kind", ["even", "grid", "dense corner"])
+@pytest.mark.parametrize(("mu_s", "g"), [(0.0, 0.0), (3.0, 0.8), (10.0, 0.0)])
+def test_mean_path_does_not_know_the_density(kind, mu_s, g):
+    """4 V / S in every body under even light, whatever scatters in it; and all light comes out."""
+    if kind != "even" and mu_s == 0:
+        pytest.skip("a grid of nothing has no majorant")
+    medium = mi.load_dict(fog(mu_s, 1.0, g, kind))
+    scene = mi.load_dict(shell())
+    found = [traced(scene, medium, inwards(seed, 4000), seed)[:2] for seed in range(SEEDS)]
+    assert agrees(found, [1, 4 / 3])
+
+
+def test_absorption_separates():
+    """Every length l is darker by exp(-mu_a l) than without it."""
+    scene, mu_s, mu_a = mi.load_dict(shell()), 4.0, 0.7
+    window = (1.0, 1.5)
+    without = mi.load_dict(fog(mu_s))
+    dark = mi.load_dict(fog(mu_s + mu_a, mu_s / (mu_s + mu_a)))
+    rays = [inwards(seed, 4000) for seed in range(2 * SEEDS)]
+    bright = np.array([traced(scene, without, ray, k, -1, window) for k, ray in enumerate(rays)])
+    dim = np.array([traced(scene, dark, ray, k + 99, -1, window) for k, ray in enumerate(rays)])
+    ratio = dim[:, 2].mean() / bright[:, 2].mean()
+    assert np.exp(-mu_a * 1.5) < ratio < np.exp(-mu_a * 1.0)
+    narrow = (1.2, 1.22)
+    bright = np.array([traced(scene, without, ray, k, -1, narrow)[2] for k, ray in enumerate(rays)])
+    dim = np.array([traced(scene, dark, ray, k + 99, -1, narrow)[2] for k, ray in enumerate(rays)])
+    assert agrees(dim - bright * np.exp(-mu_a * 1.21), 0.0)
+
+
+@pytest.mark.parametrize("kind", ["even", "grid", "dense corner"])
+def test_single_scattering(kind):
+    """A point light beside the line of sight, fog from x = 1 on; camera in front of it."""
+    mu_s, mu_t, power = 0.3, 0.5, 2.0
+    box = mi.ScalarTransform4f().translate([2.5, 0, 0]).scale([1.5, 30, 30])
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "fog": {
+                "type": "cube",
+                "to_world": box,
+                "bsdf": {"type": "null"},
+                "interior": fog(mu_t, mu_s / mu_t, 0.0, kind),
+            },
+            "lamp": {"type": "point", "position": [2.5, 0.8, 0], "intensity": power},
+        }
+    )
+    window = (3.0, 3.2)
+    found = []
+    for seed in range(SEEDS):
+        ray = from_one_point([1, 0, 0], 20_000)
+        found.append(traced(scene, None, ray, seed, 2, window)[[0, 2]])
+    assert agrees(found, [0.03865337, 0.00670907])
+
+
+def test_lengths_are_exact_behind_boundaries():
+    """Twenty boundaries of equal index, and a dense grid around: not a millimetre is lost."""
+    walls = {
+        f"wall{k}": {
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f().translate([0, 0, 1.0 + 0.37 * k]).scale(20),
+            "bsdf": {"type": "null"},
+        }
+        for k in range(20)
+    }
+    lamp = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().translate([0, 0, 12]).rotate([1, 0, 0], 180).scale(20),
+        "bsdf": BLACK,
+        "light": {"type": "area", "radiance": 1.0},
+    }
+    scene = mi.load_dict({"type": "scene", "lamp": lamp} | walls)
+    medium = mi.load_dict(fog(1e-3, 0.0, 0.0, "dense corner"))
+    for direction in ([0.0, 0.0, 1.0], [0.48, 0.36, 0.8]):
+        light, length, _ = traced(scene, medium, from_one_point(direction, 1000), 1)
+        assert length / light == pytest.approx(12 / direction[2], abs=1.5e-4)
+
+
+def test_colours_are_right_where_they_differ_much():
+    """Red sees through, blue does not: the mean of each channel is its own transmittance."""
+    lamp = {"type": "constant", "radiance": 1.0}
+    wall = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().translate([0, 0, 3]).scale([30, 30, 1]),
+        "bsdf": {"type": "null"},
+        "interior": {
+            "type": "homogeneous",
+            "sigma_t": {"type": "rgb", "value": [0.0125, 0.25, 1.0]},
+            "scale": 4.0,
+            "albedo": 0.0,
+        },
+    }
+    scene = mi.load_dict({"type": "scene", "lamp": lamp, "wall": wall})
+    found = []
+    for seed in range(SEEDS):
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed, 20_000)
+        ray = from_one_point([0, 0, 1], 20_000)
+        space = Media(scene)
+        path = Path.start(ray, place=space.place(ray))
+        path, vertex = space.next(path, sampler)
+        light = dr.select(vertex.valid & vertex.inside.here, 0, path.β)
+        found.append(np.array(dr.mean(light, axis=1)).ravel())
+    assert agrees(found, np.exp(-2 * np.array([0.05, 1.0, 4.0])))
+
+
+def test_half_space_under_even_light():
+    """What comes back from a half-space, by length: S(x) = exp(-x/2) (I0(x/2) + I1(x/2)) / 2.
+
+    Isotropic scattering, directions uniform in solid angle, radiance 1 from all sides:
+    H of [a, b] is 2 (S(mu_s a) - S(mu_s b)).
+    """
+    lid = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(1000), "bsdf": BLACK}
+    lid["flip_normals"] = True
+    lid["light"] = {"type": "area", "radiance": 1.0}
+    scene, medium = mi.load_dict({"type": "scene", "lid": lid}), mi.load_dict(fog(2.0))
+    for window, wanted in (((0.0, 0.25), 0.1108702), ((1.0, 2.0), 0.1498924)):
+        found = []
+        for seed in range(SEEDS):
+            u = np.random.default_rng(seed).random((2, 10_000))
+            d = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*map(mi.Float, u)))
+            start = mi.Point3f(0, 0, -1e-4) + dr.zeros(mi.Float, 10_000)
+            ray = mi.Ray3f(start, mi.Vector3f(d.x, d.y, -d.z))
+            found.append(traced(scene, medium, ray, seed, 200, window)[2])
+        assert agrees(found, wanted)

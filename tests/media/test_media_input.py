@@ -1,0 +1,116 @@
+"""Media that cannot be, or that the sensor does not know of: one line, before any tracing."""
+
+from __future__ import annotations
+
+import math
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from fogs import cloud, cube, filled, fog, volume
+
+import tofrender
+
+
+def box(medium: dict | None = None, **parts: dict) -> dict:
+    """The Cornell box, 8 x 8 pixels, seen through a medium."""
+    scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
+    if medium is not None:
+        scene["sensor"]["medium"] = medium
+    return scene | parts
+
+
+def refusal(scene: dict, **options) -> str:
+    with pytest.raises(ValueError, match=r"\A[^\n]+\Z") as caught:
+        tofrender.render(scene, spp=1, **options)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"sigma_t": -1.0}, "sigma_t"),
+        ({"sigma_t": math.nan}, "sigma_t"),
+        ({"scale": -2.0}, "scale"),
+        ({"albedo": 1.2}, "albedo"),
+        ({"albedo": -0.1}, "albedo"),
+        ({"albedo": {"type": "rgb", "value": [0.5, math.nan, 0.5]}}, "albedo"),
+    ],
+)
+def test_coefficients(changes, name):
+    text = refusal(box(fog(0.2, 0.9) | changes))
+    assert name in text
+    assert "must be" in text
+
+
+def test_grids():
+    wrong = np.ones((2, 2, 2, 1))
+    wrong[1, 0, 1] = -3.0
+    smoke = cloud(1.0) | {"sigma_t": volume(wrong, (-1, -1, -1), 2)}
+    text = refusal(box(smoke=filled(cube(0.5), smoke)))
+    assert "sigma_t.data" in text
+    assert "-3" in text
+
+
+def test_weight_of_a_blend():
+    phase = {"type": "blendphase", "weight": 1.5, "a": {"type": "isotropic"}}
+    phase["b"] = {"type": "rayleigh"}
+    assert "weight" in refusal(box(fog(0.2, 0.9, phase=phase)))
+
+
+def test_a_sensor_that_does_not_know_its_medium():
+    """It stands in a room full of fog, or says that it does."""
+    room = filled(cube(20.0), fog(0.1, 0.9))
+    assert "sensor.medium" in refusal(box(room=room))
+    assert "sensor.medium" in refusal(box(fog(0.3, 0.9), room=room))
+    tofrender.render(box(fog(0.1, 0.9), room=room), spp=1, window="auto")
+
+
+def test_milk_in_a_glass_that_does_not_know_the_fog_around_it():
+    glass = {"type": "sphere", "radius": 0.3, "bsdf": {"type": "dielectric"}}
+    glass["interior"] = fog(3.0, 0.9)
+    text = refusal(box(fog(0.1, 0.9), glass=glass))
+    assert "glass" in text
+    knows = box(fog(0.1, 0.9), glass=glass | {"exterior": fog(0.1, 0.9)})
+    tofrender.render(knows, spp=1, window="auto")
+
+
+def test_fog_without_end_under_a_sky():
+    """No light would come through; where the fog ends, it does."""
+    sky = {"type": "constant", "radiance": 0.1}
+    assert "must end somewhere" in refusal(box(fog(0.1, 0.9), sky=sky))
+    ends = box(fog(0.1, 0.9), sky=sky, room=filled(cube(20.0), fog(0.1, 0.9)))
+    tofrender.render(ends, spp=1, window="auto")
+
+
+@pytest.mark.parametrize("name", ["transient_bdpt", "transient_light_tracer"])
+def test_integrators_that_do_not_follow_media(name):
+    text = refusal(box(fog(0.1, 0.9)), integrator=name)
+    assert "medium" in text
+    assert "not followed" in text
+
+
+def test_great_depths_are_right():
+    """Behind an optical depth of 200 it is dark, and nothing is lost or not finite."""
+    wall = filled(cube((0.5, 1.0, 0.1), (-0.5, 0, 0.5)), fog(1000.0, 0.0))
+    result = tofrender.render(box(wall=wall), spp=4, window="auto")
+    assert result.attrs["contributions_not_finite"] == 0
+    assert float(result["steady"][4, 2].sum()) == 0
+    assert float(result["steady"][4, 6].sum()) > 0
+
+
+@pytest.mark.parametrize("name", ["volpath", "volpathmis", "prbvolpath", "transient_prbvolpath"])
+def test_scenes_of_others_as_they_are(name):
+    """Their integrators become `transient_volpath`, with the depth that they had."""
+    scene = box(fog(0.1, 0.9)) | {"integrator": {"type": name, "max_depth": 3}}
+    if name != "transient_prbvolpath":
+        scene["sensor"]["film"] = {"type": "hdrfilm", "width": 8, "height": 8}
+    result = tofrender.render(scene, spp=4, bins=30, window="auto")
+    assert result.attrs["integrator"] == "TransientVolpath"
+    assert result.attrs["max_depth"] == 3
+    assert float(result["steady"].sum()) > 0
+
+
+def test_the_plugin_has_no_limit_of_its_own():
+    assert mi.load_dict({"type": "transient_volpath"}).max_depth == -1
+    assert mi.load_dict({"type": "transient_volpath", "max_depth": 4}).max_depth == 4

@@ -1,0 +1,464 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportAttributeAccessIssue=false, reportReturnType=false
+"""Space that is not empty: fog, smoke, milk; and how paths go on where these scatter.
+
+A path flies through media and through boundaries of equal index (BSDF `null`) to its next real
+vertex: a surface, or a point where a medium scatters. Null collisions and such boundaries move
+nothing: the length of a flight is the distance of its ends, times the index that the path carries.
+
+**Flights** are sampled in one channel that is drawn anew for each, in proportion to what the path
+still carries in it, and weighed by the density of all channels together (balance heuristic, Veach
+1997):
+
+    weight_c = P_c / Σ_k q_k P_k,     q_k = β_k / Σβ,
+
+where P_c is the chance of the flight, were it sampled in channel c. So a path brings as much after
+a flight as before, but for what is absorbed. In grids, distances come from the majorant, and
+collisions are real with the chance σ_t / majorant (Woodcock et al. 1965). **Connections** multiply
+what they lose: exp(-∫σ_t) where a medium is homogeneous, σ_n / majorant at each tentative collision
+in a grid (ratio tracking, Novák et al. 2014).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..scenes.media import BOUNDARY, media_of
+from .protocols import Scattering
+from .records import Bounce, Connection, Path, Turn, Vertex, extend
+from .surfaces import materials
+
+FARTHEST = 1e30
+"""Distance that stands for infinity where it is multiplied [m]."""
+
+
+@dataclass
+class Place:
+    """Where a path is: its `place`.
+
+    Attributes:
+        medium: What is around its ray, null in vacuum.
+    """
+
+    medium: mi.MediumPtr
+
+
+@dataclass
+class Scattered:
+    """A point in a medium: the `inside` of a vertex.
+
+    Attributes:
+        mei: The point, with what the medium is like there.
+        here: Lanes whose vertex is such a point; the others are on surfaces.
+    """
+
+    mei: mi.MediumInteraction3f
+    here: mi.Bool
+
+
+@dataclass
+class Flight:
+    """A flight on its way: the state of the loop over null collisions and boundaries.
+
+    Attributes:
+        ray: What is looked along for the next surface.
+        found: That surface.
+        end: Its distance from the start [m].
+        at: Distance from which the flight goes on [m].
+        medium: What it goes on in.
+        left: Its chance in each channel over that in the one it is drawn in; of connections, what
+            arrives.
+        albedo: That of the point that scatters.
+        here: Lanes that a medium has scattered.
+        going: Lanes that go on.
+        looking: Lanes whose next surface is not known.
+    """
+
+    ray: mi.Ray3f
+    found: mi.PreliminaryIntersection3f
+    end: mi.Float
+    at: mi.Float
+    medium: mi.MediumPtr
+    left: Any
+    albedo: Any
+    here: mi.Bool
+    going: mi.Bool
+    looking: mi.Bool
+
+    @classmethod
+    def start(cls, ray: mi.Ray3f, medium: mi.MediumPtr, active: mi.Bool) -> Flight:
+        """A flight along a ray, through a medium."""
+        lanes = dr.width(ray)
+        nothing = dr.zeros(mi.Float, lanes)
+        found: Any = dr.zeros(mi.PreliminaryIntersection3f, lanes)
+        found.t = nothing + dr.inf
+        return cls(
+            ray=mi.Ray3f(ray),
+            found=found,
+            end=mi.Float(nothing),
+            at=mi.Float(nothing),
+            medium=mi.MediumPtr(medium),
+            left=mi.UnpolarizedSpectrum(1) + nothing,
+            albedo=mi.UnpolarizedSpectrum(0) + nothing,
+            here=dr.zeros(mi.Bool, lanes),
+            going=mi.Bool(active),
+            looking=mi.Bool(active),
+        )
+
+
+class Media:
+    """Straight flights through homogeneous media and grids.
+
+    Args:
+        scene: The scene.
+        outside: What is around the points where paths start, None for vacuum.
+    """
+
+    def __init__(self, scene: mi.Scene, outside: mi.Medium | None = None) -> None:
+        self.scene, self.outside = scene, outside
+        media = media_of(scene) + ([] if outside is None else [outside])
+        self.has_grids = any(not medium.is_homogeneous() for medium in media)
+        self.has_boundaries = any(int(bsdf.flags()) == BOUNDARY for bsdf in materials(scene))
+        self.repeats = self.has_grids or self.has_boundaries
+
+    def place(self, ray: mi.Ray3f) -> Place:
+        """What is around the start of rays."""
+        lanes = dr.width(ray)
+        if self.outside is None:
+            return Place(dr.zeros(mi.MediumPtr, lanes))
+        return Place(dr.full(mi.MediumPtr, self.outside, lanes))
+
+    @dr.syntax
+    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
+        """The next surface that is no boundary of equal index, or a point that scatters before."""
+        q, o = _shares(path.β), path.prev.p
+        channel = _drawn(q, sampler.next_1d())
+        flight = Flight.start(path.ray, path.place.medium, path.active)
+        flight = self._look(flight, o, path.depth == 0)
+        flight = self._fly(flight, o, channel, sampler)
+        if self.repeats:
+            while flight.going:
+                if self.has_boundaries:
+                    flight = self._look(flight, o)
+                flight = self._fly(flight, o, channel, sampler)
+        here = flight.here
+        weight = flight.left / dr.sum(q * flight.left)
+        path = copy(path)
+        path.place = Place(flight.medium)
+        path.β = extend(path.β, dr.select(here, weight * flight.albedo, weight))
+        si = flight.found.compute_surface_interaction(
+            flight.ray, mi.RayFlags.All, path.active & ~here
+        )
+        mei = _point(path.ray, dr.fma(path.ray.d, flight.at, o), flight.medium)
+        point = _as_surface(si, mei, here)
+        valid = here | si.is_valid()
+        return path, Vertex(point, dr.norm(point.p - o), valid, Scattered(mei, here))
+
+    def _look(self, flight: Flight, o: mi.Point3f, coherent: Any = False) -> Flight:
+        """Find the next surface in lanes that do not know it."""
+        flight = copy(flight)
+        found = self.scene.ray_intersect_preliminary(flight.ray, coherent, active=flight.looking)
+        away = dr.norm(dr.fma(flight.ray.d, found.t, flight.ray.o) - o)
+        away = dr.select(found.is_valid(), away, dr.inf)
+        flight.found = dr.select(flight.looking, found, flight.found)
+        flight.end = dr.select(flight.looking, away, flight.end)
+        return flight
+
+    def _fly(
+        self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
+    ) -> Flight:
+        """A flight up to its next collision, real or null, or through its next boundary."""
+        flight = copy(flight)
+        inside, tried = self._try(flight, o, channel, sampler)
+        left = flight.end - flight.at
+        step = dr.minimum(dr.minimum(tried.t, left), FARTHEST)
+        majorant = tried.combined_extinction
+        hero = _channel(majorant, channel)
+        flight.left *= dr.select(inside, dr.exp((hero - majorant) * step), 1)
+        meets = inside & (tried.t < left)
+        real = meets
+        if self.has_grids:
+            real = meets & (sampler.next_1d() * hero < _channel(tried.sigma_t, channel))
+        kind = dr.select(real, tried.sigma_t, tried.sigma_n)
+        flight.left *= dr.select(meets, kind / _channel(kind, channel), 1)
+        flight.albedo = dr.select(
+            real & (tried.sigma_t > 0), tried.sigma_s / tried.sigma_t, flight.albedo
+        )
+        flight.here = real
+        flight.at = dr.select(meets, flight.at + tried.t, flight.at)
+        through = flight.going & ~meets
+        if self.has_boundaries:
+            flight, through = self._pass(flight, through)
+            flight.going = (meets & ~real) | through
+        else:
+            flight.going = meets & ~real
+        return flight
+
+    def _try(
+        self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
+    ) -> tuple[mi.Bool, mi.MediumInteraction3f]:
+        """Draw a tentative collision, in lanes that are in a medium."""
+        inside = flight.going & (flight.medium != None)  # noqa: E711
+        ray = mi.Ray3f(flight.ray)
+        ray.o = dr.fma(ray.d, flight.at, o)
+        ray.maxt = mi.Float(dr.largest(mi.Float))
+        xi = sampler.next_1d()
+        return inside, flight.medium.sample_interaction(ray, xi, channel, inside)
+
+    def _pass(self, flight: Flight, arrives: mi.Bool) -> tuple[Flight, mi.Bool]:
+        """Go on behind a boundary of equal index; lanes that do."""
+        arrives &= flight.found.is_valid()
+        si = flight.found.compute_surface_interaction(flight.ray, mi.RayFlags.Minimal, arrives)
+        through = arrives & _is_boundary(si, arrives)
+        d = flight.ray.d
+        flight.medium = dr.select(
+            through & si.is_medium_transition(), si.target_medium(d), flight.medium
+        )
+        flight.at = dr.select(through, flight.end, flight.at)
+        # Along the ray, not along the normal: many boundaries would move it sideways
+        off = dr.norm(si.spawn_ray(d).o - si.p)
+        start = flight.found.t + off / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
+        flight.ray.o = dr.select(through, dr.fma(d, start, flight.ray.o), flight.ray.o)
+        flight.ray.maxt = dr.select(through, flight.ray.maxt - start, flight.ray.maxt)
+        flight.looking = through
+        return flight, through
+
+    def transmittance(
+        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+    ) -> Any:
+        """What media leave of a connection's light; 0 where a surface is in the way."""
+        medium = self._behind(path.place.medium, vertex, connection.direction)
+        o = vertex.si.p
+        flight = Flight.start(vertex.si.spawn_ray_to(connection.point), medium, connection.active)
+        flight.looking &= ~connection.clear
+        return self._arrive(flight, o, dr.norm(connection.point - o), sampler).left
+
+    def ahead(
+        self, path: Path, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Path, Vertex]:
+        """The points of media so far along rays, and paths with what is scattered there [1/m]."""
+        o, ray = path.prev.p, mi.Ray3f(path.ray)
+        ray.maxt = mi.Float(distance)
+        flight = Flight.start(ray, path.place.medium, active)
+        flight = self._arrive(flight, o, distance, sampler)
+        ray.o = o
+        mei = _point(ray, dr.fma(ray.d, distance, o), flight.medium)
+        here = active & (flight.medium != None) & dr.any(flight.left > 0)  # noqa: E711
+        within, first, last = flight.medium.intersect_aabb(ray)
+        here &= within & (distance >= first) & (distance <= last)
+        σ_s, _, _ = flight.medium.get_scattering_coefficients(mei, here)
+        path = copy(path)
+        path.place = Place(flight.medium)
+        path.β = extend(path.β, dr.select(here, flight.left * σ_s, 0))
+        path.opl = dr.fma(path.η, distance, path.opl)
+        point = _as_surface(dr.zeros(mi.SurfaceInteraction3f, dr.width(mei)), mei, here)
+        return path, Vertex(point, distance, here, Scattered(mei, here))
+
+    def _arrive(
+        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler
+    ) -> Flight:
+        """What is left of light that flies to the end of a ray, 0 where a surface is in the way."""
+        if self.has_boundaries:
+            return self._lost_behind(flight, o, whole, sampler)
+        shadow = flight.looking & self.scene.ray_test(flight.ray, flight.looking)
+        flight.going &= ~shadow
+        flight.left = dr.select(shadow, 0, flight.left)
+        flight.end = mi.Float(whole)
+        return self._lost(flight, o, sampler)
+
+    @dr.syntax
+    def _lost(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
+        """The same where nothing is in the way, in one medium."""
+        flight = self._lose(flight, o, sampler)
+        if self.has_grids:
+            while flight.going:
+                flight = self._lose(flight, o, sampler)
+        return flight
+
+    @dr.syntax
+    def _lost_behind(
+        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler
+    ) -> Flight:
+        """The same through boundaries."""
+        while flight.going:
+            flight = self._look(flight, o)
+            flight.end = dr.minimum(flight.end, whole)
+            went = flight.going
+            flight = self._lose(flight, o, sampler)
+            meets = flight.going
+            surface = went & ~meets & flight.found.is_valid()
+            flight, through = self._pass(flight, surface)
+            flight.left = dr.select(surface & ~through, 0, flight.left)
+            flight.going = (meets | through) & dr.any(flight.left > 0)
+        return flight
+
+    def _lose(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
+        """What a connection loses up to its next tentative collision, or the end of its medium."""
+        flight = copy(flight)
+        inside, tried = self._try(flight, o, mi.UInt32(0), sampler)
+        left, majorant = flight.end - flight.at, tried.combined_extinction
+        loss = dr.exp(-majorant * dr.minimum(left, FARTHEST))
+        meets = mi.Bool(False)
+        if self.has_grids:
+            even = flight.medium.is_homogeneous()
+            meets = inside & ~even & (tried.t < left)
+            null = mi.UnpolarizedSpectrum(dr.select(majorant > 0, tried.sigma_n / majorant, 1))
+            loss = dr.select(even, loss, dr.select(meets, null, 1))
+        flight.left *= dr.select(inside, loss, 1)
+        flight.at = dr.select(meets, flight.at + tried.t, flight.at)
+        flight.going = mi.Bool(meets)
+        return flight
+
+    def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> Place:
+        """What is around a path that goes on from a vertex."""
+        return Place(self._behind(path.place.medium, vertex, direction))
+
+    def _behind(self, medium: Any, vertex: Vertex, d: mi.Vector3f) -> Any:
+        """The medium on the side of a vertex that a direction leads to."""
+        changes = ~vertex.inside.here & vertex.si.is_valid() & vertex.si.is_medium_transition()
+        return dr.select(changes, vertex.si.target_medium(d), medium)
+
+
+class Phases:
+    """Scattering in media by their phase functions, and on surfaces as before.
+
+    Args:
+        surfaces: How paths go on from surfaces.
+        importance: Whether paths come from the lights.
+        both_ways: Whether densities of the way back are asked for.
+    """
+
+    def __init__(
+        self, surfaces: Scattering, importance: bool = False, both_ways: bool = False
+    ) -> None:
+        self.surfaces, self.both_ways = surfaces, both_ways
+        mode = mi.TransportMode.Importance if importance else mi.TransportMode.Radiance
+        self.context = mi.PhaseFunctionContext(None, mode)
+
+    @property
+    def refracts(self) -> bool:
+        """Whether surfaces do."""
+        return self.surfaces.refracts
+
+    def guide(self) -> Any:
+        """That of the surfaces."""
+        return self.surfaces.guide()
+
+    def arrive(self, path: Path, vertex: Vertex) -> Path:
+        """What surfaces want to know."""
+        return self.surfaces.arrive(path, vertex)
+
+    def smooth(self, vertex: Vertex) -> mi.Bool:
+        """Points of media that ask for connections, and what surfaces say."""
+        return self._connects(vertex) | self.surfaces.smooth(vertex)
+
+    def _connects(self, vertex: Vertex) -> mi.Bool:
+        """Points of media whose `sample_emitters` is not off."""
+        return vertex.inside.here & vertex.inside.mei.medium.use_emitter_sampling()
+
+    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+        """What the phase function, or the surface, makes of a direction."""
+        turn = self.surfaces.turn(vertex, direction, active & ~vertex.inside.here)
+        return self._in_both(turn, vertex, direction, active)
+
+    def _in_both(self, turn: Turn, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+        """What the phase function makes of a direction in media; on surfaces, what they do."""
+        here, mei = vertex.inside.here, vertex.inside.mei
+        phase = mei.medium.phase_function()
+        f, pdf = phase.eval_pdf(self.context, mei, direction, active & here)
+        back = turn.back
+        if self.both_ways:
+            back = dr.select(here, self._pdf_back(mei, direction, active & here), back)
+        return Turn(
+            dr.select(here, mi.unpolarized_spectrum(f), mi.unpolarized_spectrum(turn.f)),
+            dr.select(here, pdf, turn.pdf),
+            dr.select(here, 1, turn.η),
+            back,
+        )
+
+    def scatter(
+        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Any, Bounce]:
+        """Towards a connection, if there is one, and where phase function or surface choose."""
+        here, mei = vertex.inside.here, vertex.inside.mei
+        on_surface = None if link is None else link.only(~here)
+        turn, bounce = self.surfaces.scatter(vertex, on_surface, sampler, active & ~here)
+        phase = mei.medium.phase_function()
+        if link is not None:
+            turn = self._in_both(turn, vertex, link.direction, link.active)
+        xi, u = sampler.next_1d(), sampler.next_2d()
+        wo, weight, pdf = phase.sample(self.context, mei, xi, u, active & here)
+        ray = dr.select(here, mei.spawn_ray(wo), bounce.ray)
+        back = bounce.back
+        if self.both_ways:
+            back = dr.select(here, self._pdf_back(mei, wo, active & here), back)
+        return turn, Bounce(
+            ray,
+            dr.select(
+                here, mi.unpolarized_spectrum(weight), mi.unpolarized_spectrum(bounce.weight)
+            ),
+            dr.select(here, pdf, bounce.pdf),
+            dr.select(here, 1, bounce.η),
+            dr.select(here, ~self._connects(vertex), bounce.specular),
+            bounce.guide,
+            back,
+        )
+
+    def _pdf_back(self, mei: mi.MediumInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
+        """Density of where a path has come from, for one that comes from `wo` [1/sr]."""
+        other = mi.MediumInteraction3f(mei)
+        other.wi, came = wo, mei.wi
+        other.sh_frame = mi.Frame3f(wo)
+        return other.medium.phase_function().eval_pdf(self.context, other, came, active)[1]
+
+
+def _shares(β: Any) -> Any:
+    """The share of each channel in what a path carries."""
+    total = dr.sum(dr.abs(β))
+    return dr.select(total > 0, dr.abs(β) / total, mi.UnpolarizedSpectrum(1 / len(β)))
+
+
+def _drawn(q: Any, xi: mi.Float) -> mi.UInt32:
+    """A channel, with the chances `q`."""
+    channel, below = mi.UInt32(0), mi.Float(0)
+    for k in range(len(q) - 1):
+        below = below + q[k]
+        channel += dr.select(xi >= below, mi.UInt32(1), 0)
+    return channel
+
+
+def _channel(values: Any, channel: mi.UInt32) -> mi.Float:
+    """The value of a channel."""
+    found = mi.Float(values[0])
+    for k in range(1, len(values)):
+        found = dr.select(channel == k, values[k], found)
+    return found
+
+
+def _is_boundary(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+    """Whether a surface is nothing but the boundary between media of equal index."""
+    return active & (si.bsdf().flags() == BOUNDARY)
+
+
+def _point(ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr) -> mi.MediumInteraction3f:
+    """A point of a medium that a ray has come to."""
+    mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
+    mei.p, mei.t, mei.wi = p, dr.norm(p - ray.o), -ray.d
+    mei.time, mei.wavelengths = ray.time, ray.wavelengths
+    mei.sh_frame, mei.medium = mi.Frame3f(-ray.d), medium
+    return mei
+
+
+def _as_surface(
+    si: mi.SurfaceInteraction3f, mei: mi.MediumInteraction3f, here: mi.Bool
+) -> mi.SurfaceInteraction3f:
+    """The surface point, or a point in a medium as one without a surface and without normal."""
+    point: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(mei))
+    point.p, point.t, point.time, point.wavelengths = mei.p, mei.t, mei.time, mei.wavelengths
+    point.wi, point.sh_frame = mei.wi, mei.sh_frame
+    return dr.select(here, point, si)

@@ -1,0 +1,120 @@
+# pyright: reportArgumentType=false, reportIndexIssue=false
+"""Participating media of a scene: which there are, and what must hold of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .numbers import first_wrong, floats_of
+
+BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide)
+"""Flags of a material that is nothing but the boundary between media of equal index."""
+
+PROBES = 256
+"""Rays of a sensor that look what is around it."""
+
+LEAKS = 2
+"""How many of them may slip between two triangles of a shape."""
+
+CROSSINGS = 64
+"""Boundaries that such a ray passes."""
+
+
+def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium]:
+    """The media that shapes, emitters and a sensor are in, each once.
+
+    Example:
+        >>> media_of(mi.load_dict({"type": "scene"}))
+        []
+    """
+    shapes = [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.Shape)]
+    around = [m for shape in shapes for m in (shape.interior_medium(), shape.exterior_medium())]
+    around += [emitter.get_medium() for emitter in scene.emitters()]
+    around += [None if sensor is None else sensor.get_medium()]
+    media: list[mi.Medium] = []
+    for medium in around:
+        if medium is not None and medium not in media:
+            media.append(medium)
+    return media
+
+
+def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
+    """Refuse media that cannot be, and a sensor that is in another one than it says.
+
+    Raises:
+        ValueError: A coefficient is negative or not finite, an albedo above 1, a weight of a blend
+            outside of 0 to 1; the sensor's medium is not what the shapes say that it sees; or it
+            has no end where light comes from infinitely far away. One line.
+    """
+    for medium in media_of(scene, sensor):
+        _require_sound(medium)
+    if sensor is not None:
+        _require_place(scene, sensor)
+
+
+def _require_sound(medium: mi.Medium) -> None:
+    parameters: Any = mi.traverse(medium)
+    for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
+        first, value = name.split(".")[0], parameters[name]
+        if mi.is_spectral and isinstance(value, mi.Color3f):  # Coefficients, of either sign
+            continue
+        arrays = [np.asarray(leaf) for leaf in floats_of(value)]
+        text = f"{medium.id() or medium.class_name()}.{name}"
+        if first in ("sigma_t", "scale", "albedo") and "to_world" not in name:
+            most = 1 + 1e-5 if first == "albedo" else np.inf
+            what = "from 0 to 1" if first == "albedo" else "finite and 0 or more"
+        elif ".weight" in name:
+            most, what = 1 + 1e-5, "from 0 to 1"
+        else:
+            continue
+
+        def good(x: np.ndarray, most: float = most) -> np.ndarray:
+            return np.isfinite(x) & (x >= 0) & (x <= most)
+
+        if not all(good(each).all() for each in arrays):
+            raise ValueError(f"{first_wrong(text, arrays, good)}: must be {what}")
+
+
+def _require_place(scene: mi.Scene, sensor: mi.Sensor) -> None:
+    """Look from a sensor, and compare the media on the way with what each surface says."""
+    film, rest = np.arange(1, PROBES + 1)[:, None] * (0.7548777, 0.5698403) % 1, mi.Point2f(0.5)
+    ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(*map(mi.Float, film.T)), rest, True)
+    around, active = sensor.get_medium(), mi.Bool(True) & dr.isfinite(ray.o.x)
+    medium = dr.full(mi.MediumPtr, around, PROBES) if around else dr.zeros(mi.MediumPtr, PROBES)
+    distant = any(mi.has_flag(e.flags(), mi.EmitterFlags.Infinite) for e in scene.emitters())
+    for _ in range(CROSSINGS):
+        si = scene.ray_intersect(ray, active)
+        away = active & ~si.is_valid()
+        if distant and dr.count(away & (medium != None))[0] > LEAKS:  # noqa: E711
+            raise ValueError(
+                f"sensor.medium = {_named(around)}: must end somewhere, at a shape with a null "
+                "BSDF; here no light comes through from infinitely far away"
+            )
+        active &= si.is_valid()
+        changes = active & si.is_medium_transition()
+        before = si.target_medium(-ray.d)
+        wrong = np.asarray(dr.compress(changes & (before != medium)))
+        for at in wrong[LEAKS:]:
+            shape, there, here = (
+                dr.gather(type(x), x, int(at))[0] for x in (si.shape, before, medium)
+            )
+            if str(there) != str(here):  # A description that occurs twice makes two media
+                raise ValueError(
+                    f"{_named(shape)}: has the medium {_named(there)} where a ray from the sensor "
+                    f"comes through {_named(here)}; must be the same, set sensor.medium or the "
+                    "shape's"
+                )
+        through = active & (si.bsdf().flags() == BOUNDARY)
+        medium = dr.select(through & changes, si.target_medium(ray.d), medium)
+        ray, active = si.spawn_ray(ray.d), through
+        dr.eval(ray, active, medium)
+        if not dr.any(active):
+            return
+
+
+def _named(thing: Any) -> str:
+    return "none" if thing is None else repr(thing.id() or thing.class_name())
