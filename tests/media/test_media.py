@@ -224,6 +224,26 @@ def test_lengths_are_exact_behind_boundaries():
         assert length / light == pytest.approx(12 / direction[2], abs=1.5e-4)
 
 
+@pytest.mark.parametrize("boundary", [False, True])
+def test_plates_are_no_boundaries(boundary):
+    """A polariser has the flags of `null`, and takes half of the light."""
+    lamp = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([1, 0, 0], 180).scale(20),
+        "bsdf": BLACK,
+        "light": {"type": "area", "radiance": 1.0},
+    }
+    place = mi.ScalarTransform4f().translate([0, 0, 2]).scale(20)
+    parts = {"plate": {"type": "rectangle", "to_world": place, "bsdf": {"type": "polarizer"}}}
+    if boundary:
+        place = mi.ScalarTransform4f().translate([0, 0, 3]).scale(20)
+        parts["wall"] = {"type": "rectangle", "to_world": place, "bsdf": {"type": "null"}}
+    scene = mi.load_dict({"type": "scene", "lamp": lamp} | parts)
+    light, length, _ = traced(scene, mi.load_dict(fog(1e-6)), from_one_point([0, 0, 1], 1000), 1)
+    assert light == pytest.approx(0.5, rel=1e-4)
+    assert length / light == pytest.approx(5, abs=1.5e-4)
+
+
 def test_colours_are_right_where_they_differ_much():
     """Red sees through, blue does not: the mean of each channel is its own transmittance."""
     lamp = {"type": "constant", "radiance": 1.0}

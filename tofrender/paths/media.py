@@ -28,7 +28,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import BOUNDARY, media_of
+from ..scenes.media import BOUNDARY, PLATES, media_of
 from .protocols import Scattering
 from .records import Bounce, Connection, Path, Turn, Vertex, extend
 from .surfaces import materials
@@ -123,7 +123,10 @@ class Media:
         self.scene, self.outside = scene, outside
         media = media_of(scene) + ([] if outside is None else [outside])
         self.has_grids = any(not medium.is_homogeneous() for medium in media)
-        self.has_boundaries = any(int(bsdf.flags()) == BOUNDARY for bsdf in materials(scene))
+        null = [bsdf for bsdf in materials(scene) if int(bsdf.flags()) == BOUNDARY]
+        plates = [bsdf for bsdf in null if bsdf.class_name() in PLATES]
+        self.has_boundaries = len(plates) < len(null)
+        self.plates = [bsdf for k, bsdf in enumerate(plates) if bsdf not in plates[:k]]
         self.repeats = self.has_grids or self.has_boundaries
 
     def place(self, ray: mi.Ray3f) -> Place:
@@ -210,11 +213,18 @@ class Media:
         xi = sampler.next_1d()
         return inside, flight.medium.sample_interaction(ray, xi, channel, inside)
 
+    def _is_boundary(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Whether a surface is nothing but the boundary between media of equal index."""
+        active = active & (si.bsdf().flags() == BOUNDARY)
+        for plate in self.plates:
+            active &= si.bsdf() != mi.BSDFPtr(plate)
+        return active
+
     def _pass(self, flight: Flight, arrives: mi.Bool) -> tuple[Flight, mi.Bool]:
         """Go on behind a boundary of equal index; lanes that do."""
         arrives &= flight.found.is_valid()
         si = flight.found.compute_surface_interaction(flight.ray, mi.RayFlags.Minimal, arrives)
-        through = arrives & _is_boundary(si, arrives)
+        through = arrives & self._is_boundary(si, arrives)
         d = flight.ray.d
         flight.medium = dr.select(
             through & si.is_medium_transition(), si.target_medium(d), flight.medium
@@ -438,11 +448,6 @@ def _channel(values: Any, channel: mi.UInt32) -> mi.Float:
     for k in range(1, len(values)):
         found = dr.select(channel == k, values[k], found)
     return found
-
-
-def _is_boundary(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-    """Whether a surface is nothing but the boundary between media of equal index."""
-    return active & (si.bsdf().flags() == BOUNDARY)
 
 
 def _point(ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr) -> mi.MediumInteraction3f:

@@ -122,9 +122,8 @@ def step(
         path.not_finite += deliver(measurement, lit)
         more = endpoint.more_links(path, link)
         if more is not None:
-            parts = space, endpoint, scattering
-            ways = more, link, path, vertex
-            path.not_finite += _connect(*ways, *parts, sampler, measurement, smooth)
+            ways = more, link, path, vertex, space, endpoint, scattering
+            path.not_finite += _connect(*ways, sampler, measurement, smooth)
         if endpoint.looks_ahead:
             path.not_finite += _look_around(path, vertex, smooth, *parts)
     else:

@@ -14,6 +14,9 @@ from .numbers import first_wrong, floats_of
 BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide)
 """Flags of a material that is nothing but the boundary between media of equal index."""
 
+PLATES = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
+"""Materials with those flags that are more than that: they change the light that goes through."""
+
 PROBES = 256
 """Rays of a sensor that look what is around it."""
 
