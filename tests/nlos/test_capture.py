@@ -62,6 +62,7 @@ def looked_at(loaded: mi.Scene, width: int, height: int, offset: float = 0.5) ->
 # ------------------------------------------------------------------------------------- pixels
 
 
+@pytest.mark.slow
 def test_every_resolution_hits_its_pixels():
     """From 1 to 128 on both axes, on two walls, wherever in the pixel the sample is."""
     for size in range(1, 129):

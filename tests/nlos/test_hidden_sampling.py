@@ -82,6 +82,7 @@ def test_confocal_sampling_is_optional(sampling):
     assert agree(found(described, 512), expected, rounding=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_box_in_a_corner_of_the_wall():
     """Five faces, one of them on the wall: with and without area sampling."""

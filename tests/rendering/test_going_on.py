@@ -570,6 +570,7 @@ def test_another_render_is_refused(path, small_steps, name):
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "change"),
     [

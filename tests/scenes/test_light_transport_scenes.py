@@ -364,6 +364,7 @@ def test_sphere_lights_light_floor_and_wall_as_a_point_of_their_power_would():
     np.testing.assert_allclose(means, means[0], rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_quad_and_two_triangles_give_the_same_picture():
     """Means over 4 x 4 pixels of 8 seeds: no block may be off by 6 of its standard errors.
