@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import browser
 import durations
 import mitsuba as mi
 import pytest
@@ -22,6 +23,15 @@ def pytest_addoption(parser):
 
 
 pytest_configure = durations.pytest_configure
+
+
+def pytest_collection_modifyitems(items):
+    """Try a page in a browser once more: a busy machine can make it late, for which it waits."""
+    for item in filter(lambda each: isinstance(each, pytest.Function), items):
+        if any(each is browser or each is browser.page for each in vars(item.module).values()):
+            item.add_marker(pytest.mark.flaky(reruns=1))
+
+
 pytest_sessionstart = workers.pytest_sessionstart
 pytest_xdist_auto_num_workers = workers.pytest_xdist_auto_num_workers
 

@@ -29,6 +29,8 @@ CELL = """
 import tofrender
 tofrender.explore(tofrender.load_npz("data.npz"), title="In a notebook")
 """
+# What ipywidgets says of a bar that is closed before the page has drawn it, on a busy machine
+OF_A_CLOSED_BAR = ("Could not add child view to box", "processLuminoMessage", "reading 'widgets'")
 FIND = "[...document.querySelectorAll('*')].find((each) => each.explorer).explorer"
 
 
@@ -160,4 +162,6 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         assert page.evaluate(f"{FIND}.state().bin") == before + 1
         if folder := os.environ.get("TOFRENDER_SCREENSHOTS"):
             page.screenshot(path=f"{folder}/lab_{'dark' if dark else 'light'}.png")
-        assert page.errors == []
+        assert [
+            error for error in page.errors if not any(part in error for part in OF_A_CLOSED_BAR)
+        ] == []

@@ -191,6 +191,7 @@ def test_a_students_module(tmp_path):
         line = 'raise RuntimeError("<b>no</b> & never")'
         right = "import mitsuba as mi\n    return mi.warp.square_to_uniform_disk(sample)"
         choose(there, "Distribution", "Uniform disk")
+        there.wait_for_selector("text=RuntimeError: <b>no</b> & never", timeout=WAIT_MS)
         drawn(there, 0)
         (folder / "disk.py").write_text(text.replace(line, right))
         drawn(there, 1024)  # The file is looked at again by itself

@@ -20,12 +20,20 @@ TIMES = """
 import time
 import pytest
 
+def compute(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
 @pytest.mark.parametrize("k", range(3))
 def test_together(k):
-    time.sleep(0.1)
+    compute(0.1)
 
 @pytest.mark.slow
 def test_marked():
+    compute(0.25)
+
+def test_waiting():
     time.sleep(0.25)
 
 def test_quick():
@@ -52,12 +60,12 @@ def run_pytest(folder: Path, *options: str, ci: str = "") -> tuple[int, list[str
 
 @pytest.mark.slow
 def test_a_slow_test_without_its_mark_fails(tmp_path):
-    said = "test_times.py::test_together: took "
+    said = "test_times.py::test_together: computed for "
     side_by_side = ["-p", "xdist", "-n", "2", "--dist", "worksteal"]
     for options, ci in ((["--strict-durations"], ""), ([], "true"), (side_by_side, "true")):
         status, lines = run_pytest(tmp_path, *options, ci=ci)
         assert status == 1
-        told = [line for line in lines if ": took " in line]
+        told = [line for line in lines if ": computed for " in line]
         assert len(told) == 1, lines
         assert told[0].startswith(said)
         assert told[0].endswith(" s; must be marked slow, or take 0.5 s")
