@@ -13,7 +13,8 @@ class Contribution:
     """Light that one path carries from an emitter to the sensor.
 
     Attributes:
-        spectrum: Radiance; the weight of the camera ray is not in it.
+        spectrum: Radiance, in polarised variants a Stokes vector, of type `mi.SpectrumEntry`; the
+            weight of the camera ray is not in it.
         opl: Optical path length from the emitter to the sensor [m].
         active: Lanes that have such a contribution.
         position: Where on the film it lands [pixels]; None where the camera's own ray started.

@@ -10,6 +10,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..signals.polarisation import no_light
 from ..signals.units import SPEED_OF_LIGHT
 from .contribution import Contribution
 from .sums import Land
@@ -20,7 +21,7 @@ class PhasorSum:
     """A measurement: the sum of L exp(+i 2 pi f opl / c) along a path, for every frequency f.
 
     Attributes:
-        total: Plain sum of the light, of type `mi.UnpolarizedSpectrum`.
+        total: Plain sum of the light, an `mi.UnpolarizedSpectrum` or a Stokes vector.
         real: Real parts, one for each frequency.
         imaginary: Imaginary parts.
         turns_per_metre: f / c [1/m].
@@ -36,9 +37,9 @@ class PhasorSum:
     @classmethod
     def zero(cls, frequencies_hz: Sequence[float], land: Land | None = None) -> PhasorSum:
         """Nothing measured yet."""
-        zeros = [[mi.UnpolarizedSpectrum(0) for _ in frequencies_hz] for _ in range(2)]
+        zeros = [[no_light() for _ in frequencies_hz] for _ in range(2)]
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
-        return cls(mi.UnpolarizedSpectrum(0), *zeros, turns_per_metre=turns, land=land)
+        return cls(no_light(), *zeros, turns_per_metre=turns, land=land)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""

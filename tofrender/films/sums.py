@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..signals.polarisation import no_light
 from .contribution import Contribution
 
 Land = Callable[[list[Any], mi.Point2f, mi.Bool], None]
@@ -20,7 +21,7 @@ class Radiance:
     """The plain sum, as a steady camera measures it.
 
     Attributes:
-        total: Sum of all contributions, of type `mi.UnpolarizedSpectrum`.
+        total: Sum of all contributions, an `mi.UnpolarizedSpectrum` or a Stokes vector.
         land: A `Land`, None if no light lands on other pixels.
     """
 
@@ -30,7 +31,7 @@ class Radiance:
     @classmethod
     def zero(cls, land: Land | None = None) -> Radiance:
         """Nothing measured yet."""
-        return cls(mi.UnpolarizedSpectrum(0), land)
+        return cls(no_light(), land)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
@@ -45,7 +46,7 @@ class Weighted:
     """The sum of light times a weight of its length: a gate, or the correlation with a modulation.
 
     Attributes:
-        total: Weighted sum of all contributions, of type `mi.UnpolarizedSpectrum`.
+        total: Weighted sum of all contributions, an `mi.UnpolarizedSpectrum` or a Stokes vector.
         weight: Takes a path length [m], gives the weight.
         land: A `Land`, None if no light lands on other pixels.
     """
@@ -57,7 +58,7 @@ class Weighted:
     @classmethod
     def zero(cls, weight: Callable[[mi.Float], Any], land: Land | None = None) -> Weighted:
         """Nothing measured yet."""
-        return cls(mi.UnpolarizedSpectrum(0), weight, land)
+        return cls(no_light(), weight, land)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""

@@ -19,6 +19,7 @@ from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
 from ..signals.modulations import AMCWPulse
+from ..signals.polarisation import as_spectrum
 from ..signals.phasors import phasor_parts
 from .own_sample import brings_sample, by_sample, require_sample
 from .passes import expose, steps
@@ -94,7 +95,7 @@ class AMCWTransientPath(TransientPath):
         origin = ray.o if origin is None else origin
         plan, measure = self.plan(scene), Weighted.zero(weight)
         measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return mi.Spectrum(measured.total), self.sees(scene, path), []
+        return as_spectrum(measured.total), self.sees(scene, path), []
 
     def exposure(self) -> Exposure:
         """The correlation on a picture; phasors of the light's pulse on a film that stores them."""

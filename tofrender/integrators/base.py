@@ -21,6 +21,7 @@ from ..paths.space import Vacuum
 from ..runtime import checks
 from ..scenes.checking import check_scene
 from ..scenes.media import media_of
+from ..signals.polarisation import as_spectrum
 from .own_sample import brings_sample, by_sample
 from .passes import WHOLE, Part, expose, steps
 from .plan import Plan
@@ -144,7 +145,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """
         plan = self.plan(scene)
         radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), active)
-        return mi.Spectrum(radiance.total), self.sees(scene, path), []
+        return as_spectrum(radiance.total), self.sees(scene, path), []
 
     def sees(self, scene: mi.Scene, path: Path) -> mi.Bool:
         """Lanes that see something, as Mitsuba's `path` says: a surface or an environment."""

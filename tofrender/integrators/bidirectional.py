@@ -80,6 +80,7 @@ class BidirectionalPlan(Plan):
         origin: Any,
         measurement: Any,
         active: Any = True,
+        frame: Any = None,
     ) -> tuple[Any, Path]:
         """Follow light, and then camera rays, which connect to its vertices."""
         light, weight, not_finite = None, None, mi.UInt32(0)

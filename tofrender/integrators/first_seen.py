@@ -71,7 +71,7 @@ class FirstSeen:
         return cls(plan, pixels, 1 << (rate.bit_length() - 1)) if pixels.size and rate > 1 else None
 
     def trace(
-        self, sampler: mi.Sampler, ray: mi.Ray3f, origin: Any, measurement: Any
+        self, sampler: mi.Sampler, ray: mi.Ray3f, origin: Any, measurement: Any, frame: Any = None
     ) -> tuple[Any, Path]:
         """Find what camera rays see first."""
         plan = self.plan
@@ -80,7 +80,7 @@ class FirstSeen:
             plan.scattering.guide(),
             plan.space.place(ray),
         )
-        path = Path.start(ray, origin, True, memory, guide, place)
+        path = Path.start(ray, origin, True, memory, guide, place, frame)
         path, vertex = plan.space.next(path, sampler)
         path.active &= vertex.valid  # What is behind the scene is left to the paths
         path = meet(path, vertex, plan.endpoint, measurement, plan.limits)

@@ -116,7 +116,8 @@ def steps(
     plan = plan.resolving(record.width_opl)
 
     def follow(sampler: mi.Sampler, camera: CameraSample, measurement: Any) -> Any:
-        measured, path = rest.trace(sampler, camera.ray, camera.origin, measurement)
+        start = camera.ray, camera.origin, measurement
+        measured, path = rest.trace(sampler, *start, frame=camera.frame)
         return measured, path.covered, path.not_finite
 
     seen = FirstSeen.of(plan, sensor, record.film, part.tile) if record.in_time else None
@@ -228,7 +229,8 @@ def _looking(
         camera = sample_camera(sensor, record.film, sampler, pixel, tile)
         camera = replace(camera, weight=camera.weight / rate)
         measurement = record.measurement(camera, spp)
-        measured, path = seen.trace(sampler, camera.ray, camera.origin, measurement)
+        start = camera.ray, camera.origin, measurement
+        measured, path = seen.trace(sampler, *start, frame=camera.frame)
         channels = record.channels(camera, measured, mi.Bool(False))
         return Shot(camera.position, *channels, path.not_finite)
 

@@ -57,6 +57,7 @@ class Plan:
         origin: Any,
         measurement: M,
         active: Any = True,
+        frame: Any = None,
     ) -> tuple[M, Path]:
         """Follow camera rays.
 
@@ -66,13 +67,15 @@ class Plan:
             origin: Where their lengths start [m].
             measurement: What becomes of their light.
             active: Lanes with a ray.
+            frame: Matrix that turns polarised light of each ray, None to leave it as it is.
 
         Returns:
             The measurement, and the paths at their ends.
         """
         memory, guide = self.endpoint.memory(), self.scattering.guide()
         place = self.space.place(ray)
-        path = Path.start(self.endpoint.begin(ray), origin, active, memory, guide, place)
+        ray = self.endpoint.begin(ray)
+        path = Path.start(ray, origin, active, memory, guide, place, frame)
         space, endpoint, scattering = self.space, self.endpoint, self.scattering
         with uncollected():
             return walk(sampler, path, space, endpoint, scattering, measurement, self.limits)

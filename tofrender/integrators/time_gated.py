@@ -22,6 +22,7 @@ from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
+from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .own_sample import brings_sample, by_sample, require_sample
@@ -123,7 +124,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         origin = ray.o if origin is None else origin
         plan, measure = self.plan(scene, None, gate), Weighted.zero(gate)
         measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return mi.Spectrum(measured.total), self.sees(scene, path), []
+        return as_spectrum(measured.total), self.sees(scene, path), []
 
     def gate(self, target_time: Any) -> Gate:
         """The gate at a path length [m].

@@ -9,6 +9,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..signals.polarisation import sensor_frame
+
 
 @dataclass
 class CameraSample:
@@ -20,12 +22,14 @@ class CameraSample:
         weight: Importance of each ray over its density, of type `mi.UnpolarizedSpectrum`.
         position: Position on the film [pixels], crop offset included; the pixel's corner if the
             film has a box filter, so that rounding cannot move a sample to the next pixel.
+        frame: Matrix that turns polarised light of each ray into the sensor's frame, or None.
     """
 
     ray: Any
     origin: mi.Point3f
     weight: Any
     position: mi.Point2f
+    frame: Any = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ def sample_camera(
         origin=ray_origin(sensor, ray),
         weight=mi.unpolarized_spectrum(weight),
         position=corner if film.rfilter().is_box_filter() else position,
+        frame=sensor_frame(sensor, ray),
     )
 
 

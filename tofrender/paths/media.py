@@ -28,7 +28,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import BOUNDARY, PLATES, media_of
+from ..scenes.media import BOUNDARY, media_of
+from ..signals.polarisation import depolarised, intensity
 from .protocols import Scattering
 from .records import Bounce, Connection, Path, Turn, Vertex, extend
 from .surfaces import materials
@@ -139,7 +140,7 @@ class Media:
     @dr.syntax
     def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """The next surface that is no boundary of equal index, or a point that scatters before."""
-        q, o = _shares(path.β), path.prev.p
+        q, o = _shares(intensity(path.β)), path.prev.p
         channel = _drawn(q, sampler.next_1d())
         flight = Flight.start(path.ray, path.place.medium, path.active)
         flight = self._look(flight, o, path.depth == 0)
@@ -385,7 +386,7 @@ class Phases:
         if self.both_ways:
             back = dr.select(here, self._pdf_back(mei, direction, active & here), back)
         return Turn(
-            dr.select(here, mi.unpolarized_spectrum(f), mi.unpolarized_spectrum(turn.f)),
+            dr.select(here, depolarised(f), turn.f),
             dr.select(here, pdf, turn.pdf),
             dr.select(here, 1, turn.η),
             back,
@@ -410,7 +411,7 @@ class Phases:
         return turn, Bounce(
             ray,
             dr.select(
-                here, mi.unpolarized_spectrum(weight), mi.unpolarized_spectrum(bounce.weight)
+                here, depolarised(weight), bounce.weight
             ),
             dr.select(here, pdf, bounce.pdf),
             dr.select(here, 1, bounce.η),

@@ -14,6 +14,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..signals.polarisation import extended, unit_throughput
+
 
 @dataclass
 class Path:
@@ -22,7 +24,8 @@ class Path:
     Attributes:
         ray: The ray that leads onwards.
         depth: Surface vertices so far.
-        β: Throughput, of type `mi.UnpolarizedSpectrum`; `extend` multiplies it.
+        β: Throughput, of type `mi.UnpolarizedSpectrum`, in polarised variants a Mueller matrix, of
+            type `mi.Spectrum`; `extend` multiplies it.
         η: Index of refraction around the ray, relative to the medium that the path started in.
         opl: Optical length up to the last vertex [m].
         prev: The last vertex; at first the point that lengths are measured from.
@@ -60,6 +63,7 @@ class Path:
         memory: Any = None,
         guide: Any = None,
         place: Any = None,
+        frame: Any = None,
     ) -> Path:
         """A path that has no vertex yet.
 
@@ -70,6 +74,7 @@ class Path:
             memory: As the endpoint's `memory()` gives it.
             guide: As the scattering's `guide()` gives it.
             place: As the space's `place(ray)` gives it.
+            frame: Matrix that turns polarised light of the ray, None to leave it as it is.
         """
         lanes = dr.width(ray)
         nothing = dr.zeros(mi.Float, lanes)
@@ -81,7 +86,7 @@ class Path:
         return cls(
             ray=ray,
             depth=dr.zeros(mi.UInt32, lanes),
-            β=mi.UnpolarizedSpectrum(1) + nothing,
+            β=_filled(unit_throughput() if frame is None else frame, nothing),
             η=1 + nothing,
             opl=mi.Float(nothing),
             prev=prev,
@@ -123,13 +128,20 @@ class Path:
         self.mirrored = dr.select(mask, mi.UInt32(1), 0)
 
 
-def extend(throughput: Any, factor: Any) -> Any:
-    """Throughput of a path from the sensor after one more factor (a BSDF's, a transmittance).
+def extend(throughput: Any, factor: Any, importance: bool = False) -> Any:
+    """Throughput of a path after one more factor (a BSDF's, a transmittance).
 
-    The one place that multiplies: a path from the sensor puts new factors on the right, which
-    matters where they are Mueller matrices.
+    The one place that multiplies: a path from the sensor puts new factors on the right, one from a
+    light, with `importance`, on the left, which matters where they are Mueller matrices.
     """
-    return throughput * mi.unpolarized_spectrum(factor)
+    return extended(throughput, factor, importance)
+
+
+def _filled(throughput: Any, nothing: mi.Float) -> Any:
+    """A throughput as wide as the paths."""
+    if not mi.is_polarized:
+        return throughput + nothing
+    return mi.Spectrum(*[throughput[i, j] + nothing for i in range(4) for j in range(4)])
 
 
 @dataclass

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..signals.polarisation import in_world
 from .records import Bounce, Connection, Path, Turn, Vertex
 from .refraction import RoughGlass
 from .space import leave
@@ -63,7 +64,7 @@ class Materials:
             pdf = bsdf.pdf(self.radiance, si, wo, active)
         else:
             f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
-            back = self._pdf_back(bsdf, si, wo, active)
+            f, back = in_world(si, f, wo, si.wi), self._pdf_back(bsdf, si, wo, active)
         return Turn(f, pdf, self._index_behind(bsdf, si, wo, active), back)
 
     def scatter(
@@ -81,6 +82,7 @@ class Materials:
             wo = si.to_local(link.direction)
             f, pdf, bs, weight = bsdf.eval_pdf_sample(self.radiance, si, wo, xi, u, active)
             η = self._index_behind(bsdf, si, wo, link.active)
+            f = in_world(si, f, wo, si.wi)
             turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         if self.importance:
@@ -94,6 +96,7 @@ class Materials:
                 dr.select(smooth, mi.unpolarized_spectrum(f) / bs.pdf, 0),
             )
         else:
+            weight = in_world(si, weight, bs.wo, si.wi)
             back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)
         ray = leave(si, si.to_world(bs.wo), specular)
         return turn, Bounce(ray, weight, bs.pdf, bs.eta, specular, back=back)

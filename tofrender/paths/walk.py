@@ -11,14 +11,16 @@ materials round (`Materials(importance=True)`), and roulette leaves η² out, si
 carries is not compressed at refraction. How the strategies of both ends share light is `sharing`;
 what a path knows of it is in its memory.
 
+**Polarised light** makes the throughput a Mueller matrix, see `signals.polarisation`. `extend`
+multiplies factors of the path, which then are `si.to_world_mueller` of the BSDF's; roulette and
+shares look at the first entry, and a contribution is a Stokes vector.
+
 What may come enters through the parts, without a second loop:
 
 - **Media** are a space: `next` returns a vertex without a surface and a path with another
   throughput, passes null collisions and boundaries of equal index without moving `prev`, and
   `transmittance` is a spectrum; what it must know of the medium is a field of the path. Phase
   functions are a scattering that wraps another one.
-- **Polarised light** makes the throughput a Mueller matrix. `extend` multiplies factors of the
-  path; they then are `si.to_world_mueller` of the BSDF's, and roulette looks at the first entry.
 - **Gradients by replay** are a measurement that reads a film's gradient: it runs `step` once more
   with the same random numbers. All parts are therefore pure: `step` returns a new path, and nothing
   is remembered outside of it.
@@ -36,6 +38,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
+from ..signals.polarisation import intensity, received, summed
 from .protocols import Endpoint, Measurement, Scattering, Space
 from .records import Connection, Limits, Path, Turn, Vertex, extend
 
@@ -134,14 +137,14 @@ def step(
     path.memory = endpoint.leave(path, vertex, bounce)
     path.place = space.leave(path, vertex, bounce.ray.d)
     path.ray, path.guide = bounce.ray, bounce.guide
-    path.β = extend(path.β, bounce.weight)
+    path.β = extend(path.β, bounce.weight, endpoint.importance)
     path.η *= bounce.η
     path.prev = mi.Interaction3f(vertex.si)
     path.pdf, path.specular = bounce.pdf, bounce.specular
     path.depth += dr.select(vertex.valid, mi.UInt32(1), 0)
 
     # A path whose throughput is no number has nothing more to bring
-    finite = dr.isfinite(dr.sum(path.β))
+    finite = dr.isfinite(summed(path.β))
     path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
     active &= finite
 
@@ -153,13 +156,13 @@ def step(
 
     # η² undoes the compression of radiance at refraction, which the throughput contains
     compressed = mi.Float(1) if endpoint.importance else path.η * path.η
-    survival = dr.minimum(dr.max(path.β) * compressed, 0.95)
+    survival = dr.minimum(dr.max(intensity(path.β)) * compressed, 0.95)
     roulette = path.depth >= limits.rr_depth
     path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
     active &= ~roulette | (sampler.next_1d() < survival)
 
     # Do not go on once the throughput is zero
-    path.active = active & dr.any(path.β != 0)
+    path.active = active & dr.any(intensity(path.β) != 0)
     return path
 
 
@@ -175,7 +178,7 @@ def meet(
     active = hit.active
     if limits.skips_first:
         active &= (path.depth > 0) | ~vertex.valid
-    seen = Contribution(path.β * share * hit.radiance, path.opl, active)
+    seen = Contribution(received(path.β * share, hit.radiance), path.opl, active)
     path.not_finite += deliver(measurement, seen)
     return path
 
@@ -235,7 +238,7 @@ def _along(
     link: Connection, path: Path, turn: Turn, share: mi.Float, endpoint: Endpoint
 ) -> Contribution:
     """What a connection contributes: its share of the light, its length, and where that lands."""
-    spectrum = extend(path.β * share, turn.f) * link.weight
+    spectrum = received(extend(path.β * share, turn.f, endpoint.importance), link.weight)
     η = path.η * turn.η
     opl = dr.fma(η, link.length, path.opl)
     if endpoint.importance:  # Lengths are relative to the medium of the sensor, at the far end
@@ -250,7 +253,7 @@ def deliver(measurement: Measurement, contribution: Contribution) -> mi.UInt32:
         1 in lanes where it was not finite, else 0.
     """
     spectrum, active = contribution.spectrum, contribution.active
-    dark = dr.all(spectrum == 0)
-    finite = dark | dr.isfinite(dr.sum(spectrum) + contribution.opl)
+    dark = dr.all(intensity(spectrum) == 0)
+    finite = dark | dr.isfinite(summed(spectrum) + contribution.opl)
     measurement.add(replace(contribution, active=active & finite & ~dark))
     return dr.select(active & ~finite, mi.UInt32(1), 0)
