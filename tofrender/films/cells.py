@@ -14,15 +14,18 @@ from ..runtime import memory
 MAX_ADDED = 1 << 16
 """Samples of one pixel that may be added up in single precision: 2^20 would be 0.4 % low."""
 
+PACKET = 4
+"""Floats that are added to at once."""
+
 CHUNK = 1 << 16
 """Cells that `take` moves at a time."""
 
 
 class Cells:
-    """A row of `count` cells for every pixel, each with 1 or 3 channels.
+    """A row of `count` cells for every pixel, each with 1, 3, 4 or 12 channels.
 
-    RGB is padded to four floats, so that a cell can be added to as one packet. `shape` is (height,
-    width, count, channels).
+    RGB is padded to four floats, so that a cell can be added to as one packet; 12 channels are
+    three packets. `shape` is (height, width, count, channels).
 
     Raises:
         MemoryError: The cells do not fit into memory; one line with their size and what fits.
@@ -58,8 +61,12 @@ class Cells:
         mode = dr.ReduceMode.NoConflicts if private else dr.ReduceMode.Auto
         add, target = dr.ReduceOp.Add, self._sums
         if private and self.stride > 1:
-            packet = mi.ArrayXf([*values, *[0.0] * (self.stride - len(values))])
-            dr.scatter_reduce(add, target, packet, cell, active, mode)
+            padded = [*values, *[0.0] * (self.stride - len(values))]
+            packets = self.stride // PACKET
+            for part in range(packets):
+                packet = mi.ArrayXf(padded[PACKET * part :][:PACKET])
+                place = cell if packets == 1 else cell * packets + part
+                dr.scatter_reduce(add, target, packet, place, active, mode)
         else:  # Sums up what lanes add to one number first, which keeps its last digits
             for c, value in enumerate(values):
                 dr.scatter_reduce(add, target, value, cell * self.stride + c, active, mode)
@@ -179,6 +186,11 @@ class Cells:
         """The channels of some cells, one after the other."""
         if self.stride == 1:
             return dr.gather(mi.Float, self.sums, cell)
+        if self.stride == self.shape[3]:
+            index = dr.arange(mi.UInt32, dr.width(cell) * self.stride)
+            line = index // self.stride
+            first = dr.gather(mi.UInt32, cell, line) * self.stride
+            return dr.gather(mi.Float, self.sums, first + index - line * self.stride)
         padded = dr.gather(mi.Vector4f, self.sums, cell)
         return dr.ravel(mi.Color3f(padded.x, padded.y, padded.z))
 

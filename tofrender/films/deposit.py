@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
+from ..signals.polarisation import no_light, scaled
 from .contribution import Contribution
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class FilmDeposit:
     """Adds each contribution to a transient film, and sums them as a steady camera does.
 
     Attributes:
-        total: Radiance over all time, of type `mi.UnpolarizedSpectrum`.
+        total: Radiance over all time, an `mi.UnpolarizedSpectrum` or a Stokes vector.
         put: What deposits a contribution. A function hides the film from the path loop, which
             would otherwise carry a copy of all bins as its state.
         land: What deposits one that lands on any pixel: takes (spectrum, opl, position, active).
@@ -63,7 +64,8 @@ class FilmDeposit:
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             one = mi.Float(1)
-            film.add_transient_data(position, opl, wavelengths, spectrum * weight, one, active)
+            light = scaled(spectrum, weight)
+            film.add_transient_data(position, opl, wavelengths, light, one, active)
 
         def put_pulse(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             (reach or spread)(film, pulse, put, spectrum, opl, active)
@@ -78,7 +80,7 @@ class FilmDeposit:
             else:
                 (reach or spread)(film, pulse, splat, spectrum, opl, active)
 
-        total = mi.UnpolarizedSpectrum(0)
+        total = no_light()
         return cls(total, put if pulse is None else put_pulse, land if picture else None)
 
     def add(self, contribution: Contribution) -> None:

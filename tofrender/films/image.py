@@ -7,6 +7,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import checks, plugins
+from ..signals.polarisation import STOKES
 
 
 def image_film(film: mi.Film) -> Any:
@@ -16,6 +17,12 @@ def image_film(film: mi.Film) -> Any:
         "component_format": "float32",
     }
     return mi.load_dict({"type": "hdrfilm"} | pixels_of(film) | stored)
+
+
+def stokes_channels() -> list[str]:
+    """Names of channels for the Stokes components that a picture has beside its colours."""
+    colours = "L" if mi.is_monochromatic else "RGB"
+    return [f"{each}.{c}" for each in STOKES[1:] for c in colours] if mi.is_polarized else []
 
 
 def transient_film(

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..runtime import checks
 from ..signals.frequencies import check_frequencies
+from ..signals.polarisation import STOKES, stokes_count
 from ..signals.units import SPEED_OF_LIGHT
-from .image import box_by_default, image_film
+from .image import box_by_default, image_film, stokes_channels
 from .phasor_sum import PhasorSum
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ class PhasorHDRFilm(mi.Film):
 
     `develop()` returns `(steady, phasors)`; phasors has the shape (height, width, frequencies, 2)
     in monochromatic variants, (height, width, frequencies, 2, 3) in others, with I and Q along the
-    axis of length 2.
+    axis of length 2. In polarised variants, the last axis has 4 or 12 channels: those of S0, S1, S2
+    and S3.
 
     mitransient's film of this name differs in the sign of Q, takes monochromatic variants only, and
     can hold the frequency 0, which is the steady image.
@@ -74,13 +76,14 @@ class PhasorHDRFilm(mi.Film):
         """Make an empty image with channels for all phasors."""
         colours = "L" if mi.is_monochromatic else "RGB"
         names = [
-            f"{part}{k:03d}.{colour}"
+            f"{part}{k:03d}{stokes}.{colour}"
             for k in range(len(self.frequencies_hz))
             for part in "IQ"
+            for stokes in (STOKES if mi.is_polarized else ("",))
             for colour in colours
         ]
         self._steady = image_film(self)
-        return self._steady.prepare([*aovs, *names])
+        return self._steady.prepare([*aovs, *stokes_channels(), *names])
 
     def clear(self) -> None:
         """Empty the film."""
@@ -104,7 +107,8 @@ class PhasorHDRFilm(mi.Film):
             raw: Return sums, not divided by the filter's weights; `steady` then ends with these.
         """
         image = self.steady.develop(raw=raw)
-        colours, count = self.base_channels_count(), len(self.frequencies_hz)
+        colours = self.base_channels_count() * stokes_count()
+        count = len(self.frequencies_hz)
         extra = image.shape[2] - 2 * count * colours
         shape = (*image.shape[:2], count, 2) + (() if colours == 1 else (colours,))
         steady, phasors = image[:, :, :extra], image[:, :, extra:]
@@ -119,16 +123,18 @@ class PhasorHDRFilm(mi.Film):
 
     # ----------------------------------------------------------------- for integrators
 
-    def channels(self, measured: PhasorSum, to_colour: Any, pulse: Pulse | None) -> list[mi.Float]:
-        """The phasors that a path has summed as channels of the image, coloured by `to_colour`.
+    def channels(self, measured: PhasorSum, to_colours: Any, pulse: Pulse | None) -> list[mi.Float]:
+        """The phasors that a path has summed as channels of the image, coloured by `to_colours`.
 
         The light's pulse multiplies each phasor by its Fourier transform.
         """
         values = []
         for k, factor in enumerate(self.factors(pulse)):
-            re, im = to_colour(measured.real[k]), to_colour(measured.imaginary[k])
+            re, im = to_colours(measured.real[k]), to_colours(measured.imaginary[k])
             a, b = float(factor.real), float(factor.imag)
-            for part in (re * a - im * b, re * b + im * a):
+            both = list(zip(re, im, strict=True))
+            parts = [re * a - im * b for re, im in both] + [re * b + im * a for re, im in both]
+            for part in parts:
                 values += [part.x] if mi.is_monochromatic else [part.x, part.y, part.z]
         return values
 

@@ -20,10 +20,12 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import memory
+from ..signals.polarisation import components, scaled
 from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 from .cells import MAX_ADDED
 from .deposit import FilmDeposit, open_gates, spread
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight
+from .image import stokes_channels
 from .phasor_sum import PhasorSum
 from .splats import Splats
 from .sums import Land, Radiance, Weighted
@@ -135,7 +137,7 @@ class Recording:
 
         def land(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
             colours = [to_rgb(each * weight, camera.ray.wavelengths) for each in spectra]
-            values: Any = [[c.x] if mi.is_monochromatic else list(c) for c in colours]
+            values: Any = [colours_of(each) for each in colours]
             splats.add(position, values, 0, active)
 
         return land
@@ -147,11 +149,12 @@ class Recording:
 
     def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
         """What samples put into the picture, before and behind their weight."""
-        colour = to_rgb(measured.total * camera.weight, camera.ray.wavelengths)
+        light = components(scaled(measured.total, camera.weight))
+        colour, *rest = (to_rgb(each, camera.ray.wavelengths) for each in light)
         first: list[Any] = [colour.x, colour.y, colour.z]
         if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):
             first.append(dr.select(covered, mi.Float(1), mi.Float(0)))
-        return first, []
+        return first, [value for each in rest for value in colours_of(each)]
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
         """Say what comes.
@@ -223,6 +226,10 @@ class PictureRecording(Recording):
             raise ValueError(exposure.lacks)
         super().__init__(film, exposure)
 
+    def prepare(self) -> None:
+        """Empty the film; polarised light has channels behind its colours."""
+        self.film.prepare(stokes_channels())
+
     def require_no_lengths(self, integrator: str) -> None:
         """A picture needs none."""
 
@@ -244,6 +251,12 @@ class BinRecording(Recording):
 
     def __init__(self, film: Any, exposure: Exposure) -> None:
         super().__init__(film, exposure)
+        if mi.is_polarized and not hasattr(film, "expect_splats"):
+            kind = type(film)
+            raise TypeError(
+                f"film = {kind.__module__}.{kind.__name__}: has no frames of polarised light; must "
+                f"be this package's {BINS}"
+            )
         pulse = exposure.pulse
         if pulse is not None and not (hasattr(pulse, "support") and hasattr(pulse, "eval")):
             raise TypeError(
@@ -355,12 +368,13 @@ class PhasorRecording(Recording):
 
     def channels(self, camera: Any, measured: PhasorSum, covered: mi.Bool) -> tuple[list, list]:
         """The colour, and all phasors."""
-        first, _ = super().channels(camera, measured, covered)
+        first, rest = super().channels(camera, measured, covered)
 
-        def colour(spectrum: Any) -> mi.Color3f:
-            return to_rgb(spectrum * camera.weight, camera.ray.wavelengths)
+        def colours(light: Any) -> list[mi.Color3f]:
+            light = components(scaled(light, camera.weight))
+            return [to_rgb(each, camera.ray.wavelengths) for each in light]
 
-        return first, self.film.channels(measured, colour, self.exposure.pulse)
+        return first, rest + self.film.channels(measured, colours, self.exposure.pulse)
 
 
 def profile(film: Any, exposure: Exposure) -> Pulse | None:
@@ -397,6 +411,11 @@ def _filter(film: Any, exposure: Exposure) -> Pulse | None:
 def colour_count(image: mi.Film) -> int:
     """Channels of an image before its weight."""
     return 4 if mi.has_flag(image.flags(), mi.FilmFlags.Alpha) else 3
+
+
+def colours_of(rgb: mi.Color3f) -> list[mi.Float]:
+    """The channels of a colour that are kept."""
+    return [rgb.x] if mi.is_monochromatic else [rgb.x, rgb.y, rgb.z]
 
 
 def to_rgb(spectrum: Any, wavelengths: Any) -> mi.Color3f:

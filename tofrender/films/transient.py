@@ -11,9 +11,13 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..signals.polarisation import components, light_of, stokes_count
 from .cells import Cells
-from .image import box_by_default, image_film
+from .image import box_by_default, image_film, stokes_channels
 from .splats import Splats, footprint
+
+WEIGHT = 3
+"""Number of the channel that has a picture's weights, behind its colours."""
 
 
 class TransientHDRFilm(mi.Film):
@@ -36,7 +40,9 @@ class TransientHDRFilm(mi.Film):
 
     `develop()` returns `(steady, transient)`: tensors of shape (height, width, channels) and
     (height, width, temporal_bins, channels), of the crop's size, where channels is 1 in
-    monochromatic variants and 3 (RGB) otherwise.
+    monochromatic variants and 3 (RGB) otherwise. Polarised variants have four times as many: those
+    of S0, then of S1, S2 and S3 (see `signals.polarisation`); in monochromatic ones, bins are
+    mitransient's, whose picture has S0 only, and whose film has S0 only in spectral ones.
 
     Attributes that an integrator sets after `prepare`:
 
@@ -102,7 +108,7 @@ class TransientHDRFilm(mi.Film):
         return self.start_opl + self.bin_width_opl * self.temporal_bins
 
     def base_channels_count(self) -> int:
-        """Channels of a bin: 1 in monochromatic variants, otherwise 3."""
+        """Channels of a colour: 1 in monochromatic variants, otherwise 3."""
         return 1 if mi.is_monochromatic else 3
 
     def prepare(self, aovs: Sequence[str]) -> int:
@@ -122,7 +128,7 @@ class TransientHDRFilm(mi.Film):
         self._steady = image_film(self)
         self.samples_per_pixel, self.taken = None, 1.0
         self.one_writer_per_pixel = False
-        return self.steady.prepare(aovs)
+        return self.steady.prepare([*aovs, *stokes_channels()])
 
     def clear(self) -> None:
         """Empty all bins and the steady image."""
@@ -184,7 +190,7 @@ class TransientHDRFilm(mi.Film):
         if self._splats is None:
             raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
         k, active = self._bin(distance, active)
-        values = self._channels(mi.unpolarized_spectrum(spec), wavelengths, active)
+        values = self._channels(light_of(spec), wavelengths, active)
         self._splats.add(pos, [values], k, active)
 
     def add_transient_data(
@@ -203,12 +209,13 @@ class TransientHDRFilm(mi.Film):
             pos: Position on the film [pixels], crop offset included.
             distance: Optical path length [m]. Outside the window it leaves no trace.
             wavelengths: Sampled wavelengths [nm], for spectral variants.
-            spec: Radiance over the number of samples per pixel.
+            spec: Radiance over the number of samples per pixel; in polarised variants a Stokes
+                vector (`mi.SpectrumEntry`), or a Mueller matrix whose first column counts.
             ray_weight: Factor of `spec`, from the camera.
             active: Lanes that deposit.
         """
         k, active = self._bin(distance, active)
-        values = self._channels(mi.unpolarized_spectrum(spec * ray_weight), wavelengths, active)
+        values = self._channels(light_of(spec * ray_weight), wavelengths, active)
         for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
@@ -294,7 +301,8 @@ class TransientHDRFilm(mi.Film):
     def shape(self) -> tuple[int, int, int, int]:
         """(height, width, temporal_bins, channels), of the crop window."""
         width, height = self.crop_size()
-        return (int(height), int(width), self.temporal_bins, self.base_channels_count())
+        channels = self.base_channels_count() * stokes_count()
+        return (int(height), int(width), self.temporal_bins, channels)
 
     def time_slice(self, k: int) -> mi.TensorXf:
         """One time bin as an image, shape (height, width, channels).
@@ -359,7 +367,7 @@ class TransientHDRFilm(mi.Film):
             self._splats.cells.scale(factor)
         raw = self.steady.develop(raw=True)
         count = raw.shape[2]
-        is_weight = dr.arange(mi.UInt32, dr.width(raw.array)) % count == count - 1
+        is_weight = dr.arange(mi.UInt32, dr.width(raw.array)) % count == WEIGHT
         scaled = raw.array * dr.select(is_weight, 1.0, factor)
         self.steady.clear()
         self.steady.put_block(mi.ImageBlock(mi.TensorXf(scaled, raw.shape), self.crop_offset()))
@@ -381,13 +389,14 @@ class TransientHDRFilm(mi.Film):
         active = active & (position >= 0) & (position < self.temporal_bins)
         return mi.UInt32(dr.select(active, position, 0)), active
 
-    def _channels(self, spectrum, wavelengths, active) -> list[mi.Float]:
+    def _channels(self, light, wavelengths, active) -> list[mi.Float]:
         """The values that a bin stores."""
-        if mi.is_monochromatic:
-            return [spectrum[0]]
-        if mi.is_spectral:
-            spectrum = mi.spectrum_to_srgb(spectrum, wavelengths, active)
-        return list(spectrum)
+        values = []
+        for spectrum in components(light):
+            if mi.is_spectral:
+                spectrum = mi.spectrum_to_srgb(spectrum, wavelengths, active)
+            values += [spectrum[0]] if mi.is_monochromatic else list(spectrum)
+        return values
 
     def _pixel_scale(self) -> mi.Float | None:
         """Samples over the filter's weights at each pixel; None if all are 1: a box, finished."""
@@ -400,5 +409,5 @@ class TransientHDRFilm(mi.Film):
             )
         raw = self.steady.develop(raw=True)
         pixel = dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1])
-        weight = dr.gather(mi.Float, raw.array, (pixel + 1) * raw.shape[2] - 1)
+        weight = dr.gather(mi.Float, raw.array, pixel * raw.shape[2] + WEIGHT)
         return dr.select(weight != 0, self.samples_per_pixel / weight, 0)

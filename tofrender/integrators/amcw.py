@@ -21,7 +21,7 @@ from ..scenes.checking import check_view
 from ..signals.modulations import AMCWPulse
 from ..signals.polarisation import as_spectrum
 from ..signals.phasors import phasor_parts
-from .own_sample import brings_sample, by_sample, require_sample
+from .own_sample import brings_sample, by_sample, follows, require_sample
 from .passes import expose, steps
 from .running import made_with, run_whole
 from .transient_path import TransientPath
@@ -145,7 +145,7 @@ def render_single_amcw(
         >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
         (16, 16, 3)
     """
-    check_view(scene, sensor, media=True)
+    check_view(scene, sensor, **follows(integrator))
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, "sample(scene, sampler, ray)")
@@ -207,7 +207,7 @@ def render_amcw_phasor(
         (2, 16, 16, 3)
     """
     frequencies = parse_frequencies(frequency_hz)
-    check_view(scene, sensor, media=True)
+    check_view(scene, sensor, **follows(integrator))
     film = mi.load_dict(
         {
             "type": plugins.own_name("phasor_hdr_film"),

@@ -84,6 +84,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
     follows_media = True
     """Whether paths go through media, and are scattered there."""
 
+    follows_polarisation = True
+    """Whether paths carry polarised light in variants that have it."""
+
     takes_light_samples = False
     """Whether a vertex may connect to several points of the scene's emitters."""
 
@@ -168,7 +171,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
             `(steady, transient)` as the film develops them, None if `develop` is false.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        check_scene(scene, sensor, media=self.follows_media)
+        follows = {"media": self.follows_media, "polarisation": self.follows_polarisation}
+        check_scene(scene, sensor, **follows)
         film, sampler = sensor.film(), sensor.sampler().clone()
         if spp:
             sampler.set_sample_count(spp)

@@ -154,7 +154,7 @@ class BothEnds(TransientPath):
     | `target_time` | none | path length of a gate [m]: a picture then shows what it sees |
     """
 
-    follows_media = False
+    follows_media = follows_polarisation = False
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:

@@ -11,6 +11,7 @@ import mitsuba as mi
 from ..films.recording import Recording
 from ..films.sums import Radiance
 from ..paths.camera import CameraSample
+from ..signals.polarisation import light_of, summed
 from .passes import Follow
 
 
@@ -18,6 +19,17 @@ def brings_sample(integrator: Any) -> bool:
     """Whether a class outside of this package says what a ray sees."""
     sample = getattr(type(integrator), "sample", None)
     return getattr(sample, "__module__", "").partition(".")[0] != __name__.partition(".")[0]
+
+
+def follows(integrator: Any) -> dict[str, bool]:
+    """What of a scene an integrator follows, as `check_view` takes it.
+
+    Media are left to one of another kind, which is asked what a ray sees; None is this package's.
+    """
+    return {
+        "media": getattr(integrator, "follows_media", True),
+        "polarisation": getattr(integrator, "follows_polarisation", integrator is None),
+    }
 
 
 def require_sample(integrator: Any, call: str) -> None:
@@ -50,8 +62,8 @@ def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -
         ray = mi.RayDifferential3f(camera.ray)
         ray.o = camera.origin
         spectrum, covered, *_aovs = integrator.sample(scene, sampler, ray, *more)
-        total = mi.UnpolarizedSpectrum(mi.unpolarized_spectrum(spectrum))
-        valid, finite = mi.Bool(covered), dr.all(dr.isfinite(total))
+        total = light_of(spectrum if camera.frame is None else camera.frame @ spectrum)
+        valid, finite = mi.Bool(covered), dr.isfinite(summed(total))
         radiance = Radiance(dr.select(valid & finite, total, 0))
         return radiance, valid, dr.select(valid & ~finite, mi.UInt32(1), 0)
 

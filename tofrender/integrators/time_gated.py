@@ -25,7 +25,7 @@ from ..scenes.checking import check_view
 from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
-from .own_sample import brings_sample, by_sample, require_sample
+from .own_sample import brings_sample, by_sample, follows, require_sample
 from .passes import expose, steps
 from .plan import Plan
 from .running import made_with, run_whole
@@ -224,7 +224,7 @@ def render_at_time(
     target = checks.metres("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
-    check_view(scene, sensor, media=getattr(integrator, "follows_media", True))
+    check_view(scene, sensor, **follows(integrator))
     film = image_film(sensor.film())
     if brings_sample(integrator):
         require_sample(integrator, CALL)
@@ -299,7 +299,7 @@ def render_transient(
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
         )
     _require_gates(integrator)
-    check_view(scene, sensor, media=getattr(integrator, "follows_media", True))
+    check_view(scene, sensor, **follows(integrator))
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
     record = recording(film, replace(integrator.exposure(), at_centres=True))

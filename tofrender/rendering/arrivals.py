@@ -14,6 +14,7 @@ from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
 from ..runtime.progress import shown
+from ..signals.polarisation import intensity
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
@@ -41,7 +42,7 @@ class ArrivalHistogram:
         beyond = dr.maximum(contribution.opl, FIRST_OPL) / FIRST_OPL
         position = dr.log(beyond) / np.log(LAST_OPL / FIRST_OPL)
         k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
-        dr.scatter_add(self.energy, dr.sum(contribution.spectrum), k, contribution.active)
+        dr.scatter_add(self.energy, dr.sum(intensity(contribution.spectrum)), k, contribution.active)
         dr.scatter_add(self.hits, 1.0, k, contribution.active)
 
 

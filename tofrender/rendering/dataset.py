@@ -1,7 +1,8 @@
 """The Dataset that `render` returns: how it is labelled, and how others read it.
 
 `transient (y, x, opl, channel)` and `steady (y, x, channel)`, float32; coordinates are pixels, bin
-centres as `opl` [m] and `time` [ns], and channel names; attributes are text, ints and floats.
+centres as `opl` [m] and `time` [ns], and channel names; attributes are text, ints and floats. In
+polarised variants, an axis `stokes` with the components S0 to S3 stands before the channels.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
+from ..signals.polarisation import STOKES
 from .cubes import Cube
 from .labels import TIME, check_time, labelled
 
@@ -31,10 +33,12 @@ ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 
 
 def coordinates(film: Any) -> dict[str, np.ndarray]:
-    """Pixels, bin centres [m] and channels of a film's crop window."""
+    """Pixels, bin centres [m], Stokes components and channels of a film's crop window."""
     height, width, bins, channels = film.shape
     x, y = (int(v) for v in film.crop_offset())
-    return {
+    polarised = {"stokes": np.array(STOKES)} if film_stokes(film) > 1 else {}
+    channels //= film_stokes(film)
+    return polarised | {
         "y": np.arange(y, y + height),
         "x": np.arange(x, x + width),
         "opl": film.start_opl + (np.arange(bins) + 0.5) * film.bin_width_opl,
@@ -49,20 +53,41 @@ def transient_dataset(
 
     Args:
         arrays: `transient` (height, width, temporal_bins, channels), `steady` (height, width,
-            channels), and perhaps their standard errors, `transient_error` and `steady_error`.
+            channels), and perhaps their standard errors, `transient_error` and `steady_error`;
+            channels are those of all Stokes components.
         film: Says the coordinates.
         attrs: The attributes.
     """
     import xarray as xr
 
     size = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
+    count = film_stokes(film)
+    variables = {}
+    for name, array in arrays.items():
+        dims = (DIMS | ERRORS)[name]
+        if count > 1:
+            dims = (*dims[:-1], "stokes", dims[-1])
+            array = array.reshape(*array.shape[:-1], count, -1)
+        variables[name] = dims, array
     return labelled(
         xr.Dataset(
-            {name: ((DIMS | ERRORS)[name], array) for name, array in arrays.items()},
+            variables,
             coords=coordinates(film),
             attrs=attrs | size,
         )
     )
+
+
+def film_stokes(film: Any) -> int:
+    """Stokes components that a film has, 1 if it does not tell them apart."""
+    return film.shape[3] // film.base_channels_count()
+
+
+def components_of(dataset: Any) -> list[Any]:
+    """A polarised Dataset's Stokes components, else the only one."""
+    if "stokes" not in getattr(dataset, "dims", ()):
+        return [dataset]
+    return [dataset.sel(stokes=each, drop=True) for each in dataset["stokes"].values]
 
 
 def check_dataset(dataset: Any) -> None:
@@ -75,6 +100,11 @@ def check_dataset(dataset: Any) -> None:
 
     if not isinstance(dataset, xr.Dataset):
         raise ValueError(f"dataset = {type(dataset).__name__}: must be an xarray.Dataset")
+    if "stokes" in dataset.dims:
+        raise ValueError(
+            "dataset: has an axis stokes; must be one component, like "
+            "dataset.sel(stokes='S0', drop=True)"
+        )
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
     known = found in (DIMS, DIMS | ERRORS)
     if not known or any(v.dtype != np.float32 for v in dataset.data_vars.values()):

@@ -25,7 +25,7 @@ from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import Arrivals, find_arrivals
 from .asked import Asked, is_auto
-from .dataset import check_dataset, coordinates, require_finite, transient_dataset
+from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import parts_of
 from .pieces import TILE_BYTES, Piece, Taken, ranges, take, tile_size, tiles, whole
 from .window import check_window, warn_of_losses, windowed_film
@@ -255,14 +255,15 @@ def labelled(
     if resume is not None:
         share = np.float32(first / (first + taken.done))
         for name, array in arrays.items():
-            earlier = resume[name].values
+            earlier = resume[name].values.reshape(array.shape)
             if name.endswith("_error"):
                 array[:] = np.hypot(share * earlier, (1 - share) * array)
             else:
                 array += share * (earlier - array)
         seconds += resume.attrs["render_seconds"]
         not_finite += int(resume.attrs.get("contributions_not_finite", 0))
-    steady, transient = arrays["steady"], arrays["transient"]
+    colours = job.film.base_channels_count()  # Of S0, the others may be negative
+    steady, transient = (arrays[name][..., :colours] for name in ("steady", "transient"))
     total = float(np.sum(steady, dtype=np.float64))
     outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
     outside = min(max(outside, 0.0), 1.0)
@@ -323,7 +324,8 @@ def _sampler_name(sampler: mi.Sampler) -> str:
 def _samples_of(resume: Any) -> int:
     """Samples per pixel of a Dataset to go on from."""
     try:
-        check_dataset(resume)
+        for component in components_of(resume):
+            check_dataset(component)
         require_finite(resume)
         return checks.integer("spp", resume.attrs.get("spp"), 1, checks.MAX_SPP)
     except ValueError as error:

@@ -28,6 +28,7 @@ AXES: dict[str, dict[str, str]] = {
     "laser_y": {"units": "point", "long_name": "row of the lit point"},
     "opl": {"units": "m", "long_name": "optical path length"},
     "time": {"units": "ns", "long_name": "time"},
+    "stokes": {"units": "1", "long_name": "component of the Stokes vector"},
     "channel": {"units": "1", "long_name": "channel"},
     "xyz": {"units": "1", "long_name": "axis of the world"},
     "axis": {"units": "1", "long_name": "axis of the volume"},

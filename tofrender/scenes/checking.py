@@ -23,11 +23,17 @@ SINGULAR = 1e-12
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
-def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, *, media: bool = False) -> None:
+def check_scene(
+    scene: mi.Scene,
+    sensor: mi.Sensor | None = None,
+    *,
+    media: bool = False,
+    polarisation: bool = False,
+) -> None:
     """Refuse a scene whose picture would be wrong or black without a word.
 
     The sensor is the one that looks at it; None stands for all of the scene's. `media` says that
-    participating media are followed.
+    participating media are followed, `polarisation` that polarised light is.
 
     Raises:
         ValueError: As `require_modelled`, `require_sound` and `require_sound_media`; one line that
@@ -39,26 +45,32 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, *, media: bool
         Traceback (most recent call last):
         ValueError: lamp.intensity.value = [1, -2, 1]: must be 0 or more, light cannot be negative
     """
-    require_modelled(scene, sensor, media=media)
+    require_modelled(scene, sensor, media=media, polarisation=polarisation)
     require_sound(scene, sensor)
     if media:
         require_sound_media(scene, sensor)
 
 
-def check_view(scene: mi.Scene, sensor: mi.Sensor, *, media: bool = False) -> None:
+def check_view(
+    scene: mi.Scene, sensor: mi.Sensor, *, media: bool = False, polarisation: bool = False
+) -> None:
     """`check_scene` for a sensor that must be one.
 
     Raises:
         ValueError: As `check_scene`, or it is no sensor; one line.
     """
-    check_scene(scene, sensor, media=media)
+    check_scene(scene, sensor, media=media, polarisation=polarisation)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
 
 def require_modelled(
-    scene: mi.Scene, sensor: mi.Sensor | None = None, *, media: bool = False
+    scene: mi.Scene,
+    sensor: mi.Sensor | None = None,
+    *,
+    media: bool = False,
+    polarisation: bool = False,
 ) -> None:
-    """Refuse what changes the light and is not followed: polarisation, and media unless they are.
+    """Refuse what changes the light and is not followed: polarisation and media unless they are.
 
     Raises:
         ValueError: The scene is one of another variant, the variant is polarised, or a shape,
@@ -73,7 +85,7 @@ def require_modelled(
             f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "
             f"variant {active}, load it again"
         )
-    if mi.is_polarized:
+    if mi.is_polarized and not polarisation:
         raise ValueError(
             f"variant = {active!r}: must be one without polarisation, which is not followed, "
             f"like {active.replace('_polarized', '')}"

@@ -1,4 +1,4 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
 """Polarised light: Stokes vectors and Mueller matrices, and plain spectra in other variants.
 
 Polarised variants of Mitsuba follow, for each channel, a Stokes vector
@@ -78,9 +78,11 @@ def received(throughput: Any, radiance: Any) -> Any:
 
 def light_of(spectrum: Any) -> Any:
     """Light of what integrators of Mitsuba call a spectrum: the first column of its matrix."""
-    if mi.is_polarized and isinstance(spectrum, mi.Spectrum):
-        return received(spectrum, mi.UnpolarizedSpectrum(1))
-    return spectrum
+    if not mi.is_polarized:
+        return mi.UnpolarizedSpectrum(mi.unpolarized_spectrum(spectrum))
+    if isinstance(spectrum, mi.SpectrumEntry):
+        return spectrum
+    return received(mi.Spectrum(spectrum), mi.UnpolarizedSpectrum(1))
 
 
 def as_spectrum(light: Any) -> mi.Spectrum:

@@ -129,7 +129,7 @@ class RelayWallPath(TransientPath):
     """
 
     needs_lights = False
-    follows_media = False
+    follows_media = follows_polarisation = False
     takes_light_samples = False
     counts_legs_by_default = True
 
