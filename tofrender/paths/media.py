@@ -28,7 +28,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import BOUNDARY, media_of
+from ..scenes.media import BOUNDARY, PLATES, media_of
 from ..signals.polarisation import depolarised, intensity
 from .protocols import Scattering
 from .records import Bounce, Connection, Path, Turn, Vertex, extend

@@ -51,10 +51,13 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
     Raises:
         ValueError: A coefficient is negative or not finite, an albedo above 1, a weight of a blend
             outside of 0 to 1; the sensor's medium is not what the shapes say that it sees; or it
-            has no end where light comes from infinitely far away. One line.
+            has no end where light comes from infinitely far away; or it polarises what it
+            scatters, in a variant where that counts. One line.
     """
     for medium in media_of(scene, sensor):
         _require_sound(medium)
+        if mi.is_polarized:
+            _require_depolarising(medium)
     if sensor is not None:
         _require_place(scene, sensor)
 
@@ -80,6 +83,16 @@ def _require_sound(medium: mi.Medium) -> None:
 
         if not all(good(each).all() for each in arrays):
             raise ValueError(f"{first_wrong(text, arrays, good)}: must be {what}")
+
+
+def _require_depolarising(medium: mi.Medium) -> None:
+    """Refuse phase functions whose light would be polarised."""
+    for node in mi.traverse(medium).hierarchy:
+        if isinstance(node, mi.PhaseFunction) and "Rayleigh" in node.class_name():
+            raise ValueError(
+                f"{medium.id() or medium.class_name()}.phase = rayleigh: must be another one in "
+                f"the variant {mi.variant()}, how it polarises light is not followed"
+            )
 
 
 def _require_place(scene: mi.Scene, sensor: mi.Sensor) -> None:
