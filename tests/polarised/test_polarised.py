@@ -7,8 +7,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+import tofrender
 from tofrender.films.sums import Radiance, Weighted
+from tofrender.paths import records
 from tofrender.paths.camera import sample_camera
+from tofrender.rendering.dataset import check_dataset
+from tofrender.scenes.checking import check_scene
 
 MONO, SPECTRAL = "llvm_ad_mono_polarized", "llvm_ad_spectral_polarized"
 N = 1.5
@@ -252,3 +256,290 @@ def mitsubas(scene: dict, spp: int, seed: int, **path) -> np.ndarray:
     reference = mi.load_dict(scene | {"integrator": {"type": "stokes", "nested": inner}})
     image = np.array(mi.render(reference, spp=spp, seed=seed))
     return image[:, :, -12:].reshape(*image.shape[:2], 4, 3)
+
+
+AXIS = {"temporal_bins": 60, "bin_width_opl": 1.0}
+LONG = {"type": "transient_hdr_film", **AXIS}
+
+
+def ours(scene: dict, spp: int, seed: int = 0, **integrator):
+    """Steady picture and bins of this package, (height, width, [bins,] 4, channels)."""
+    tracer = {"type": "transient_path", "max_depth": 6, **integrator}
+    loaded = mi.load_dict(scene | {"integrator": tracer})
+    found = [np.array(each) for each in mi.render(loaded, spp=spp, seed=seed)]
+    return [each.reshape(*each.shape[:-1], 4, -1) for each in found]
+
+
+def rms(x: np.ndarray) -> np.ndarray:
+    """Root mean square of each Stokes component."""
+    return np.sqrt(np.mean(np.square(x, dtype=float), axis=(0, 1, 3)))
+
+
+def agrees(found: np.ndarray, reference: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Which components differ from a reference by not twice of what another one does."""
+    shown = found.shape[-1]
+    return rms(found - reference[..., :shown]) < 2 * rms((other - reference)[..., :shown])
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("variant", [MONO, SPECTRAL])
+def test_bins_add_up_to_mitsubas_stokes(variant):
+    mi.set_variant(variant)
+    steady, bins = ours(metals(**LONG), 512, seed=2)
+    reference, other = (mitsubas(metals(), 512, seed) for seed in (0, 1))
+    assert np.allclose(bins.sum(2), steady, atol=1e-4)
+    assert agrees(steady, reference, other).all()
+    # S1 and S2 are far above the noise: a camera that is rolled by another angle is told
+    elsewhere, _ = ours(metals(roll=-20.0, **LONG), 512, seed=2)
+    assert rms(steady)[1] > 2 * rms(other - reference)[1]
+    assert not agrees(elsewhere, reference, other)[1:3].any()
+
+
+def test_no_bin_is_more_polarised_than_wholly():
+    # p5
+    for each in ours(metals(**LONG), 256):
+        polarised = np.sqrt(np.sum(each[..., 1:, :].astype(float) ** 2, axis=-2))
+        assert np.all(polarised <= each[..., 0, :] * (1 + 1e-5) + 1e-6)
+        assert polarised.max() > 0.05
+
+
+@pytest.mark.parametrize("variant", [MONO, SPECTRAL])
+def test_what_depolarises_is_as_without_polarisation(variant):
+    results = []
+    for name in (variant, variant.replace("_polarized", "")):
+        mi.set_variant(name)
+        scene = mi.load_dict(tofrender.cornell_box(width=8, height=8, temporal_bins=20))
+        results.append([np.array(each) for each in mi.render(scene, spp=16, seed=0)])
+    for polarised, plain in zip(*results, strict=True):
+        count = plain.shape[-1]
+        assert np.allclose(polarised[..., :count], plain, rtol=1e-4, atol=1e-6)
+        assert not polarised[..., count:].any()
+
+
+def test_through_stokes_of_mitsuba():
+    inner = {"type": "transient_path", "max_depth": 6}
+    wrapped = mi.load_dict(metals() | {"integrator": {"type": "stokes", "nested": inner}})
+    image = np.array(mi.render(wrapped, spp=512, seed=2))[:, :, -12:]
+    image = image.reshape(*image.shape[:2], 4, 3)
+    assert agrees(image, *(mitsubas(metals(), 512, seed) for seed in (0, 1))).all()
+
+
+@pytest.mark.parametrize("rfilter", ["tent", "gaussian"])
+def test_filters_reach_over_all_components(rfilter):
+    steady, bins = ours(metals(**LONG | {"rfilter": {"type": rfilter}}), 64)
+    assert np.allclose(bins.sum(2), steady, atol=1e-4)
+
+
+def test_tiles_make_the_whole():
+    whole = mi.load_dict(LONG | {"width": 4, "height": 2, "rfilter": {"type": "box"}})
+    whole.prepare([])
+    for x in (0, 2):
+        crop = {"crop_width": 2, "crop_height": 2, "crop_offset_x": x}
+        tile = mi.load_dict(LONG | {"width": 4, "height": 2, "rfilter": {"type": "box"}} | crop)
+        tile.prepare([])
+        light = mi.SpectrumEntry(*[mi.UnpolarizedSpectrum(k + 1.0) for k in range(4)])
+        at = mi.Point2f(x + 1.5, 1.5)
+        tile.add_transient_data(at, mi.Float(3.5), None, light, mi.Float(2), mi.Bool(True))
+        whole.merge_tile(tile)
+    _, bins = whole.develop()
+    assert np.array(bins)[1, 1, 3].tolist() == np.array(bins)[1, 3, 3].tolist() == [2, 4, 6, 8]
+    assert np.array(whole.time_slice(3))[1, 3].tolist() == [2, 4, 6, 8]
+    assert whole.take()[1].sum() == 40
+
+
+def test_a_film_takes_muellers_matrices():
+    film = mi.load_dict(LONG | {"width": 1, "height": 1, "rfilter": {"type": "box"}})
+    film.prepare([])
+    matrix = mi.Spectrum(*[float(k) for k in range(16)])
+    at, one = mi.Point2f(0.5), mi.Float(1)
+    film.add_transient_data(at, mi.Float(3.5), None, matrix, one, mi.Bool(True))
+    assert np.array(film.develop()[1])[0, 0, 3].tolist() == [0, 4, 8, 12]
+
+
+# ------------------------------------------------------------------- gates, phasors, Datasets
+
+
+def test_gates_add_up_to_the_steady_picture():
+    tracer = {"type": "time_gated_transient_path", "max_depth": 6, "pulse_width_opl": 1.0}
+    scene = mi.load_dict(metals(**LONG) | {"integrator": tracer})
+    steady, cube = (np.array(each) for each in mi.render(scene, spp=64))
+    assert cube.shape == (16, 24, 60, 4)
+    assert np.allclose(cube.sum(2), steady, atol=2e-3 * steady.max())
+    sensor, gated = scene.sensors()[0], scene.integrator()
+    cubes = [
+        tofrender.render_transient(
+            *(scene, gated, sensor, {**AXIS, "start_opl": 0.0}, 1024, seed), progress=False
+        )
+        for seed in (0, 1)
+    ]
+    gate = tofrender.render_at_time(scene, gated, sensor, 6.5, spp=512, progress=False)
+    assert gate.shape == (16, 24, 4)
+    assert agrees(gate[..., None], *(each[:, :, 6, :, None] for each in cubes)).all()
+    assert rms(gate[..., None])[1] > 1.5 * rms((cubes[0] - cubes[1])[:, :, 6, :, None])[1]
+
+
+def test_phasors_are_sums_over_bins():
+    fine = LONG | {"temporal_bins": 3000, "bin_width_opl": 0.02}
+    _, bins = ours(metals(**fine), 64, light_samples=1)
+    steady, phasors = ours(
+        metals(type="phasor_hdr_film", frequencies_hz="20e6"), 64, light_samples=1
+    )
+    assert steady.shape == (16, 24, 4, 1)
+    assert phasors.shape == (16, 24, 1, 2, 4, 1)
+    turns = 20e6 / 299_792_458 * 0.02 * (np.arange(3000) + 0.5)
+    expected = np.einsum("yxtsc,t->yxsc", bins, np.exp(2j * np.pi * turns))
+    found = phasors[:, :, 0, 0] + 1j * phasors[:, :, 0, 1]
+    assert np.allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+    assert np.abs(found[:, :, 1:3]).max() > 0.02 * np.abs(expected).max()
+
+
+def test_correlations_carry_all_components():
+    scene = mi.load_dict(metals())
+    amcw = mi.load_dict({"type": "amcw_transient_path", "frequency_hz": 20e6, "max_depth": 6})
+    sensor = scene.sensors()[0]
+    image = tofrender.render_single_amcw(scene, amcw, sensor, spp=64, progress=False)
+    I, *_ = tofrender.render_amcw_phasor(scene, sensor, 20e6, 64, 0, amcw, progress=False)  # noqa: E741
+    assert image.shape == (16, 24, 4)
+    assert np.allclose(image, I, atol=1e-5)
+
+
+@pytest.mark.parametrize(("variant", "channels"), [(MONO, ["L"]), (SPECTRAL, ["R", "G", "B"])])
+def test_datasets_have_an_axis_of_stokes_components(variant, channels):
+    mi.set_variant(variant)
+    tracer = {"type": "transient_path", "max_depth": 6}
+    scene = mi.load_dict(metals(**LONG) | {"integrator": tracer})
+    dataset = tofrender.render(scene, spp=16, progress=False)
+    assert dataset["transient"].dims == ("y", "x", "opl", "stokes", "channel")
+    assert dataset["steady"].dims == ("y", "x", "stokes", "channel")
+    assert dataset["stokes"].values.tolist() == ["S0", "S1", "S2", "S3"]
+    assert dataset["channel"].values.tolist() == channels
+    steady, bins = mi.render(scene, spp=16)
+    for name, image in (("steady", steady), ("transient", bins)):
+        image = np.array(image).reshape(dataset[name].shape)
+        assert np.allclose(image.mean((0, 1)), dataset[name].mean(("y", "x")), atol=0.02)
+    assert abs(dataset.attrs["energy_outside_window"]) < 1e-3
+    intensity = dataset.sel(stokes="S0", drop=True)
+    assert check_dataset(intensity) is None
+    assert np.allclose(intensity["transient"].sum("opl"), intensity["steady"], atol=1e-4)
+
+
+def test_renders_go_on_and_have_errors():
+    scene = mi.load_dict(metals(**LONG) | {"integrator": {"type": "transient_path"}})
+    first = tofrender.render(scene, spp=8, progress=False)
+    more = tofrender.render(scene, spp=16, resume=first, progress=False)
+    at_once = tofrender.render(scene, spp=16, progress=False)
+    assert more.attrs["spp"] == 16
+    assert np.allclose(more["steady"], at_once["steady"], atol=1e-5)
+    noisy = tofrender.render(scene, spp=16, errors=True, progress=False)
+    assert noisy["steady_error"].dims == ("y", "x", "stokes", "channel")
+    assert (noisy["steady_error"].sel(stokes="S1").mean() > 0).item()
+
+
+# ------------------------------------------------------------------------------------- media
+
+
+def fog(sigma_t: float, albedo: float = 0.0, **phase) -> dict:
+    """Fog behind the camera's half of the bench, and a lamp behind it."""
+    up, along = [0, 1, 0], [0, 0, 1]
+    light = {"type": "area", "radiance": {"type": "uniform", "value": 1.0}}
+    medium = {"type": "homogeneous", "albedo": albedo, "sigma_t": sigma_t, **phase}
+    look = mi.ScalarTransform4f().look_at([0, 0, 3], [0, 0, 0], up)
+    film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}
+    move = mi.ScalarTransform4f().translate([0, 0, 1]) @ mi.ScalarTransform4f().scale([9, 9, 0.5])
+    return {
+        "type": "scene",
+        "lamp": facing([0, 0, -2], along, up, 9, emitter=light),
+        "fog": {"type": "cube", "to_world": move, "bsdf": {"type": "null"}, "interior": medium},
+        "sensor": {"type": "perspective", "fov": 0.01, "to_world": look, "film": film},
+        "integrator": {"type": "transient_volpath", "max_depth": 16, "rr_depth": 99},
+    }
+
+
+def plate(z: float, **bsdf) -> dict:
+    return facing([0, 0, z], [0, 0, 1], [0, 1, 0], 9, bsdf=bsdf)
+
+
+@pytest.mark.parametrize("z", [-1.0, 1.1, 2.0])
+def test_a_polariser_before_behind_and_inside_fog(z):
+    # A boundary of equal index would let all light through
+    S = traced(mi.load_dict(fog(1.0) | {"plate": plate(z, type="polarizer")}), 100_000)
+    assert abs(S[0] / (0.5 * np.exp(-1)) - 1) < 0.02
+    assert np.allclose(S[1:] / S[0], [1, 0, 0], atol=1e-6)
+
+
+def test_fog_keeps_what_it_does_not_scatter_and_depolarises_the_rest():
+    # What is not scattered is e^-1 of the light, wholly polarised, whatever the albedo
+    absorbing, scattering = (
+        traced(mi.load_dict(fog(1.0, albedo) | {"plate": plate(0, type="polarizer")}), 200_000)
+        for albedo in (0.0, 0.9)
+    )
+    assert abs(scattering[1] / absorbing[1] - 1) < 0.02
+    assert scattering[0] > 1.1 * absorbing[0]
+
+
+def test_rayleighs_phase_function_is_refused():
+    scene = mi.load_dict(fog(1.0, 0.5, phase={"type": "rayleigh"}))
+    with pytest.raises(ValueError, match=r"\A\S+phase = rayleigh: must be another one.*\Z"):
+        check_scene(scene, media=True, polarisation=True)
+
+
+# ---------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    ["transient_light_tracer", "transient_bdpt", "transient_nlos_path", "confocal_transient_path"],
+)
+def test_who_does_not_follow_polarised_light_says_so(integrator):
+    with pytest.raises(ValueError, match=r"\Avariant = 'llvm_ad_mono_polarized': must be one"):
+        tofrender.render(
+            metals(**LONG) | {"integrator": {"type": integrator}}, spp=1, progress=False
+        )
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda dataset, path: tofrender.save_npz(dataset, path / "a.npz"),
+        lambda dataset, path: tofrender.save_exr_stack(dataset, path),
+        lambda dataset, path: tofrender.merge([dataset, dataset]),
+        lambda dataset, path: tofrender.visualize_transient(dataset),
+        lambda dataset, path: tofrender.transient_to_phasor(dataset, 20e6),
+    ],
+)
+def test_who_takes_one_component_says_so(call, tmp_path):
+    scene = mi.load_dict(metals(**LONG) | {"integrator": {"type": "transient_path"}})
+    dataset = tofrender.render(scene, spp=1, progress=False)
+    with pytest.raises(ValueError, match=r"\A.*stokes.*\Z"):
+        call(dataset, tmp_path)
+
+
+def test_films_on_disk_are_refused(tmp_path):
+    scene = mi.load_dict(metals(**LONG) | {"integrator": {"type": "transient_path"}})
+    with pytest.raises(ValueError, match=r"\Aout: must be left out in the variant"):
+        tofrender.render(scene, spp=1, progress=False, out=tmp_path / "a.zarr")
+
+
+# ------------------------------------------------------------------------------ planted bugs
+
+
+def test_a_frame_that_is_not_turned_is_found(monkeypatch):
+    monkeypatch.setattr("tofrender.paths.camera.sensor_frame", lambda sensor, ray: None)
+    S = traced(bench((BREWSTER, 0), roll=45), 2_000)
+    assert not np.allclose(S[1:] / S[0], [0, 1, 0], atol=0.1)
+
+
+def test_matrices_in_the_other_order_are_found(monkeypatch):
+    right = records.extended
+    swapped = lambda β, f, importance=False: right(β, f, True)  # noqa: E731
+    monkeypatch.setattr(records, "extended", swapped)
+    S = traced(bench((70, 0), (BREWSTER, 40)), 20_000)
+    assert not np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
+
+
+def test_matrices_in_their_own_frames_are_found(monkeypatch):
+    monkeypatch.setattr("tofrender.paths.scattering.in_world", lambda si, f, comes, goes: f)
+    S = traced(bench((BREWSTER, 0), (BREWSTER, 30)), 200_000)
+    both = ((N**2 - 1) / (N**2 + 1)) ** 4 * 0.75 / 2
+    assert abs(S[0] - both) > 0.1 * both or not np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)

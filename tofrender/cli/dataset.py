@@ -63,6 +63,7 @@ def dataset(
         raise ValueError("--out: must be given, or --plan")
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
+    backend.require_unpolarised()
 
     from tofrender.datasets.making import make_dataset, plan_dataset, under_way
     from tofrender.datasets.store import Store

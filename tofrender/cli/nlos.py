@@ -77,6 +77,7 @@ def capture(
         raise ValueError(f"--out = {out}: its folder does not exist; must be in one that does")
     backend.activate(variant)
     backend.require_vectorised()
+    backend.require_unpolarised()
 
     from tofrender import io
     from tofrender.films.image import developed_shape

@@ -130,6 +130,7 @@ def render(
     opt.check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
+    backend.require_unpolarised()
 
     from tofrender.rendering.job import carry_out, collect
     from tofrender.rendering.renderer import make_job

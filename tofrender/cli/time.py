@@ -163,6 +163,7 @@ def _load(
 
     backend.activate(variant)
     backend.require_vectorised()
+    backend.require_unpolarised()
     from tofrender.integrators.base import TransientIntegrator
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
 

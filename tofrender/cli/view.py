@@ -61,6 +61,7 @@ def view(
     require_panel()
     backend.activate(variant)
     backend.require_vectorised()
+    backend.require_unpolarised()
 
     from tofrender.apps.view.looking import Live, Saved
     from tofrender.apps.view.window import application
@@ -107,6 +108,7 @@ def compare(
     require_panel()
     backend.activate(variant)
     backend.require_vectorised()
+    backend.require_unpolarised()
 
     from tofrender.apps.compare.pictures import SCENES, opened, same_size
     from tofrender.apps.compare.window import application

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 
 from ..signals.polarisation import no_light
 from ..signals.units import SPEED_OF_LIGHT

@@ -19,8 +19,8 @@ from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
 from ..signals.modulations import AMCWPulse
-from ..signals.polarisation import as_spectrum
 from ..signals.phasors import phasor_parts
+from ..signals.polarisation import as_spectrum
 from .own_sample import brings_sample, by_sample, follows, require_sample
 from .passes import expose, steps
 from .running import made_with, run_whole

@@ -410,9 +410,7 @@ class Phases:
             back = dr.select(here, self._pdf_back(mei, wo, active & here), back)
         return turn, Bounce(
             ray,
-            dr.select(
-                here, depolarised(weight), bounce.weight
-            ),
+            dr.select(here, depolarised(weight), bounce.weight),
             dr.select(here, pdf, bounce.pdf),
             dr.select(here, 1, bounce.η),
             dr.select(here, ~self._connects(vertex), bounce.specular),

@@ -42,7 +42,9 @@ class ArrivalHistogram:
         beyond = dr.maximum(contribution.opl, FIRST_OPL) / FIRST_OPL
         position = dr.log(beyond) / np.log(LAST_OPL / FIRST_OPL)
         k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
-        dr.scatter_add(self.energy, dr.sum(intensity(contribution.spectrum)), k, contribution.active)
+        dr.scatter_add(
+            self.energy, dr.sum(intensity(contribution.spectrum)), k, contribution.active
+        )
         dr.scatter_add(self.hits, 1.0, k, contribution.active)
 
 

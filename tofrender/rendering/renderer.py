@@ -213,9 +213,7 @@ def opened(asked: Asked) -> tuple[mi.Scene, Any]:
     sensors = scene.sensors()
     checks.integer("sensor", asked.sensor, 0, len(sensors) - 1)
     follows = scene.integrator() if integrator is None else _integrator(scene, integrator)
-    does = {
-        name: getattr(follows, f"follows_{name}", True) for name in ("media", "polarisation")
-    }
+    does = {name: getattr(follows, f"follows_{name}", True) for name in ("media", "polarisation")}
     check_scene(scene, sensors[asked.sensor], **does)  # Those of others are refused later
     windowed_film(sensors[asked.sensor].film(), *asked.timing)  # Refuses a wrong window first
     return scene, integrator

@@ -94,6 +94,22 @@ def activate(variant: str | None = None) -> str:
     return active
 
 
+def require_unpolarised() -> None:
+    """Refuse variants with polarisation, whose light files and pictures cannot hold.
+
+    Raises:
+        BackendError: One line that says what can.
+    """
+    import mitsuba as mi
+
+    if mi.is_polarized:
+        plain = str(mi.variant()).replace("_polarized", "")
+        raise BackendError(
+            f"variant = {mi.variant()!r}: has Stokes vectors, which files and pictures do not; "
+            f"must be one like {plain}, or call tofrender.render in Python"
+        )
+
+
 def require_vectorised() -> None:
     """Refuse to render under a scalar variant, or under none.
 

@@ -52,7 +52,7 @@ def intensity(x: Any) -> Any:
     return x[0] if is_stokes(x) else mi.unpolarized_spectrum(x)
 
 
-def summed(x: Any) -> mi.Float:
+def summed(x: Any) -> Any:
     """Sum over all components and channels of light or of a throughput."""
     if not mi.is_polarized:
         return dr.sum(x)
@@ -117,9 +117,7 @@ def depolarised(factor: Any) -> Any:
     return mi.depolarizer(plain) if mi.is_polarized else plain
 
 
-def in_world(
-    si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f
-) -> Any:
+def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> Any:
     """A BSDF's value between frames of world space; light comes from and goes to local directions.
 
     Args:
