@@ -15,6 +15,10 @@ from . import (
     vis as vis,
 )
 from .analysis import (
+    angle_of_linear_polarisation as angle_of_linear_polarisation,
+    degree_of_circular_polarisation as degree_of_circular_polarisation,
+    degree_of_linear_polarisation as degree_of_linear_polarisation,
+    degree_of_polarisation as degree_of_polarisation,
     four_bucket as four_bucket,
     from_four_bucket as from_four_bucket,
     multipath_error as multipath_error,
@@ -160,6 +164,7 @@ from .vis import (
     phasor_panel as phasor_panel,
     plan_figure as plan_figure,
     plot_pixel_transient as plot_pixel_transient,
+    polarisation_figure as polarisation_figure,
     pyramid_figure as pyramid_figure,
     reconstruction_figure as reconstruction_figure,
     summary_figure as summary_figure,

@@ -543,3 +543,42 @@ def test_matrices_in_their_own_frames_are_found(monkeypatch):
     S = traced(bench((BREWSTER, 0), (BREWSTER, 30)), 200_000)
     both = ((N**2 - 1) / (N**2 + 1)) ** 4 * 0.75 / 2
     assert abs(S[0] - both) > 0.1 * both or not np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
+
+
+# ---------------------------------------------------------------------------------- pictures
+
+
+def test_degrees_and_angles_of_a_render():
+    scene = bench((70, 0), roll=30)
+    S = traced(scene, 20_000)
+    assert abs(tofrender.degree_of_linear_polarisation(S, axis=0) - 0.7515800) < 1e-4
+    # Along the mirror, which the camera sees turned against its roll
+    assert abs(np.degrees(tofrender.angle_of_linear_polarisation(S, axis=0)) - 60) < 0.01
+    dataset = tofrender.render(
+        mi.load_dict(metals(**LONG) | {"integrator": {"type": "transient_path"}}),
+        spp=4,
+        progress=False,
+    )
+    degree = tofrender.degree_of_polarisation(dataset["transient"])
+    assert degree.dims == ("y", "x", "opl", "channel")
+    lit = (dataset["transient"].sel(stokes="S0") > 1e-3).values
+    assert np.isnan(degree.values[dataset["transient"].sel(stokes="S0").values <= 0]).all()
+    assert degree.values[lit].max() <= 1 + 1e-4
+    figure = tofrender.polarisation_figure(dataset["steady"])
+    assert [axes.get_title() for axes in figure.axes[::2]][2] == "angle"
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: tofrender.degree_of_polarisation(np.ones((4, 3))), "stokes with shape"),
+        (lambda: tofrender.angle_of_linear_polarisation(1.0), "stokes with shape"),
+        (lambda: tofrender.degree_of_polarisation(np.ones((4, 3)), axis=5), "axis = 5"),
+        (lambda: tofrender.polarisation_figure(np.ones((4, 4, 3, 1))), "stokes with shape"),
+        (lambda: tofrender.polarisation_figure(np.ones((4, 4, 4, 1)), exposure=0), "exposure = 0"),
+    ],
+)
+def test_what_is_no_stokes_vector(call, said):
+    with pytest.raises(ValueError, match=r"\A.+\Z") as error:
+        call()
+    assert str(error.value).startswith(said)

@@ -11,6 +11,12 @@ from .correlation import (
     true_depth as true_depth,
     true_normals as true_normals,
 )
+from .polarisation import (
+    angle_of_linear_polarisation as angle_of_linear_polarisation,
+    degree_of_circular_polarisation as degree_of_circular_polarisation,
+    degree_of_linear_polarisation as degree_of_linear_polarisation,
+    degree_of_polarisation as degree_of_polarisation,
+)
 from .unwrapping import (
     unambiguous_range as unambiguous_range,
     unwrap as unwrap,

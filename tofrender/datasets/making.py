@@ -60,6 +60,7 @@ def plan_dataset(
         in all 1.172 MiB
     """
     backend.require_vectorised()
+    backend.require_unpolarised()
     found = read_config(config)
     records = _numbers(found, only)
     return Plan(found, records, layout_of(found, records))

@@ -40,7 +40,10 @@ all further vertices connect to half as many, rounded up |
 
     Participating media are followed, which Mitsuba's `path` ignores; see `TransientVolpath`.
 
-    Limitations: polarised variants, which `tofrender.render` refuses; no derivatives.
+    In polarised variants, films have Stokes vectors, in the frames of Mitsuba's `stokes`: S1 is
+    positive across the sensor's `up`.
+
+    Limitations: no derivatives.
 
     Example:
         >>> import tofrender

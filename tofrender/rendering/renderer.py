@@ -107,7 +107,8 @@ def render(
     Returns:
         A Dataset with `transient (y, x, opl, channel)`, the radiance that arrives in each bin, and
         `steady (y, x, channel)`, that of all time [W m^-2 sr^-1]. Coordinates are pixels and bin
-        centres, as `opl` [m] and as `time` [ns]; attributes say how it was made, among them
+        centres, as `opl` [m] and as `time` [ns]; in polarised variants, both have an axis `stokes`
+        before the channels, with S0, S1, S2 and S3. Attributes say how it was made, among them
         `energy_outside_window`, the fraction of the steady energy that no bin holds. With `errors`,
         `transient_error` and `steady_error` are standard errors: the truth is within one of them in
         2 of 3 bins that many paths reach, and less often where few do. Ctrl-C, SIGTERM and SIGHUP

@@ -1,0 +1,101 @@
+"""How polarised light is, and how: degrees and angles of Stokes vectors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..runtime import checks
+
+AXIS = -2
+"""Axis of Stokes components where nothing is said: channels stand behind them."""
+
+
+def degree_of_polarisation(stokes: Any, axis: int = AXIS) -> Any:
+    """The polarised part of light, sqrt(S1² + S2² + S3²) / S0.
+
+    Args:
+        stokes: Stokes vectors: a DataArray with a dimension `stokes`, as `render` returns in
+            polarised variants, or an array of any shape.
+        axis: Which axis of an array has the four components.
+
+    Returns:
+        From 0 to 1, float64, without that axis: a DataArray of one, else an array. NaN where there
+        is no light.
+
+    Raises:
+        ValueError: There are not four components; one line.
+
+    Example:
+        >>> degree_of_polarisation([2.0, 0.0, 1.2, 1.6], axis=0).round(6)
+        np.float64(1.0)
+    """
+    return _of(stokes, axis, lambda s0, s1, s2, s3: _over(np.sqrt(s1**2 + s2**2 + s3**2), s0))
+
+
+def degree_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
+    """The linearly polarised part of light, sqrt(S1² + S2²) / S0.
+
+    Arguments, result and errors are as for `degree_of_polarisation`.
+
+    Example:
+        >>> degree_of_linear_polarisation([2.0, 0.0, 1.2, 1.6], axis=0).round(6)
+        np.float64(0.6)
+    """
+    return _of(stokes, axis, lambda s0, s1, s2, s3: _over(np.hypot(s1, s2), s0))
+
+
+def degree_of_circular_polarisation(stokes: Any, axis: int = AXIS) -> Any:
+    """The circularly polarised part of light with its sign, S3 / S0: from -1 to 1.
+
+    Arguments, result and errors are as for `degree_of_polarisation`.
+
+    Example:
+        >>> degree_of_circular_polarisation([2.0, 0.0, 1.2, -1.6], axis=0).round(6)
+        np.float64(-0.8)
+    """
+    return _of(stokes, axis, lambda s0, s1, s2, s3: _over(s3, s0))
+
+
+def angle_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
+    """The angle that polarised light oscillates at, atan2(S2, S1) / 2.
+
+    It is in [0, pi), from the picture's right towards its top: 0 across the sensor's `up`, pi/2
+    along it. NaN where light has no linear polarisation. Arguments and errors are as for
+    `degree_of_polarisation`.
+
+    Example:
+        >>> np.degrees(angle_of_linear_polarisation([1.0, 0.0, -1.0, 0.0], axis=0)).round(3)
+        np.float64(135.0)
+    """
+
+    def angle(s0, s1, s2, s3):
+        found = np.where(np.hypot(s1, s2) > 0, np.arctan2(s2, s1) / 2, np.nan) % np.pi
+        return np.where(found >= np.pi, 0.0, found)[()]
+
+    return _of(stokes, axis, angle)
+
+
+def _of(stokes: Any, axis: int, formula: Any) -> Any:
+    """A formula of the four components."""
+    import xarray as xr
+
+    if isinstance(stokes, xr.DataArray):
+        if stokes.sizes.get("stokes") != 4:
+            found = dict(stokes.sizes)
+            raise ValueError(f"stokes = DataArray with {found}: must have 4 components stokes")
+        parts = [stokes.isel(stokes=k, drop=True) for k in range(4)]
+        values = formula(*(np.asarray(each.values, np.float64) for each in parts))
+        return xr.DataArray(values, parts[0].coords, parts[0].dims)
+    array = checks.real_array("stokes", stokes, np.float64)
+    axis = checks.integer("axis", axis, -array.ndim, array.ndim - 1) if array.ndim else 0
+    if not array.ndim or array.shape[axis] != 4:
+        raise ValueError(f"stokes with shape {array.shape}: must have 4 components on axis {axis}")
+    return formula(*np.moveaxis(array, axis, 0))
+
+
+def _over(part: Any, s0: Any) -> Any:
+    """A part of S0, NaN where that is 0 or less."""
+    lit = s0 > 0
+    return np.where(lit, part / np.where(lit, s0, 1), np.nan)[()]

@@ -1,0 +1,95 @@
+"""Pictures of polarised light in false colours."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..analysis.polarisation import (
+    angle_of_linear_polarisation,
+    degree_of_circular_polarisation,
+    degree_of_linear_polarisation,
+)
+from ..runtime import checks
+from ..runtime.canvas import figure_width, in_style
+from ..runtime.plots import COLUMN, PictureGrid
+from .colours import phase_map
+from .figures import map_axes, picture_aspect
+from .tone import auto_exposure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LEAST = 0.01
+"""Degree of linear polarisation from which on light has an angle that is shown."""
+
+
+@in_style
+def polarisation_figure(
+    stokes: Any, *, exposure: float | None = None, title: str | None = None
+) -> Figure:
+    """Draw how bright light is, how much of it is polarised, at which angle, and which way round.
+
+    Colours are summed before. The angle has a cyclic colour, from the picture's right towards its
+    top; it is hatched where less than 1 % is polarised linearly, as all is where there is no light.
+
+    Args:
+        stokes: Stokes vectors: a DataArray (y, x, stokes, channel), like `steady` of a polarised
+            render or a bin of its `transient`, or an array (height, width, 4, channels).
+        exposure: Gain of the brightness; `1` is shown as white after it. None shows the 99.5th
+            percentile of the light as white.
+        title: Above everything; None for nothing.
+
+    Returns:
+        A `matplotlib.figure.Figure`, made outside of pyplot.
+
+    Raises:
+        ValueError: Another shape, or a number out of range; one line.
+
+    Example:
+        >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]
+        >>> [each.get_title() for each in polarisation_figure(light).axes[::2]]
+        ['intensity', 'linear polarisation', 'angle', 'circular polarisation']
+    """
+    checks.text("title", title)
+    values = checks.real_array("stokes", getattr(stokes, "values", stokes), np.float64)
+    dims = getattr(stokes, "dims", None)
+    named = dims in (None, ("y", "x", "stokes", "channel"))
+    if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
+        found = f"dimensions {dims}" if dims else f"shape {values.shape}"
+        raise ValueError(f"stokes with {found}: must be (y, x, stokes, channel), with 4 components")
+    if exposure is not None:
+        exposure = checks.number("exposure", exposure, positive=True)
+    light = values.mean(axis=3)
+    linear = degree_of_linear_polarisation(light, axis=2)
+    angle = np.where(linear >= LEAST, angle_of_linear_polarisation(light, axis=2), np.nan)
+    white = 1 / (exposure or auto_exposure(light[:, :, 0]))
+    panels = (
+        ("intensity", light[:, :, 0], "gray", 0, white, "radiance [W m⁻² sr⁻¹]"),
+        ("linear polarisation", linear, "viridis", 0, 1, "degree"),
+        ("angle", np.degrees(angle), phase_map(), 0, 180, "degrees from right to top"),
+        (
+            *("circular polarisation", degree_of_circular_polarisation(light, axis=2), "coolwarm"),
+            *(-1, 1, "left to right, degree"),
+        ),
+    )
+    width = figure_width(7.0)
+    columns = 4 if width >= COLUMN else 2
+    hatched = any(np.isnan(values).any() for _, values, *_ in panels)
+    grid = PictureGrid(
+        width,
+        math.ceil(4 / columns),
+        columns,
+        picture_aspect(*light.shape[:2], 0.4, 2.0),
+        title=title or "",
+        hatch="no light, or hardly polarised" if hatched else "",
+    )
+    for k, (name, picture, colours, low, high, label) in enumerate(panels):
+        row, column = divmod(k, columns)
+        axes = grid.axes(row, column, name)
+        shown = map_axes(axes, picture, cmap=colours, vmin=low, vmax=high)
+        grid.bar(shown, row, column, label)
+        grid.trim(axes, row, column)
+    return grid.figure
