@@ -436,6 +436,46 @@ def test_renders_go_on_and_have_errors():
     assert (noisy["steady_error"].sel(stokes="S1").mean() > 0).item()
 
 
+# ---------------------------------------------------------------------------- from both ends
+
+
+def matte(**film) -> dict:
+    """Rough metals without a sky, which all strategies find."""
+    scene = metals(**LONG | {"width": 12, "height": 8} | film)
+    for name in ("c", "sky"):
+        del scene[name]
+    for name in ("a", "b"):
+        scene[name]["bsdf"] = scene["floor"]["bsdf"]
+    return scene
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_paths_from_both_ends_find_the_same():
+    one, other = (ours(matte(), 2048, seed) for seed in (0, 1))
+    both = ours(matte(), 2048, 2, type="transient_bdpt")
+    for found, first, second in zip(both, one, other, strict=True):
+        if found.ndim == 5:
+            found, first, second = (each.sum(2) for each in (found, first, second))
+        assert agrees(found, first, second).all()
+        assert rms(found)[3] > 3 * rms(first - second)[3]
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("strategy", ["1,3", "2,2", "3,1"])
+def test_each_strategy_finds_all_of_three_segments(strategy):
+    # Frames of connections between vertices, and of those to the lens
+    deep, shallow = (ours(matte(), 8192, 3, max_depth=depth)[0] for depth in (3, 2))
+    alone = {"type": "transient_bdpt", "mis": "none", "strategy": strategy, "max_depth": 3}
+    found = ours(matte(), 16384, 4, **alone)[0]
+    expected = deep - shallow
+    for k in range(1, 3):
+        both = np.stack([found[:, :, k].ravel(), expected[:, :, k].ravel()]).astype(float)
+        slope = both[0] @ both[1] / (both[1] @ both[1])
+        assert abs(slope - 1) < 0.15
+
+
 # ------------------------------------------------------------------------------------- media
 
 
@@ -489,7 +529,7 @@ def test_rayleighs_phase_function_is_refused():
 
 @pytest.mark.parametrize(
     "integrator",
-    ["transient_light_tracer", "transient_bdpt", "transient_nlos_path", "confocal_transient_path"],
+    ["transient_nlos_path", "confocal_transient_path", "ao"],
 )
 def test_who_does_not_follow_polarised_light_says_so(integrator):
     with pytest.raises(ValueError, match=r"\Avariant = 'llvm_ad_mono_polarized': must be one"):
@@ -571,7 +611,7 @@ def test_degrees_and_angles_of_a_render():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: tofrender.degree_of_polarisation(np.ones((4, 3))), "stokes with shape"),
+        (lambda: tofrender.degree_of_polarisation(np.ones((3, 3))), "stokes with shape"),
         (lambda: tofrender.angle_of_linear_polarisation(1.0), "stokes with shape"),
         (lambda: tofrender.degree_of_polarisation(np.ones((4, 3)), axis=5), "axis = 5"),
         (lambda: tofrender.polarisation_figure(np.ones((4, 4, 3, 1))), "stokes with shape"),

@@ -254,4 +254,4 @@ def test_render_refuses_before_work(changes, said, monkeypatch):
 def test_render_refuses_polarised_variants():
     mi.set_variant("llvm_ad_mono_polarized")
     with pytest.raises(ValueError, match=r"\Avariant = 'llvm_ad_mono_polarized': must be"):
-        tofrender.render("cornell_box", integrator="transient_light_tracer", progress=False)
+        tofrender.render("cornell_box", integrator={"type": "transient_nlos_path"}, progress=False)

@@ -72,7 +72,7 @@ class FilmDeposit:
 
         def land(spectrum: Any, opl: mi.Float, place: mi.Point2f, active: mi.Bool) -> None:
             def splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-                film.add_splat(place, opl, wavelengths, spectrum * weight, active)
+                film.add_splat(place, opl, wavelengths, scaled(spectrum, weight), active)
 
             picture([spectrum], place, active)
             if pulse is None:

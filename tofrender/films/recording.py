@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import memory
-from ..signals.polarisation import components, scaled
+from ..signals.polarisation import components, scaled, stokes_count
 from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 from .cells import MAX_ADDED
 from .deposit import FilmDeposit, open_gates, spread
@@ -136,16 +136,23 @@ class Recording:
         splats, weight = self.splats, camera.weight / spp
 
         def land(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
-            colours = [to_rgb(each * weight, camera.ray.wavelengths) for each in spectra]
-            values: Any = [colours_of(each) for each in colours]
+            lights = [components(scaled(each, weight)) for each in spectra]
+            values: Any = [
+                [
+                    value
+                    for spectrum in light
+                    for value in colours_of(to_rgb(spectrum, camera.ray.wavelengths))
+                ]
+                for light in lights
+            ]
             splats.add(position, values, 0, active)
 
         return land
 
     def landed(self) -> tuple[Any, Any]:
         """Splats so far, for the picture's colours and for the channels behind its weight."""
-        sums = self._landed
-        return sums[:, :, 0], np.zeros((*sums.shape[:2], 0))
+        first, colours = self._landed[:, :, 0], self._landed.shape[3] // stokes_count()
+        return first[:, :, :colours], first[:, :, colours:]
 
     def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
         """What samples put into the picture, before and behind their weight."""
@@ -364,7 +371,8 @@ class PhasorRecording(Recording):
         phasors = sums[:, :, 1 : n + 1] + 1j * sums[:, :, n + 1 :]
         phasors = phasors * self.film.factors(self.exposure.pulse)[:, None]
         parts = np.stack([phasors.real, phasors.imag], axis=3)
-        return sums[:, :, 0], parts.reshape(*sums.shape[:2], -1)
+        first, rest = super().landed()
+        return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
     def channels(self, camera: Any, measured: PhasorSum, covered: mi.Bool) -> tuple[list, list]:
         """The colour, and all phasors."""

@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..signals.polarisation import stokes_count
 from .cells import Cells
 
 STEPS = 512
@@ -37,7 +38,8 @@ class Splats:
     def __init__(self, film: mi.Film, count: int) -> None:
         width, height = (int(n) for n in film.crop_size())
         self.film = film
-        self.cells = Cells(height, width, count, 1 if mi.is_monochromatic else 3)
+        channels = (1 if mi.is_monochromatic else 3) * stokes_count()
+        self.cells = Cells(height, width, count, channels)
         self.norms = None if film.rfilter().is_box_filter() else _norms(film, width, height)
 
     def add(

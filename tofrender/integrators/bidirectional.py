@@ -22,6 +22,7 @@ from ..paths.sharing import Sharing
 from ..paths.space import Vacuum
 from ..paths.walk import deliver, walk
 from ..runtime import checks
+from ..signals.polarisation import unpolarised
 from .plan import Plan
 from .time_gated import NO_TARGET, Gate
 from .transient_path import TransientPath
@@ -108,7 +109,7 @@ class BidirectionalPlan(Plan):
                 self.scattering,
                 self.limits,
             )
-            measurement, path = beside.trace(sampler, ray, origin, measurement, active)
+            measurement, path = beside.trace(sampler, ray, origin, measurement, active, frame)
         else:
             path = Path.start(ray, origin, False)
         path.not_finite += not_finite
@@ -134,7 +135,7 @@ class BidirectionalPlan(Plan):
         x = self.sharing.power(arrival.density / ds.pdf) if self.sharing.exponent else mi.Float(0)
         share = self.sharing.share(x, 1, 1)
         seen = Contribution(
-            spectrum=mi.unpolarized_spectrum(radiance) * (arrival.density * share),
+            spectrum=unpolarised(mi.unpolarized_spectrum(radiance) * (arrival.density * share)),
             opl=mi.Float(0) if self.limits.unwarp else length,
             active=active & (share > 0),
             position=arrival.position,
@@ -154,7 +155,7 @@ class BothEnds(TransientPath):
     | `target_time` | none | path length of a gate [m]: a picture then shows what it sees |
     """
 
-    follows_media = follows_polarisation = False
+    follows_media = False
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:

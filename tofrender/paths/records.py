@@ -195,6 +195,7 @@ class Connection:
         position: Where on the film the connection lands, if it ends on the sensor [pixels].
         rival: What the endpoint wants to know again when it tells the connection's share, or makes
             further connections.
+        frame: Matrix that turns polarised light at the connection's end, if it ends on the sensor.
     """
 
     point: mi.Point3f
@@ -207,6 +208,7 @@ class Connection:
     clear: mi.Bool
     position: Any = None
     rival: Any = None
+    frame: Any = None
 
     def only(self, mask: mi.Bool) -> Connection:
         """The same in some of its lanes."""

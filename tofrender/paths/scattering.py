@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import in_world
+from ..signals.polarisation import in_world, intensity
 from .records import Bounce, Connection, Path, Turn, Vertex
 from .refraction import RoughGlass
 from .space import leave
@@ -61,6 +61,7 @@ class Materials:
         si, bsdf, wo = vertex.si, self.bsdf(vertex), vertex.si.to_local(direction)
         if self.importance:
             f, back = self._adjoint(bsdf, si, wo, active)
+            f = in_world(si, f, si.wi, wo)
             pdf = bsdf.pdf(self.radiance, si, wo, active)
         else:
             f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
@@ -86,15 +87,15 @@ class Materials:
             turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         if self.importance:
-            chosen = mi.unpolarized_spectrum(weight)
             # A choice without weight has failed: what its direction scatters, others find
-            smooth = active & ~specular & (bs.pdf > 0) & dr.any(chosen > 0)
+            smooth = active & ~specular & (bs.pdf > 0) & dr.any(intensity(weight) > 0)
             f, back = self._adjoint(bsdf, si, bs.wo, smooth)
             weight = dr.select(
                 specular,
-                chosen * _bent(si, bs.wo, bs.eta),
-                dr.select(smooth, mi.unpolarized_spectrum(f) / bs.pdf, 0),
+                weight * _bent(si, bs.wo, bs.eta),
+                dr.select(smooth, f / bs.pdf, 0),
             )
+            weight = in_world(si, weight, si.wi, bs.wo)
         else:
             weight = in_world(si, weight, bs.wo, si.wi)
             back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)

@@ -119,7 +119,7 @@ def step(
         smooth = active & scattering.smooth(vertex)
         link = endpoint.connect(vertex, path, sampler, smooth)
         link.weight *= space.transmittance(path, vertex, link, sampler)
-        link.active &= ~dr.all(link.weight == 0)
+        link.active &= ~dr.all(intensity(link.weight) == 0)
         turn, bounce = scattering.scatter(vertex, link, sampler, active)
         lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
         path.not_finite += deliver(measurement, lit)
@@ -194,7 +194,7 @@ def _connect(count, first, path, vertex, space, endpoint, scattering, sampler, m
     while active & (k < count):
         link = endpoint.link(k, first, vertex, path, sampler, active)
         link.weight *= space.transmittance(path, vertex, link, sampler)
-        link.active &= ~dr.all(link.weight == 0)
+        link.active &= ~dr.all(intensity(link.weight) == 0)
         turn = scattering.turn(vertex, link.direction, link.active)
         lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
         not_finite += deliver(measurement, lit)
@@ -238,7 +238,10 @@ def _along(
     link: Connection, path: Path, turn: Turn, share: mi.Float, endpoint: Endpoint
 ) -> Contribution:
     """What a connection contributes: its share of the light, its length, and where that lands."""
-    spectrum = received(extend(path.β * share, turn.f, endpoint.importance), link.weight)
+    throughput = extend(path.β * share, turn.f, endpoint.importance)
+    if link.frame is not None:
+        throughput = extend(throughput, link.frame, endpoint.importance)
+    spectrum = received(throughput, link.weight)
     η = path.η * turn.η
     opl = dr.fma(η, link.length, path.opl)
     if endpoint.importance:  # Lengths are relative to the medium of the sensor, at the far end

@@ -53,6 +53,7 @@ class Window:
         ValueError: Nothing can connect to the sensor; one line.
 
     Attributes:
+        sensor: The camera.
         position: The middle of the lens [m].
         right, up, axis: Unit vectors: along the film's two sides, and where the camera looks.
         near_clip, far_clip: Depths along the axis between which the camera sees [m].
@@ -65,7 +66,7 @@ class Window:
     """
 
     def __init__(self, sensor: mi.Sensor) -> None:
-        kind = sensor.class_name()
+        self.sensor, kind = sensor, sensor.class_name()
         if kind not in KINDS:
             raise ValueError(
                 f"sensor = {kind}: has no lens that light could be connected to; must be "

@@ -85,6 +85,7 @@ def strategy_pyramid(
     import xarray as xr
 
     backend.require_vectorised()
+    backend.require_unpolarised()
     bins = either("bins", bins, temporal_bins)
     asked = Asked(scene, spp, seed, size, bins, window=window, integrator=KIND, sensor=sensor)
     checks.one_of("mis", mis, ("power", "balance"))

@@ -95,7 +95,7 @@ def activate(variant: str | None = None) -> str:
 
 
 def require_unpolarised() -> None:
-    """Refuse variants with polarisation, whose light files and pictures cannot hold.
+    """Refuse variants with polarisation, whose light files and some pictures cannot hold.
 
     Raises:
         BackendError: One line that says what can.
@@ -105,8 +105,8 @@ def require_unpolarised() -> None:
     if mi.is_polarized:
         plain = str(mi.variant()).replace("_polarized", "")
         raise BackendError(
-            f"variant = {mi.variant()!r}: has Stokes vectors, which files and pictures do not; "
-            f"must be one like {plain}, or call tofrender.render in Python"
+            f"variant = {mi.variant()!r}: has Stokes vectors, which are not kept here; must be one "
+            f"like {plain}, or call tofrender.render in Python"
         )
 
 

@@ -69,11 +69,26 @@ def scaled(light: Any, spectrum: Any) -> Any:
     return mi.SpectrumEntry(*[each * spectrum for each in light])
 
 
+def unpolarised(radiance: Any) -> Any:
+    """Light of some radiance that is not polarised."""
+    return received(mi.Spectrum(1), radiance) if mi.is_polarized else radiance
+
+
 def received(throughput: Any, radiance: Any) -> Any:
-    """What a path of a throughput carries of unpolarised light of some radiance."""
+    """What a path of a throughput carries of light: of a Stokes vector, or of a radiance."""
     if not mi.is_polarized:
         return throughput * radiance
+    if is_stokes(radiance):
+        rows = ([throughput[i, j] * radiance[j] for j in range(4)] for i in range(4))
+        return mi.SpectrumEntry(*[sum(row[1:], row[0]) for row in rows])
     return mi.SpectrumEntry(*[throughput[i, 0] * radiance for i in range(4)])
+
+
+def sent(radiance: Any, throughput: Any, factor: Any) -> Any:
+    """What light of some radiance is after a path of its own, and one more factor."""
+    if not mi.is_polarized:
+        return extended(radiance * throughput, factor)
+    return received(extended(throughput, factor, importance=True), radiance)
 
 
 def light_of(spectrum: Any) -> Any:
@@ -126,7 +141,10 @@ def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.V
         comes: Unit vector from the surface towards where light comes from.
         goes: Unit vector towards where it goes to.
     """
-    return si.to_world_mueller(f, -comes, goes) if mi.is_polarized else f
+    if not mi.is_polarized:
+        return f
+    lit = dr.any(intensity(f) != 0)  # Directions that were not found have no frame
+    return dr.select(lit, si.to_world_mueller(f, -comes, goes), mi.Spectrum(0))
 
 
 def sensor_frame(sensor: mi.Sensor, ray: mi.Ray3f) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...signals.polarisation import sensor_frame
 from ..camera import behind_emitters
 from ..emission import Emission, Emitted
 from ..lens import Lens
@@ -38,7 +39,7 @@ def kept_type(variant: str | None) -> Any:
 
         si: mi.SurfaceInteraction3f
         depth: mi.UInt32
-        β: mi.UnpolarizedSpectrum
+        β: mi.Spectrum
         η: mi.Float
         opl: mi.Float
         a: mi.Float
@@ -173,6 +174,7 @@ class Camera(Unseen):
             clear=mi.Bool(False),
             position=arrival.position,
             rival=arrival,
+            frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -arrival.direction)),
         )
 
     def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:

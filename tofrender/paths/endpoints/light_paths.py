@@ -9,9 +9,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ...signals.polarisation import sent
 from ..emission import Emission
 from ..lens import Lens
-from ..records import Bounce, Connection, Hit, Path, Turn, Vertex, extend
+from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
 from ..scattering import Materials
 from ..sharing import Rivals, Sharing
 from .camera import LightPath
@@ -138,7 +139,7 @@ class LightPaths(SceneLights):
         active = active & (d2 > 0) & (kept.depth + path.depth + 3 <= self.max_depth)
         there = Vertex(kept.si, distance, active)
         turn = self.adjoint.turn(there, -d, active)
-        weight = extend(self.weight * kept.β, turn.f) / d2
+        weight = sent(self.weight, kept.β, turn.f) / d2
         return Connection(
             point=kept.si.p,
             direction=d,
