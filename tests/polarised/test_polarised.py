@@ -13,6 +13,7 @@ from tofrender.paths import records
 from tofrender.paths.camera import sample_camera
 from tofrender.rendering.dataset import check_dataset
 from tofrender.scenes.checking import check_scene
+from tofrender.signals import polarisation
 
 MONO, SPECTRAL = "llvm_ad_mono_polarized", "llvm_ad_spectral_polarized"
 N = 1.5
@@ -518,9 +519,51 @@ def test_fog_keeps_what_it_does_not_scatter_and_depolarises_the_rest():
     assert scattering[0] > 1.1 * absorbing[0]
 
 
-def test_rayleighs_phase_function_is_refused():
-    scene = mi.load_dict(fog(1.0, 0.5, phase={"type": "rayleigh"}))
-    with pytest.raises(ValueError, match=r"\A\S+phase = rayleigh: must be another one.*\Z"):
+@pytest.mark.parametrize("angle", [30, 90, 140])
+@pytest.mark.parametrize("roll", [0, 25])
+def test_small_particles_polarise_what_they_scatter_once(angle, roll):
+    # Sunlight that is turned by an angle: (1 - c²) / (1 + c²), across the plane of both directions
+    a, r = np.radians(angle), np.radians(2 * roll)
+    scene = fog(0.1, 0.5, phase={"type": "rayleigh"})
+    del scene["lamp"]
+    d = [float(np.sin(a)), 0.0, float(np.cos(a))]
+    irradiance = {"type": "uniform", "value": 1.0}
+    scene["sun"] = {"type": "directional", "direction": d, "irradiance": irradiance}
+    scene["integrator"]["max_depth"] = 2
+    up = turned(np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), roll)
+    look = mi.ScalarTransform4f().look_at([0, 0, 3], [0, 0, 0], list(up))
+    scene["sensor"]["to_world"] = look
+    S = traced(mi.load_dict(scene), 20_000)
+    degree = (1 - np.cos(a) ** 2) / (1 + np.cos(a) ** 2)
+    assert S[0] > 1e-4
+    assert np.allclose(S[1:] / S[0], [-degree * np.cos(r), degree * np.sin(r), 0], atol=1e-4)
+
+
+def test_a_dipole_does_not_shine_along_its_axis():
+    comes, goes = mi.Vector3f(1, 0, 0), mi.Vector3f(0, 0, 1)
+    matrix = np.array(polarisation.rayleigh(mi.UnpolarizedSpectrum(0.1), comes, goes))
+    matrix = matrix.reshape(4, 4)
+    for axis, expected in (([0.0, 0.0, 1.0], 0.0), ([0.0, 1.0, 0.0], 0.2)):
+        frame = np.array(polarisation.turned(mi.Vector3f(-1, 0, 0), mi.Vector3f(axis)))
+        light = np.linalg.inv(frame.reshape(4, 4)) @ [1, 1, 0, 0]  # Oscillates along the axis
+        assert np.allclose((matrix @ light)[0], expected, atol=1e-6)
+    straight = np.array(polarisation.rayleigh(mi.UnpolarizedSpectrum(1), -goes, goes))
+    assert np.allclose(straight.reshape(4, 4), np.eye(4), atol=1e-6)
+    back = polarisation.rayleigh(mi.UnpolarizedSpectrum(1), goes, goes)
+    assert not dr.any(dr.isnan(back[3, 3]))[0]
+
+
+def test_fog_of_small_particles_is_as_bright_as_it_is():
+    # Many times scattered: no more polarised than wholly, and bounded by the light there is
+    S = traced(mi.load_dict(fog(2.0, 1.0, phase={"type": "rayleigh"})), 100_000)
+    assert 0 < S[0] < 1
+    assert np.linalg.norm(S[1:]) < 0.02 * S[0]
+
+
+def test_rayleigh_in_a_blend_is_refused():
+    blend = {"type": "blendphase", "weight": 0.5, "a": {"type": "rayleigh"}, "b": {"type": "hg"}}
+    scene = mi.load_dict(fog(1.0, 0.5, phase=blend))
+    with pytest.raises(ValueError, match=r"\A\S+phase = blendphase: must have no rayleigh.*\Z"):
         check_scene(scene, media=True, polarisation=True)
 
 

@@ -135,9 +135,10 @@ class TransientIntegrator(mi.SamplingIntegrator):
     def surroundings(self, scene: mi.Scene, sensor: mi.Sensor | None) -> tuple[Space, Scattering]:
         """What paths go through, and how they go on there."""
         scattering = self.scattering(scene)
-        if self.follows_media and media_of(scene, sensor):
+        media = media_of(scene, sensor) if self.follows_media else []
+        if media:
             around = None if sensor is None else sensor.get_medium()
-            return Media(scene, around), Phases(scattering)
+            return Media(scene, around), Phases(scattering, media=media)
         return Vacuum(scene), scattering
 
     def sample(self, scene, sampler, ray, medium=None, active=True):

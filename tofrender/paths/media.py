@@ -21,6 +21,7 @@ in a grid (ratio tracking, Novák et al. 2014).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -28,8 +29,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import BOUNDARY, PLATES, media_of
-from ..signals.polarisation import depolarised, intensity
+from ..scenes.media import BOUNDARY, PLATES, RAYLEIGH, media_of
+from ..signals.polarisation import depolarised, intensity, rayleigh
 from .protocols import Scattering
 from .records import Bounce, Connection, Path, Turn, Vertex, extend
 from .surfaces import materials
@@ -342,12 +343,19 @@ class Phases:
         surfaces: How paths go on from surfaces.
         importance: Whether paths come from the lights.
         both_ways: Whether densities of the way back are asked for.
+        media: The media, of which some may polarise what they scatter.
     """
 
     def __init__(
-        self, surfaces: Scattering, importance: bool = False, both_ways: bool = False
+        self,
+        surfaces: Scattering,
+        importance: bool = False,
+        both_ways: bool = False,
+        media: Sequence[mi.Medium] = (),
     ) -> None:
         self.surfaces, self.both_ways = surfaces, both_ways
+        polarising = [m for m in media if m.phase_function().class_name() == RAYLEIGH]
+        self.polarising = polarising if mi.is_polarized else []
         mode = mi.TransportMode.Importance if importance else mi.TransportMode.Radiance
         self.context = mi.PhaseFunctionContext(None, mode)
 
@@ -386,7 +394,7 @@ class Phases:
         if self.both_ways:
             back = dr.select(here, self._pdf_back(mei, direction, active & here), back)
         return Turn(
-            dr.select(here, depolarised(f), turn.f),
+            dr.select(here, self._scattered(f, mei, direction), turn.f),
             dr.select(here, pdf, turn.pdf),
             dr.select(here, 1, turn.η),
             back,
@@ -410,13 +418,21 @@ class Phases:
             back = dr.select(here, self._pdf_back(mei, wo, active & here), back)
         return turn, Bounce(
             ray,
-            dr.select(here, depolarised(weight), bounce.weight),
+            dr.select(here, self._scattered(weight, mei, wo), bounce.weight),
             dr.select(here, pdf, bounce.pdf),
             dr.select(here, 1, bounce.η),
             dr.select(here, ~self._connects(vertex), bounce.specular),
             bounce.guide,
             back,
         )
+
+    def _scattered(self, f: Any, mei: mi.MediumInteraction3f, wo: mi.Vector3f) -> Any:
+        """What light becomes that comes from `wo`: unpolarised, but for media that polarise it."""
+        factor = depolarised(f)
+        for medium in self.polarising:
+            here = mei.medium == mi.MediumPtr(medium)
+            factor = dr.select(here, rayleigh(f, wo, mei.wi), factor)
+        return factor
 
     def _pdf_back(self, mei: mi.MediumInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Density of where a path has come from, for one that comes from `wo` [1/sr]."""

@@ -17,6 +17,9 @@ BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSid
 PLATES = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 """Materials with those flags that are more than that: they change the light that goes through."""
 
+RAYLEIGH = "RayleighPhaseFunction"
+"""The phase function that polarises light."""
+
 PROBES = 256
 """Rays of a sensor that look what is around it."""
 
@@ -51,8 +54,8 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
     Raises:
         ValueError: A coefficient is negative or not finite, an albedo above 1, a weight of a blend
             outside of 0 to 1; the sensor's medium is not what the shapes say that it sees; or it
-            has no end where light comes from infinitely far away; or it polarises what it
-            scatters, in a variant where that counts. One line.
+            has no end where light comes from infinitely far away; or a blend polarises
+            what it scatters, in a variant where that counts. One line.
     """
     for medium in media_of(scene, sensor):
         _require_sound(medium)
@@ -86,12 +89,13 @@ def _require_sound(medium: mi.Medium) -> None:
 
 
 def _require_depolarising(medium: mi.Medium) -> None:
-    """Refuse phase functions whose light would be polarised."""
+    """Refuse blended phase functions whose light would be polarised."""
     for node in mi.traverse(medium).hierarchy:
-        if isinstance(node, mi.PhaseFunction) and "Rayleigh" in node.class_name():
+        blended = isinstance(node, mi.PhaseFunction) and node is not medium.phase_function()
+        if blended and node.class_name() == RAYLEIGH:
             raise ValueError(
-                f"{medium.id() or medium.class_name()}.phase = rayleigh: must be another one in "
-                f"the variant {mi.variant()}, how it polarises light is not followed"
+                f"{medium.id() or medium.class_name()}.phase = blendphase: must have no rayleigh "
+                f"in the variant {mi.variant()}, how that polarises is followed where it is alone"
             )
 
 

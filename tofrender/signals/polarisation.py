@@ -132,6 +132,34 @@ def depolarised(factor: Any) -> Any:
     return mi.depolarizer(plain) if mi.is_polarized else plain
 
 
+def rayleigh(f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> mi.Spectrum:
+    """What a particle much smaller than the wavelength makes of light, as a dipole.
+
+    With the cosine c of the angle that light is turned by, the part across the plane of both
+    directions stays, and that in it counts c² (Bohren and Huffman 1983, section 5.2).
+
+    Args:
+        f: What it makes of unpolarised light.
+        comes: Unit vector towards where light comes from, world space.
+        goes: Unit vector towards where it goes to.
+    """
+    f, c = mi.unpolarized_spectrum(f), -dr.dot(comes, goes)
+    across, total = dr.cross(comes, goes), 1 + c * c
+    there = dr.squared_norm(across) > 1e-10  # Straight on and back, any axis is across
+    basis = mi.mueller.stokes_basis(goes)
+    axis = dr.select(there, dr.normalize(across), basis)
+    one, zero = f, mi.UnpolarizedSpectrum(0)
+    apart, phase = f * ((1 - c * c) / total), f * (2 * c / total)
+    matrix = mi.Spectrum(
+        *(one, apart, zero, zero),
+        *(apart, one, zero, zero),
+        *(zero, zero, phase, zero),
+        *(zero, zero, zero, phase),
+    )
+    before = mi.mueller.stokes_basis(-comes)
+    return mi.mueller.rotate_mueller_basis(matrix, -comes, axis, before, goes, axis, basis)
+
+
 def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> Any:
     """A BSDF's value between frames of world space; light comes from and goes to local directions.
 
