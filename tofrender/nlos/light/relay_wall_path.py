@@ -86,7 +86,7 @@ class ScanPlan(Plan):
         """The same: what is lit is a point."""
         return self
 
-    def trace(self, sampler, ray, origin, measurement, active=True):
+    def trace(self, sampler, ray, origin, measurement, active=True, frame=None):
         """Follow camera rays through a scene that a laser lights."""
         active, not_finite = mi.Bool(active), mi.UInt32(0)
         if self.scan.hide_emitters:
@@ -99,7 +99,7 @@ class ScanPlan(Plan):
         if seen is not None and self.counts_spot:
             not_finite += deliver(measurement, seen)
         lit = Plan(self.space, laser, self.scattering, self.limits)
-        measurement, path = lit.trace(sampler, ray, origin, measurement, active)
+        measurement, path = lit.trace(sampler, ray, origin, measurement, active, frame)
         path.not_finite += not_finite
         return measurement, path
 
