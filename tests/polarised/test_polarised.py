@@ -432,6 +432,10 @@ def test_renders_go_on_and_have_errors():
     at_once = tofrender.render(scene, spp=16, progress=False)
     assert more.attrs["spp"] == 16
     assert np.allclose(more["steady"], at_once["steady"], atol=1e-5)
+    parts = [first, tofrender.render(scene, spp=8, seed=1, progress=False)]
+    joined = tofrender.merge(parts)
+    assert joined["transient"].dims == first["transient"].dims
+    assert np.allclose(joined["steady"], sum(each["steady"] for each in parts) / 2, atol=1e-6)
     noisy = tofrender.render(scene, spp=16, errors=True, progress=False)
     assert noisy["steady_error"].dims == ("y", "x", "stokes", "channel")
     assert (noisy["steady_error"].sel(stokes="S1").mean() > 0).item()
@@ -586,7 +590,6 @@ def test_who_does_not_follow_polarised_light_says_so(integrator):
     [
         lambda dataset, path: tofrender.save_npz(dataset, path / "a.npz"),
         lambda dataset, path: tofrender.save_exr_stack(dataset, path),
-        lambda dataset, path: tofrender.merge([dataset, dataset]),
         lambda dataset, path: tofrender.visualize_transient(dataset),
         lambda dataset, path: tofrender.transient_to_phasor(dataset, 20e6),
     ],

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.progress import shown
-from .dataset import DIMS, ERRORS, check_dataset, require_finite
+from .dataset import DIMS, ERRORS, check_dataset, components_of, require_finite
 from .labels import labelled
 
 if TYPE_CHECKING:
@@ -56,7 +56,8 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
         raise ValueError(f"renders: has {len(renders)}; must have two or more")
     for number, render in enumerate(renders):
         try:
-            check_dataset(render)
+            for component in components_of(render):
+                check_dataset(component)
             require_finite(render)
             _check_numbers(render.attrs)
         except ValueError as error:
@@ -65,8 +66,8 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     counts = np.array([int(render.attrs["spp"]) for render in renders])
     shares = (counts / counts.sum()).astype(np.float32)
     variables: dict[str, Any] = {}
-    for name, dims in DIMS.items():
-        parts = [render[name].data for render in renders]
+    for name in DIMS:
+        dims, parts = renders[0][name].dims, [render[name].data for render in renders]
         mean = sum(share * part for share, part in zip(shares, parts, strict=True))
         variables[name] = (dims, mean)
         error = _error(name, renders, parts, mean, shares)
@@ -120,7 +121,7 @@ def _check_alike(renders: list[Any]) -> None:
             mine, its = first.attrs.get(name), render.attrs.get(name)
             if mine != its:
                 raise ValueError(f"renders[{number}]: has {name} = {its!r}; must be {mine!r}")
-        for axis in DIMS["transient"]:
+        for axis in first["transient"].dims:
             if not np.array_equal(first[axis].values, render[axis].values):
                 raise ValueError(f"renders[{number}]: has another {axis}; must be as the first")
     seeds = [seed for r in renders for seed in str(r.attrs["seed"]).split(", ")]

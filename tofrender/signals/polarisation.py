@@ -184,7 +184,11 @@ def sensor_frame(sensor: mi.Sensor, ray: mi.Ray3f) -> Any:
     if not mi.is_polarized:
         return None
     up = sensor.world_transform() @ mi.Vector3f(0, 1, 0)
-    return turned(-ray.d, dr.normalize(dr.cross(ray.d, up)))
+    across = dr.cross(ray.d, up)
+    axis = dr.select(
+        dr.squared_norm(across) > 0, dr.normalize(across), mi.mueller.stokes_basis(-ray.d)
+    )
+    return turned(-ray.d, axis)
 
 
 def turned(forward: mi.Vector3f, axis: mi.Vector3f) -> Any:
