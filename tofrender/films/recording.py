@@ -421,7 +421,7 @@ def colour_count(image: mi.Film) -> int:
     return 4 if mi.has_flag(image.flags(), mi.FilmFlags.Alpha) else 3
 
 
-def colours_of(rgb: mi.Color3f) -> list[mi.Float]:
+def colours_of(rgb: mi.Color3f) -> list[Any]:
     """The channels of a colour that are kept."""
     return [rgb.x] if mi.is_monochromatic else [rgb.x, rgb.y, rgb.z]
 

@@ -82,7 +82,7 @@ def polarisation_figure(
         width,
         math.ceil(4 / columns),
         columns,
-        picture_aspect(*light.shape[:2], 0.4, 2.0),
+        picture_aspect(light.shape[0], light.shape[1], 0.4, 2.0),
         title=title or "",
         hatch="no light, or hardly polarised" if hatched else "",
     )
