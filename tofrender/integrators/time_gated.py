@@ -167,7 +167,8 @@ class TimeGatedTransientPath(TransientIntegrator):
                 and hasattr(self.pulse, "sample")
                 and weight.closes is not None
             )
-            kind = GatedFog if ahead and not self.camera_unwarp else GatedLights
+            ahead = ahead and not self.camera_unwarp and not mi.is_polarized
+            kind = GatedFog if ahead else GatedLights
             endpoint = self.emitters(kind, scene, sensor, weight)
         return Plan(space, endpoint, scattering, limits)
 
