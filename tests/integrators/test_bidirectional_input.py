@@ -196,10 +196,7 @@ def test_gates_need_a_pulse(technique):
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("technique", TRACERS)
-def test_what_is_not_followed(technique):
-    fog = {"type": "sphere", "bsdf": {"type": "null"}, "interior": {"type": "homogeneous"}}
-    foggy = load(described(technique) | {"fog": fog})
-    assert "medium" in refusal(lambda: render(foggy))
+def test_scenes_of_another_variant(technique):
     loaded = load(described(technique))
     mi.set_variant("llvm_ad_mono")
     tracer = mi.load_dict(by(technique), parallel=False)

@@ -13,7 +13,8 @@ from fogs import fog
 
 from tofrender.integrators.plan import Plan
 from tofrender.paths.endpoints import SceneLights
-from tofrender.paths.media import Media, Phases
+from tofrender.paths.media import Media
+from tofrender.paths.phases import Phases
 from tofrender.paths.records import Limits, Path
 from tofrender.paths.scattering import Materials
 from tofrender.sampling.statistics import p_values, smallest_allowed

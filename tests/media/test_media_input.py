@@ -83,9 +83,12 @@ def test_fog_without_end_under_a_sky():
     tofrender.render(ends, spp=1, window="auto")
 
 
-@pytest.mark.parametrize("name", ["transient_bdpt", "transient_light_tracer"])
+SMALL = {"simple": {"position": [0, 0.5, 0], "energy": 1.0}, "ao": {}}
+
+
+@pytest.mark.parametrize("name", SMALL)
 def test_integrators_that_do_not_follow_media(name):
-    text = refusal(box(fog(0.1, 0.9)), integrator=name)
+    text = refusal(box(fog(0.1, 0.9)) | {"integrator": {"type": name} | SMALL[name]})
     assert "medium" in text
     assert "not followed" in text
 

@@ -13,14 +13,14 @@ from ..films.recording import Recording, recording, tell_not_finite
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.light_points import checked_count
-from ..paths.media import Media, Phases
+from ..paths.media import Media
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..runtime import checks
 from ..scenes.checking import check_scene
-from ..scenes.media import media_of
+from ..scenes.media import beyond, media_of
 from ..signals.polarisation import as_spectrum
 from .own_sample import brings_sample, by_sample
 from .passes import WHOLE, Part, expose, steps
@@ -87,6 +87,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
     follows_polarisation = True
     """Whether paths carry polarised light in variants that have it."""
 
+    starts_at_lights = False
+    """Whether there are paths that come from lights."""
+
     takes_light_samples = False
     """Whether a vertex may connect to several points of the scene's emitters."""
 
@@ -129,17 +132,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
             sensor: The sensor, None where only rays are known.
             weight: What light counts by its length where nothing else of it matters.
         """
-        space, scattering = self.surroundings(scene, sensor)
+        space = self.space(scene, sensor)
+        scattering = space.scattering(self.scattering(scene))
         return Plan(space, self.endpoint(scene, sensor), scattering, self.limits())
 
-    def surroundings(self, scene: mi.Scene, sensor: mi.Sensor | None) -> tuple[Space, Scattering]:
-        """What paths go through, and how they go on there."""
-        scattering = self.scattering(scene)
-        media = media_of(scene, sensor) if self.follows_media else []
-        if media:
-            around = None if sensor is None else sensor.get_medium()
-            return Media(scene, around), Phases(scattering, media=media)
-        return Vacuum(scene), scattering
+    def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
+        """What paths go through."""
+        if self.follows_media and media_of(scene, sensor):
+            outside = None if sensor is None else sensor.get_medium()
+            return Media(scene, outside, beyond(scene, outside) if self.starts_at_lights else None)
+        return Vacuum(scene)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.

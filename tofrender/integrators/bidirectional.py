@@ -16,10 +16,10 @@ from ..paths.emission import Emission
 from ..paths.endpoints.camera import Camera
 from ..paths.endpoints.light_paths import LightPaths
 from ..paths.lens import Lens
-from ..paths.records import Limits, Path
+from ..paths.protocols import Space
+from ..paths.records import Connection, Limits, Path, Vertex
 from ..paths.scattering import Materials
 from ..paths.sharing import Sharing
-from ..paths.space import Vacuum
 from ..paths.walk import deliver, walk
 from ..runtime import checks
 from ..signals.polarisation import unpolarised
@@ -34,6 +34,7 @@ class BidirectionalPlan(Plan):
     Args:
         scene: The scene.
         sensor: The camera.
+        space: What paths go through.
         limits: Which paths count.
         sharing: Which strategies count.
         hide_emitters: Whether the camera sees through area lights.
@@ -47,14 +48,18 @@ class BidirectionalPlan(Plan):
         self,
         scene: mi.Scene,
         sensor: mi.Sensor,
+        space: Space,
         limits: Limits,
         sharing: Sharing,
         hide_emitters: bool,
         discard_direct_light: bool,
         from_camera: bool,
     ) -> None:
-        scattering = Materials(scene, both_ways=sharing.exponent > 0)
-        self.adjoint = Materials(scene, importance=True)
+        both_ways = sharing.exponent > 0
+        media = {"both_ways": both_ways, "connects": True}
+        scattering = space.scattering(Materials(scene, both_ways=both_ways), **media)
+        adjoint = Materials(scene, importance=True)
+        self.adjoint = space.scattering(adjoint, importance=True, **media)
         self.lens, self.emission, self.sharing = Lens(sensor), Emission(scene, sensor), sharing
         self.scene, self.hide_emitters, self.from_camera = scene, hide_emitters, from_camera
         self.shows_emitters = not (hide_emitters or discard_direct_light)
@@ -63,7 +68,7 @@ class BidirectionalPlan(Plan):
             *(scene, sensor, self.lens, self.emission, self.adjoint, sharing),
             *(limits.max_depth, *shown),
         )
-        super().__init__(Vacuum(scene), self.connections, scattering, limits)
+        super().__init__(space, self.connections, scattering, limits)
         only = sharing.only or (2, 2)  # Stands for all
         self.splats = sharing.camera_connections and (sharing.only is None or only[1] == 1)
         keeps = from_camera and sharing.inner and min(only) > 1
@@ -93,9 +98,10 @@ class BidirectionalPlan(Plan):
             lens = Camera(
                 *(self.scene, self.lens, self.emission, emitted, self.adjoint, self.sharing),
                 *(self.kept, self.splats, self.limits.unwarp, self.hide_emitters),
+                in_media=self.space.scatters,
             )
-            start = mi.Bool(active) & emitted.active
-            path = Path.start(emitted.ray, emitted.origin, start, lens.memory())
+            start, place = mi.Bool(active) & emitted.active, self.space.around(emitted.ray)
+            path = Path.start(emitted.ray, emitted.origin, start, lens.memory(), place=place)
             measurement, path = walk(
                 sampler, path, self.space, lens, self.adjoint, measurement, limits
             )
@@ -128,19 +134,39 @@ class BidirectionalPlan(Plan):
         distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
         arrival = self.lens.arrive(ds.p, at.p, distant)
         active = mi.Bool(active) & arrival.seen & (ds.pdf > 0) & ~ds.delta
-        between = mi.Ray3f(arrival.near, ds.d, ray.time, ray.wavelengths)
-        between.maxt = dr.norm(ds.p - arrival.near) * (1 - mi.math.ShadowEpsilon)
-        active &= ~self.scene.ray_test(between, active)
         length = dr.select(distant, self.emission.sphere.length(at.p, ds.d), arrival.distance)
+        arrives = self._reaches_lens(sampler, ray, ds, arrival, active)
         x = self.sharing.power(arrival.density / ds.pdf) if self.sharing.exponent else mi.Float(0)
         share = self.sharing.share(x, 1, 1)
         seen = Contribution(
-            spectrum=unpolarised(mi.unpolarized_spectrum(radiance) * (arrival.density * share)),
+            spectrum=unpolarised(
+                mi.unpolarized_spectrum(radiance) * (arrival.density * share * arrives)
+            ),
             opl=mi.Float(0) if self.limits.unwarp else length,
             active=active & (share > 0),
             position=arrival.position,
         )
         return measurement, deliver(measurement, seen)
+
+    def _reaches_lens(self, sampler, ray, ds, arrival, active) -> Any:
+        """What of an emitter's light arrives at the lens."""
+        si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+        si.p, si.n, si.time, si.wavelengths = ds.p, ds.n, ray.time, ray.wavelengths
+        to_lens = si.spawn_ray_to(arrival.near)
+        path = Path.start(to_lens, ds.p, active, place=self.space.around(to_lens))
+        link = Connection(
+            point=arrival.near,
+            direction=-ds.d,
+            weight=mi.UnpolarizedSpectrum(1),
+            pdf=mi.Float(1),
+            delta=mi.Bool(True),
+            length=arrival.distance,
+            active=active,
+            clear=mi.Bool(False),
+            reach=arrival.distance,
+        )
+        start = Vertex(si, mi.Float(0), active)
+        return self.space.transmittance(path, start, link, sampler)
 
 
 class BothEnds(TransientPath):
@@ -155,7 +181,7 @@ class BothEnds(TransientPath):
     | `target_time` | none | path length of a gate [m]: a picture then shows what it sees |
     """
 
-    follows_media = False
+    starts_at_lights = True
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:
@@ -205,6 +231,6 @@ class BothEnds(TransientPath):
                 "must render, by mi.render or tofrender.render"
             )
         return BidirectionalPlan(
-            *(scene, sensor, self.limits(), self.sharing()),
+            *(scene, sensor, self.space(scene, sensor), self.limits(), self.sharing()),
             *(self.hide_emitters, self.discard_direct_light, self.from_camera),
         )

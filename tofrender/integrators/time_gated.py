@@ -158,7 +158,8 @@ class TimeGatedTransientPath(TransientIntegrator):
             self.endpoint(scene, sensor),
             self.limits(getattr(weight, "closes", None)),
         )
-        space, scattering = self.surroundings(scene, sensor)
+        space = self.space(scene, sensor)
+        scattering = space.scattering(self.scattering(scene))
         in_media = isinstance(space, Media)
         if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
             ahead = (

@@ -1,6 +1,6 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 # pyright: reportAttributeAccessIssue=false, reportReturnType=false
-"""Space that is not empty: fog, smoke, milk; and how paths go on where these scatter.
+"""Space that is not empty: fog, smoke, milk.
 
 A path flies through media and through boundaries of equal index (BSDF `null`) to its next real
 vertex: a surface, or a point where a medium scatters. Null collisions and such boundaries move
@@ -21,7 +21,6 @@ in a grid (ratio tracking, Novák et al. 2014).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -29,10 +28,11 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import BOUNDARY, PLATES, RAYLEIGH, media_of
-from ..signals.polarisation import depolarised, intensity, rayleigh
+from ..scenes.media import BOUNDARY, PLATES, media_of
+from ..signals.polarisation import intensity
+from .phases import Phases, Scattered, as_surface
 from .protocols import Scattering
-from .records import Bounce, Connection, Path, Turn, Vertex, extend
+from .records import Connection, Path, Vertex, extend
 from .surfaces import materials
 
 FARTHEST = 1e30
@@ -48,19 +48,6 @@ class Place:
     """
 
     medium: mi.MediumPtr
-
-
-@dataclass
-class Scattered:
-    """A point in a medium: the `inside` of a vertex.
-
-    Attributes:
-        mei: The point, with what the medium is like there.
-        here: Lanes whose vertex is such a point; the others are on surfaces.
-    """
-
-    mei: mi.MediumInteraction3f
-    here: mi.Bool
 
 
 @dataclass
@@ -118,25 +105,55 @@ class Media:
 
     Args:
         scene: The scene.
-        outside: What is around the points where paths start, None for vacuum.
+        outside: What is around a sensor, where its rays start; None for vacuum.
+        beyond: What is infinitely far away, which paths from lights must know.
     """
 
-    def __init__(self, scene: mi.Scene, outside: mi.Medium | None = None) -> None:
-        self.scene, self.outside = scene, outside
-        media = media_of(scene) + ([] if outside is None else [outside])
-        self.has_grids = any(not medium.is_homogeneous() for medium in media)
+    scatters = True
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        outside: mi.Medium | None = None,
+        beyond: mi.Medium | None = None,
+    ) -> None:
+        self.scene, self.outside, self.beyond = scene, outside, beyond
+        self.media = media_of(scene) + ([] if outside is None else [outside])
+        self.has_grids = any(not medium.is_homogeneous() for medium in self.media)
         null = [bsdf for bsdf in materials(scene) if int(bsdf.flags()) == BOUNDARY]
         plates = [bsdf for bsdf in null if bsdf.class_name() in PLATES]
         self.has_boundaries = len(plates) < len(null)
         self.plates = [bsdf for k, bsdf in enumerate(plates) if bsdf not in plates[:k]]
         self.repeats = self.has_grids or self.has_boundaries
 
+    def scattering(
+        self,
+        surfaces: Scattering,
+        importance: bool = False,
+        both_ways: bool = False,
+        connects: bool = False,
+    ) -> Scattering:
+        """Phase functions in media, and what is given on surfaces."""
+        return Phases(surfaces, importance, both_ways, connects, self.media)
+
     def place(self, ray: mi.Ray3f) -> Place:
-        """What is around the start of rays."""
-        lanes = dr.width(ray)
-        if self.outside is None:
-            return Place(dr.zeros(mi.MediumPtr, lanes))
-        return Place(dr.full(mi.MediumPtr, self.outside, lanes))
+        """What is around the start of a sensor's rays."""
+        return Place(_everywhere(self.outside, dr.width(ray)))
+
+    @dr.syntax
+    def around(self, ray: mi.Ray3f) -> Place:
+        """What is around the start of other rays: what the first shape says that has a medium."""
+        ray = mi.Ray3f(ray)
+        medium = _everywhere(self.beyond, dr.width(ray))
+        looking = mi.Bool(True)
+        while looking:
+            si = self.scene.ray_intersect(ray, mi.RayFlags.Minimal, False, looking)
+            looking &= si.is_valid()
+            tells = looking & si.is_medium_transition()
+            medium = dr.select(tells, si.target_medium(-ray.d), medium)
+            looking &= ~tells
+            ray = dr.select(looking, si.spawn_ray(ray.d), ray)
+        return Place(medium)
 
     @dr.syntax
     def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
@@ -160,7 +177,7 @@ class Media:
             flight.ray, mi.RayFlags.All, path.active & ~here
         )
         mei = _point(path.ray, dr.fma(path.ray.d, flight.at, o), flight.medium)
-        point = _as_surface(si, mei, here)
+        point = as_surface(si, mei, here)
         valid = here | si.is_valid()
         return path, Vertex(point, dr.norm(point.p - o), valid, Scattered(mei, here))
 
@@ -248,7 +265,8 @@ class Media:
         o = vertex.si.p
         flight = Flight.start(vertex.si.spawn_ray_to(connection.point), medium, connection.active)
         flight.looking &= ~connection.clear
-        return self._arrive(flight, o, dr.norm(connection.point - o), sampler).left
+        whole = dr.norm(connection.point - o) if connection.reach is None else connection.reach
+        return self._arrive(flight, o, whole, sampler).left
 
     def ahead(
         self, path: Path, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool
@@ -268,7 +286,7 @@ class Media:
         path.place = Place(flight.medium)
         path.β = extend(path.β, dr.select(here, flight.left * σ_s, 0))
         path.opl = dr.fma(path.η, distance, path.opl)
-        point = _as_surface(dr.zeros(mi.SurfaceInteraction3f, dr.width(mei)), mei, here)
+        point = as_surface(dr.zeros(mi.SurfaceInteraction3f, dr.width(mei)), mei, here)
         return path, Vertex(point, distance, here, Scattered(mei, here))
 
     def _arrive(
@@ -332,114 +350,16 @@ class Media:
 
     def _behind(self, medium: Any, vertex: Vertex, d: mi.Vector3f) -> Any:
         """The medium on the side of a vertex that a direction leads to."""
-        changes = ~vertex.inside.here & vertex.si.is_valid() & vertex.si.is_medium_transition()
+        on_surface = True if vertex.inside is None else ~vertex.inside.here
+        changes = on_surface & vertex.si.is_valid() & vertex.si.is_medium_transition()
         return dr.select(changes, vertex.si.target_medium(d), medium)
 
 
-class Phases:
-    """Scattering in media by their phase functions, and on surfaces as before.
-
-    Args:
-        surfaces: How paths go on from surfaces.
-        importance: Whether paths come from the lights.
-        both_ways: Whether densities of the way back are asked for.
-        media: The media, of which some may polarise what they scatter.
-    """
-
-    def __init__(
-        self,
-        surfaces: Scattering,
-        importance: bool = False,
-        both_ways: bool = False,
-        media: Sequence[mi.Medium] = (),
-    ) -> None:
-        self.surfaces, self.both_ways = surfaces, both_ways
-        polarising = [m for m in media if m.phase_function().class_name() == RAYLEIGH]
-        self.polarising = polarising if mi.is_polarized else []
-        mode = mi.TransportMode.Importance if importance else mi.TransportMode.Radiance
-        self.context = mi.PhaseFunctionContext(None, mode)
-
-    @property
-    def refracts(self) -> bool:
-        """Whether surfaces do."""
-        return self.surfaces.refracts
-
-    def guide(self) -> Any:
-        """That of the surfaces."""
-        return self.surfaces.guide()
-
-    def arrive(self, path: Path, vertex: Vertex) -> Path:
-        """What surfaces want to know."""
-        return self.surfaces.arrive(path, vertex)
-
-    def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Points of media that ask for connections, and what surfaces say."""
-        return self._connects(vertex) | self.surfaces.smooth(vertex)
-
-    def _connects(self, vertex: Vertex) -> mi.Bool:
-        """Points of media whose `sample_emitters` is not off."""
-        return vertex.inside.here & vertex.inside.mei.medium.use_emitter_sampling()
-
-    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
-        """What the phase function, or the surface, makes of a direction."""
-        turn = self.surfaces.turn(vertex, direction, active & ~vertex.inside.here)
-        return self._in_both(turn, vertex, direction, active)
-
-    def _in_both(self, turn: Turn, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
-        """What the phase function makes of a direction in media; on surfaces, what they do."""
-        here, mei = vertex.inside.here, vertex.inside.mei
-        phase = mei.medium.phase_function()
-        f, pdf = phase.eval_pdf(self.context, mei, direction, active & here)
-        back = turn.back
-        if self.both_ways:
-            back = dr.select(here, self._pdf_back(mei, direction, active & here), back)
-        return Turn(
-            dr.select(here, self._scattered(f, mei, direction), turn.f),
-            dr.select(here, pdf, turn.pdf),
-            dr.select(here, 1, turn.η),
-            back,
-        )
-
-    def scatter(
-        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, Bounce]:
-        """Towards a connection, if there is one, and where phase function or surface choose."""
-        here, mei = vertex.inside.here, vertex.inside.mei
-        on_surface = None if link is None else link.only(~here)
-        turn, bounce = self.surfaces.scatter(vertex, on_surface, sampler, active & ~here)
-        phase = mei.medium.phase_function()
-        if link is not None:
-            turn = self._in_both(turn, vertex, link.direction, link.active)
-        xi, u = sampler.next_1d(), sampler.next_2d()
-        wo, weight, pdf = phase.sample(self.context, mei, xi, u, active & here)
-        ray = dr.select(here, mei.spawn_ray(wo), bounce.ray)
-        back = bounce.back
-        if self.both_ways:
-            back = dr.select(here, self._pdf_back(mei, wo, active & here), back)
-        return turn, Bounce(
-            ray,
-            dr.select(here, self._scattered(weight, mei, wo), bounce.weight),
-            dr.select(here, pdf, bounce.pdf),
-            dr.select(here, 1, bounce.η),
-            dr.select(here, ~self._connects(vertex), bounce.specular),
-            bounce.guide,
-            back,
-        )
-
-    def _scattered(self, f: Any, mei: mi.MediumInteraction3f, wo: mi.Vector3f) -> Any:
-        """What light becomes that comes from `wo`: unpolarised, but for media that polarise it."""
-        factor = depolarised(f)
-        for medium in self.polarising:
-            here = mei.medium == mi.MediumPtr(medium)
-            factor = dr.select(here, rayleigh(f, wo, mei.wi), factor)
-        return factor
-
-    def _pdf_back(self, mei: mi.MediumInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Density of where a path has come from, for one that comes from `wo` [1/sr]."""
-        other = mi.MediumInteraction3f(mei)
-        other.wi, came = wo, mei.wi
-        other.sh_frame = mi.Frame3f(wo)
-        return other.medium.phase_function().eval_pdf(self.context, other, came, active)[1]
+def _everywhere(medium: mi.Medium | None, lanes: int) -> mi.MediumPtr:
+    """A medium in all lanes, null for vacuum."""
+    if medium is None:
+        return dr.zeros(mi.MediumPtr, lanes)
+    return dr.full(mi.MediumPtr, medium, lanes)
 
 
 def _shares(β: Any) -> Any:
@@ -472,13 +392,3 @@ def _point(ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr) -> mi.MediumInter
     mei.time, mei.wavelengths = ray.time, ray.wavelengths
     mei.sh_frame, mei.medium = mi.Frame3f(-ray.d), medium
     return mei
-
-
-def _as_surface(
-    si: mi.SurfaceInteraction3f, mei: mi.MediumInteraction3f, here: mi.Bool
-) -> mi.SurfaceInteraction3f:
-    """The surface point, or a point in a medium as one without a surface and without normal."""
-    point: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(mei))
-    point.p, point.t, point.time, point.wavelengths = mei.p, mei.t, mei.time, mei.wavelengths
-    point.wi, point.sh_frame = mei.wi, mei.sh_frame
-    return dr.select(here, point, si)

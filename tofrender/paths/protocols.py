@@ -16,7 +16,7 @@
 | | `nlos.light.laser_spot.LaserSpot` | the point of a wall that a laser lights |
 | | `nlos.light.transient_nlos.LaserItself` | the laser, for the paths that count |
 | scattering | `scattering.Materials` | each surface's own material, or one for all |
-| | `media.Phases` | phase functions in media, another scattering on surfaces |
+| | `phases.Phases` | phase functions in media, another scattering on surfaces |
 | | `guided.Guided` | another scattering, mixed with directions to target surfaces |
 | measurement | `films.sums.Radiance` | the plain sum |
 | | `films.sums.Weighted` | a sum weighted by length: a gate, a correlation |
@@ -40,10 +40,34 @@ from .records import Bounce, Connection, Hit, Path, Turn, Vertex
 
 
 class Space(Protocol):
-    """How the next vertex is found, how long the way is, and what is lost on it."""
+    """How the next vertex is found, how long the way is, and what is lost on it.
+
+    Attributes:
+        scatters: Whether vertices may be points of media.
+    """
+
+    scatters: bool
+
+    def scattering(
+        self,
+        surfaces: Scattering,
+        importance: bool = False,
+        both_ways: bool = False,
+        connects: bool = False,
+    ) -> Scattering:
+        """How paths go on from all points of the space, where it is known for surfaces.
+
+        `importance` says that paths come from lights, `both_ways` that densities of the way back
+        are asked for, `connects` that all media connect, whatever their `sample_emitters` says.
+        """
+        ...
 
     def place(self, ray: mi.Ray3f) -> Any:
-        """What is known of where rays start, None if it is the same everywhere."""
+        """What is known of where a sensor's rays start, None if it is the same everywhere."""
+        ...
+
+    def around(self, ray: mi.Ray3f) -> Any:
+        """The same of rays that start at a light."""
         ...
 
     def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> Any:

@@ -160,6 +160,11 @@ class Vertex:
     valid: mi.Bool
     inside: Any = None
 
+    def cosine(self, d: mi.Vector3f) -> mi.Float:
+        """Cosine between a direction and the normal, unsigned; 1 in a medium, which has none."""
+        cos = dr.abs(dr.dot(self.si.n, d))
+        return cos if self.inside is None else dr.select(self.inside.here, 1, cos)
+
 
 @dataclass
 class Hit:
@@ -196,6 +201,8 @@ class Connection:
         rival: What the endpoint wants to know again when it tells the connection's share, or makes
             further connections.
         frame: Matrix that turns polarised light at the connection's end, if it ends on the sensor.
+        reach: Length of the connection in which media count, if it goes on behind `point` where no
+            surface does [m].
     """
 
     point: mi.Point3f
@@ -209,6 +216,7 @@ class Connection:
     position: Any = None
     rival: Any = None
     frame: Any = None
+    reach: Any = None
 
     def only(self, mask: mi.Bool) -> Connection:
         """The same in some of its lanes."""

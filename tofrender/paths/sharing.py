@@ -17,7 +17,9 @@ of the way back,
     leaving                 a -> m(1 / p)           b -> m(c' / p) (b m(q) + a)
     leaving from a mirror   a -> 0                  b -> m(c') b
 
-Cosines are those to geometric normals; Russian roulette is not in the densities.
+Cosines are those to geometric normals, and 1 at points of media. Neither Russian roulette nor what
+media let through is in the densities, which need not be exact: shares add up to 1 for any. The
+extinction at each vertex would cancel, as all strategies find the same vertices.
 """
 
 from __future__ import annotations
@@ -75,13 +77,13 @@ class Sharing:
 
     def arrive(self, rivals: Rivals, path: Path, vertex: Vertex) -> Rivals:
         """After the segment to a vertex."""
-        distance, cos = vertex.length, dr.abs(dr.dot(vertex.si.n, path.ray.d))
+        distance, cos = vertex.length, vertex.cosine(path.ray.d)
         across = dr.select(cos > 0, dr.rcp(self.power(cos)), 0)
         return Rivals(rivals.a * self.power(distance * distance) * across, rivals.b * across)
 
     def leave(self, rivals: Rivals, vertex: Vertex, bounce: Bounce) -> Rivals:
         """After a vertex, in the direction of a bounce."""
-        cos = dr.abs(dr.dot(vertex.si.n, bounce.ray.d))
+        cos = vertex.cosine(bounce.ray.d)
         chance = dr.select(bounce.pdf > 0, dr.rcp(self.power(bounce.pdf)), 0)
         earlier = dr.select(bounce.specular, rivals.b, chance * self.sum(rivals, bounce.back))
         cut = dr.select(bounce.specular, 0, chance) if self.inner else dr.zeros(mi.Float)

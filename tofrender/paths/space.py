@@ -6,6 +6,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .protocols import Scattering
 from .records import Connection, Path, Vertex
 
 
@@ -16,12 +17,26 @@ class Vacuum:
         scene: The scene.
     """
 
+    scatters = False
+
     def __init__(self, scene: mi.Scene) -> None:
         self.scene = scene
+
+    def scattering(
+        self,
+        surfaces: Scattering,
+        importance: bool = False,
+        both_ways: bool = False,
+        connects: bool = False,
+    ) -> Scattering:
+        """What is given: there is nothing but surfaces."""
+        return surfaces
 
     def place(self, ray: mi.Ray3f) -> None:
         """Nothing: it is the same everywhere."""
         return None
+
+    around = place
 
     def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> None:
         """Nothing."""

@@ -23,6 +23,9 @@ RAYLEIGH = "RayleighPhaseFunction"
 PROBES = 256
 """Rays of a sensor that look what is around it."""
 
+STEPS = 0.8654415, 0.7489889, 0.6482062, 0.5609843, 0.4854990
+"""Steps of a sequence that fills five dimensions evenly (Roberts 2018)."""
+
 LEAKS = 2
 """How many of them may slip between two triangles of a shape."""
 
@@ -48,6 +51,42 @@ def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium
     return media
 
 
+def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | None:
+    """The medium infinitely far away, None for vacuum.
+
+    It is what the first shape that has a medium says on its outer side; where no shape has one, it
+    is the sensor's.
+
+    Args:
+        scene: The scene.
+        sensors: What is around the sensor.
+
+    Example:
+        >>> beyond(mi.load_dict({"type": "scene"})) is None
+        True
+    """
+    if not media_of(scene):
+        return sensors
+    sphere = scene.bbox().bounding_sphere()
+    share = np.arange(1, PROBES + 1)[:, None] * STEPS % 1
+    from_, across = mi.Point2f(*map(mi.Float, share.T[:2])), mi.Point3f(*map(mi.Float, share.T[2:]))
+    start = mi.warp.square_to_uniform_sphere(from_) * (2 * float(sphere.radius) + 1) + sphere.center
+    box = scene.bbox()
+    end = mi.Point3f(box.min) + across * mi.Vector3f(box.max - box.min)
+    ray, active = mi.Ray3f(mi.Point3f(start), dr.normalize(end - start)), mi.Bool(True)
+    for _ in range(CROSSINGS):
+        si = scene.ray_intersect(ray, active)
+        tells = active & si.is_valid() & si.is_medium_transition()
+        for at in np.asarray(dr.compress(tells))[:1]:
+            return dr.gather(mi.MediumPtr, si.target_medium(-ray.d), int(at))[0]
+        active &= si.is_valid()
+        ray = si.spawn_ray(ray.d)
+        dr.eval(ray, active)
+        if not dr.any(active):
+            break
+    return sensors
+
+
 def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Refuse media that cannot be, and a sensor that is in another one than it says.
 
@@ -57,11 +96,12 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
             has no end where light comes from infinitely far away; or a blend polarises
             what it scatters, in a variant where that counts. One line.
     """
-    for medium in media_of(scene, sensor):
+    media = media_of(scene, sensor)
+    for medium in media:
         _require_sound(medium)
         if mi.is_polarized:
             _require_depolarising(medium)
-    if sensor is not None:
+    if media and sensor is not None:
         _require_place(scene, sensor)
 
 
@@ -102,7 +142,9 @@ def _require_depolarising(medium: mi.Medium) -> None:
 def _require_place(scene: mi.Scene, sensor: mi.Sensor) -> None:
     """Look from a sensor, and compare the media on the way with what each surface says."""
     film, rest = np.arange(1, PROBES + 1)[:, None] * (0.7548777, 0.5698403) % 1, mi.Point2f(0.5)
-    ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(*map(mi.Float, film.T)), rest, True)
+    across = mi.Point2f(*map(mi.Float, film.T))
+    ray, _ = sensor.sample_ray_differential(0.0, 0.5, across, rest, True)
+    ray = mi.Ray3f(ray)
     around, active = sensor.get_medium(), mi.Bool(True) & dr.isfinite(ray.o.x)
     medium = dr.full(mi.MediumPtr, around, PROBES) if around else dr.zeros(mi.MediumPtr, PROBES)
     distant = any(mi.has_flag(e.flags(), mi.EmitterFlags.Infinite) for e in scene.emitters())

@@ -14,15 +14,20 @@ from ...signals.polarisation import sensor_frame
 from ..camera import behind_emitters
 from ..emission import Emission, Emitted
 from ..lens import Lens
+from ..phases import Scattered
+from ..protocols import Scattering
 from ..records import Bounce, Connection, Path, Turn, Vertex
-from ..scattering import Materials
 from ..sharing import Rivals, Sharing
+from ..window import Arrival
 from .unseen import Unseen
 
 
 @cache
-def kept_type(variant: str | None) -> Any:
-    """The record of a kept vertex in a variant; memory of a lane asks for the very types."""
+def kept_type(variant: str | None, in_media: bool) -> Any:
+    """The record of a kept vertex in a variant; memory of a lane asks for the very types.
+
+    In media it has one field more.
+    """
 
     @dataclass
     class Kept:
@@ -45,7 +50,26 @@ def kept_type(variant: str | None) -> Any:
         a: mi.Float
         b: mi.Float
 
-    return Kept
+        def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
+            """It, as one that a ray has led to."""
+            return Vertex(self.si, length, active)
+
+    @dataclass
+    class KeptInMedia(Kept):
+        """The same where media scatter.
+
+        Attributes:
+            medium: What scatters there, null on surfaces.
+        """
+
+        medium: mi.MediumPtr
+
+        def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
+            """It, as one that a ray has led to."""
+            medium = dr.select(active, self.medium, dr.zeros(mi.MediumPtr))
+            return Vertex(self.si, length, active, Scattered.again(self.si, medium))
+
+    return KeptInMedia if in_media else Kept
 
 
 @dataclass
@@ -82,6 +106,7 @@ class Camera(Unseen):
         connects: Whether they connect to the lens at all.
         unwarp: Whether the segment to the lens does not count in lengths.
         hide_emitters: Whether the lens sees through area lights.
+        in_media: Whether vertices may be points of media.
     """
 
     importance = True
@@ -93,22 +118,25 @@ class Camera(Unseen):
         lens: Lens,
         emission: Emission,
         emitted: Emitted,
-        scattering: Materials,
+        scattering: Scattering,
         sharing: Sharing,
         kept: int = 0,
         connects: bool = True,
         unwarp: bool = False,
         hide_emitters: bool = False,
+        in_media: bool = False,
     ) -> None:
         super().__init__(scene, hide_emitters)
-        self.connects = connects
+        self.connects, self.in_media = connects, in_media
         self.lens, self.emission, self.emitted = lens, emission, emitted
         self.scattering, self.sharing, self.kept = scattering, sharing, kept
         self.unwarp = unwarp
 
     def memory(self) -> LightPath:
         """Of a path without vertices."""
-        vertices = dr.alloc_local(kept_type(mi.variant()), self.kept) if self.kept else None
+        vertices = None
+        if self.kept:
+            vertices = dr.alloc_local(kept_type(mi.variant(), self.in_media), self.kept)
         return LightPath(self.sharing.none(), mi.UInt32(0), vertices)
 
     def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> LightPath:
@@ -119,16 +147,18 @@ class Camera(Unseen):
         rivals, count = self._arrive(path, vertex), memory.count
         if self.kept:
             keep = active & self.scattering.smooth(vertex) & (count < self.kept)
-            here = vertex.si, path.depth, path.β, path.η, path.opl, rivals.a, rivals.b
+            here = [vertex.si, path.depth, path.β, path.η, path.opl, rivals.a, rivals.b]
+            if self.in_media:
+                here.append(vertex.inside.medium)
             place = dr.select(keep, count, 0)
-            memory.vertices.write(kept_type(mi.variant())(*here), place, keep)
+            memory.vertices.write(kept_type(mi.variant(), self.in_media)(*here), place, keep)
             count = count + dr.select(keep, mi.UInt32(1), 0)
         return LightPath(rivals, count, memory.vertices)
 
     def _arrive(self, path: Path, vertex: Vertex) -> Rivals:
         """The rivals at a vertex; the first one's are about where the light started."""
         start, si, power = self.emitted, vertex.si, self.sharing.power
-        cos = dr.abs(dr.dot(si.n, path.ray.d))
+        cos = vertex.cosine(path.ray.d)
         later = self.sharing.arrive(path.memory.rivals, path, vertex)
         first = path.depth == 0
         ds: Any = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
@@ -156,7 +186,7 @@ class Camera(Unseen):
     ) -> Connection:
         """A point on the lens."""
         si = vertex.si
-        arrival = self.lens.arrive(si.p, self.lens.sample(sampler))
+        arrival = self._arrival(vertex, self.lens.sample(sampler))
         active = active & arrival.seen
         end = arrival.near
         if self.hide_emitters:
@@ -175,13 +205,24 @@ class Camera(Unseen):
             position=arrival.position,
             rival=arrival,
             frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -arrival.direction)),
+            reach=arrival.distance,
         )
+
+    def _arrival(self, vertex: Vertex, lens: mi.Point3f) -> Arrival:
+        """Where a vertex is connected to the lens: no clip hides a point of a medium."""
+        p = vertex.si.p
+        if vertex.inside is None:
+            return self.lens.arrive(p, lens)
+        arrival = self.lens.arrive(p, lens, vertex.inside.here)
+        before = dr.norm(arrival.near - lens) > arrival.distance
+        arrival.near = dr.select(before, lens, arrival.near)
+        return arrival
 
     def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
         """Share of the strategy (s, 1)."""
         x, arrival = mi.Float(0), link.rival
         if self.sharing.exponent:
-            cos = dr.abs(dr.dot(vertex.si.n, link.direction))
+            cos = vertex.cosine(link.direction)
             density = arrival.density * cos / dr.square(arrival.distance)
             x = self.sharing.power(density) * self.sharing.sum(path.memory.rivals, turn.back)
         return self.sharing.share(x, path.depth + 2, 1)

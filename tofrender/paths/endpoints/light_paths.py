@@ -12,8 +12,8 @@ import mitsuba as mi
 from ...signals.polarisation import sent
 from ..emission import Emission
 from ..lens import Lens
+from ..protocols import Scattering
 from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
-from ..scattering import Materials
 from ..sharing import Rivals, Sharing
 from .camera import LightPath
 from .scene_lights import SceneLights
@@ -39,7 +39,7 @@ class LightPaths(SceneLights):
         sensor: mi.Sensor,
         lens: Lens,
         emission: Emission,
-        adjoint: Materials,
+        adjoint: Scattering,
         sharing: Sharing,
         max_depth: int,
         hide_emitters: bool = False,
@@ -101,7 +101,7 @@ class LightPaths(SceneLights):
         x = mi.Float(0)
         if self.sharing.exponent:
             power = self.sharing.power
-            cos = dr.abs(dr.dot(vertex.si.n, link.direction))
+            cos = vertex.cosine(link.direction)
             x = power(cos / link.rival) * self.sharing.sum(path.memory, turn.back)
             if self.sharing.hits:
                 x += dr.select(link.delta, 0, power(turn.pdf / link.pdf))
@@ -137,7 +137,7 @@ class LightPaths(SceneLights):
         distance = dr.sqrt(d2)
         d = to_vertex / distance
         active = active & (d2 > 0) & (kept.depth + path.depth + 3 <= self.max_depth)
-        there = Vertex(kept.si, distance, active)
+        there = kept.vertex(distance, active)
         turn = self.adjoint.turn(there, -d, active)
         weight = sent(self.weight, kept.β, turn.f) / d2
         return Connection(
@@ -149,15 +149,15 @@ class LightPaths(SceneLights):
             length=distance + kept.opl / (kept.η * turn.η),
             active=active,
             clear=mi.Bool(False),
-            rival=_Other(kept, turn.back),
+            rival=_Other(kept, there, turn.back),
         )
 
     def _share_of_kept(self, path, vertex, link, turn) -> mi.Float:
         x, kept, sharing = mi.Float(0), link.rival.kept, self.sharing
         if sharing.exponent:
             d2 = dr.squared_norm(kept.si.p - vertex.si.p)
-            here = turn.pdf * dr.abs(dr.dot(kept.si.n, link.direction)) / d2
-            there = link.pdf * dr.abs(dr.dot(vertex.si.n, link.direction)) / d2
+            here = turn.pdf * link.rival.vertex.cosine(link.direction) / d2
+            there = link.pdf * vertex.cosine(link.direction) / d2
             x = sharing.power(here) * sharing.sum(Rivals(kept.a, kept.b), link.rival.back)
             x += sharing.power(there) * sharing.sum(path.memory, turn.back)
         return self.sharing.share(x, kept.depth + 2, path.depth + 2)
@@ -166,5 +166,5 @@ class LightPaths(SceneLights):
 class _Other:
     """The far end of a connection: a kept vertex, and its density of the way back."""
 
-    def __init__(self, kept: Any, back: Any) -> None:
-        self.kept, self.back = kept, back
+    def __init__(self, kept: Any, vertex: Vertex, back: Any) -> None:
+        self.kept, self.vertex, self.back = kept, vertex, back

@@ -1,0 +1,201 @@
+"""Light that finds the camera through fog, smoke and milk: paths from the other end agree."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from fogs import DEPTH, LIT, SCENES, THIN, cube, described, filled, fog, sphere
+from light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, facing_down, summary
+from support import (
+    agree,
+    area_light,
+    camera,
+    film,
+    load,
+    over_seeds,
+    point_light,
+    rendered,
+    scene,
+)
+
+import tofrender
+from tofrender.paths.endpoints.camera import Camera
+from tofrender.paths.media import Media, Place
+from tofrender.paths.phases import Phases
+from tofrender.paths.records import Vertex
+
+pytestmark = [pytest.mark.statistical, pytest.mark.slow]
+SEEDS, OTHER_SEEDS = range(8), range(1000, 1008)
+MANY_SEEDS = range(32)
+SPP = 512
+PATH = "transient_path"
+
+BEHIND_GLASS = {"milk in glass", "cloud in glass"}
+"""What light from the lamp cannot connect to the lens."""
+
+INSIDE = LIT | {"around": THIN, "hanging": ball((0.4, 0.3, 0.6), 0.2, emitter=area_light(6.0))}
+BETWEEN = LIT | {
+    "half": filled(cube((9, 9, 0.4), (0, 0, 0.8)), fog(0.8, 0.9, 0.5)),
+    "hanging": ball((0.4, 0.3, -0.5), 0.05, emitter=area_light(60.0)),
+}
+MORE = {
+    "lamp in fog without end": INSIDE,
+    "lamp below a cloud": BETWEEN,
+    "lamp in a ball of milk": LIT
+    | {
+        "milk": filled(sphere(0.8), fog(2.0, 0.98, 0.5)),
+        "inside": point_light((0.1, 0.2, 0.1), 3.0),
+    },
+    "lens in a puff": LIT
+    | {"puff": filled(sphere(0.6, (0.4, -3.5, 1.6)), fog(1.5, 0.9)), "around": fog(1.5, 0.9)},
+}
+
+
+def through(name: str, technique: str, **more) -> dict:
+    if name in SCENES:
+        found = described(name)
+    else:
+        parts = dict(MORE[name])
+        around = parts.pop("around", None)
+        medium = {} if around is None else {"medium": around}
+        view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1), **medium)
+        found = scene(parts, view)
+    return found | {"integrator": by(technique, DEPTH, rr_depth=20, **more)}
+
+
+def seen(described: dict, spp: int, seeds) -> tuple[np.ndarray, np.ndarray]:
+    """Quarters of the picture, and bins of its mean, for each seed."""
+    loaded = load(described)
+    pictures = [rendered(loaded, spp, seed) for seed in seeds]
+    return (
+        np.stack([blocks(each, 2) for each, _ in pictures]),
+        np.stack([cube.mean(axis=(0, 1, 3)) for _, cube in pictures]),
+    )
+
+
+def same(found, reference) -> bool:
+    """Whether quarters agree, and bins do: energy, mean length, shape."""
+    shown = summary(reference[1].mean(axis=0), np.arange(reference[1].shape[1] + 1.0), parts=5)
+    in_time = agree(found[1] @ shown, reference[1] @ shown, rounding=2e-3)
+    return in_time and agree(found[0], reference[0], rounding=2e-3)
+
+
+@pytest.mark.parametrize("name", [*SCENES, *MORE])
+@pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT])
+def test_light_from_both_ends(name, technique):
+    if technique == LIGHT_TRACER and name in BEHIND_GLASS:
+        pytest.skip("no light connects to the lens through glass")
+    found = seen(through(name, technique), SPP, SEEDS)
+    assert same(found, seen(through(name, PATH), 4 * SPP, OTHER_SEEDS))
+
+
+def small_particles(technique: str) -> dict:
+    """Milk of small particles, lit from aside through a polariser that lies slantwise."""
+    uniform = {"type": "uniform", "value": 5.0}
+    lit = facing_down("rectangle", 2.0, 0.3, 1.0)["lamp"] | {
+        "emitter": {"type": "area", "radiance": uniform}
+    }
+    plate = facing_down("rectangle", 1.9, 0.5, 1.0)["lamp"]
+    del plate["emitter"]
+    plate["bsdf"] = {"type": "polarizer", "theta": {"type": "uniform", "value": 30.0}}
+    medium = fog(2.0, {"type": "uniform", "value": 0.95}, phase={"type": "rayleigh"})
+    view = camera((0, -3.5, 0.4), (0, 0, 0), film(2, 2, 20, 3.0, 0.5), up=(0, 0, 1), fov=20)
+    parts = {"lamp": lit, "plate": plate, "milk": filled(sphere(0.8), medium)}
+    return scene(parts, view) | {"integrator": by(technique, 6, rr_depth=20)}
+
+
+def backwards(right):
+    """Light that a particle turns from where it goes to where it comes from."""
+
+    def wrong(self, *args):
+        turned = copy(self)
+        turned.importance = False
+        return right(turned, *args)
+
+    return wrong
+
+
+def stokes(technique: str, spp: int, seeds) -> np.ndarray:
+    """Stokes vectors of quarters of the picture, and of its mean in time, (seeds, ...)."""
+    loaded = load(small_particles(technique))
+
+    def one(seed: int) -> np.ndarray:
+        S = tofrender.render(loaded, spp=spp, seed=seed, progress=False)["transient"].values
+        S = S.reshape(*S.shape[:3], -1)
+        in_time = S.sum(axis=(0, 1)).reshape(5, 4, -1).sum(axis=1)
+        return np.concatenate([S.sum(axis=2).ravel(), in_time.ravel()])
+
+    return over_seeds(one, seeds)
+
+
+@pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT])
+def test_polarised_light_from_both_ends(technique, monkeypatch):
+    mi.set_variant("llvm_ad_mono_polarized")
+    reference = stokes(PATH, 4 * SPP, OTHER_SEEDS)
+    size = np.abs(reference.mean(axis=0)).reshape(-1, 4)
+    assert size[:, 1:].max() > 0.1 * size[:, 0].max()
+    assert agree(stokes(technique, SPP, SEEDS), reference, rounding=2e-3)
+    monkeypatch.setattr(Phases, "_scattered", backwards(Phases._scattered))
+    assert not agree(stokes(technique, SPP, SEEDS), reference, rounding=2e-3)
+
+
+# ----------------------------------------------------------------------------------- mistakes
+
+BALL = "ball"
+
+
+def flat(right):
+    """Cosines to a normal that a point of a medium does not have."""
+    return lambda self, d: dr.abs(dr.dot(self.si.n, d))
+
+
+def in_vacuum(right):
+    """Light that starts in vacuum, wherever its lamp is."""
+    return lambda self, ray: Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+
+
+def to_the_near_plane(right):
+    """Fog that ends where the camera begins to see surfaces."""
+
+    def wrong(self, *args):
+        link = right(self, *args)
+        link.reach = None
+        return link
+
+    return wrong
+
+
+def one_sided(right):
+    """A phase function that scatters back what comes from the lights."""
+
+    def wrong(self, f, mei, wo):
+        return right(self, f, mei, wo) * (0.9 if self.importance else 1)
+
+    return wrong
+
+
+MISTAKES = {
+    "cosine": (Vertex, "cosine", flat, BDPT, BALL, 0.01),
+    "around": (Media, "around", in_vacuum, LIGHT_TRACER, "lamp in fog without end", 0.01),
+    "reach": (Camera, "connect", to_the_near_plane, LIGHT_TRACER, "absorbing", 0.5),
+    "adjoint": (Phases, "_scattered", one_sided, LIGHT_TRACER, BALL, 0.01),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_are_noticed(mistake, monkeypatch):
+    owner, name, make, technique, where, near_clip = MISTAKES[mistake]
+
+    def looked(technique):
+        found = through(where, technique)
+        found["sensor"]["near_clip"] = near_clip
+        return found
+
+    reference = seen(looked(PATH), 4 * SPP, OTHER_SEEDS)
+    assert same(seen(looked(technique), SPP // 2, MANY_SEEDS), reference)
+    monkeypatch.setattr(owner, name, make(getattr(owner, name)))
+    assert not same(seen(looked(technique), SPP // 2, MANY_SEEDS), reference)
