@@ -151,6 +151,11 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
         set(),
         {"complex-array": np.ones((2, 3), complex), "5 axes": np.ones((1, 2, 3, 1, 1))},
     ),
+    "stokes": (
+        set(),
+        {"3 components": np.ones((2, 3, 3, 1)), "complex-array": np.ones((2, 3, 4, 1), complex)},
+    ),
+    "dimension": (set(), {"4": 4, "2.0": 2.0}),
     "offset": ({"2**40", "1e30", "1.5", "list-1", "array-1"}, {"small": 1e-3}),
     "light": (_ARRAYS | {"nan", "inf", "-inf", "list", "list-1"} | _NUMBERS, {}),
     "colours": ({"list-1", "array-1"}, {}),

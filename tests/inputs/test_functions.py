@@ -117,6 +117,7 @@ class Row(NamedTuple):
 
 
 CUBE = np.ones((2, 3, 4, 1))
+STOKES = np.ones((2, 3, 4, 1))
 PHASOR = {"I": np.ones((2, 3)), "Q": np.ones((2, 3))}
 BUCKETS = {name: np.ones((2, 3)) for name in ("B0", "B90", "B180", "B270")}
 FILM = {"temporal_bins": 4, "start_opl": 3.5, "bin_width_opl": 2.0}
@@ -438,6 +439,11 @@ TABLE = [
         {"scene": "scene", "view": "choice", "laser": "point?", "title": "label?"},
     ),
     Row(
+        "vis.polarisation_figure",
+        lambda _: {"stokes": STOKES},
+        {"stokes": "stokes", "exposure": "positive?", "title": "label?"},
+    ),
+    Row(
         "vis.pyramid_figure",
         lambda _: {"pyramid": pyramid()},
         {
@@ -554,6 +560,19 @@ TABLE = [
             "max_depth": "positive?",
             "amplitudes": "panel?",
         },
+    ),
+    *(
+        Row(
+            f"analysis.{name}",
+            lambda _: {"stokes": STOKES},
+            {"stokes": "stokes", "axis": "dimension"},
+        )
+        for name in (
+            "degree_of_polarisation",
+            "degree_of_linear_polarisation",
+            "degree_of_circular_polarisation",
+            "angle_of_linear_polarisation",
+        )
     ),
     # ------------------------------------------------------------------------ around the corner
     Row(

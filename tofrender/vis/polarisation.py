@@ -53,9 +53,12 @@ def polarisation_figure(
         >>> [each.get_title() for each in polarisation_figure(light).axes[::2]]
         ['intensity', 'linear polarisation', 'angle', 'circular polarisation']
     """
+    import xarray as xr
+
     checks.text("title", title)
-    values = checks.real_array("stokes", getattr(stokes, "values", stokes), np.float64)
-    dims = getattr(stokes, "dims", None)
+    is_labelled = isinstance(stokes, xr.DataArray)
+    values = checks.real_array("stokes", stokes.values if is_labelled else stokes, np.float64)
+    dims = stokes.dims if is_labelled else None
     named = dims in (None, ("y", "x", "stokes", "channel"))
     if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
         found = f"dimensions {dims}" if dims else f"shape {values.shape}"
