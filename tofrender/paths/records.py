@@ -1,4 +1,5 @@
-# pyright: reportOperatorIssue=false, reportAttributeAccessIssue=false
+# pyright: reportOperatorIssue=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportArgumentType=false
 """The records of the path loop: a path, a vertex, what leaves it, and how far paths go.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could

@@ -1,4 +1,4 @@
-# pyright: reportArgumentType=false, reportIndexIssue=false
+# pyright: reportArgumentType=false, reportIndexIssue=false, reportOperatorIssue=false
 """Participating media of a scene: which there are, and what must hold of them."""
 
 from __future__ import annotations
