@@ -644,7 +644,9 @@ try:
     figure, axes = plt.subplots(1, 2, figsize=(12, 3.2), layout="constrained")
     opl = 3.0 + 0.04 * (np.arange(600) + 0.5)
     for mu_a in (0.0, 0.3, 1.0):
-        axes[0].semilogy(opl, absorb(whole, mu_a, 3.0, 0.04).mean(axis=(0, 1, 3)), label=f"{mu_a:g}")
+        axes[0].semilogy(
+            opl, absorb(whole, mu_a, 3.0, 0.04).mean(axis=(0, 1, 3)), label=f"{mu_a:g}"
+        )
     axes[0].set(xlabel="optical path length [m]", ylim=(1e-9, None), xlim=(3, 20))
     axes[0].legend(frameon=False, title="absorption [1/m]")
     light = np.array([1.0, 0.5, 0.866, 0.0])

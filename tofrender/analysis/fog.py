@@ -97,7 +97,7 @@ def wander(
 
 
 def _turned(d: NDArray[Any], cosine: NDArray[Any], xi: NDArray[Any]) -> NDArray[Any]:
-    """Directions, turned by angles, evenly around what they were; frames after Duff et al. (2017)."""
+    """Directions, turned evenly around what they were; frames after Duff et al. (2017)."""
     sign = np.copysign(1.0, d[:, 2])
     a = -1 / (sign + d[:, 2])
     b = d[:, 0] * d[:, 1] * a

@@ -1,7 +1,5 @@
 """Problem a2.fog: what fog and polarisers do to light."""
 
-# ruff: noqa: F401 (imported for what you will write)
-
 from __future__ import annotations
 
 import numpy as np

@@ -251,8 +251,8 @@ def turn_cdf(cosine, g) -> np.ndarray:
 def wandered(mu_s, g, s) -> np.ndarray:
     """⟨z⟩, ⟨x²⟩, ⟨y²⟩, ⟨z²⟩ after the path length s, exact to all orders of scattering.
 
-    n turns leave g^n of the mean cosine and g^2n of the mean of its second Legendre polynomial. n is
-    Poisson's, so ⟨u_z⟩ = exp(-a s), a = mu_s (1 - g), ⟨u_z²⟩ = 1/3 + 2/3 exp(-b s), b =
+    n turns leave g^n of the mean cosine, and g^2n of the mean of its second Legendre polynomial. n
+    is Poisson's, so ⟨u_z⟩ = exp(-a s), a = mu_s (1 - g), ⟨u_z²⟩ = 1/3 + 2/3 exp(-b s), b =
     mu_s (1 - g²), and ⟨u(t) u(t')⟩ = ⟨u(t)²⟩ exp(-a (t' - t)); integrated over both.
     """
     a, b = mu_s * (1 - g), mu_s * (1 - g * g)

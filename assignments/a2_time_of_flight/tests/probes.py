@@ -398,9 +398,7 @@ def turns(theirs, xi, g):
 
 def wandered(theirs, seed, mu_s, g, opl, count):
     """Positions, and those that the same random numbers give again."""
-    return [
-        theirs.wander(np.random.default_rng(seed), mu_s, g, opl, count) for _ in range(2)
-    ]
+    return [theirs.wander(np.random.default_rng(seed), mu_s, g, opl, count) for _ in range(2)]
 
 
 def clouds(theirs, seed, mu_s, g, opl, count):

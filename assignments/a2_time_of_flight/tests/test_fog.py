@@ -44,9 +44,7 @@ def test_turns_follow_the_phase_function(submission):
 
 def test_photons_wander(submission):
     """⟨z⟩ and ⟨r²⟩ after a path length, exact to all orders of scattering."""
-    came, _ = submission.ask(
-        "clouds", seed=submission.seed, mu_s=MU_S, g=G, opl=LENGTH, count=4000
-    )
+    came, _ = submission.ask("clouds", seed=submission.seed, mu_s=MU_S, g=G, opl=LENGTH, count=4000)
     exact = formulas.wandered(MU_S, G, LENGTH)
     hint = "distances -ln(1 - ξ) / mu_s; the last one ends where the path has its length"
     expect.estimate(came[:, 0], exact[0], "mean of z [m]", hint=hint)
