@@ -50,7 +50,7 @@ def sample_turn(xi: ArrayLike, g: float) -> NDArray[Any]:
 
     Example:
         >>> sample_turn([0.0, 0.5, 1.0], 0.5)
-        array([-1.   ,  0.625,  1.   ])
+        array([-1.    ,  0.6875,  1.    ])
     """
     xi = np.asarray(xi, np.float64)
     if abs(g) < 1e-6:
