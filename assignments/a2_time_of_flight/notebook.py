@@ -607,6 +607,61 @@ ax.legend(frameon=False, title="spot_sigma")
 plt.show()
 
 # %% [markdown]
+# ## 10. Bonus: fog and polarised light
+# Problem `a2.fog`.
+
+# %% [solution] fog.py
+
+# %% [markdown]
+# A pulse that dissolves: photons of fog after four path lengths. The dotted circle is as far as light
+# can be. (Cells of this section show nothing while `fog.py` is not written.)
+
+# %%
+from fog import absorb, through_polariser, wander
+
+try:
+    ell = 1 / (2.0 * (1 - 0.7))
+    figure, axes = plt.subplots(1, 4, figsize=(13, 3.4), layout="constrained")
+    for ax, turns in zip(axes, (0.5, 1, 3, 10), strict=True):
+        s = turns * ell
+        p = wander(np.random.default_rng(1), 2.0, 0.7, s, 5_000 if SMALL else 50_000)
+        reach = min(1.05 * s, 12)
+        ax.hist2d(p[:, 2], p[:, 0], bins=80, range=[(-reach, reach)] * 2, norm="symlog")
+        ax.add_patch(plt.Circle((0, 0), s, fill=False, ec="white", ls=":"))
+        mean, exact = p[:, 2].mean(), ell * (1 - np.exp(-turns))
+        title = f"s = {turns:g} l: mean of z {mean:.3f} m\nexact {exact:.3f} m"
+        ax.set(title=title, aspect="equal", xlabel="z [m]")
+    plt.show()
+except NotImplementedError as error:
+    print(error)
+
+# %% [markdown]
+# The Cornell box full of a gas that absorbs, from the bins that you have rendered; and how much of
+# light at 30° three polarisers let through, if the middle one turns between crossed ones.
+
+# %%
+try:
+    figure, axes = plt.subplots(1, 2, figsize=(12, 3.2), layout="constrained")
+    opl = 3.0 + 0.04 * (np.arange(600) + 0.5)
+    for mu_a in (0.0, 0.3, 1.0):
+        axes[0].semilogy(
+            opl, absorb(whole, mu_a, 3.0, 0.04).mean(axis=(0, 1, 3)), label=f"{mu_a:g}"
+        )
+    axes[0].set(xlabel="optical path length [m]", ylim=(1e-9, None), xlim=(3, 20))
+    axes[0].legend(frameon=False, title="absorption [1/m]")
+    light = np.array([1.0, 0.5, 0.866, 0.0])
+    angles = np.linspace(0, np.pi, 91)
+    passed = []
+    for angle in angles:
+        middle = through_polariser(through_polariser(light, 0.0), angle)
+        passed.append(through_polariser(middle, np.pi / 2)[0])
+    axes[1].plot(np.degrees(angles), passed)
+    axes[1].set(xlabel="angle of the middle polariser [degrees]", ylabel="light")
+    plt.show()
+except NotImplementedError as error:
+    print(error)
+
+# %% [markdown]
 # **Questions, part 3.** Answer in this cell.
 # 1. Which bins of which wall points hold light of laser, wall, floor, wall, sensor, and which hold
 #    that of the letter? Where do both share a bin, and what does a filter by time do there that

@@ -148,8 +148,8 @@ def test_mistakes_are_found(mistake, monkeypatch):
     else:
         trace = FirstSeen.trace
 
-        def wrong(self, sampler, ray, origin, measurement):
-            measured, path = trace(self, sampler, ray, origin, measurement)
+        def wrong(self, *args, **options):
+            measured, path = trace(self, *args, **options)
             measured.total *= 1.3
             return measured, path
 

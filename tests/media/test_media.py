@@ -12,8 +12,9 @@ import pytest
 from fogs import fog
 
 from tofrender.integrators.plan import Plan
+from tofrender.paths import media as media_module
 from tofrender.paths.endpoints import SceneLights
-from tofrender.paths.media import Media
+from tofrender.paths.media import Media, Place
 from tofrender.paths.phases import Phases
 from tofrender.paths.records import Limits, Path
 from tofrender.paths.scattering import Materials
@@ -96,14 +97,15 @@ def wandered(scene: Any, medium: Any, length: float, count: int, seed: int) -> n
     reached = dr.zeros(mi.Point3f, count)
     while dr.any(path.active):
         path, vertex = space.next(path, sampler)
-        ends = path.active & (path.opl + vertex.length >= length)
+        ends = path.active & ~(path.opl + vertex.length < length)
         at = path.prev.p + path.ray.d * (length - path.opl)
         reached = dr.select(ends, at, reached)
         _, bounce = phases.scatter(vertex, None, sampler, path.active)
         path.opl += vertex.length
         path.place = space.leave(path, vertex, bounce.ray.d)
         path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
-        path.active &= ~ends
+        path.active &= ~ends & vertex.valid
+        sampler.schedule_state()
         dr.eval(path, reached)
     return reached.numpy().T
 
@@ -296,3 +298,121 @@ def test_half_space_under_even_light():
             ray = mi.Ray3f(start, mi.Vector3f(d.x, d.y, -d.z))
             found.append(traced(scene, medium, ray, seed, 200, window)[2])
         assert agrees(found, wanted)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("cosine", "wanted"), [(None, 0.5194939), (1.0, 0.41495), (0.6, 0.48585)])
+def test_half_space_that_absorbs(cosine, wanted):
+    """At the albedo a: (1 - sqrt(1 - a))² / a in all, 1 - sqrt(1 - a) H(mu) in one direction.
+
+    H is Chandrasekhar's.
+    """
+    lid = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(1000), "bsdf": BLACK}
+    lid["flip_normals"] = True
+    lid["light"] = {"type": "area", "radiance": 1.0}
+    scene, medium = mi.load_dict({"type": "scene", "lid": lid}), mi.load_dict(fog(2.0, 0.9))
+    found = []
+    for seed in range(SEEDS):
+        u = np.random.default_rng(seed).random((2, 10_000))
+        if cosine is None:
+            d = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*map(mi.Float, u)))
+        else:
+            d = mi.Vector3f((1 - cosine**2) ** 0.5, 0, cosine) + dr.zeros(mi.Float, 10_000)
+        start = mi.Point3f(0, 0, -1e-4) + dr.zeros(mi.Float, 10_000)
+        found.append(traced(scene, medium, mi.Ray3f(start, mi.Vector3f(d.x, d.y, -d.z)), seed)[0])
+    assert agrees(found, wanted)
+
+
+# ------------------------------------------------------------------------------------- glass
+
+
+def lengths_in_glass(scene: mi.Scene, seed: int, count: int) -> np.ndarray:
+    """Light that leaves a glass sphere again, and its optical length in there, for rays onto it."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, count)
+    space, phases = Media(scene), Phases(Materials(scene))
+    ray = inwards(seed, count)
+    ray.o = ray.o + mi.Vector3f(0, 0, 1e-4)
+    path = Path.start(ray, place=space.place(ray))
+    left = dr.zeros(mi.Float, count)
+    while dr.any(path.active):
+        path, vertex = space.next(path, sampler)
+        left += dr.select(path.active & ~vertex.valid, path.β.x, 0)
+        path.active &= vertex.valid
+        _, bounce = phases.scatter(vertex, None, sampler, path.active)
+        within = path.active & (path.η > 1)
+        path.opl += dr.select(within, path.η * vertex.length, 0)
+        path.place = space.leave(path, vertex, bounce.ray.d)
+        path.β, path.η = path.β * bounce.weight, path.η * bounce.η
+        path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
+        sampler.schedule_state()
+        dr.eval(path, left)
+    return np.array([dr.mean(left)[0], dr.mean(left * path.opl)[0]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mu_s", "g"), [(0.5, 0.0), (2.0, 0.8)])
+def test_mean_path_in_glass(mu_s, g):
+    """n² 4 V / S long, and n times that optically, of all light that arrives on a sphere."""
+    n = 1.4
+    ball = {
+        "type": "sphere",
+        "bsdf": {"type": "dielectric", "int_ior": n, "ext_ior": 1.0},
+        "interior": fog(mu_s, 1.0, g),
+    }
+    scene = mi.load_dict({"type": "scene", "ball": ball})
+    found = [lengths_in_glass(scene, seed, 6000) for seed in range(SEEDS)]
+    assert agrees(found, [1, n**3 * 4 / 3])
+
+
+# ---------------------------------------------------------------------------------- mistakes
+
+
+def moved_by_null_collisions(right):
+    """A flight that goes a centimetre further at each."""
+
+    def wrong(self, flight, *args):
+        before = flight.at
+        flight = right(self, flight, *args)
+        null = flight.going & (flight.at > before)
+        flight.at = dr.select(null, flight.at + 0.01, flight.at)
+        return flight
+
+    return wrong
+
+
+def in_vacuum(right):
+    """A sensor that does not know what it is in."""
+    return lambda self, ray: Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+
+
+def turned_round(right):
+    """Points that take where light goes for where it comes from: the sign of g."""
+
+    def wrong(ray, p, medium):
+        mei = right(ray, p, medium)
+        mei.wi, mei.sh_frame = ray.d, mi.Frame3f(ray.d)
+        return mei
+
+    return wrong
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("owner", "name", "mistake", "kind"),
+    [
+        (Media, "_fly", moved_by_null_collisions, "dense corner"),
+        (Media, "place", in_vacuum, "even"),
+        (media_module, "_point", turned_round, "even"),
+    ],
+)
+def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
+    medium, scene = mi.load_dict(fog(2.0, 1.0, 0.7, kind)), mi.load_dict({"type": "scene"})
+
+    def found() -> list[np.ndarray]:
+        places = [wandered(scene, medium, 3.0, 6000, seed) for seed in range(8)]
+        return [np.array([p[:, 2].mean(), np.sum(p**2, axis=1).mean()]) for p in places]
+
+    assert agrees(found(), [1.39117, 5.36277])
+    monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
+    assert not agrees(found(), [1.39117, 5.36277])

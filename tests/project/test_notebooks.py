@@ -125,6 +125,32 @@ KEY_NUMBERS = {
         assert float(light.sel(strategy="4,1")) > 0, light
         assert abs(float(shares.sum()) - 1) < 1e-5, shares
     """,
+    "07_fog_and_polarisation": """
+        assert in_gap["clear"] < 0.005 and in_gap["fog"] > 0.05, in_gap
+        assert len(moments) == 12
+        for found, exact, error in moments:
+            assert abs(found - exact) < 4.5 * error < 0.2 * exact, moments
+        assert too_far[2] > 0.4 and gaps[2] > 0.3 and walked[2] < 0.6, (too_far, gaps, walked)
+        assert too_far[20] < 1e-3 and gaps[20] < 0.06, (too_far, gaps)
+        assert 0.92 < walked[20] < 0.98, walked
+        for (thickness, g), (found, expected) in rates.items():
+            if thickness == 1.0:
+                assert abs(found / expected - 1) < 0.1, rates
+        assert rates[0.1, 0.0][0] > 1.02 * rates[0.1, 0.0][1], rates
+        assert all(abs(ratio - 1) < 0.06 for ratio in absorbed.values()), absorbed
+        assert abs(contrast_steady) < 0.15 and contrast_gated > 0.8, contrast_gated
+        assert 0.001 < in_gate < 0.01, in_gate
+        assert sky_error < 0.04, sky_error
+        assert first_degree > 0.93 and sign_degree < 0.2, degrees
+        for plate, vectors in by_plate.values():
+            assert abs(plate / vectors - 1) < 0.15, by_plate
+        plain, crossed = (seen["steady"][key] for key in ("no analyser", "crossed"))
+        assert plain < 0.15 and crossed > 0.45, seen
+        gate_row = seen["gate 8.0 to 8.2 m"]
+        assert gate_row["crossed"] > max(0.95, gate_row["no analyser"]), seen
+        assert dense[0.05][1] > 0.85 and dense[0.5][1] < 0.3, dense
+        assert all(steady < 0.4 < timed for steady, _, timed in dense.values()), dense
+    """,
 }
 
 # Each warning that a notebook is to show, in order

@@ -7,10 +7,12 @@ import signal
 import time
 from functools import partial
 
+import dask
 import distributed
 import mitsuba as mi
 import numpy as np
 import pytest
+from dask.utils import parse_timedelta
 from films_in_parts import (
     box,
     check_same,
@@ -37,6 +39,9 @@ from tofrender.scenes.packing import packed, unpacked
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
+STARTS_S = 200
+"""Workers may take so long to start on a busy machine [s]."""
+
 
 @pytest.fixture(scope="module")
 def cluster():
@@ -48,9 +53,9 @@ def cluster():
 @pytest.fixture
 def client(cluster):
     """Those, both alive and as new."""
-    cluster.wait_for_workers(2, timeout=60)
+    cluster.wait_for_workers(2, timeout=STARTS_S)
     yield cluster
-    cluster.wait_for_workers(2, timeout=60)
+    cluster.wait_for_workers(2, timeout=STARTS_S)
 
 
 def addresses(client) -> list[str]:
@@ -188,7 +193,7 @@ def test_a_killed_worker_costs_its_piece(client, tmp_path, monkeypatch, streamed
     check_same(render(box(), client=client, **options), render(box()))
     assert os.path.exists(mark)
     assert names(tmp_path) == {"killed"} | ({"film.zarr"} if streamed else set())
-    client.wait_for_workers(2, timeout=60)
+    client.wait_for_workers(2, timeout=STARTS_S)
     assert set(client.run(os.getpid).values()) != before
     with_takes(client, None)
 
@@ -240,8 +245,14 @@ def test_a_piece_that_kills_everybody_is_an_error(client):
         client.run_on_scheduler(
             lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 3)
         )
-        client.wait_for_workers(2, timeout=60)
+        client.wait_for_workers(2, timeout=STARTS_S)
         with_takes(client, None)
+
+
+def test_killed_workers_have_time_to_come_back(client):
+    """Those that take longer would be given up by the cluster."""
+    given = dask.config.get("distributed.deploy.lost-worker-timeout")
+    assert parse_timedelta(given) >= STARTS_S
 
 
 def test_errors_of_workers_are_one_line(client):

@@ -160,7 +160,8 @@ class Emission:
     def _from_shape(self, emitter, u_point, u, like, active) -> Emitted:
         """Light of a surface."""
         shape = emitter.get_shape()
-        ps = shape.sample_position(like.time, u_point, active)
+        # Not of the shape: that would ask all living shapes, and some know no points
+        ps, _ = emitter.sample_position(like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
         si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         si.p, si.n, si.uv, si.shape = ps.p, ps.n, ps.uv, shape

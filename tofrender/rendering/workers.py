@@ -39,6 +39,9 @@ PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 ANSWER_S = 10.0
 """Time that a scheduler has to answer [s]."""
 
+COMES_BACK = "10 min"
+"""Time after which a worker that has died, and does not start again, is given up."""
+
 MOST = 1024
 """Processes, and threads of each, that make sense on one machine."""
 
@@ -100,8 +103,11 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     if threads is not None:
         checks.integer("threads", threads, 1, MOST)
     distributed = require_distributed()
+    import dask
+
     each = max(1, backend.cores() // count) if threads is None else threads
     with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": COMES_BACK}),
         distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,

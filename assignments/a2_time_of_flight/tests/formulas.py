@@ -228,3 +228,43 @@ def disk_average(value, h, radius, radiance, fine=2000) -> complex:
     edges = np.linspace(h, math.hypot(h, radius), fine + 1)
     middles = np.array([0.5 * (a + b) for a, b in pairwise(edges)])
     return np.sum(disk_masses(edges, h, radius, radiance) * value(middles))
+
+
+# ------------------------------------------------------------------------- fog and polarisers
+
+
+def absorbed(bins, mu_a, start, width) -> np.ndarray:
+    """Mean of exp(-mu_a s) over each bin, by many points."""
+    fine = (np.arange(400) + 0.5) / 400
+    lengths = start + width * (np.arange(bins)[:, None] + fine)
+    return np.exp(-mu_a * lengths).mean(axis=1)
+
+
+def turn_cdf(cosine, g) -> np.ndarray:
+    """Share of turns with a smaller cosine: the integral of (1 - g²) / (2 (1 + g² - 2 g c)^1.5)."""
+    cosine = np.asarray(cosine, float)
+    if g == 0:
+        return (1 + cosine) / 2
+    return (1 - g * g) / (2 * g) * ((1 + g * g - 2 * g * cosine) ** -0.5 - 1 / (1 + g))
+
+
+def wandered(mu_s, g, s) -> np.ndarray:
+    """⟨z⟩, ⟨x²⟩, ⟨y²⟩, ⟨z²⟩ after the path length s, exact to all orders of scattering.
+
+    n turns leave g^n of the mean cosine, and g^2n of the mean of its second Legendre polynomial. n
+    is Poisson's, so ⟨u_z⟩ = exp(-a s), a = mu_s (1 - g), ⟨u_z²⟩ = 1/3 + 2/3 exp(-b s), b =
+    mu_s (1 - g²), and ⟨u(t) u(t')⟩ = ⟨u(t)²⟩ exp(-a (t' - t)); integrated over both.
+    """
+    a, b = mu_s * (1 - g), mu_s * (1 - g * g)
+    t = s * (np.arange(20_000) + 0.5) / 20_000
+    later = (1 - np.exp(-a * (s - t))) / a
+    along = 2 * s * np.mean((1 + 2 * np.exp(-b * t)) / 3 * later)
+    across = 2 * s * np.mean((1 - np.exp(-b * t)) / 3 * later)
+    return np.array([(1 - math.exp(-a * s)) / a, across, across, along])
+
+
+def polarised(stokes, angle) -> np.ndarray:
+    """Behind a polariser: the part that passes, all of it along the axis."""
+    s0, s1, s2 = (np.asarray(stokes, float)[..., k] for k in range(3))
+    axis = np.array([1, math.cos(2 * angle), math.sin(2 * angle), 0])
+    return ((s0 + axis[1] * s1 + axis[2] * s2) / 2)[..., None] * axis

@@ -383,3 +383,34 @@ def _on(theirs, scene, names, x, y, z):
     mask = mi.Bool(theirs.is_on_relay_wall(scene.ray_intersect(rays), wall))
     dr.eval(mask)  # as long as the scene is there
     return mask
+
+
+# ------------------------------------------------------------------------- fog and polarisers
+
+
+def absorbed(theirs, transient, mu_a, start_opl, bin_width_opl):
+    return theirs.absorb(transient, mu_a, start_opl, bin_width_opl)
+
+
+def turns(theirs, xi, g):
+    return theirs.sample_turn(xi, g)
+
+
+def wandered(theirs, seed, mu_s, g, opl, count):
+    """Positions, and those that the same random numbers give again."""
+    return [theirs.wander(np.random.default_rng(seed), mu_s, g, opl, count) for _ in range(2)]
+
+
+def clouds(theirs, seed, mu_s, g, opl, count):
+    """⟨z⟩, ⟨x²⟩, ⟨y²⟩, ⟨z²⟩ of clouds of other seeds, and the positions of one."""
+    each = []
+    for k in range(SEEDS):
+        p = np.asarray(theirs.wander(np.random.default_rng(seed + k), mu_s, g, opl, count), float)
+        if p.shape != (count, 3):
+            raise ValueError(f"wander gave an array of shape {p.shape} for {count} photons")
+        each.append([p[:, 2].mean(), *(p**2).mean(axis=0)])
+    return np.array(each), p
+
+
+def behind_polariser(theirs, stokes, angle):
+    return theirs.through_polariser(stokes, angle)

@@ -1,0 +1,75 @@
+"""Problem a2.fog: what fog and polarisers do to light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def absorb(
+    transient_data: np.ndarray, mu_a: float, start_opl: float, bin_width_opl: float
+) -> np.ndarray:
+    """The bins of fog that absorbs, from those of fog that scatters as much and absorbs nothing.
+
+    Light of the length s is weaker by exp(-mu_a s). The light of a bin counts as spread evenly over
+    its lengths.
+
+    Args:
+        transient_data: Radiance per bin, shape (height, width, bins, channels). Bin k covers
+            start_opl + k bin_width_opl to start_opl + (k + 1) bin_width_opl.
+        mu_a: Absorption [1/m], 0 or more.
+        start_opl: Start of the first bin [m].
+        bin_width_opl: Width of a bin [m].
+
+    Returns:
+        Radiance per bin, an array of the same shape.
+    """
+    raise NotImplementedError("a2.fog: absorb")
+
+
+def sample_turn(xi: np.ndarray, g: float) -> np.ndarray:
+    """Draw by how much light turns: Henyey and Greenstein's phase function.
+
+    Args:
+        xi: Even random numbers in [0, 1], both ends included.
+        g: Mean of the cosine, between -1 and 1, 0 included.
+
+    Returns:
+        Cosines in [-1, 1] of the angles between the directions before and after, one for each `xi`,
+        with the density (1 - g²) / (2 (1 + g² - 2 g cos)^1.5).
+    """
+    raise NotImplementedError("a2.fog: sample_turn")
+
+
+def wander(
+    random: np.random.Generator, mu_s: float, g: float, opl: float, count: int
+) -> np.ndarray:
+    """Where photons are in endless fog after a path length.
+
+    All start at the origin along +z. They scatter after distances t with the density
+    mu_s exp(-mu_s t), and turn as `sample_turn` says, evenly around the direction that they had.
+
+    Args:
+        random: Source of all random numbers.
+        mu_s: Scattering [1/m], 0 or more; 0 is clear air.
+        g: Mean cosine of what a photon turns by.
+        opl: Path length from the start [m].
+        count: Number of photons.
+
+    Returns:
+        Positions [m], shape (count, 3).
+    """
+    raise NotImplementedError("a2.fog: wander")
+
+
+def through_polariser(stokes: np.ndarray, angle: float) -> np.ndarray:
+    """Light behind an ideal linear polariser.
+
+    Args:
+        stokes: Stokes vectors (S0, S1, S2, S3) in the last axis, shape (..., 4).
+        angle: Angle of the axis that light passes along [rad]; 0 lets all light with S1 = S0
+            through, π/4 all light with S2 = S0.
+
+    Returns:
+        Stokes vectors, an array of the same shape.
+    """
+    raise NotImplementedError("a2.fog: through_polariser")

@@ -1,0 +1,132 @@
+"""Fog and polarisers in closed form, and photons that wander in NumPy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def absorb(
+    transient_data: ArrayLike, mu_a: float, start_opl: float, bin_width_opl: float
+) -> NDArray[Any]:
+    """Bins of fog that absorbs, from those of fog that scatters as much and absorbs nothing.
+
+    Light of the length s is weaker by exp(-mu_a s). The light of a bin counts as spread evenly over
+    its lengths.
+
+    Args:
+        transient_data: Radiance per bin, shape (height, width, bins, channels).
+        mu_a: Absorption [1/m], 0 or more.
+        start_opl: Start of the first bin [m].
+        bin_width_opl: Width of a bin [m].
+
+    Returns:
+        Radiance per bin, of the same shape.
+
+    Example:
+        >>> absorb(np.ones((1, 1, 2, 1)), 1.0, 0.0, 1.0).ravel().round(4)
+        array([0.6321, 0.2325])
+    """
+    light = np.asarray(transient_data)
+    edges = start_opl + bin_width_opl * np.arange(light.shape[2] + 1)
+    left = np.exp(-mu_a * edges)
+    depth = mu_a * bin_width_opl
+    share = -np.diff(left) / depth if depth > 1e-6 else left[:-1]
+    return light * share[:, None]
+
+
+def sample_turn(xi: ArrayLike, g: float) -> NDArray[Any]:
+    """Draw by how much light turns: Henyey and Greenstein's phase function (1941).
+
+    Args:
+        xi: Even random numbers in [0, 1], both ends included.
+        g: Mean of the cosine, between -1 and 1.
+
+    Returns:
+        Cosines of the angles between the directions before and after, one for each `xi`, with the
+        density (1 - g²) / (2 (1 + g² - 2 g cos)^1.5).
+
+    Example:
+        >>> sample_turn([0.0, 0.5, 1.0], 0.5)
+        array([-1.    ,  0.6875,  1.    ])
+    """
+    xi = np.asarray(xi, np.float64)
+    if abs(g) < 1e-6:
+        return 2 * xi - 1
+    ratio = (1 - g * g) / (1 - g + 2 * g * xi)
+    return np.clip((1 + g * g - ratio * ratio) / (2 * g), -1, 1)
+
+
+def wander(
+    random: np.random.Generator, mu_s: float, g: float, opl: float, count: int
+) -> NDArray[Any]:
+    """Where photons are in endless fog after a path length.
+
+    All start at the origin along +z, and scatter as `sample_turn` says.
+
+    Args:
+        random: Source of random numbers.
+        mu_s: Scattering [1/m], 0 or more.
+        g: Mean cosine of what a photon turns by.
+        opl: Path length [m].
+        count: Number of photons.
+
+    Returns:
+        Positions [m], shape (count, 3).
+
+    Example:
+        >>> wander(np.random.default_rng(0), 0.0, 0.5, 3.0, 2)
+        array([[0., 0., 3.],
+               [0., 0., 3.]])
+    """
+    p, d = np.zeros((count, 3)), np.zeros((count, 3))
+    d[:, 2] = 1
+    left = np.full(count, float(opl))
+    flies = left > 0
+    while flies.any():
+        n = int(flies.sum())
+        step = random.exponential(1 / mu_s, n) if mu_s > 0 else np.full(n, np.inf)
+        step = np.minimum(step, left[flies])
+        p[flies] += step[:, None] * d[flies]
+        left[flies] -= step
+        d[flies] = _turned(d[flies], sample_turn(random.random(n), g), random.random(n))
+        flies = left > 0
+    return p
+
+
+def _turned(d: NDArray[Any], cosine: NDArray[Any], xi: NDArray[Any]) -> NDArray[Any]:
+    """Directions, turned evenly around what they were; frames after Duff et al. (2017)."""
+    sign = np.copysign(1.0, d[:, 2])
+    a = -1 / (sign + d[:, 2])
+    b = d[:, 0] * d[:, 1] * a
+    s = np.stack([1 + sign * d[:, 0] ** 2 * a, sign * b, -sign * d[:, 0]], axis=1)
+    t = np.stack([b, sign + d[:, 1] ** 2 * a, -d[:, 1]], axis=1)
+    sine, angle = np.sqrt(1 - cosine**2), 2 * np.pi * xi
+    turned = (
+        (sine * np.cos(angle))[:, None] * s
+        + (sine * np.sin(angle))[:, None] * t
+        + cosine[:, None] * d
+    )
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def through_polariser(stokes: ArrayLike, angle: float) -> NDArray[Any]:
+    """Light behind an ideal linear polariser.
+
+    Args:
+        stokes: Stokes vectors, in the last axis.
+        angle: Of the axis along which light passes [rad]; 0 passes S1 > 0, pi/4 passes S2 > 0.
+
+    Returns:
+        Stokes vectors, of the same shape.
+
+    Example:
+        >>> through_polariser([1.0, 0.6, 0.0, 0.0], 0.0).tolist()
+        [0.8, 0.8, 0.0, 0.0]
+    """
+    s0, s1, s2, _ = np.moveaxis(np.asarray(stokes, np.float64), -1, 0)
+    cosine, sine = np.cos(2 * angle), np.sin(2 * angle)
+    passed = 0.5 * (s0 + s1 * cosine + s2 * sine)
+    return np.stack([passed, passed * cosine, passed * sine, 0 * passed], axis=-1)
