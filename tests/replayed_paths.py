@@ -149,8 +149,16 @@ class Track:
     def __init__(self, paths: Paths) -> None:
         self.paths = paths
 
+    scatters = False
+
+    def scattering(self, surfaces, **_):
+        """What is given."""
+        return surfaces
+
     def place(self, ray):
         """Nothing."""
+
+    around = place
 
     def leave(self, path, vertex, direction):
         """Nothing."""
@@ -226,8 +234,8 @@ def shares(
     scene, sensor = paths.scene, paths.scene.sensors()[0]
     sharing = Noted(paths, exponent, camera_connections)
     limits = Limits(LONGEST, rr_depth=1000)
-    plan = BidirectionalPlan(scene, sensor, limits, sharing, False, False, True)
-    plan.space = Track(paths)
+    parts = scene, sensor, Track(paths), limits, sharing
+    plan = BidirectionalPlan(*parts, False, False, True)
     plan.scattering = Retraced(scene, both_ways=True)
     plan.adjoint = plan.connections.adjoint = Retraced(scene, importance=True)
     light, lit = mi.Float(density.astype(np.float32)), mi.UnpolarizedSpectrum(1)
@@ -239,7 +247,6 @@ def shares(
     plan.scene = SimpleNamespace(
         sample_emitter_direction=lambda *_: (paths.end, lit),
         pdf_emitter_direction=scene.pdf_emitter_direction,
-        ray_test=lambda *_: mi.Bool(False),
     )
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(0, paths.lanes)

@@ -190,6 +190,15 @@ def test_light_starts_with_its_density():
         assert dr.count(it.emitter == mi.EmitterPtr(emitter))[0] > LANES / 8
 
 
+def test_light_starts_beside_instances():
+    """Which know no points of their own, and must not be asked."""
+    group = {"type": "shapegroup", "a": {"type": "sphere"}}
+    instance = {"type": "instance", "group": {"type": "ref", "id": "group"}}
+    alive = mi.load_dict({"type": "scene", "group": group, "instance": instance})
+    test_light_starts_with_its_density()
+    del alive
+
+
 @pytest.mark.parametrize("importance", [False, True])
 def test_choices_have_the_densities_that_connections_have(importance):
     """Both ways; paths that are walked again rest on it."""

@@ -39,7 +39,7 @@ PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 ANSWER_S = 10.0
 """Time that a scheduler has to answer [s]."""
 
-COMES_BACK = "10 min"
+COMES_BACK = "10 minutes"
 """Time after which a worker that has died, and does not start again, is given up."""
 
 MOST = 1024
@@ -103,7 +103,7 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     if threads is not None:
         checks.integer("threads", threads, 1, MOST)
     distributed = require_distributed()
-    import dask
+    import dask.config
 
     each = max(1, backend.cores() // count) if threads is None else threads
     with (
