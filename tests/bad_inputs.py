@@ -121,6 +121,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "bounces": ({"-1", "0"}, {"-2": -2, "2.0": 2.0}),
     "width": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
     "radius": (set(), {"-0.0": -0.0}),
+    "turn": ({"0", "1.5", "-1"}, {"181": 181, "numpy-nan": np.float32("nan")}),
     "extinction": ({"0", "1.5"}, {"-1e-9": -1e-9, "numpy-nan": np.float32("nan")}),
     "distance": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
     "roughness": ({"0", "1.5"}, {"1e7": 1e7}),

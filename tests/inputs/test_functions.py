@@ -839,6 +839,9 @@ TABLE = [
         built_in(name, **BOX, integrator="choice", sigma_t="extinction")
         for name in ("cornell_box_fog", "headlight_in_fog", "lamp_in_milk", "smoke_corridor")
     ),
+    built_in("brewster_window", **BOX, integrator="choice", polariser="turn"),
+    built_in("strained_mirror_corridor", **BOX, integrator="choice", angle="turn"),
+    built_in("nlos_behind_fog", **SIZE, sigma_t="extinction", occluder="boolean"),
     built_in("lamp_in_fixture", **BOX, integrator="choice"),
     built_in("light_through_hole", **BOX, integrator="choice", hole_width="radius"),
     built_in("mirror_and_glass", **BOX, integrator="choice", lamp_radius="radius"),
