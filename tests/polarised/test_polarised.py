@@ -588,8 +588,8 @@ def test_who_does_not_follow_polarised_light_says_so(integrator):
 @pytest.mark.parametrize(
     "call",
     [
-        lambda dataset, path: tofrender.save_npz(dataset, path / "a.npz"),
-        lambda dataset, path: tofrender.save_exr_stack(dataset, path),
+        lambda dataset, path: tofrender.save_video(dataset, path / "a.mp4"),
+        lambda dataset, path: tofrender.summary_figure(dataset),
         lambda dataset, path: tofrender.visualize_transient(dataset),
         lambda dataset, path: tofrender.transient_to_phasor(dataset, 20e6),
     ],
@@ -599,12 +599,6 @@ def test_who_takes_one_component_says_so(call, tmp_path):
     dataset = tofrender.render(scene, spp=1, progress=False)
     with pytest.raises(ValueError, match=r"\A.*stokes.*\Z"):
         call(dataset, tmp_path)
-
-
-def test_films_on_disk_are_refused(tmp_path):
-    scene = mi.load_dict(metals(**LONG) | {"integrator": {"type": "transient_path"}})
-    with pytest.raises(ValueError, match=r"\Aout: must be left out in the variant"):
-        tofrender.render(scene, spp=1, progress=False, out=tmp_path / "a.zarr")
 
 
 # ------------------------------------------------------------------------------ planted bugs

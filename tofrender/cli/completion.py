@@ -19,7 +19,10 @@ SCENES = (
 VARIANTS = tuple(
     f"{backend}_{kind}"
     for backend in ("llvm", "cuda")
-    for kind in ("ad_rgb", "ad_mono", "ad_spectral", "mono", "rgb", "spectral")
+    for kind in (
+        *("ad_rgb", "ad_mono", "ad_spectral", "ad_mono_polarized", "ad_spectral_polarized"),
+        *("mono", "rgb", "spectral"),
+    )
 )
 
 
