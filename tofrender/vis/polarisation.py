@@ -80,7 +80,7 @@ def polarisation_picture(
     else:
         found, there = degree_of_circular_polarisation(light, axis=2), light[:, :, 0] > 0
         picture = colormaps["coolwarm"](np.nan_to_num(found) / 2 + 0.5)
-    return np.uint8(np.rint(255 * picture[..., :3] * there[..., None]))
+    return np.rint(255 * picture[..., :3] * there[..., None]).astype(np.uint8)
 
 
 def _linear(srgb: np.ndarray) -> np.ndarray:
