@@ -109,6 +109,8 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
             "complex": np.ones((2, 2, 2, 3), complex),
         },
     ),
+    "stokes": (set(), {"3 components": np.ones((2, 2, 3, 1)), "no-pixels": np.ones((0, 2, 3, 1))}),
+    "stokes-axis": ({"-1"}, {"2.0": 2.0, "-2**40": -(1 << 40)}),
     "picture": (set(), {"flat": np.ones(3), "complex-array": np.ones((2, 2), complex)}),
     "dataset": (set(), {"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3))}),
     "scene": (set(), {"path": Path("x.xml"), "built-in": "cornell_box"}),

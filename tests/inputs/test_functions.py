@@ -117,6 +117,7 @@ class Row(NamedTuple):
 
 
 CUBE = np.ones((2, 3, 4, 1))
+STOKES = np.ones((2, 3, 4, 3))
 PHASOR = {"I": np.ones((2, 3)), "Q": np.ones((2, 3))}
 BUCKETS = {name: np.ones((2, 3)) for name in ("B0", "B90", "B180", "B270")}
 FILM = {"temporal_bins": 4, "start_opl": 3.5, "bin_width_opl": 2.0}
@@ -463,6 +464,27 @@ TABLE = [
         "vis.tonemap",
         lambda _: {"values": np.ones((2, 3, 3))},
         {"values": "light", "exposure": "positive?", "percentile": "cent", "shadows": "stops"},
+    ),
+    Row(
+        "vis.polarisation_picture",
+        lambda _: {"stokes": STOKES},
+        {"stokes": "stokes", "shown": "choice", "exposure": "positive?"},
+    ),
+    Row(
+        "vis.polarisation_figure",
+        lambda _: {"stokes": STOKES},
+        {"stokes": "stokes", "exposure": "positive?", "title": "label?"},
+    ),
+    *(
+        Row(
+            f"analysis.{name}",
+            lambda _: {"stokes": STOKES},
+            {"stokes": "stokes", "axis": "stokes-axis"},
+        )
+        for name in (
+            *("degree_of_polarisation", "degree_of_linear_polarisation"),
+            *("degree_of_circular_polarisation", "angle_of_linear_polarisation"),
+        )
     ),
     Row(
         "vis.growing_exposure",

@@ -89,8 +89,9 @@ def _of(stokes: Any, axis: int, formula: Any) -> Any:
         values = formula(*(np.asarray(each.values, np.float64) for each in parts))
         return xr.DataArray(values, parts[0].coords, parts[0].dims)
     array = checks.real_array("stokes", stokes, np.float64)
-    axis = checks.integer("axis", axis, -array.ndim, array.ndim - 1) if array.ndim else 0
-    if not array.ndim or array.shape[axis] != 4:
+    flat = not array.ndim or (axis == AXIS and array.ndim == 1)
+    axis = 0 if flat else checks.integer("axis", axis, -array.ndim, array.ndim - 1)
+    if flat or array.shape[axis] != 4:
         raise ValueError(f"stokes with shape {array.shape}: must have 4 components on axis {axis}")
     return formula(*np.moveaxis(array, axis, 0))
 

@@ -90,8 +90,10 @@ def _linear(srgb: np.ndarray) -> np.ndarray:
 
 def _stokes(stokes: Any) -> np.ndarray:
     """Stokes vectors as an array (height, width, 4, channels)."""
-    values = checks.real_array("stokes", getattr(stokes, "values", stokes), np.float64)
-    dims = getattr(stokes, "dims", None)
+    import xarray as xr
+
+    dims = stokes.dims if isinstance(stokes, xr.DataArray) else None
+    values = checks.real_array("stokes", stokes, np.float64)
     named = dims in (None, ("y", "x", "stokes", "channel"))
     if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
         found = f"dimensions {dims}" if dims else f"shape {values.shape}"
