@@ -53,7 +53,7 @@ def test_xml_is_the_dict(name, changed):
 def test_first_line_of_the_file_is_the_description(name):
     lines = (FOLDER / f"{name}.xml").read_text(encoding="utf-8").splitlines()
     assert lines[2].strip() == describe(name)
-    assert len(describe(name)) <= 76
+    assert len(describe(name)) <= 72
 
 
 @pytest.mark.slow

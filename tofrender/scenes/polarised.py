@@ -195,7 +195,7 @@ def strained_mirror_corridor(
     integrator: str = "transient_path",
     angle: float = 45.0,
 ) -> Dict:
-    """A lamp between two mirrors, seen through strained plastic again and again.
+    """A lamp between mirrors, seen through strained plastic over and over.
 
     The camera looks through a hole in a square lamp, whose light is polarised along the picture's
     right. The k-th image of the lamp, from outside, is 20 k m away: its light has passed the
