@@ -19,6 +19,7 @@ from .case_first_film import first_film
 from .case_fog import fog, gates_in_fog
 from .case_lights import camera_connections, light_samples, lights
 from .case_nlos import nlos
+from .case_polarised import polarised
 from .case_reconstruction import reconstruction
 from .case_warps import warps
 from .timing import in_turn, noise
@@ -287,6 +288,7 @@ CASES = {
     "first-film": first_film,
     "fog": fog,
     "gates-in-fog": gates_in_fog,
+    "polarised": polarised,
     "nlos": nlos,
     "reconstruction": reconstruction,
     "warps": warps,

@@ -22,6 +22,8 @@ from tofrender.scenes import BUILT_IN
 
 FOLDER = Path(__file__).parent / "pictures"
 PANEL_WIDTH = 256  # pixels
+POLARISED = "llvm_ad_mono_polarized"
+"""Variant of pictures of polarised light."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Panel:
         spp: Samples per pixel.
         exposure: Radiance 1 / exposure is white.
         gated: Whether only light in the film's bins is shown.
+        shown: What of polarised light, as of `tofrender.polarisation_picture`, in a polarised
+            variant; "" for the picture.
     """
 
     scene: str
@@ -43,15 +47,29 @@ class Panel:
     spp: int = 256
     exposure: float = 1.0
     gated: bool = False
+    shown: str = ""
 
 
 ONE_BIN = {"temporal_bins": 1}  # only the steady picture is shown
 GATED = ONE_BIN | {"start_opl": 29.9, "bin_width_opl": 0.4}
+FIRST = ONE_BIN | {"start_opl": 3.0, "bin_width_opl": 3.2}  # what the window reflects
 BOTH_ENDS = ONE_BIN | {"integrator": "transient_bdpt"}
 
 
 def _by(strategy: str) -> Panel:
     return Panel("veach", strategy, {"integrator": f"path_tracer_{strategy}"}, 16, 1.2)
+
+
+def _polarised(
+    scene: str,
+    label: str,
+    shown: str,
+    options: Mapping[str, Any] = ONE_BIN,
+    spp: int = 16,
+    exposure: float = 1.0,
+    gated: bool = False,
+) -> Panel:
+    return Panel(scene, label, options, spp, exposure, gated, shown)
 
 
 PICTURES: dict[str, tuple[Panel, ...]] = {
@@ -89,6 +107,14 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("headlight_in_fog", "headlight", ONE_BIN, 256, 0.5),
         Panel("headlight_in_fog", "gate at 30 m", GATED, 384, 25.0, gated=True),
     ),
+    "polarised": (
+        _polarised("brewster_window", "window", "intensity", spp=256),
+        _polarised("brewster_window", "degree", "degree", spp=256),
+        _polarised("brewster_window", "first light", "intensity", FIRST, 256, gated=True),
+        _polarised("strained_mirror_corridor", "mirrors", "intensity", exposure=1.8),
+        _polarised("strained_mirror_corridor", "angle", "angle", ONE_BIN | {"angle": 20.0}),
+        _polarised("strained_mirror_corridor", "circular", "circular"),
+    ),
 }
 """What each rendered file `pictures/NAME.png` shows, from left to right."""
 
@@ -111,6 +137,7 @@ PLANS: dict[str, tuple[tuple[Plan, ...], ...]] = {
         (Plan("nlos_z"), Plan("nlos_bunny")),
         (Plan("nlos_patch"), Plan("nlos_plane")),
     ),
+    "plans_fog": ((Plan("nlos_behind_fog"), Plan("nlos_behind_fog", "side")),),
     "plans_box": (
         (
             Plan("wall_box_sphere_nlos"),
@@ -136,6 +163,17 @@ def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
     Returns:
         uint8 (height, width, 3).
     """
+    before = str(mi.variant())
+    if panel.shown:
+        mi.set_variant(POLARISED)
+    try:
+        return _rendered(panel, width)
+    finally:
+        mi.set_variant(before)
+
+
+def _rendered(panel: Panel, width: int) -> np.ndarray:
+    """The panel in the active variant."""
     builder = BUILT_IN[panel.scene]
     film = builder(**panel.options)["sensor"]["film"]
     height = max(1, round(width * film["height"] / film["width"]))
@@ -146,6 +184,9 @@ def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
         image = np.array(found[1]).sum(axis=2)
     else:
         image = np.array(found[0] if isinstance(found, tuple) else found)
+    if panel.shown:
+        stokes = image.reshape(*image.shape[:2], 4, -1)
+        return tofrender.polarisation_picture(stokes, panel.shown, exposure=panel.exposure)
     return tofrender.tonemap(image[..., :3], exposure=panel.exposure)
 
 

@@ -154,6 +154,7 @@ def steady_twin(description: dict, **changes: Any) -> dict:
 
 NAMELESS = (
     *("integrator", "sensor", "film", "rfilter", "sampler", "emitter", "bsdf", "phase", "sigma_t"),
+    *("theta", "delta"),
 )
 """Keys of a dict for parts that have no id in an XML file."""
 
@@ -173,20 +174,29 @@ def parsed(source: dict | Path, **parameters: Any) -> dict:
         state = mi.parser.parse_file(config, str(source), **texts)
     mi.parser.transform_resolve(config, state)
 
-    def name(node) -> str:
-        known = node.props.id()
-        return node.props.plugin_name() if not known or known in NAMELESS else known
+    owners = {
+        value.index(): owner.props.id()
+        for owner in state.nodes
+        for _, value in owner.props.items()
+        if isinstance(value, mi.Properties.ResolvedReference)
+    }
+    names: list[str] = []
+    for k, node in enumerate(state.nodes):
+        known, kind = node.props.id(), node.props.plugin_name()
+        nameless = not known or known in NAMELESS
+        several = sum(each.props.plugin_name() == kind for each in state.nodes) > 1
+        names.append(f"{kind} of {owners.get(k)}" * several or kind if nameless else known)
 
     nodes = {}
-    for node in state.nodes:
+    for name, node in zip(names, state.nodes, strict=True):
         plain, parts = {}, []
         for key, value in node.props.items():
             if isinstance(value, mi.Properties.ResolvedReference):
-                parts.append(name(state.nodes[value.index()]))
+                parts.append(names[value.index()])
             else:
                 plain[key] = np.array(value.matrix) if hasattr(value, "matrix") else value
-        assert name(node) not in nodes, f"{name(node)} is there twice"
-        nodes[name(node)] = (node.props.plugin_name(), plain, sorted(parts))
+        assert name not in nodes, f"{name} is there twice"
+        nodes[name] = (node.props.plugin_name(), plain, sorted(parts))
     return nodes
 
 

@@ -108,6 +108,7 @@ from .runtime.canvas import figure_style as figure_style, save_figure as save_fi
 from .runtime.checkpoints import Checkpoint as Checkpoint
 from .samplers.padded_sobol import PaddedSobolSampler as PaddedSobolSampler
 from .scenes import (
+    brewster_window as brewster_window,
     bust_ao as bust_ao,
     bust_simple as bust_simple,
     caustic as caustic,
@@ -122,6 +123,7 @@ from .scenes import (
     lamp_in_milk as lamp_in_milk,
     light_through_hole as light_through_hole,
     mirror_and_glass as mirror_and_glass,
+    nlos_behind_fog as nlos_behind_fog,
     nlos_bunny as nlos_bunny,
     nlos_patch as nlos_patch,
     nlos_plane as nlos_plane,
@@ -134,6 +136,7 @@ from .scenes import (
     sphere_light_large as sphere_light_large,
     sphere_light_medium as sphere_light_medium,
     sphere_light_small as sphere_light_small,
+    strained_mirror_corridor as strained_mirror_corridor,
     veach as veach,
     wall_box_behind as wall_box_behind,
     wall_box_hi_nlos as wall_box_hi_nlos,
@@ -165,6 +168,7 @@ from .vis import (
     plan_figure as plan_figure,
     plot_pixel_transient as plot_pixel_transient,
     polarisation_figure as polarisation_figure,
+    polarisation_picture as polarisation_picture,
     pyramid_figure as pyramid_figure,
     reconstruction_figure as reconstruction_figure,
     summary_figure as summary_figure,

@@ -117,7 +117,7 @@ class Row(NamedTuple):
 
 
 CUBE = np.ones((2, 3, 4, 1))
-STOKES = np.ones((2, 3, 4, 1))
+STOKES = np.ones((2, 3, 4, 3))
 PHASOR = {"I": np.ones((2, 3)), "Q": np.ones((2, 3))}
 BUCKETS = {name: np.ones((2, 3)) for name in ("B0", "B90", "B180", "B270")}
 FILM = {"temporal_bins": 4, "start_opl": 3.5, "bin_width_opl": 2.0}
@@ -439,11 +439,6 @@ TABLE = [
         {"scene": "scene", "view": "choice", "laser": "point?", "title": "label?"},
     ),
     Row(
-        "vis.polarisation_figure",
-        lambda _: {"stokes": STOKES},
-        {"stokes": "stokes", "exposure": "positive?", "title": "label?"},
-    ),
-    Row(
         "vis.pyramid_figure",
         lambda _: {"pyramid": pyramid()},
         {
@@ -469,6 +464,27 @@ TABLE = [
         "vis.tonemap",
         lambda _: {"values": np.ones((2, 3, 3))},
         {"values": "light", "exposure": "positive?", "percentile": "cent", "shadows": "stops"},
+    ),
+    Row(
+        "vis.polarisation_picture",
+        lambda _: {"stokes": STOKES},
+        {"stokes": "stokes", "shown": "choice", "exposure": "positive?"},
+    ),
+    Row(
+        "vis.polarisation_figure",
+        lambda _: {"stokes": STOKES},
+        {"stokes": "stokes", "exposure": "positive?", "title": "label?"},
+    ),
+    *(
+        Row(
+            f"analysis.{name}",
+            lambda _: {"stokes": STOKES},
+            {"stokes": "stokes", "axis": "stokes-axis"},
+        )
+        for name in (
+            *("degree_of_polarisation", "degree_of_linear_polarisation"),
+            *("degree_of_circular_polarisation", "angle_of_linear_polarisation"),
+        )
     ),
     Row(
         "vis.growing_exposure",
@@ -560,19 +576,6 @@ TABLE = [
             "max_depth": "positive?",
             "amplitudes": "panel?",
         },
-    ),
-    *(
-        Row(
-            f"analysis.{name}",
-            lambda _: {"stokes": STOKES},
-            {"stokes": "stokes", "axis": "dimension"},
-        )
-        for name in (
-            "degree_of_polarisation",
-            "degree_of_linear_polarisation",
-            "degree_of_circular_polarisation",
-            "angle_of_linear_polarisation",
-        )
     ),
     # ------------------------------------------------------------------------ around the corner
     Row(
@@ -858,6 +861,9 @@ TABLE = [
         built_in(name, **BOX, integrator="choice", sigma_t="extinction")
         for name in ("cornell_box_fog", "headlight_in_fog", "lamp_in_milk", "smoke_corridor")
     ),
+    built_in("brewster_window", **BOX, integrator="choice", polariser="turn"),
+    built_in("strained_mirror_corridor", **BOX, integrator="choice", angle="turn"),
+    built_in("nlos_behind_fog", **SIZE, sigma_t="extinction", occluder="boolean"),
     built_in("lamp_in_fixture", **BOX, integrator="choice"),
     built_in("light_through_hole", **BOX, integrator="choice", hole_width="radius"),
     built_in("mirror_and_glass", **BOX, integrator="choice", lamp_radius="radius"),

@@ -588,8 +588,8 @@ def test_who_does_not_follow_polarised_light_says_so(integrator):
 @pytest.mark.parametrize(
     "call",
     [
-        lambda dataset, path: tofrender.save_npz(dataset, path / "a.npz"),
-        lambda dataset, path: tofrender.save_exr_stack(dataset, path),
+        lambda dataset, path: tofrender.save_video(dataset, path / "a.mp4"),
+        lambda dataset, path: tofrender.summary_figure(dataset),
         lambda dataset, path: tofrender.visualize_transient(dataset),
         lambda dataset, path: tofrender.transient_to_phasor(dataset, 20e6),
     ],
@@ -599,12 +599,6 @@ def test_who_takes_one_component_says_so(call, tmp_path):
     dataset = tofrender.render(scene, spp=1, progress=False)
     with pytest.raises(ValueError, match=r"\A.*stokes.*\Z"):
         call(dataset, tmp_path)
-
-
-def test_films_on_disk_are_refused(tmp_path):
-    scene = mi.load_dict(metals(**LONG) | {"integrator": {"type": "transient_path"}})
-    with pytest.raises(ValueError, match=r"\Aout: must be left out in the variant"):
-        tofrender.render(scene, spp=1, progress=False, out=tmp_path / "a.zarr")
 
 
 # ------------------------------------------------------------------------------ planted bugs
@@ -667,4 +661,42 @@ def test_degrees_and_angles_of_a_render():
 def test_what_is_no_stokes_vector(call, said):
     with pytest.raises(ValueError, match=r"\A.+\Z") as error:
         call()
+    assert str(error.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("shown", "colour"),
+    [("intensity", (255, 255, 255)), ("circular", (221, 221, 221)), ("angle", None)],
+)
+def test_pictures_in_false_colours(shown, colour):
+    light = np.zeros((2, 3, 4, 1))
+    light[0, :, 0] = light[0, :, 1] = 1  # Wholly polarised across `up`; no light below
+    found = tofrender.polarisation_picture(light, shown, exposure=1)
+    assert found.shape == (2, 3, 3)
+    assert found.dtype == np.uint8
+    assert not found[1].any()
+    assert found[0].any()
+    if colour is not None:
+        np.testing.assert_allclose(found[0, 0], colour, atol=1)
+
+
+def test_false_colours_are_paler_where_less_is_polarised():
+    light = np.zeros((1, 3, 4, 1))
+    light[0, :, 0], light[0, :, 2] = 0.5, [[0.0], [0.2], [0.5]]
+    found = tofrender.polarisation_picture(light, exposure=1).astype(int)[0]
+    assert np.ptp(found, axis=-1).tolist() == sorted(np.ptp(found, axis=-1).tolist())
+    assert np.ptp(found[0]) == 0 < np.ptp(found[2])
+
+
+@pytest.mark.parametrize(
+    ("light", "more", "said"),
+    [
+        (np.ones((4, 4, 3, 1)), {}, "stokes with shape"),
+        (np.ones((4, 4, 4, 1)), {"shown": "hue"}, "shown = 'hue'"),
+        (np.ones((4, 4, 4, 1)), {"exposure": 0}, "exposure = 0"),
+    ],
+)
+def test_what_is_no_such_picture(light, more, said):
+    with pytest.raises(ValueError, match=r"\A.+\Z") as error:
+        tofrender.polarisation_picture(light, **more)
     assert str(error.value).startswith(said)

@@ -137,17 +137,17 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
 
 def of_render(dataset: xr.Dataset, out: Path, files: list[str]) -> Render:
     """Facts of a render."""
-    height, width, bins, channels = dataset["transient"].shape
+    sizes = dataset.sizes
     attrs = dataset.attrs
     return {
         "out": str(out),
         "files": files,
         "complete": bool(attrs["complete"]),
         "scene": attrs["scene"],
-        "width": width,
-        "height": height,
-        "bins": bins,
-        "channels": channels,
+        "width": sizes["x"],
+        "height": sizes["y"],
+        "bins": sizes["opl"],
+        "channels": sizes["channel"],
         "start_opl": float(attrs["start_opl"]),
         "bin_width": float(attrs["bin_width_opl"]),
         "spp": int(attrs["spp"]),

@@ -11,14 +11,18 @@ SCENES = (
     *("sphere_light_medium", "sphere_light_large", "rectangle_light_quad"),
     *("rectangle_light_triangles", "small_box", "caustic", "mirror_and_glass", "lamp_in_fixture"),
     *("light_through_hole", "cornell_box_fog", "lamp_in_milk", "smoke_corridor"),
-    *("headlight_in_fog", "nlos_z", "nlos_bunny", "nlos_patch", "nlos_plane"),
+    *("headlight_in_fog", "brewster_window", "strained_mirror_corridor", "nlos_z", "nlos_bunny"),
+    *("nlos_patch", "nlos_plane", "nlos_behind_fog"),
     *("wall_box_sphere_nlos", "wall_box_spheres_nlos", "wall_box_hi_nlos", "wall_box_behind"),
     "ourbox_confocal",
 )
 VARIANTS = tuple(
     f"{backend}_{kind}"
     for backend in ("llvm", "cuda")
-    for kind in ("ad_rgb", "ad_mono", "ad_spectral", "mono", "rgb", "spectral")
+    for kind in (
+        *("ad_rgb", "ad_mono", "ad_spectral", "ad_mono_polarized", "ad_spectral_polarized"),
+        *("mono", "rgb", "spectral"),
+    )
 )
 
 

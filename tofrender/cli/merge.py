@@ -33,6 +33,7 @@ def merge(
     from tofrender.runtime import backend
 
     backend.activate()
+    from tofrender.rendering.dataset import in_channels
     from tofrender.rendering.merging import merge as join
     from tofrender.runtime.progress import deferred_stop
 
@@ -42,7 +43,7 @@ def merge(
             raise ValueError(f"--out = {out}: is among what is joined; must be another folder")
         renders.append(opt.load_render(source, "DIR"))
     merged = join(renders)
-    height, width, bins, channels = merged["transient"].shape
+    height, width, bins, channels = in_channels(merged)["transient"].shape
     opt.check_out(out, (height, width, bins, channels), precision)
     with deferred_stop():
         files = write(merged, out, format, precision, video, figure, dpi)

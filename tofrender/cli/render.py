@@ -121,6 +121,9 @@ def render(
 
     A film that does not fit into memory is rendered tile by tile on the disk, as are those with
     --format zarr and by workers.
+
+    In a polarised --variant, files have Stokes vectors, in channels S0.R to S3.B of EXR files;
+    video, PNG frames and summary are of S0, and a second figure is of the polarisation.
     """
     from tofrender.runtime import backend
 
@@ -130,7 +133,6 @@ def render(
     opt.check_out(out)
     backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
     backend.require_vectorised()
-    backend.require_unpolarised()
 
     from tofrender.rendering.job import carry_out, collect
     from tofrender.rendering.renderer import make_job

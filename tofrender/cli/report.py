@@ -39,13 +39,20 @@ def report(
 
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()
-    data = _load(checks.path("DIR|FILE", source))
+    data = _seen(checks.path("DIR|FILE", source))
 
     from tofrender.apps.explorer.page import report as write
 
     named = title or data.attrs.get("scene") or source.resolve().name
     write(data, out, title=str(named), megabytes=megabytes, overwrite=True)
     opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+
+
+def _seen(source: Path) -> xr.Dataset:
+    """What a folder or a file holds; of Stokes vectors S0."""
+    from tofrender.rendering.dataset import components_of
+
+    return components_of(_load(source))[0]
 
 
 def _load(source: Path) -> xr.Dataset:

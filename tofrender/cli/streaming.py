@@ -29,6 +29,7 @@ def fits(job: Job) -> bool:
 
 def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) -> xr.Dataset:
     """Render a job on the disk, or take what a killed run had finished there."""
+    from tofrender.rendering.dataset import in_channels
     from tofrender.rendering.films_on_disk import is_film, load_zarr
     from tofrender.rendering.pieces import whole
     from tofrender.rendering.streaming import stream, under_way
@@ -41,7 +42,7 @@ def streamed(job: Job, film: Path, client: Any, seconds: float, resume: bool) ->
         dataset = load_zarr(film)
         wanted = job.recipe | {"spp": whole(job).count, "errors": job.asked.errors}
         found = dataset.attrs | {"errors": "transient_error" in dataset}
-        wanted["shape"], found["shape"] = job.film.shape, dataset["transient"].shape
+        wanted["shape"], found["shape"] = job.film.shape, in_channels(dataset)["transient"].shape
         for name, value in wanted.items():
             its = found.get(name)
             if its != value:

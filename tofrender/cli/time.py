@@ -62,9 +62,10 @@ def phasor(
             if value is not None:
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
+        from tofrender.rendering.dataset import components_of
         from tofrender.runtime.progress import deferred_stop
 
-        rendered = opt.load_render(Path(source), "RENDER_DIR")
+        rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
         opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
         with deferred_stop() as stop:

@@ -9,7 +9,7 @@ import typer
 
 from ..runtime import checks
 from . import options as opt
-from .report import _load
+from .report import _seen
 from .warp import Browser, Host, Port
 
 MOST_SPP = 1024
@@ -61,7 +61,8 @@ def view(
     require_panel()
     backend.activate(variant)
     backend.require_vectorised()
-    backend.require_unpolarised()
+    if live:
+        backend.require_unpolarised()
 
     from tofrender.apps.view.looking import Live, Saved
     from tofrender.apps.view.window import application
@@ -74,7 +75,7 @@ def view(
         words |= {"size": tuple(size) if size else None, "max_depth": max_depth}
         looked_at = Live(name, words | {"pulse_width": "auto"})
     else:
-        looked_at = Saved(Path(source), _load)
+        looked_at = Saved(Path(source), _seen)
         if looked_at.error is not None:
             opt.note(f"warning: {looked_at.error}")
     try:

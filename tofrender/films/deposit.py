@@ -61,10 +61,15 @@ class FilmDeposit:
             picture: Takes (spectra, position, active) of light that lands on any pixel, for the
                 steady image; None if none does.
         """
+        # Before the loop, as four components would look the same colours up at each vertex
+        colours = film.colours(wavelengths) if mi.is_polarized and mi.is_spectral else None
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             one = mi.Float(1)
             light = scaled(spectrum, weight)
+            if colours is not None:
+                film.add_coloured(position, opl, colours, light, active)
+                return
             film.add_transient_data(position, opl, wavelengths, light, one, active)
 
         def put_pulse(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:

@@ -216,6 +216,35 @@ class TransientHDRFilm(mi.Film):
         """
         k, active = self._bin(distance, active)
         values = self._channels(light_of(spec * ray_weight), wavelengths, active)
+        self._put(pos, values, k, active)
+
+    @staticmethod
+    def colours(wavelengths: Any) -> list[mi.Color3f]:
+        """RGB of light that is 1 at one of the sampled wavelengths [nm], for each of them."""
+        units = np.eye(dr.size_v(mi.UnpolarizedSpectrum), dtype=np.float32).tolist()
+        each = (mi.UnpolarizedSpectrum(*unit) for unit in units)
+        return [mi.spectrum_to_srgb(unit, wavelengths, True) for unit in each]
+
+    def add_coloured(
+        self,
+        pos: mi.Point2f,
+        distance: mi.Float,
+        colours: Sequence[mi.Color3f],
+        light: Any,
+        active: mi.Bool,
+    ) -> None:
+        """As `add_transient_data`, with what `colours` says of the wavelengths."""
+        k, active = self._bin(distance, active)
+        values = []
+        for spectrum in components(light):
+            rgb = mi.Color3f(0)
+            for share, colour in zip(spectrum, colours, strict=True):
+                rgb = dr.fma(colour, share, rgb)
+            values += list(rgb)
+        self._put(pos, values, k, active)
+
+    def _put(self, pos: mi.Point2f, values: list[mi.Float], k: mi.UInt32, active: mi.Bool) -> None:
+        """Add values, one a channel, to bin `k` of all pixels that a filter reaches."""
         for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import DIMS, ERRORS, check_dataset, plain_attributes, require_finite
+from ..rendering.dataset import (
+    DIMS,
+    ERRORS,
+    check_dataset,
+    in_components,
+    plain_attributes,
+    require_finite,
+)
 from ..rendering.labels import labelled
 from ..runtime import checks
 
@@ -97,7 +104,7 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
         attrs=about["attrs"],
     )
     check_dataset(dataset)
-    return labelled(dataset)
+    return in_components(labelled(dataset))
 
 
 def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:

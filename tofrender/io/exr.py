@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, check_dataset, plain_attributes
+from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
+from ..signals.polarisation import STOKES
 from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
@@ -32,6 +33,10 @@ LEAST_DIGITS = 4
 """Of a frame's number in its name."""
 #: EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
 _EXR_CHANNELS = {("R", "G", "B"): "RGB", ("L",): "Y"}
+#: What stands before them where there are Stokes vectors.
+_COMPONENTS = tuple(f"{each}." for each in STOKES)
+#: What OpenEXR calls channels that it reads: R, G and B behind a name are one of that name.
+_READ = (("Y",), ("RGB",), tuple(f"{each}Y" for each in _COMPONENTS), STOKES)
 #: Header names with a meaning of their own, which attributes of a Dataset must not take.
 _RESERVED = {
     *("channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "name"),
@@ -54,7 +59,8 @@ def save_exr_stack(
     `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). A cropped render keeps its
     place: the data window is the crop, the display window the film as far as it is known (the
     attributes `film_width` and `film_height`, else up to the crop's last pixel). Monochrome
-    Datasets use the channel Y. ZIP compression, and a checksum behind the end of each file; the
+    Datasets use the channel Y. Those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to
+    S3.Y. ZIP compression, and a checksum behind the end of each file; the
     output appears whole or not at all.
 
     Args:
@@ -94,6 +100,7 @@ def save_exr_stack(
     checks.one_of("layout", layout, ("frames", "multipart"))
     checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
+    dataset = in_channels(dataset)
     stack = _Stack(dataset, precision)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
@@ -160,8 +167,10 @@ class _Stack:
         self.errors = Cube(dataset["transient_error"]) if has_errors else None
         self.dtype = np.float16 if precision == "half" else np.float32
         names = tuple(map(str, dataset["channel"].values))
-        checks.one_of("channel", "".join(names), ["".join(key) for key in _EXR_CHANNELS])
-        self.channel = _EXR_CHANNELS[names]
+        self.components = _COMPONENTS if names[0].startswith(_COMPONENTS) else ("",)
+        colours = tuple(n.rpartition(".")[2] for n in names[: len(names) // len(self.components)])
+        checks.one_of("channel", "".join(colours), ["".join(key) for key in _EXR_CHANNELS])
+        self.channel = _EXR_CHANNELS[colours]
         self.bins = dataset.sizes["opl"]
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
         self.windows = _windows(dataset)
@@ -193,11 +202,17 @@ class _Stack:
             header["opl_start"] = _double(start + index * width)
             header["opl_stop"] = _double(start + (index + 1) * width)
         # OpenEXR writes strided arrays wrongly, so the copy is needed.
-        rounded = {name: np.ascontiguousarray(self._round(v)) for name, v in images.items()}
-        return header, {
-            f"{name}{self.channel}": pixels[..., 0] if self.channel == "Y" else pixels
-            for name, pixels in rounded.items()
-        }
+        channels = {}
+        for layer, values in images.items():
+            parts = np.split(self._round(values), len(self.components), axis=-1)
+            for component, part in zip(self.components, parts, strict=True):
+                if self.channel == "RGB" and not component:
+                    channels[f"{layer}RGB"] = np.ascontiguousarray(part)
+                    continue
+                for k, colour in enumerate(self.channel):
+                    pixels = np.ascontiguousarray(part[..., k])
+                    channels[f"{layer}{component}{colour}"] = pixels
+        return header, channels
 
     def _values(self, suffix: str, index: int) -> np.ndarray:
         """Frame `index` (-1: the steady image), or its standard errors."""
@@ -359,10 +374,16 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
 
 def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
     channels = part.channels
-    kinds = [{kind, f"{LAYER}{kind}"} for kind in ("Y", "RGB")]
-    names = [kind for kind in ("Y", "RGB") if f"{layer}{kind}" in channels]
-    if len(names) != 1 or not any(set(channels) <= kind for kind in kinds):
-        found = ", ".join(channels)
-        raise ValueError(f"path = {path}: has the channels {found}; must be RGB or Y")
-    pixels = channels[f"{layer}{names[0]}"].pixels
-    return (pixels[..., None] if names[0] == "Y" else pixels).astype(np.float32, copy=False)
+    names = [
+        [f"{layer}{kind}" for kind in kinds] for kinds in _READ if f"{layer}{kinds[0]}" in channels
+    ]
+    known = ({f"{each}{kind}" for each in ("", LAYER) for kind in kinds} for kinds in _READ)
+    if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
+        said = ", ".join(channels)
+        raise ValueError(
+            f"path = {path}: has the channels {said}; must be RGB or Y, or those of S0 to S3"
+        )
+    found = [channels[name].pixels for name in names[0]]
+    images = [image[..., None] if image.ndim == 2 else image for image in found]
+    whole = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
+    return whole.astype(np.float32, copy=False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import ERRORS, check_dataset
+from ..rendering.dataset import ERRORS, check_dataset, in_channels
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..runtime.progress import shown
@@ -59,6 +59,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         ...     save_npz(dataset, folder + "/box.npz").name
         'box.npz'
     """
+    dataset = in_channels(dataset)
     check_dataset(dataset)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)

@@ -27,7 +27,7 @@ _MARKED = re.compile(
 )
 #: ... and beside them only these. Nothing but such a folder is ever replaced.
 _UNMARKED = re.compile(
-    r"video\.(mp4|gif)|(summary|panel|picture|volume)\.(png|pdf|svg)|volume\.npz|report\.html"
+    r"video\.(mp4|gif)|(summary|polarisation|panel|picture|volume)\.(png|pdf|svg)|volume\.npz|report\.html"
 )
 _MARK = b"tofrender"
 

@@ -46,6 +46,13 @@ def coordinates(film: Any) -> dict[str, np.ndarray]:
     }
 
 
+def channel_coordinates(film: Any) -> dict[str, np.ndarray]:
+    """`coordinates`, with Stokes components among the channels, as in `in_channels`."""
+    found = coordinates(film)
+    names = [f"{s}.{c}" for s in found.pop("stokes", ()) for c in found["channel"]]
+    return found | ({"channel": np.array(names)} if names else {})
+
+
 def transient_dataset(
     arrays: Mapping[str, np.ndarray], film: Any, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
@@ -81,6 +88,48 @@ def transient_dataset(
 def film_stokes(film: Any) -> int:
     """Stokes components that a film has, 1 if it does not tell them apart."""
     return film.shape[3] // film.base_channels_count()
+
+
+def in_channels(dataset: Any) -> Any:
+    """A Dataset as files have it: Stokes components are channels, "S0.R", "S0.G" and so on.
+
+    Anything without an axis `stokes` stays as it is.
+    """
+    if "stokes" not in getattr(dataset, "dims", ()):
+        return dataset
+    names = [f"{s}.{c}" for s in dataset["stokes"].values for c in dataset["channel"].values]
+    variables = {}
+    for name, variable in dataset.data_vars.items():
+        data = variable.data.reshape(*variable.shape[:-2], len(names))
+        variables[name] = (*variable.dims[:-2], "channel"), data, variable.attrs
+    coords = {
+        name: each for name, each in dataset.coords.items() if name not in ("stokes", "channel")
+    }
+    flat = type(dataset)(variables, coords | {"channel": names}, dataset.attrs)
+    flat["channel"].attrs.update(dataset["channel"].attrs)
+    return flat
+
+
+def in_components(dataset: xr.Dataset) -> xr.Dataset:
+    """The reverse of `in_channels`, for channels that have such names."""
+    names = [str(name) for name in dataset["channel"].values]
+    colours = [name.partition(".")[2] for name in names[: len(names) // 4]]
+    if names != [f"{s}.{c}" for s in STOKES for c in colours] or not colours:
+        return dataset
+    variables = {}
+    for name, variable in dataset.data_vars.items():
+        data = variable.data.reshape(*variable.shape[:-1], 4, len(colours))
+        variables[name] = (*variable.dims[:-1], "stokes", "channel"), data, variable.attrs
+    coords = {name: each for name, each in dataset.coords.items() if name != "channel"}
+    channel = ("channel", colours, dataset["channel"].attrs)
+    coords = {"stokes": list(STOKES)} | coords | {"channel": channel}
+    return labelled(type(dataset)(variables, coords, dataset.attrs))
+
+
+def of_intensity(values: np.ndarray) -> np.ndarray:
+    """Channels of a film that are no less than 0: all, or those of S0 in polarised variants."""
+    count = values.shape[-1]
+    return values[..., : count // 4] if count in (4, 12) else values
 
 
 def components_of(dataset: Any) -> list[Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from .dataset import DIMS, ERRORS
+from .dataset import DIMS, ERRORS, in_components
 from .labels import labelled
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
             dataset[name] = dataset[name].copy(data=_checked(group[name], folder))
     except (OSError, ValueError, KeyError, TypeError):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
-    dataset = labelled(dataset)
+    dataset = in_components(labelled(dataset))
     dataset.encoding["source"] = str(folder)
     return dataset
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..runtime import atomic, checks
 from ..runtime.progress import shown
-from .dataset import DIMS, ERRORS, check_dataset, plain_attributes
+from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
 from .pieces import TILE_BYTES, Piece, Taken, tile_size
@@ -137,8 +137,8 @@ class Store:
             files[name] = checksum(self.film / name)
         receipt = Receipt(
             files,
-            float(taken.steady.sum(dtype=np.float64)),
-            float(taken.transient.sum(dtype=np.float64)),
+            float(of_intensity(taken.steady).sum(dtype=np.float64)),
+            float(of_intensity(taken.transient).sum(dtype=np.float64)),
             taken.not_finite,
             taken.seconds,
         )
@@ -257,6 +257,7 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
         >>> film.sizes["opl"]
         50
     """
+    dataset = in_channels(dataset)
     check_dataset(dataset)
     target = check_film(path, "path")
     height, width, bins, channels = dataset["transient"].shape

@@ -13,7 +13,7 @@ from ..integrators.running import interrupted
 from ..runtime import atomic, memory
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import EVERY_S, deferred_stop, progress_bar
-from .dataset import coordinates, film_stokes
+from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
 from .pieces import TILE_BYTES, Piece, tile_size, tiles, whole
 from .store import Receipt, Store, check_film, under_way
@@ -56,11 +56,6 @@ def stream(
         KeyboardInterrupt: The render was stopped; one line that says how to go on.
         OSError: The disk is full; finished tiles stay.
     """
-    if film_stokes(job.film) > 1:
-        raise ValueError(
-            f"out: must be left out in the variant {job.recipe['variant']}, films on disk have no "
-            "Stokes vectors"
-        )
     if client is not None and job.plan.splats:
         raise ValueError("client: must be left out, light lands on all tiles; see `render`")
     target, folder = check_film(out), under_way(out)
@@ -97,7 +92,7 @@ def stream(
                 on = again or f"the same call goes on with {folder}"
                 raise KeyboardInterrupt(interrupted(count, len(planned), "tiles", on)) from None
         attrs = _attributes(job, [receipt for receipt in receipts.values() if receipt])
-        store.finish(coordinates(job.film), attrs, target)
+        store.finish(channel_coordinates(job.film), attrs, target)
     tell_not_finite(attrs["contributions_not_finite"])
     if job.arrivals is not None:
         warn_of_losses(job.film, job.arrivals, job.profile, attrs["energy_outside_window"])

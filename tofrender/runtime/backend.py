@@ -106,7 +106,7 @@ def require_unpolarised() -> None:
         plain = str(mi.variant()).replace("_polarized", "")
         raise BackendError(
             f"variant = {mi.variant()!r}: has Stokes vectors, which are not kept here; must be one "
-            f"like {plain}, or call tofrender.render in Python"
+            f"like {plain}, or call `tofrender render`"
         )
 
 

@@ -33,13 +33,15 @@ from .light_transport import (
     sphere_light_small,
     veach,
 )
-from .nlos import nlos_bunny, nlos_patch, nlos_plane, nlos_z
+from .nlos import nlos_behind_fog, nlos_bunny, nlos_patch, nlos_plane, nlos_z
 from .parts import SAMPLER, Dict
+from .polarised import brewster_window, strained_mirror_corridor
 
 __all__ = [
     "BUILT_IN",
     "SAMPLER",
     "START_OPL",
+    "brewster_window",
     "bust_ao",
     "bust_simple",
     "caustic",
@@ -55,6 +57,7 @@ __all__ = [
     "lamp_in_milk",
     "light_through_hole",
     "mirror_and_glass",
+    "nlos_behind_fog",
     "nlos_bunny",
     "nlos_patch",
     "nlos_plane",
@@ -67,6 +70,7 @@ __all__ = [
     "sphere_light_large",
     "sphere_light_medium",
     "sphere_light_small",
+    "strained_mirror_corridor",
     "veach",
     "wall_box_behind",
     "wall_box_hi_nlos",
@@ -99,10 +103,13 @@ BUILT_IN: dict[str, Callable[..., Dict]] = {
         lamp_in_milk,
         smoke_corridor,
         headlight_in_fog,
+        brewster_window,
+        strained_mirror_corridor,
         nlos_z,
         nlos_bunny,
         nlos_patch,
         nlos_plane,
+        nlos_behind_fog,
         wall_box_sphere_nlos,
         wall_box_spheres_nlos,
         wall_box_hi_nlos,

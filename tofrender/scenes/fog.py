@@ -38,11 +38,12 @@ def _integrator(integrator: str, max_depth: int) -> Dict:
     return {"type": kind, "max_depth": checks.depth("max_depth", max_depth)}
 
 
-def _extinction(sigma_t: float, most: float) -> float:
+def extinction(sigma_t: float, most: float) -> float:
+    """A checked extinction [1/m]."""
     return checks.number("sigma_t", sigma_t, unit="1/m", low=0, high=most)
 
 
-def _medium(sigma_t: float, albedo: list[float], g: float) -> Dict:
+def medium(sigma_t: float, albedo: list[float], g: float) -> Dict:
     """A homogeneous medium of an extinction [1/m] and an HG phase function."""
     phase = {"type": "hg", "g": g}
     return {"type": "homogeneous", "sigma_t": sigma_t, "albedo": rgb(albedo), "phase": phase}
@@ -52,7 +53,7 @@ def _ref(name: str) -> Dict:
     return {"type": "ref", "id": name}
 
 
-def _boundary(to_world: Any, medium: str) -> Dict:
+def boundary(to_world: Any, medium: str) -> Dict:
     """A cube that holds a medium and bends no light."""
     null = {"type": "null"}
     return {"type": "cube", "to_world": to_world, "bsdf": null, "interior": _ref(medium)}
@@ -112,8 +113,8 @@ def cornell_box_fog(
     # A centimetre behind the walls, so that no two surfaces coincide
     around = place([0, 0, -0.005], Y, 0, [1.01, 1.01, 1.005])
     return scene | {
-        "fog": _medium(_extinction(sigma_t, MAX_FOG), [0.98, 0.98, 0.98], 0.6),
-        "fog-end": _boundary(around, "fog"),
+        "fog": medium(extinction(sigma_t, MAX_FOG), [0.98, 0.98, 0.98], 0.6),
+        "fog-end": boundary(around, "fog"),
     }
 
 
@@ -181,7 +182,7 @@ def lamp_in_milk(
         "orange": diffuse([0.75, 0.3, 0.08]),
         "blue": diffuse([0.2, 0.36, 0.45]),
         "milk-surface": {"type": "dielectric", "int_ior": MILK_INDEX, "ext_ior": 1.0},
-        "milk": _medium(_extinction(sigma_t, MAX_MILK), [0.9995, 0.999, 0.996], 0.7),
+        "milk": medium(extinction(sigma_t, MAX_MILK), [0.9995, 0.999, 0.996], 0.7),
         "table": shape("rectangle", place([0, 0, 0], X, -90, [0.5, 0.5, 1]), "wood"),
         "wall": shape("rectangle", place([0, 0.2, -0.12], X, 0, [0.5, 0.21, 1]), "white"),
         "milk-side": side | surface,
@@ -287,7 +288,7 @@ def smoke_corridor(
     smoke = {
         "type": "heterogeneous",
         "sigma_t": grid,
-        "scale": _extinction(sigma_t, MAX_SMOKE),
+        "scale": extinction(sigma_t, MAX_SMOKE),
         "albedo": rgb([0.93, 0.93, 0.95]),
         "phase": {"type": "hg", "g": 0.2},
     }
@@ -316,7 +317,7 @@ def smoke_corridor(
         "light": shape("rectangle", place([0, 2.1, 9.95], X, 180, [0.5, 0.15, 1]), "black")
         | {"emitter": area_light([240.0, 228.0, 204.0])},
         "smoke": smoke,
-        "smoke-end": _boundary(place(center, Y, 0, half), "smoke"),
+        "smoke-end": boundary(place(center, Y, 0, half), "smoke"),
     }
 
 
@@ -386,7 +387,7 @@ def headlight_in_fog(
     return {
         "type": "scene",
         "integrator": _integrator(integrator, max_depth),
-        "fog": _medium(_extinction(sigma_t, MAX_ROAD_FOG), [0.97, 0.97, 0.97], 0.6),
+        "fog": medium(extinction(sigma_t, MAX_ROAD_FOG), [0.97, 0.97, 0.97], 0.6),
         "sensor": camera([0, 0, 0], [0, 0.1, z], 17, film, spp) | {"medium": _ref("fog")},
         "light": lamp | {"medium": _ref("fog")},
         "white": diffuse([0.8, 0.8, 0.8]),

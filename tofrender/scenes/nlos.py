@@ -20,6 +20,7 @@ import numpy as np
 
 from ..runtime import checks
 from .bunny import bunny
+from .fog import boundary, extinction, medium
 from .meshes import bunny_mesh, letter_z, letter_z_mesh, placed
 from .parts import SAMPLER, Dict, diffuse, place, rgb, transient_film
 
@@ -171,6 +172,30 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     mesh = bunny_mesh(to_world, bsdf=_hidden_material(options))
     options = {"bin_width_opl": 0.008} | options
     return _scene({"hidden_bunny": mesh}, vertices, occluder, **options)
+
+
+MAX_THIN_FOG = 10.0
+"""Largest extinction of the fog before the hidden letter [1/m]."""
+
+
+def nlos_behind_fog(*, sigma_t: float = 0.5, occluder: bool = True, **options: Any) -> Dict:
+    """The letter Z, hidden behind thin fog, before a relay wall.
+
+    As `nlos_z`, 1 m from the wall. The fog is 4 m wide and high, from 0.45 m to 0.9 m before the
+    wall; it is in a box that bends no light. Device and wall are outside of it.
+
+    Args:
+        sigma_t: Extinction of the fog [1/m], 0 to 10.
+        occluder: As in `nlos_z`.
+        **options: As for `nlos_z`.
+
+    Example:
+        >>> nlos_behind_fog(sigma_t=2)["fog"]["sigma_t"]
+        2.0
+    """
+    fog = medium(extinction(sigma_t, MAX_THIN_FOG), [0.97, 0.97, 0.97], 0.6)
+    end = boundary(place([0, 0, 0.675], Y, 0, [2, 2, 0.225]), "fog")
+    return nlos_z(occluder=occluder, **options) | {"fog": fog, "fog-end": end}
 
 
 # ------------------------------------------------------------------------- device and wall

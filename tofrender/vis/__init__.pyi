@@ -7,7 +7,10 @@ from .flight import light_in_flight as light_in_flight
 from .gates import gate_figure as gate_figure
 from .panels import phasor_panel as phasor_panel
 from .plans import plan_figure as plan_figure
-from .polarisation import polarisation_figure as polarisation_figure
+from .polarisation import (
+    polarisation_figure as polarisation_figure,
+    polarisation_picture as polarisation_picture,
+)
 from .pyramid import pyramid_figure as pyramid_figure
 from .reconstructions import reconstruction_figure as reconstruction_figure
 from .summary import summary_figure as summary_figure

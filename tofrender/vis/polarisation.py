@@ -11,19 +11,94 @@ from ..analysis.polarisation import (
     angle_of_linear_polarisation,
     degree_of_circular_polarisation,
     degree_of_linear_polarisation,
+    degree_of_polarisation,
 )
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, PictureGrid
-from .colours import phase_map
+from .colours import hue_map, phase_map
 from .figures import map_axes, picture_aspect
-from .tone import auto_exposure
+from .tone import auto_exposure, tonemap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEAST = 0.01
 """Degree of linear polarisation from which on light has an angle that is shown."""
+
+SHOWN = ("intensity", "degree", "angle", "circular", "colours")
+"""What a picture of polarised light may show."""
+
+
+def polarisation_picture(
+    stokes: Any, shown: str = "colours", *, exposure: float | None = None
+) -> np.ndarray:
+    """Draw one picture of polarised light, in false colours.
+
+    Args:
+        stokes: As for `polarisation_figure`.
+        shown: "intensity", S0 as it looks; "degree" of polarisation, from dark to yellow; "angle"
+            of linear polarisation, a cyclic colour; "circular", blue to the left and red to the
+            right; "colours", the brightness of S0 in the colour of the angle, the paler the less
+            of it is polarised. Where there is no light, or no angle, it is black.
+        exposure: Gain of the brightness; `1` is shown as white after it. None takes
+            `auto_exposure` of S0.
+
+    Returns:
+        uint8 (height, width, 3), sRGB.
+
+    Raises:
+        ValueError: Another shape, or an argument out of range; one line.
+
+    Example:
+        >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]
+        >>> polarisation_picture(light, "degree").shape
+        (4, 6, 3)
+    """
+    from matplotlib import colormaps
+
+    values = _stokes(stokes)
+    checks.one_of("shown", shown, SHOWN)
+    if exposure is not None:
+        exposure = checks.number("exposure", exposure, positive=True)
+    light = values.mean(axis=3)
+    gain = exposure or auto_exposure(light[:, :, 0])
+    if shown == "intensity":
+        colours = values[:, :, 0] if values.shape[3] == 3 else light[:, :, 0]
+        return tonemap(colours, exposure=gain)
+    linear = np.nan_to_num(degree_of_linear_polarisation(light, axis=2))
+    angle = np.nan_to_num(angle_of_linear_polarisation(light, axis=2)) / np.pi
+    if shown == "colours":
+        pale = np.clip(linear, 0, 1)[..., None]
+        hue = _linear(hue_map()(angle)[..., :3])
+        return tonemap(light[:, :, :1] * (pale * hue + 1 - pale), exposure=gain)
+    if shown == "degree":
+        found, there = degree_of_polarisation(light, axis=2), light[:, :, 0] > 0
+        picture = colormaps["viridis"](np.nan_to_num(found))
+    elif shown == "angle":
+        picture, there = phase_map()(angle), linear >= LEAST
+    else:
+        found, there = degree_of_circular_polarisation(light, axis=2), light[:, :, 0] > 0
+        picture = colormaps["coolwarm"](np.nan_to_num(found) / 2 + 0.5)
+    return np.rint(255 * picture[..., :3] * there[..., None]).astype(np.uint8)
+
+
+def _linear(srgb: np.ndarray) -> np.ndarray:
+    """Linear values of sRGB."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def _stokes(stokes: Any) -> np.ndarray:
+    """Stokes vectors as an array (height, width, 4, channels)."""
+    import xarray as xr
+
+    dims = stokes.dims if isinstance(stokes, xr.DataArray) else None
+    values = checks.real_array("stokes", stokes, np.float64)
+    named = dims in (None, ("y", "x", "stokes", "channel"))
+    if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
+        found = f"dimensions {dims}" if dims else f"shape {values.shape}"
+        raise ValueError(f"stokes with {found}: must be (y, x, stokes, channel), with 4 components")
+    return values
 
 
 @in_style
@@ -53,16 +128,8 @@ def polarisation_figure(
         >>> [each.get_title() for each in polarisation_figure(light).axes[::2]]
         ['intensity', 'linear polarisation', 'angle', 'circular polarisation']
     """
-    import xarray as xr
-
     checks.text("title", title)
-    is_labelled = isinstance(stokes, xr.DataArray)
-    values = checks.real_array("stokes", stokes.values if is_labelled else stokes, np.float64)
-    dims = stokes.dims if is_labelled else None
-    named = dims in (None, ("y", "x", "stokes", "channel"))
-    if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
-        found = f"dimensions {dims}" if dims else f"shape {values.shape}"
-        raise ValueError(f"stokes with {found}: must be (y, x, stokes, channel), with 4 components")
+    values = _stokes(stokes)
     if exposure is not None:
         exposure = checks.number("exposure", exposure, positive=True)
     light = values.mean(axis=3)

@@ -1,0 +1,76 @@
+"""Polarised light: time over that of Mitsuba's own polarised `path`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+
+import tofrender
+from tofrender.runtime import backend
+
+from .timing import in_turn
+
+if TYPE_CHECKING:
+    from .cases import Row
+
+DEPTH = {"max_depth": 6, "rr_depth": 50}
+KINDS = ("mono", "spectral")
+
+
+def polarised(runs: int, quick: bool) -> list[Row]:
+    """The Cornell box, and with metals and glass in it, at equal samples and rays."""
+    size, spp = (32, 16) if quick else (128, 64)
+    rows: list[Row] = []
+    for kind in KINDS:
+        with _in_variant(f"{str(mi.variant()).partition('_')[0]}_ad_{kind}_polarized"):
+            for name, change in (("Cornell box", _as_it_is), ("metals and glass", _with_metals)):
+                times = in_turn(_functions(size, spp, change), runs)
+                wall, cpu = times["ours"].ratio(times["path"])
+                what = f"{kind}, {name}, {size}x{size} x 300 bins, {spp} spp, over path"
+                rows += [(f"{what}: wall", wall, 1.2), (f"{what}: cpu", cpu, None)]
+    return rows
+
+
+def _functions(
+    size: int, spp: int, change: Callable[[dict[str, Any]], dict[str, Any]]
+) -> dict[str, Callable[[], None]]:
+    steady = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
+    steady["integrator"] = {"type": "path", **DEPTH}
+    steady["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}
+    ours = tofrender.cornell_box(width=size, height=size, temporal_bins=300, spp=spp)
+    ours["integrator"] = {"type": "transient_path", "light_samples": 1, **DEPTH}
+    return {
+        name: _draw(mi.load_dict(change(each)), spp)
+        for name, each in (("path", steady), ("ours", ours))
+    }
+
+
+def _as_it_is(scene: dict[str, Any]) -> dict[str, Any]:
+    return scene
+
+
+def _with_metals(scene: dict[str, Any]) -> dict[str, Any]:
+    """Boxes of metal, a ball of glass."""
+    metal = {"type": "roughconductor", "alpha": 0.2, "eta": 0.2, "k": 3.9}
+    for name in ("small-box", "large-box"):
+        scene[name]["bsdf"] = metal
+    ball = {"type": "sphere", "center": [0.3, -0.6, 0.75], "radius": 0.25}
+    return scene | {"ball": ball | {"bsdf": {"type": "dielectric"}}}
+
+
+def _draw(scene: mi.Scene, spp: int) -> Callable[[], None]:
+    return lambda: dr.eval(mi.render(scene, spp=spp))
+
+
+@contextmanager
+def _in_variant(name: str) -> Iterator[None]:
+    before = str(mi.variant())
+    backend.activate(name)
+    try:
+        yield
+    finally:
+        mi.set_variant(before)
