@@ -229,6 +229,7 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
     import drjit as dr
     import mitsuba as mi
 
+    from ..paths.surfaces import first_surface
     from ..runtime import backend
     from ..scenes.loading import load_scene, require_sensor
 
@@ -243,4 +244,4 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
     size: Any = mi.ScalarVector2f(width, height)
     centre = (mi.Point2f(pixel - y * width, y) + 0.5) / size
     ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
-    return camera, ray, scene.ray_intersect(ray)
+    return camera, ray, first_surface(scene, ray)

@@ -12,12 +12,13 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..films.exposure import BINS, PHASORS, PICTURE, Exposure, Weight
+from ..paths.between import arriving
 from ..paths.emission import Emission
 from ..paths.endpoints.camera import Camera
 from ..paths.endpoints.light_paths import LightPaths
 from ..paths.lens import Lens
 from ..paths.protocols import Space
-from ..paths.records import Connection, Limits, Path, Vertex
+from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
 from ..paths.sharing import Sharing
 from ..paths.walk import deliver, walk
@@ -135,7 +136,9 @@ class BidirectionalPlan(Plan):
         arrival = self.lens.arrive(ds.p, at.p, distant)
         active = mi.Bool(active) & arrival.seen & (ds.pdf > 0) & ~ds.delta
         length = dr.select(distant, self.emission.sphere.length(at.p, ds.d), arrival.distance)
-        arrives = self._reaches_lens(sampler, ray, ds, arrival, active)
+        si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+        si.p, si.n, si.time, si.wavelengths = ds.p, ds.n, ray.time, ray.wavelengths
+        arrives = arriving(self.space, si, arrival.near, sampler, active, arrival.distance)
         x = self.sharing.power(arrival.density / ds.pdf) if self.sharing.exponent else mi.Float(0)
         share = self.sharing.share(x, 1, 1)
         seen = Contribution(
@@ -147,26 +150,6 @@ class BidirectionalPlan(Plan):
             position=arrival.position,
         )
         return measurement, deliver(measurement, seen)
-
-    def _reaches_lens(self, sampler, ray, ds, arrival, active) -> Any:
-        """What of an emitter's light arrives at the lens."""
-        si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
-        si.p, si.n, si.time, si.wavelengths = ds.p, ds.n, ray.time, ray.wavelengths
-        to_lens = si.spawn_ray_to(arrival.near)
-        path = Path.start(to_lens, ds.p, active, place=self.space.around(to_lens))
-        link = Connection(
-            point=arrival.near,
-            direction=-ds.d,
-            weight=mi.UnpolarizedSpectrum(1),
-            pdf=mi.Float(1),
-            delta=mi.Bool(True),
-            length=arrival.distance,
-            active=active,
-            clear=mi.Bool(False),
-            reach=arrival.distance,
-        )
-        start = Vertex(si, mi.Float(0), active)
-        return self.space.transmittance(path, start, link, sampler)
 
 
 class BothEnds(TransientPath):

@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..paths.surfaces import first_surface
 from ..rendering.asked import Asked
 from ..rendering.job import Job, carry_out, collect, decide
 from ..rendering.workers import require_client
@@ -180,7 +181,7 @@ def _laser_points_again(axis: Any, **arguments: Any) -> LaserPoints:
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
     """The point that the laser of a single capture lights, and the wall's normal there."""
     ray = mi.Ray3f(*axis(find_laser(scene)))
-    si: Any = scene.ray_intersect(ray)
+    si: Any = first_surface(scene, ray)
     if not is_on_relay_wall(si, wall)[0]:
         raise ValueError("laser: does not light the relay wall; focus_laser turns it there")
     normal = si.n * dr.sign(-dr.dot(si.n, ray.d))

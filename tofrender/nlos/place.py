@@ -82,7 +82,7 @@ def place_of_capture(
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
-    check_scene(scene, camera)
+    check_scene(scene, camera, media=True)
     integrator = _integrator(scene)
     integrator.require_mode(mode)
     if brings_sample(integrator):

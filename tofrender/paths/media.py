@@ -28,12 +28,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import BOUNDARY, PLATES, media_of
+from ..scenes.media import media_of
 from ..signals.polarisation import intensity
 from .phases import Phases, Scattered, as_surface
 from .protocols import Scattering
 from .records import Connection, Path, Vertex, extend
-from .surfaces import materials
+from .surfaces import Boundaries
 
 FARTHEST = 1e30
 """Distance that stands for infinity where it is multiplied [m]."""
@@ -120,10 +120,8 @@ class Media:
         self.scene, self.outside, self.beyond = scene, outside, beyond
         self.media = media_of(scene) + ([] if outside is None else [outside])
         self.has_grids = any(not medium.is_homogeneous() for medium in self.media)
-        null = [bsdf for bsdf in materials(scene) if int(bsdf.flags()) == BOUNDARY]
-        plates = [bsdf for bsdf in null if bsdf.class_name() in PLATES]
-        self.has_boundaries = len(plates) < len(null)
-        self.plates = [bsdf for k, bsdf in enumerate(plates) if bsdf not in plates[:k]]
+        self.boundaries = Boundaries(scene)
+        self.has_boundaries = self.boundaries.exist
         self.repeats = self.has_grids or self.has_boundaries
 
     def scattering(
@@ -232,18 +230,11 @@ class Media:
         xi = sampler.next_1d()
         return inside, flight.medium.sample_interaction(ray, xi, channel, inside)
 
-    def _is_boundary(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-        """Whether a surface is nothing but the boundary between media of equal index."""
-        active = active & (si.bsdf().flags() == BOUNDARY)
-        for plate in self.plates:
-            active &= si.bsdf() != mi.BSDFPtr(plate)
-        return active
-
     def _pass(self, flight: Flight, arrives: mi.Bool) -> tuple[Flight, mi.Bool]:
         """Go on behind a boundary of equal index; lanes that do."""
         arrives &= flight.found.is_valid()
         si = flight.found.compute_surface_interaction(flight.ray, mi.RayFlags.Minimal, arrives)
-        through = arrives & self._is_boundary(si, arrives)
+        through = self.boundaries.hold(si, arrives)
         d = flight.ray.d
         flight.medium = dr.select(
             through & si.is_medium_transition(), si.target_medium(d), flight.medium

@@ -1,10 +1,16 @@
+# pyright: reportArgumentType=false, reportOperatorIssue=false
 """Telling on which shapes surface points are, and which surfaces let light through."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+import drjit as dr
 import mitsuba as mi
+
+from ..scenes.media import BOUNDARY, PLATES
+from .space import leave
 
 
 def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
@@ -32,6 +38,59 @@ def materials(scene: mi.Scene) -> list[mi.BSDF]:
     if any(shape.class_name() == "Instance" for shape in shapes):
         return [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.BSDF)]
     return [shape.bsdf() for shape in shapes]
+
+
+class Boundaries:
+    """Surfaces that are nothing but where a medium ends whose index is that of what is around.
+
+    Args:
+        scene: The scene.
+
+    Attributes:
+        exist: Whether there are any.
+    """
+
+    def __init__(self, scene: mi.Scene) -> None:
+        null = [bsdf for bsdf in materials(scene) if int(bsdf.flags()) == BOUNDARY]
+        plates = [bsdf for bsdf in null if bsdf.class_name() in PLATES]
+        self.exist = len(plates) < len(null)
+        self._plates = [bsdf for k, bsdf in enumerate(plates) if bsdf not in plates[:k]]
+
+    def hold(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Whether surface points are on one of them."""
+        active = active & (si.bsdf().flags() == BOUNDARY)
+        for plate in self._plates:
+            active &= si.bsdf() != mi.BSDFPtr(plate)
+        return active
+
+
+def first_surface(
+    scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool | bool = True
+) -> mi.SurfaceInteraction3f:
+    """What rays meet first that is more than the boundary of a medium; `t` is from the last one.
+
+    Example:
+        >>> fog = {"type": "cube", "bsdf": {"type": "null"}}
+        >>> wall = {"type": "rectangle", "id": "wall"}
+        >>> scene = mi.load_dict({"type": "scene", "fog": fog, "wall": wall})
+        >>> first_surface(scene, mi.Ray3f([0, 0, 5], [0, 0, -1])).p
+        [[0, 0, 0]]
+    """
+    si = scene.ray_intersect(ray, mi.Bool(active))
+    boundaries = Boundaries(scene)
+    return _behind(scene, boundaries, ray, si, active) if boundaries.exist else si
+
+
+@dr.syntax
+def _behind(scene: Any, boundaries: Any, ray: Any, si: Any, active: Any) -> Any:
+    """The loop through boundaries."""
+    ray = mi.Ray3f(ray)
+    passing = boundaries.hold(si, mi.Bool(active) & si.is_valid())
+    while passing:
+        ray = dr.select(passing, leave(si, ray.d, mi.Bool(True)), ray)
+        si = dr.select(passing, scene.ray_intersect(ray, passing), si)
+        passing = boundaries.hold(si, passing & si.is_valid())
+    return si
 
 
 def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:

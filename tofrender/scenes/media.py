@@ -178,5 +178,42 @@ def _require_place(scene: mi.Scene, sensor: mi.Sensor) -> None:
             return
 
 
+def scatters(medium: mi.Medium) -> bool:
+    """Whether a medium does more than absorb."""
+    parameters: Any = mi.traverse(medium)
+    names = [name for name in parameters.keys() if name.startswith("albedo")]  # noqa: SIM118
+    leaves = [leaf for name in names for leaf in floats_of(parameters[name])]
+    return not leaves or any(np.any(np.asarray(leaf) > 0) for leaf in leaves)
+
+
+def scatterer_on(
+    scene: mi.Scene, ray: mi.Ray3f, medium: mi.MediumPtr, sensor: mi.Sensor
+) -> tuple[mi.Medium | None, mi.MediumPtr]:
+    """A medium that scatters light on rays that start in a medium, up to their first surface.
+
+    The sensor's is one of those that there may be.
+
+    Returns:
+        One of them, None if there is none; and the media that the rays end in.
+    """
+    known = [each for each in media_of(scene, sensor) if scatters(each)]
+    found, active = None, mi.Bool(True) & dr.isfinite(ray.o.x)
+    for _ in range(CROSSINGS):
+        si = scene.ray_intersect(ray, active)
+        for each in known:
+            if found is None and dr.any(active & (medium == mi.MediumPtr(each))):
+                found = each
+        active &= si.is_valid() & (si.bsdf().flags() == BOUNDARY)
+        changes = active & si.is_medium_transition()
+        medium = dr.select(changes, si.target_medium(ray.d), medium)
+        onwards = si.spawn_ray(ray.d)
+        onwards.maxt = ray.maxt - si.t
+        ray = dr.select(active, onwards, ray)
+        dr.eval(ray, active, medium)
+        if not dr.any(active):
+            break
+    return found, medium
+
+
 def _named(thing: Any) -> str:
     return "none" if thing is None else repr(thing.id() or thing.class_name())

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...paths.surfaces import first_surface
 from ...runtime import checks
 from .laser import axis, find_laser
 
@@ -114,7 +115,7 @@ class NLOSCaptureMeter(mi.Sensor):
     def follow_laser(self, scene: mi.Scene) -> None:
         """Look at what the laser looks at, if the film is one pixel of an original one."""
         if self.follows_laser:
-            si = scene.ray_intersect(mi.Ray3f(*axis(find_laser(scene))))
+            si = first_surface(scene, mi.Ray3f(*axis(find_laser(scene))))
             self.laser_point = dr.select(si.is_valid(), si.p, mi.Point3f(*self.origin) + 1)
 
     def sample_ray(self, time, sample1, sample2, sample3, active=True):

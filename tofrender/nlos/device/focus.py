@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...paths.surfaces import first_surface
 from ...runtime import checks
 from .laser import find_laser, follow_meters, forget_meters, turn
 
@@ -69,7 +70,7 @@ def focus_laser(
             crop, offset = film.crop_size(), film.crop_offset()
             place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
             ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
-            si = scene.ray_intersect(mi.Ray3f(ray))
+            si = first_surface(scene, mi.Ray3f(ray))
             if not dr.all(si.is_valid()):
                 raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
             target = si.p

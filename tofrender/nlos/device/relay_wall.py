@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.surfaces import is_on
+from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
 
 DEFAULT_ID = "relay_wall"
@@ -123,7 +123,7 @@ def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.Surface
     x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
     centre = (mi.Point2f(x, y) + 0.5) / mi.ScalarPoint2f(width, height)
     ray, _ = sensor.sample_ray(0.0, 0.5, centre, mi.Point2f(0.5), mi.Bool(True))
-    return mi.Ray3f(ray), scene.ray_intersect(mi.Ray3f(ray))
+    return mi.Ray3f(ray), first_surface(scene, mi.Ray3f(ray))
 
 
 def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:

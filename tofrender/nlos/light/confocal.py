@@ -14,7 +14,7 @@ from ...films.contribution import Contribution
 from ...runtime import checks
 from ...signals.illuminants import white
 from .laser_spot import Spot
-from .relay_wall_path import RelayWallPath, Scan
+from .relay_wall_path import RelayWallPath, Scan, ScanPlan
 
 MAX_SIGMA = 0.75
 """Widest beam: standard deviation of its direction [rad]. Eight tangents fit into a projector."""
@@ -74,8 +74,25 @@ class ConfocalTransientIntegrator(RelayWallPath):
             projector = round_beam(sigma, self.power)
         self.projector: Any = projector
 
+    def plan(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None = None,
+        weight: Any = None,
+        wall: list[mi.Shape] | None = None,
+    ) -> ScanPlan:
+        """As of the base; a beam of no width must have a clear way."""
+        if self.projector is None and sensor is not None:
+            self.require_clear_way(scene, sensor)
+        return super().plan(scene, sensor, weight, wall)
+
     def laser(
-        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+        self,
+        scan: Scan,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        sampler: mi.Sampler,
+        active: mi.Bool,
     ) -> tuple[Any, Contribution | None]:
         """The beam along a camera ray, or the projector's pattern around it."""
         scene, projector = scan.scene, self.projector
@@ -93,7 +110,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
         def irradiance(d: mi.Vector3f, r: mi.Float) -> Any:
             return projector.intensity(axes, d, ray.wavelengths) / (r * r)
 
-        seen = self.from_laser(scene, ray, origin, source, irradiance, active)
+        seen = self.from_laser(scan, ray, origin, source, irradiance, sampler, active)
         return self.lit_point(scan, beam), seen
 
     def require_mode(self, mode: str) -> None:

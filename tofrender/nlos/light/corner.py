@@ -20,8 +20,8 @@ import mitsuba as mi
 
 from ...films.contribution import Contribution
 from ...paths.guided import REACHED, Guided, ray_to
-from ...paths.records import Path, Vertex
-from ...paths.space import Vacuum
+from ...paths.protocols import Space
+from ...paths.records import Connection, Path, Vertex
 from ...paths.walk import deliver
 from .laser_spot import LaserSpot
 
@@ -30,6 +30,9 @@ CONNECTIONS = 16
 
 SHORT = 1e-4
 """Part of the way to a target point in which nothing is looked for, because of rounding."""
+
+CLOSE = 1e-3
+"""The last part of it, in which a target's surface is looked for."""
 
 GOLDEN = 0.6180339887498949
 """Step of the lattice's second coordinate, which no few multiples of come close to 0."""
@@ -51,45 +54,60 @@ class CornerShare:
 class CornerConnections:
     """Three-bounce light by connections, shared with the paths that are walked."""
 
-    def __init__(self, space: Vacuum, share: CornerShare, laser: LaserSpot) -> None:
-        self.space, self.scene, self.laser = space, space.scene, laser
+    def __init__(self, space: Space, share: CornerShare, laser: LaserSpot) -> None:
+        self.space, self.scene, self.laser = space, laser.scene, laser
         self.guided, self.targets, self.count = share.guided, share.guided.targets, share.count
 
     def add(
-        self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, measurement: Any, active: mi.Bool
+        self,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        unwarp: bool,
+        sampler: mi.Sampler,
+        measurement: Any,
+        active: mi.Bool,
     ) -> tuple[Any, mi.UInt32]:
         """Hand the light of camera rays to a measurement, which is returned.
 
-        Lengths start at `origin`; None leaves out the first segment.
+        Lengths start at `origin`, or with `unwarp` at the first vertex.
         """
-        si = self.scene.ray_intersect(ray, active)
-        opl = mi.Float(0) if origin is None else dr.norm(si.p - origin)
-        seen = Vertex(si, opl, si.is_valid())
+        start = Path.start(ray, origin, active, place=self.space.place(ray))
+        path, seen = self.space.next(start, sampler)
+        path.opl = mi.Float(0) if unwarp else seen.length
         active = self.guided.sends(seen, active)
-        return _connect(self, seen, opl, sampler.next_2d(), sampler, measurement, active)
+        return _connect(self, seen, path, sampler.next_2d(), sampler, measurement, active)
 
     def at(
-        self, seen: Vertex, opl: mi.Float, u: mi.Point2f, sampler: mi.Sampler, active: mi.Bool
+        self, seen: Vertex, path: Path, u: mi.Point2f, sampler: mi.Sampler, active: mi.Bool
     ) -> Contribution:
         """Connect over one target point."""
         si, guided, targets = seen.si, self.guided, self.targets
         ps, shape = targets.sample(u, active)
         r = dr.norm(ps.p - si.p)
         d = (ps.p - si.p) / r
+        arrives: Any = mi.Float(1)
+        if self.space.scatters:
+            arrives = self._through(seen, path, ps.p, d, r, sampler, active)
         if targets.plain:  # There is no need to find a point that is known
             y = _at_point(si, ps, shape, d, r)
-            ray = si.spawn_ray_to(ps.p)
-            ray.maxt = dr.norm(ps.p - ray.o) * (1 - SHORT)
-            active = active & ~self.scene.ray_test(ray, active)
+            if not self.space.scatters:
+                ray = si.spawn_ray_to(ps.p)
+                ray.maxt = dr.norm(ps.p - ray.o) * (1 - SHORT)
+                active = active & ~self.scene.ray_test(ray, active)
         else:
-            y = self.scene.ray_intersect(ray_to(si, d, r), active)
+            ray = ray_to(si, d, r)
+            if self.space.scatters:  # Behind boundaries of media
+                ray.o = dr.fma(ray.d, (1 - CLOSE) * r, ray.o)
+            y = self.scene.ray_intersect(ray, active)
             active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
 
         turn = guided.turn(seen, d, active)
         by_area = targets.density(y, mi.Interaction3f(si))
         density = turn.pdf + (guided.share + self.count) * by_area
 
-        path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory())
+        weight, opl = path.β * arrives, path.opl
+        place = self.space.leave(path, seen, d)
+        path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory(), place=place)
         path.depth, path.opl = mi.UInt32(1), opl + r
         middle = Vertex(y, r, active)
         path.memory = self.laser.remember(path, middle, active)
@@ -97,9 +115,32 @@ class CornerConnections:
         link.weight *= self.space.transmittance(path, middle, link, sampler)
         f_y = y.bsdf().eval(mi.BSDFContext(), y, y.to_local(link.direction), link.active)
         f = mi.unpolarized_spectrum(turn.f) * mi.unpolarized_spectrum(f_y)
-        spectrum = f * link.weight / density
+        spectrum = f * link.weight * weight / density
         found = link.active & (by_area > 0)
         return Contribution(spectrum, path.opl + link.length, found)
+
+    def _through(
+        self,
+        seen: Vertex,
+        path: Path,
+        target: mi.Point3f,
+        d: mi.Vector3f,
+        r: mi.Float,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+    ) -> Any:
+        """What media let through to a target point, 0 where a surface is in the way."""
+        link = Connection(
+            point=target,
+            direction=d,
+            weight=mi.UnpolarizedSpectrum(1),
+            pdf=mi.Float(1),
+            delta=mi.Bool(True),
+            length=r,
+            active=active,
+            clear=mi.Bool(False),
+        )
+        return self.space.transmittance(path, seen, link, sampler)
 
 
 def _at_point(
@@ -119,12 +160,12 @@ def _at_point(
 
 
 @dr.syntax
-def _connect(corner, seen, opl, shift, sampler, measurement, active):
+def _connect(corner, seen, path, shift, sampler, measurement, active):
     """The loop over target points: a lattice of them, moved by one random number."""
     k, not_finite = mi.UInt32(0), mi.UInt32(0)
     while k < corner.count:
         u = shift + mi.Point2f(mi.Float(k) / corner.count, GOLDEN * mi.Float(k))
-        found = corner.at(seen, opl, u - dr.floor(u), sampler, active)
+        found = corner.at(seen, path, u - dr.floor(u), sampler, active)
         not_finite += deliver(measurement, found)
         k += 1
     return measurement, not_finite

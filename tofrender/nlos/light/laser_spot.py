@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ...paths.endpoints.unseen import Unseen
 from ...paths.records import Connection, Path, Vertex
-from ...paths.surfaces import is_on
+from ...paths.surfaces import first_surface, is_on
 
 SAME = 1e-10
 """Squared distance of two points, over that to a third, below which they are one."""
@@ -26,11 +26,15 @@ class Spot:
         si: The lit surface point, `si.wi` towards the laser; one, or one for each lane.
         power: Power that arrives there, the cosine included [W].
         distance: Optical length from the laser to the point that counts in path lengths [m].
+        beam: The beam, one or one for each lane.
+        origin: Where the beam's length starts [m].
     """
 
     si: mi.SurfaceInteraction3f
     power: Any
     distance: mi.Float
+    beam: mi.Ray3f | None = None
+    origin: mi.Point3f | None = None
 
     @classmethod
     def of_beam(
@@ -45,9 +49,14 @@ class Spot:
 
         The distance counts from `origin`, by default from where the ray starts.
         """
-        si = scene.ray_intersect(ray, active)
+        si = first_surface(scene, ray, active)
         power = dr.select(si.is_valid(), power, 0)
-        return cls(si, power, dr.norm(si.p - (ray.o if origin is None else origin)))
+        origin = ray.o if origin is None else origin
+        return cls(si, power, dr.norm(si.p - origin), ray, origin)
+
+    def throws(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
+        """What the material makes of the beam in a direction: BSDF times cosine [1/sr]."""
+        return self.si.bsdf().eval(mi.BSDFContext(), self.si, self.si.to_local(direction), active)
 
 
 Share = Callable[[Vertex, Path], mi.Float]
@@ -110,19 +119,23 @@ class LaserSpot(Unseen):
             link.weight *= self.share(vertex, path)
         return link
 
+    def source(self, sampler: mi.Sampler, active: mi.Bool) -> Spot:
+        """The point that is connected to."""
+        return self.beam(sampler, active)
+
     def lit(self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Connection:
         """Connect to the lit point."""
         if self.bounces >= 0:
             active = active & (path.depth + 2 == self.bounces)
         if self.hidden_only:
             active = active & (path.memory != 0)
-        spot = self.beam(sampler, active)
+        spot = self.source(sampler, active)
         lit = spot.si
         to_spot = lit.p - vertex.si.p
         r2 = dr.squared_norm(to_spot)
         active = active & (r2 > 0) & dr.any(spot.power > 0)
         d = to_spot * dr.rsqrt(r2)
-        f = lit.bsdf().eval(mi.BSDFContext(), lit, lit.to_local(-d), active)
+        f = spot.throws(-d, active)
         weight = spot.power * mi.unpolarized_spectrum(f) / r2
         return Connection(
             point=lit.p,

@@ -16,16 +16,27 @@ import numpy as np
 from ...films.contribution import Contribution
 from ...integrators.plan import Plan
 from ...integrators.transient_path import TransientPath
+from ...paths.between import arriving
 from ...paths.camera import behind_emitters
 from ...paths.guided import Guided, Targets
+from ...paths.protocols import Space
 from ...paths.records import Limits
 from ...paths.scattering import Materials
-from ...paths.space import Vacuum
+from ...paths.surfaces import first_surface
 from ...paths.walk import deliver
 from ...runtime import checks
+from ...scenes.media import media_of, scatterer_on
 from ..device.laser import place_of
-from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
+from ..device.relay_wall import (
+    DEFAULT_ID,
+    find_relay_wall,
+    find_shapes,
+    first_hits,
+    parse_ids,
+    seen_shapes,
+)
 from .corner import CornerConnections, CornerShare
+from .laser_in_media import LaserInMedia
 from .laser_spot import LaserSpot, Spot
 
 HIDDEN_SHARE = 0.5
@@ -40,6 +51,7 @@ class Scan:
 
     Attributes:
         scene: The scene.
+        space: What laser and paths go through.
         wall: Shapes of the relay wall, empty if it is not known.
         up: The camera's upward direction.
         guided: The scattering that sends paths to hidden geometry, None without.
@@ -50,6 +62,7 @@ class Scan:
     """
 
     scene: mi.Scene
+    space: Space
     wall: list[mi.Shape]
     up: list[float]
     guided: Guided | None = None
@@ -73,9 +86,9 @@ class ScanPlan(Plan):
     def __init__(
         self, scan: Scan, light: Callable[..., Any], limits: Limits, counts_spot: bool
     ) -> None:
-        scattering = scan.guided or Materials(scan.scene)
+        scattering = scan.space.scattering(scan.guided or Materials(scan.scene))
         endpoint: Any = None  # There is one when there are rays
-        super().__init__(Vacuum(scan.scene), endpoint, scattering, limits)
+        super().__init__(scan.space, endpoint, scattering, limits)
         self.scan, self.light, self.counts_spot = scan, light, counts_spot
 
     def in_view(self) -> Sequence[mi.Emitter]:
@@ -91,11 +104,11 @@ class ScanPlan(Plan):
         active, not_finite = mi.Bool(active), mi.UInt32(0)
         if self.scan.hide_emitters:
             ray = behind_emitters(self.scan.scene, ray)
-        laser, seen = self.light(self.scan, ray, origin, active)
+        laser, seen = self.light(self.scan, ray, origin, sampler, active)
         if self.scan.share is not None:
-            corner = CornerConnections(Vacuum(self.scan.scene), self.scan.share, laser)
-            start = None if self.limits.unwarp else origin
-            measurement, not_finite = corner.add(ray, start, sampler, measurement, active)
+            corner = CornerConnections(self.space, self.scan.share, laser)
+            start = ray, origin, self.limits.unwarp
+            measurement, not_finite = corner.add(*start, sampler, measurement, active)
         if seen is not None and self.counts_spot:
             not_finite += deliver(measurement, seen)
         lit = Plan(self.space, laser, self.scattering, self.limits)
@@ -129,7 +142,8 @@ class RelayWallPath(TransientPath):
     """
 
     needs_lights = False
-    follows_media = follows_polarisation = False
+    follows_polarisation = False
+    starts_at_lights = True
     takes_light_samples = False
     counts_legs_by_default = True
 
@@ -166,7 +180,12 @@ class RelayWallPath(TransientPath):
     """Whether paths connect to the lit point, rather than to the emitter itself."""
 
     def laser(
-        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+        self,
+        scan: Scan,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        sampler: mi.Sampler,
+        active: mi.Bool,
     ) -> tuple[Any, Contribution | None]:
         """What the paths of camera rays connect to; their lengths start at `origin`.
 
@@ -178,15 +197,15 @@ class RelayWallPath(TransientPath):
 
     def lit_point(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Connections to where a beam lands."""
-        return LaserSpot(
-            scan.scene,
-            beam,
-            scan.wall,
-            self.use_nlos_only,
-            self.filter_bounces,
-            scan.share,
+        told = (
+            *(scan.scene, beam, scan.wall, self.use_nlos_only, self.filter_bounces, scan.share),
             self.hide_emitters,
         )
+        if not scan.space.scatters:
+            return LaserSpot(*told)
+        scattering = scan.space.scattering(Materials(scan.scene))
+        more = {"scattering": scattering, "counts_legs": self.counts_legs}
+        return LaserInMedia(*told, space=scan.space, **more)
 
     def plan(
         self,
@@ -198,6 +217,29 @@ class RelayWallPath(TransientPath):
         """The scan of a sensor's rays; the relay wall is by default as the parameters say."""
         scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
         return ScanPlan(scan, self.laser, self.limits(), self.counts_spot)
+
+    def require_clear_way(self, scene: mi.Scene, sensor: mi.Sensor) -> None:
+        """Refuse fog on the way of a laser to the very points that the sensor looks at.
+
+        Raises:
+            ValueError: There is some; one line.
+        """
+        if not media_of(scene, sensor):
+            return
+        ray, si = first_hits(scene, sensor)
+        around = sensor.get_medium()
+        lanes = dr.width(si.p)
+        start = dr.full(mi.MediumPtr, around, lanes) if around else dr.zeros(mi.MediumPtr, lanes)
+        found, there = scatterer_on(scene, ray, start, sensor)
+        if found is None:
+            back = si.spawn_ray_to(mi.Point3f(*self.laser_origin(scene, sensor).tolist()))
+            found, _ = scatterer_on(scene, back, there, sensor)
+        if found is not None:
+            raise ValueError(
+                f"{found.id() or 'medium'}: scatters the light of a laser that the sensor looks "
+                "along, or up to where it looks, which would be infinite; must only absorb there, "
+                "or be elsewhere, or the laser must have a spot_sigma or light a single point"
+            )
 
     def require_mode(self, mode: str) -> None:
         """Refuse a mode of capture that this integrator has not.
@@ -224,7 +266,8 @@ class RelayWallPath(TransientPath):
         up = [0.0, 1.0, 0.0]
         if sensor is not None:
             up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
-        scan = Scan(scene, wall, up, self._guided(scene, sensor, surfaces, wall))
+        space = self.space(scene, sensor)
+        scan = Scan(scene, space, wall, up, self._guided(scene, sensor, surfaces, wall))
         scan.hide_emitters = self.hide_emitters
         if scan.guided and self.lights_a_point and self._counts_three():
             scan.share = CornerShare(scan.guided)
@@ -296,11 +339,12 @@ class RelayWallPath(TransientPath):
 
     def from_laser(
         self,
-        scene: mi.Scene,
+        scan: Scan,
         ray: mi.Ray3f,
         origin: mi.Point3f,
         laser: mi.Point3f,
         irradiance: Callable[[mi.Vector3f, mi.Float], Any],
+        sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Contribution:
         """Light that comes straight back from the surface that the camera sees.
@@ -308,14 +352,16 @@ class RelayWallPath(TransientPath):
         `irradiance` takes the direction from the laser's place and the distance, and gives the
         irradiance of a surface that faces the laser [W/m^2].
         """
-        si = scene.ray_intersect(ray, active)
+        si = first_surface(scan.scene, ray, active)
         to_laser = laser - si.p
         r = dr.norm(to_laser)
         d = to_laser / r
         seen = active & si.is_valid()
-        seen &= ~scene.ray_test(si.spawn_ray_to(laser), seen)
+        arrives = arriving(scan.space, si, laser, sampler, seen)
+        if scan.space.scatters:
+            arrives *= arriving(scan.space, si, ray.o, sampler, seen, dr.norm(si.p - origin))
         f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
-        radiance = f * irradiance(-d, r)
+        radiance = f * irradiance(-d, r) * arrives
         opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
         opl += r if self.counts_legs else 0
         return Contribution(radiance, opl, seen & dr.any(radiance != 0))

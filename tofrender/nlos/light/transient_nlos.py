@@ -13,7 +13,7 @@ import numpy as np
 from ...films.contribution import Contribution
 from ...paths.endpoints import SceneLights
 from ...paths.records import Connection, Path, Vertex
-from ...paths.surfaces import is_on
+from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
 from ...signals.illuminants import white
 from ..device.laser import (
@@ -148,12 +148,16 @@ class TransientNLOSPath(RelayWallPath):
                 beam = solid_angle(find_laser(scene))
                 plan.scan.solid_angle = dr.opaque(mi.Float, beam)  # One kernel for all lasers
         plan.scan.follows_camera = kind == "confocal"
+        if kind == "confocal" and sensor is not None:
+            self.require_clear_way(scene, sensor)
         return plan
 
     def capture_plan(
         self, scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape], mode: str
     ) -> ScanPlan:
         """The plan of a capture; an exhaustive one is a single one for each laser point."""
+        if mode == "exhaustive":
+            self.require_clear_way(scene, sensor)
         kind = "confocal" if mode == "confocal" else "single"
         return self.plan(scene, sensor, wall=wall, capture_type=kind)
 
@@ -176,7 +180,7 @@ class TransientNLOSPath(RelayWallPath):
         origin, direction = axis(find_laser(scan.scene))
         if kind == "single":
             require_aim(scan.scene)
-            si = scan.scene.ray_intersect(mi.Ray3f(origin, direction))
+            si = first_surface(scan.scene, mi.Ray3f(origin, direction))
             lit = is_on_relay_wall(si, scan.wall) if scan.wall else si.is_valid()
             if not lit[0]:
                 raise ValueError(
@@ -193,7 +197,12 @@ class TransientNLOSPath(RelayWallPath):
                 )
 
     def laser(
-        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, active: mi.Bool
+        self,
+        scan: Scan,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        sampler: mi.Sampler,
+        active: mi.Bool,
     ) -> tuple[Any, Contribution | None]:
         """The lit point, or the emitter itself."""
         scene = scan.scene
@@ -211,7 +220,9 @@ class TransientNLOSPath(RelayWallPath):
             return mi.unpolarized_spectrum(emitter.sample_direction(lit, mi.Point2f(0.5))[1])
 
         confocal = scan.follows_camera
-        towards = dr.normalize(scene.ray_intersect(ray, active).p - source) if confocal else forward
+        towards = (
+            dr.normalize(first_surface(scene, ray, active).p - source) if confocal else forward
+        )
         beam, carried = mi.Ray3f(source, towards, 0, ray.wavelengths), mi.UnpolarizedSpectrum(1)
         spot = self.spot(scene, beam, source, carried, active)
         facing = irradiance(forward, dr.norm(spot.si.p - source))  # What the beam's axis carries
@@ -229,7 +240,7 @@ class TransientNLOSPath(RelayWallPath):
                     off_axis = dr.max(irradiance(d, r)) / dr.max(irradiance(forward, r))
                 return power * off_axis / (scan.solid_angle * r * r)
 
-            seen = self.from_laser(scene, ray, origin, source, light, active)
+            seen = self.from_laser(scan, ray, origin, source, light, sampler, active)
         return self.lit_point(scan, lambda sampler, active: spot), seen
 
     @property

@@ -1,0 +1,145 @@
+"""Around the corner through fog: what it takes, what it scatters, and where that is infinite."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from fogs import cube, filled, fog
+from support import agree, diffuse, film, load, over_seeds, plane, rotate, scene, translate
+
+import tofrender
+from tofrender.nlos.light.laser_in_media import LaserInMedia
+
+pytestmark = [pytest.mark.statistical, pytest.mark.slow]
+SEEDS, OTHER_SEEDS = range(12), range(1000, 1012)
+DEVICE, SPOT = (0.0, -1.2, 1.4), (-0.5, -0.5, 0.0)
+BINS, START, WIDTH = 40, 2.5, 0.15
+FOV = 0.2
+
+CONFOCAL = {"type": "confocal_transient_path"}
+SCAN = {
+    "type": "transient_nlos_path",
+    "nlos_laser_sampling": True,
+    "nlos_hidden_geometry_sampling": True,
+    "account_first_and_last_bounces": True,
+    "discard_direct_paths": True,
+}
+SINGLE, EACH = SCAN | {"capture_type": "single"}, SCAN | {"capture_type": "confocal"}
+THIN = fog(0.6, 0.95, 0.4)
+
+
+def look(target: Any) -> mi.ScalarTransform4f:
+    return mi.ScalarTransform4f().look_at(list(DEVICE), list(target), [0, 0, 1])
+
+
+def corner(integrator: dict, max_depth: int = 4, **parts: Any) -> dict:
+    """A wall, something hidden above it, a laser and a camera; `around` is what they are in."""
+    around = parts.pop("around", None)
+    laser = {"type": "projector", "fov": FOV, "irradiance": 100.0, "to_world": look(SPOT)}
+    hidden = translate(0.2, 0, 1) @ rotate((1, 0, 0), 180)
+    window = film(2, 2, BINS, START, WIDTH)
+    view = {"type": "perspective", "fov": 12, "to_world": look((0.3, 0.3, 0)), "film": window}
+    more = {} if around is None else {"medium": around}
+    everything = {
+        "relay_wall": plane(size=1.0, bsdf=diffuse(0.8)) | {"id": "relay_wall"},
+        "hidden": plane(hidden, size=0.4, bsdf=diffuse(0.7)),
+    }
+    if integrator["type"] != "confocal_transient_path":
+        everything["laser"] = laser
+    described = scene(everything | parts, view | more)
+    return described | {"integrator": integrator | {"max_depth": max_depth, "rr_depth": 50}}
+
+
+def bins(described: dict, spp: int, seeds) -> np.ndarray:
+    """The film's mean over path length, (seeds, bins)."""
+    loaded = load(described)
+
+    def one(seed: int) -> np.ndarray:
+        found = tofrender.render(loaded, spp=spp, seed=seed, progress=False)
+        return found["transient"].values.mean(axis=(0, 1, 3))
+
+    return over_seeds(one, seeds)
+
+
+@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+@pytest.mark.parametrize("integrator", [CONFOCAL, SINGLE, EACH], ids=["confocal", "single", "each"])
+def test_absorption_separates(integrator):
+    """Every bin is darker by exp(-mu s), as all of each path is in the fog."""
+    clear = bins(corner(integrator), 512, SEEDS)
+    dim = bins(corner(integrator, around=fog(0.3, 0.0)), 512, OTHER_SEEDS)
+    lit = clear.mean(axis=0) > 0.2 * clear.mean(axis=0).max()
+    assert lit.sum() > 5
+    low, high = (np.exp(0.3 * (START + WIDTH * (np.arange(BINS)[lit] + k))) for k in (0, 1))
+    ratio = clear.mean(axis=0)[lit] / dim.mean(axis=0)[lit]
+    assert (ratio > 0.93 * low).all()
+    assert (ratio < 1.07 * high).all()
+    middle = np.exp(0.3 * (START + WIDTH * (np.arange(BINS) + 0.5)))[lit]
+    assert agree((dim[:, lit] * middle).sum(1), clear[:, lit].sum(1), rounding=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"around": THIN},
+        {"slab": filled(cube((3, 3, 0.2), (0, 0, 0.5)), THIN)},
+        {"slab": filled(cube((3, 3, 0.2), (0, 0, 0.5)), fog(0.6, 0.95, 0.4, "grid"))},
+    ],
+    ids=["around", "slab", "grid"],
+)
+def test_fog_scatters_as_a_bidirectional_tracer_finds(parts):
+    """A projector of so little width is a beam; the power of the lit point is that of 1 m²."""
+    ours = bins(corner(SINGLE, 3, **parts), 2048, SEEDS)
+    beam = corner({"type": "transient_bdpt"}, 4, **parts)
+    reference = bins(beam, 2048, OTHER_SEEDS)
+    r = math.dist(DEVICE, SPOT)
+    footprint = (2 * r * math.tan(math.radians(FOV / 2))) ** 2 / (DEVICE[2] / r)
+    groups = np.add.reduceat(np.eye(BINS), [10, 16, 20, 25, 30], axis=0).T
+    assert agree(ours @ groups, reference @ groups / footprint, rounding=1e-2)
+
+
+@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+def test_a_beam_that_is_not_scattered_is_noticed(monkeypatch):
+    """All of the laser's light, landing on the wall: fog would be darker, and later."""
+    right = bins(corner(SINGLE, 3, around=THIN), 1024, SEEDS)
+    monkeypatch.setattr(
+        LaserInMedia, "source", lambda self, sampler, active: self.beam(sampler, active)
+    )
+    wrong = bins(corner(SINGLE, 3, around=THIN), 1024, OTHER_SEEDS)
+    assert not agree(wrong.sum(axis=1), right.sum(axis=1), rounding=1e-2)
+
+
+@pytest.mark.parametrize("integrator", [CONFOCAL, EACH], ids=["confocal", "each"])
+def test_infinite_light_is_refused(integrator):
+    """Of a beam that the camera looks along, or that ends where it looks."""
+    for around in (THIN, fog(0.6, 0.95, 0.4, "grid")):
+        with pytest.raises(ValueError, match=r"\A[^\n]*would be infinite; must[^\n]*\Z"):
+            tofrender.render(corner(integrator, around=around), spp=1, progress=False)
+    apart = {"slab": filled(cube((0.5, 0.5, 0.1), (0, 1.5, 0.5)), THIN)}
+    found = tofrender.render(corner(integrator, **apart), spp=4, progress=False, window="auto")
+    assert float(found["transient"].sum()) > 0
+    wide = corner(CONFOCAL | {"spot_sigma": 0.02}, around=THIN)
+    found = tofrender.render(wide, spp=4, progress=False, window="auto")
+    assert np.isfinite(found["transient"].values).all()
+
+
+def test_captures_through_fog():
+    """The built-in scene: the letter is still there, and the fog between it and the wall, too."""
+    for mode, spp in (("single", 256), ("confocal", 256), ("exhaustive", 16)):
+        clear, foggy = (
+            tofrender.capture(name, mode=mode, grid=(2, 2), spp=spp, progress=False)
+            for name in ("nlos_z", "nlos_behind_fog")
+        )
+        assert foggy["transient"].values.sum() > 0.5 * clear["transient"].values.sum()
+        assert np.isfinite(foggy["transient"].values).all()
+
+
+def test_depth_is_that_of_surfaces():
+    """A boundary of fog is none."""
+    foggy = corner(SINGLE, slab=filled(cube((3, 3, 0.1), (0, 0, 0.5)), THIN))
+    depths = [tofrender.true_depth(load(each)) for each in (corner(SINGLE), foggy)]
+    np.testing.assert_allclose(depths[0], depths[1], rtol=1e-5)

@@ -1,0 +1,68 @@
+# pyright: reportArgumentType=false
+"""A laser whose beam goes through fog: its light may be scattered before it lands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ...paths.protocols import Scattering, Space
+from ...paths.records import Path, Vertex
+from .laser_spot import LaserSpot, Spot
+
+
+@dataclass
+class FirstScattering(Spot):
+    """Where light of a beam is scattered first: a point of a medium, or where it lands.
+
+    Attributes:
+        vertex: That point.
+        scattering: What becomes of light there.
+    """
+
+    vertex: Vertex = None
+    scattering: Scattering = None
+
+    def throws(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
+        """By the phase function, or by the material."""
+        return self.scattering.turn(self.vertex, direction, active).f
+
+
+class LaserInMedia(LaserSpot):
+    """Connections to where the beam's light is scattered first, another point each time.
+
+    The beam carries the power that would land in clear air. A point of a medium is chosen as paths
+    choose theirs; light that is scattered more often than once before the wall is found by the
+    camera's paths, which connect to points of the beam from the media around it.
+
+    Args:
+        *as_in_clear_air: As of `LaserSpot`.
+        space: What beam and paths go through.
+        scattering: What becomes of light in media, and on surfaces.
+        counts_legs: Whether the way from the laser counts in lengths.
+    """
+
+    def __init__(
+        self, *as_in_clear_air: Any, space: Space, scattering: Scattering, counts_legs: bool
+    ) -> None:
+        super().__init__(*as_in_clear_air)
+        self.space, self.scattering, self.counts_legs = space, scattering, counts_legs
+
+    def source(self, sampler: mi.Sampler, active: mi.Bool) -> FirstScattering:
+        """Follow the beam up to its first real vertex."""
+        lands, nothing = self.beam(sampler, active), dr.zeros(mi.Float, dr.width(active))
+        ray = mi.Ray3f(lands.beam)
+        ray.o, ray.d = ray.o + nothing, ray.d + nothing
+        path = Path.start(ray, lands.origin, active, place=self.space.around(ray))
+        path, vertex = self.space.next(path, sampler)
+        lit = vertex.valid & dr.any(lands.power > 0)
+        return FirstScattering(
+            si=vertex.si,
+            power=dr.select(lit, lands.power * path.β, 0),
+            distance=vertex.length if self.counts_legs else mi.Float(0),
+            vertex=vertex,
+            scattering=self.scattering,
+        )
