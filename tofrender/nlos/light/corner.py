@@ -1,4 +1,4 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false
 """Light around one corner: three bounces, from the lit point over a target to the seen point.
 
 For every camera ray, `CornerConnections` takes several points y on the targets and connects each to

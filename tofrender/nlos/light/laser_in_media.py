@@ -1,4 +1,4 @@
-# pyright: reportArgumentType=false
+# pyright: reportArgumentType=false, reportOperatorIssue=false
 """A laser whose beam goes through fog: its light may be scattered before it lands."""
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ...paths.protocols import Scattering, Space
-from ...paths.records import Path, Vertex
+from ...paths.records import Path
 from .laser_spot import LaserSpot, Spot
 
 
@@ -23,8 +23,8 @@ class FirstScattering(Spot):
         scattering: What becomes of light there.
     """
 
-    vertex: Vertex = None
-    scattering: Scattering = None
+    vertex: Any = None
+    scattering: Any = None
 
     def throws(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
         """By the phase function, or by the material."""
