@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-LONGEST = 600
+LONGEST = 700
 """Characters of a line that can still be read at a glance."""
 
 _PYTHONS_OWN = re.compile(

@@ -216,7 +216,10 @@ def test_shells_complete(shell):
         ("tofrender render x --form", ["--format"]),
         ("tofrender render x --format m", ["multipart"]),
         ("tofrender render x --sampler pad", ["padded_sobol"]),
-        ("tofrender render x --variant llvm_ad_s", ["llvm_ad_spectral"]),
+        (
+            "tofrender render x --variant llvm_ad_s",
+            ["llvm_ad_spectral", "llvm_ad_spectral_polarized"],
+        ),
         ("tofrender gate sphere-light-l", ["sphere-light-large"]),
         ("tofrender capture nlos_z", ["nlos_z"]),
         ("tofrender reconstruct a.h5 --method ph", ["phasor"]),

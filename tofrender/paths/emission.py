@@ -39,6 +39,9 @@ DISTANT = {
     "SunskyEmitter": "sunsky",
     "TimedSunskyEmitter": "timed_sunsky",
 }
+MOST_SHAPES = 16
+"""Of so many shapes that shine each is asked by itself."""
+
 KINDS = CONES | SHAPES | BEAMS | DISTANT
 """Emitters that light can be followed from: names of their classes, and their plugins'."""
 
@@ -104,6 +107,8 @@ class Emission:
         )
         self.cones, self.by_area = _cones(emitters), _by_area(emitters)
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
+        shining = [e for e in emitters if e.class_name() in SHAPES]
+        self.shapes = [emitter.get_shape() for emitter in shining]
         dr.eval(self.pointers, self.cones, self.by_area)
         dr.make_opaque(self.cross_section)
 
@@ -160,8 +165,7 @@ class Emission:
     def _from_shape(self, emitter, u_point, u, like, active) -> Emitted:
         """Light of a surface."""
         shape = emitter.get_shape()
-        # Not of the shape: that would ask all living shapes, and some know no points
-        ps, _ = emitter.sample_position(like.time, u_point, active)
+        ps = self._point_on(shape, like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
         si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         si.p, si.n, si.uv, si.shape = ps.p, ps.n, ps.uv, shape
@@ -180,6 +184,20 @@ class Emission:
             delta=mi.Bool(False),
             active=mi.Bool(active),
         )
+
+    def _point_on(self, shape, time, u, active) -> Any:
+        """A point of a shape that shines, even in area.
+
+        A call by pointer would ask all living shapes, of which instances know no points. The
+        emitter itself prefers bright parts of a texture, which no other strategy knows of.
+        """
+        if len(self.shapes) > MOST_SHAPES:
+            return shape.sample_position(time, u, active)
+        found: Any = dr.zeros(mi.PositionSample3f, dr.width(u))
+        for each in self.shapes:
+            here = active & (shape == mi.ShapePtr(each))
+            found = dr.select(here, each.sample_position(time, u, here), found)
+        return found
 
     def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
         """Light of a surface that sends all of it along its normal."""

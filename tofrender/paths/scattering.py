@@ -11,8 +11,7 @@ import mitsuba as mi
 from ..signals.polarisation import in_world, intensity
 from .records import Bounce, Connection, Path, Turn, Vertex
 from .refraction import RoughGlass
-from .space import leave
-from .surfaces import transmits
+from .surfaces import leave, transmits
 
 
 class Materials:

@@ -60,16 +60,3 @@ class Vacuum:
         asked = connection.active & ~connection.clear
         shadow = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), asked)
         return dr.select(asked & shadow, mi.Float(0), 1)
-
-
-def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
-    """The ray from a surface point in direction `d`, started a little off the surface.
-
-    Mitsuba moves the start along the normal. After a specular bounce, whose direction is no random
-    number, that would move every further vertex sideways: there the start moves along the ray, as
-    far off the surface, but at most ten times that far at grazing angles.
-    """
-    ray = si.spawn_ray(d)
-    along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
-    ray.o = dr.select(specular, dr.fma(d, along, si.p), ray.o)
-    return ray

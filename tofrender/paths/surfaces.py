@@ -1,4 +1,4 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 """Telling on which shapes surface points are, and which surfaces let light through."""
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import BOUNDARY, PLATES
-from .space import leave
 
 
 def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
@@ -102,3 +101,16 @@ def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
 def has_mirrors(scene: mi.Scene) -> bool:
     """Whether a surface of the scene sends light on in single directions: mirrors, glass, masks."""
     return any(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) for bsdf in materials(scene))
+
+
+def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
+    """The ray from a surface point in direction `d`, started a little off the surface.
+
+    Mitsuba moves the start along the normal. After a specular bounce, whose direction is no random
+    number, that would move every further vertex sideways: there the start moves along the ray, as
+    far off the surface, but at most ten times that far at grazing angles.
+    """
+    ray = si.spawn_ray(d)
+    along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
+    ray.o = dr.select(specular, dr.fma(d, along, si.p), ray.o)
+    return ray
