@@ -15,8 +15,10 @@ import numpy as np
 
 import tofrender
 
+from .case_derivatives import derivatives
 from .case_first_film import first_film
 from .case_fog import fog, gates_in_fog
+from .case_gradients import gradients
 from .case_lights import camera_connections, light_samples, lights
 from .case_nlos import nlos
 from .case_polarised import polarised
@@ -289,7 +291,9 @@ CASES = {
     "fog": fog,
     "gates-in-fog": gates_in_fog,
     "polarised": polarised,
+    "derivatives": derivatives,
     "nlos": nlos,
     "reconstruction": reconstruction,
     "warps": warps,
+    "gradients": gradients,
 }

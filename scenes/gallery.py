@@ -39,6 +39,7 @@ class Panel:
         gated: Whether only light in the film's bins is shown.
         shown: What of polarised light, as of `tofrender.polarisation_picture`, in a polarised
             variant; "" for the picture.
+        cut: Share of the height that is left out at the top, and as much at the bottom.
     """
 
     scene: str
@@ -48,6 +49,7 @@ class Panel:
     exposure: float = 1.0
     gated: bool = False
     shown: str = ""
+    cut: float = 0.0
 
 
 ONE_BIN = {"temporal_bins": 1}  # only the steady picture is shown
@@ -58,6 +60,17 @@ BOTH_ENDS = ONE_BIN | {"integrator": "transient_bdpt"}
 
 def _by(strategy: str) -> Panel:
     return Panel("veach", strategy, {"integrator": f"path_tracer_{strategy}"}, 16, 1.2)
+
+
+def _foggy(
+    scene: str,
+    label: str,
+    spp: int,
+    exposure: float,
+    options: Mapping[str, Any] = ONE_BIN,
+    gated: bool = False,
+) -> Panel:
+    return Panel(scene, label, options, spp, exposure, gated, cut=1 / 16)
 
 
 def _polarised(
@@ -101,16 +114,16 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("light_through_hole", "hole", BOTH_ENDS, 64),
     ),
     "fog": (
-        Panel("cornell_box_fog", "fog", ONE_BIN, 192, 1.6),
-        Panel("lamp_in_milk", "milk", ONE_BIN, 384, 0.7),
-        Panel("smoke_corridor", "smoke", ONE_BIN, 128, 0.9),
-        Panel("headlight_in_fog", "headlight", ONE_BIN, 256, 0.5),
-        Panel("headlight_in_fog", "gate at 30 m", GATED, 384, 25.0, gated=True),
+        _foggy("cornell_box_fog", "fog", 768, 1.6),
+        _foggy("lamp_in_milk", "milk", 1536, 0.7),
+        _foggy("smoke_corridor", "smoke", 512, 0.9),
+        _foggy("headlight_in_fog", "headlight", 1024, 0.5),
+        _foggy("headlight_in_fog", "gate at 30 m", 1536, 25.0, GATED, gated=True),
     ),
     "polarised": (
-        _polarised("brewster_window", "window", "intensity", spp=256),
-        _polarised("brewster_window", "degree", "degree", spp=256),
-        _polarised("brewster_window", "first light", "intensity", FIRST, 256, gated=True),
+        _polarised("brewster_window", "window", "intensity", spp=1024),
+        _polarised("brewster_window", "degree", "degree", spp=1024),
+        _polarised("brewster_window", "first light", "intensity", FIRST, 1024, gated=True),
         _polarised("strained_mirror_corridor", "mirrors", "intensity", exposure=1.8),
         _polarised("strained_mirror_corridor", "angle", "angle", ONE_BIN | {"angle": 20.0}),
         _polarised("strained_mirror_corridor", "circular", "circular"),
@@ -167,9 +180,11 @@ def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
     if panel.shown:
         mi.set_variant(POLARISED)
     try:
-        return _rendered(panel, width)
+        image = _rendered(panel, width)
     finally:
         mi.set_variant(before)
+    rows = round(panel.cut * image.shape[0])
+    return image[rows : image.shape[0] - rows]
 
 
 def _rendered(panel: Panel, width: int) -> np.ndarray:

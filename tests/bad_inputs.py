@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-LONGEST = 700
+LONGEST = 600
 """Characters of a line that can still be read at a glance."""
 
 _PYTHONS_OWN = re.compile(
@@ -116,6 +116,10 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "scene": (set(), {"path": Path("x.xml"), "built-in": "cornell_box"}),
     "source": (set(), {"no-file": "no_such_file.xml", "misspelt": "cornel_box", "folder": Path()}),
     "mapping": ({"dict", "dict-1", "dataset"}, {"pairs": [("a", 1)], "numbers": {1: 2}}),
+    "parameters": (
+        set(),
+        {"misspelt": {"lamp.positio": 1.0}, "text in it": {"lamp.position": "a"}},
+    ),
     "object": (set(), {}),
     "function": ({"type"}, {}),
     "depth": ({"-1"}, {"-2": -2, "2.0": 2.0}),

@@ -26,7 +26,7 @@ pytest_configure = durations.pytest_configure
 
 
 def pytest_collection_modifyitems(items):
-    """Try a page in a browser once more: a busy machine can make it late, for which it waits."""
+    """Run tests of pages in a browser once more if they fail: a busy machine can be too slow."""
     for item in filter(lambda each: isinstance(each, pytest.Function), items):
         if any(each is browser or each is browser.page for each in vars(item.module).values()):
             item.add_marker(pytest.mark.flaky(reruns=1))

@@ -4,6 +4,7 @@ from . import (
     course as course,
     datasets as datasets,
     films as films,
+    fitting as fitting,
     integrators as integrators,
     io as io,
     nlos as nlos,
@@ -40,6 +41,13 @@ from .datasets import (
 )
 from .films.phasor import PhasorHDRFilm as PhasorHDRFilm
 from .films.transient import TransientHDRFilm as TransientHDRFilm
+from .fitting import (
+    Fit as Fit,
+    fit as fit,
+    l2_loss as l2_loss,
+    phasor_loss as phasor_loss,
+    wasserstein_loss as wasserstein_loss,
+)
 from .integrators.amcw import (
     AMCWTransientPath as AMCWTransientPath,
     render_amcw_phasor as render_amcw_phasor,
@@ -47,6 +55,7 @@ from .integrators.amcw import (
 )
 from .integrators.ao import AmbientOcclusion as AmbientOcclusion
 from .integrators.bdpt import TransientBDPT as TransientBDPT
+from .integrators.derivatives import VisibilityWarning as VisibilityWarning
 from .integrators.light_tracer import TransientLightTracer as TransientLightTracer
 from .integrators.path_tracer_mats import PathTracerMats as PathTracerMats
 from .integrators.path_tracer_mis import PathTracerMIS as PathTracerMIS

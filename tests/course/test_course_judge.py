@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
@@ -14,7 +15,7 @@ import pytest
 from judged_pulse import PULSE, RUBRIC, SQUARE, write_assignment, write_submission
 
 from tofrender.course import rubric
-from tofrender.course.judge import expect, plugin, wire, worker
+from tofrender.course.judge import expect, plugin, processes, wire, worker
 from tofrender.course.judge.client import Limits, NoAnswer, Worker
 from tofrender.course.judge.factors import Ratio
 
@@ -188,6 +189,27 @@ def test_missing_file_and_printed_output(assignment, tmp_path):
     finally:
         asked.close()
     assert not asked._scratch.exists()
+
+
+def test_questions_do_not_fill_the_disk(assignment, tmp_path, monkeypatch):
+    """The limit is that of what stays, however many questions a worker answers."""
+    asked = Worker(assignment, write_submission(tmp_path / "right"))
+    try:
+        first = asked.ask("density", {"width": 0.1, "t": np.zeros(200_000)}, 10)
+        running = asked._running
+        disk = SimpleNamespace(free=0)
+        monkeypatch.setattr(processes, "MAX_WRITTEN", 4 << 20)
+        monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)
+        assert running.excess(None, asked._place) == ""
+        for _ in range(5):
+            again = asked.ask("density", {"width": 0.1, "t": np.zeros(200_000)}, 10)
+            np.testing.assert_array_equal(again, first)
+        disk.free = -(1 << 30)
+        assert running.excess(None, asked._place) == ""
+        assert asked._running is running
+        assert [path.name for path in asked._place.glob("*/*.npz")] == []
+    finally:
+        asked.close()
 
 
 @pytest.mark.slow

@@ -507,7 +507,7 @@ def test_a_pulse_must_be_one():
     assert integrator.pulse is None
 
 
-def test_derivatives_are_refused():
+def test_derivatives_of_nothing_are_refused():
     loaded = load(SCENES["cornell"]())
-    with pytest.raises(RuntimeError, match="no derivatives"):
+    with pytest.raises(ValueError, match="params: track no gradients"):
         loaded.integrator().render_backward(loaded, None, None)

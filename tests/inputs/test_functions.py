@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import lamp_above_floor
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -146,6 +147,39 @@ SHOWN = {
     "megabytes": "positive but 1e30, 2**40",
 }
 SAVED = {"overwrite": "boolean", "progress": "boolean"}
+COMPARED = {"rendered": np.ones((2, 3, 4, 1)), "target": np.ones((2, 3, 4, 1))}
+FITTED = {
+    "scene": "scene",
+    "params": "parameters",
+    "target": "cube",
+    "integrator": "object?",
+    "sensor": "sensor",
+    "loss": "choice but type",
+    "optimizer": "choice",
+    "learning_rate": "positive",
+    "bounds": "mapping? but dict-1",
+    "steps": "count",
+    "spp": "count?",
+    "seed": "seed",
+    "tolerance": "fraction",
+    "patience": "count",
+    "callback": "function?",
+    "progress": "boolean",
+}
+
+
+def fitted() -> dict[str, Any]:
+    return {
+        "scene": lamp_above_floor.scene(),
+        "params": {lamp_above_floor.POSITION: [0.0, 0.0, 1.0]},
+        "target": np.ones((4, 4, 60, 3)),
+        "steps": 2,
+        "progress": False,
+    }
+
+
+def place_lamp(params: Any, values: dict[str, Any]) -> None:
+    params[lamp_above_floor.POSITION] = mi.Point3f(0, 0, values["z"])
 
 
 def warp(name: str, given: str, **more: Any) -> Row:
@@ -200,6 +234,19 @@ TABLE = [
             "checkpoint": "checkpoint?",
             "out": "file?",
             "client": "object?",
+            "progress": "boolean",
+        },
+    ),
+    Row(
+        "render",
+        lambda _: {"scene": box(), "params": mi.traverse(box()), "spp": 1, "progress": False},
+        {
+            "scene": "scene",
+            "params": "object?",
+            "spp": "count?",
+            "seed": "seed",
+            "integrator": "choice?",
+            "sensor": "sensor",
             "progress": "boolean",
         },
     ),
@@ -291,6 +338,28 @@ TABLE = [
         }
         | SEEDED
         | KEPT,
+    ),
+    Row("fit", lambda _: fitted(), FITTED),
+    Row(
+        "fit",
+        lambda _: fitted() | {"apply": place_lamp, "params": {"z": 1.0}},
+        {"apply": "function?"},
+    ),
+    Row(
+        "fit",
+        lambda _: fitted() | {"loss": "phasor", "frequency_hz": 5e7},
+        {"frequency_hz": "frequencies"},
+    ),
+    Row("l2_loss", lambda _: COMPARED, dict.fromkeys(COMPARED, "cube but flat, 5-axes")),
+    Row(
+        "wasserstein_loss",
+        lambda _: COMPARED,
+        dict.fromkeys(COMPARED, "cube") | {"energy_weight": "number"},
+    ),
+    Row(
+        "phasor_loss",
+        lambda _: COMPARED | {"frequency_hz": 5e7, "start_opl": 1.0, "bin_width_opl": 0.1},
+        dict.fromkeys(COMPARED, "cube") | {"frequency_hz": "frequencies"} | AXIS,
     ),
     Row(
         "load_scene",
@@ -938,6 +1007,7 @@ SAID = {
 LEFT_OUT = {
     "MultipathError": "a result",
     "DepthError": "a result",
+    "Fit": "a result",
     "Moment": "a result",
     "Verdict": "a result",
     "SuiteVerdict": "a result",

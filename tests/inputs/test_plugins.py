@@ -37,6 +37,7 @@ KINDS: dict[str, set[str]] = {
     "order": {"65", "2.0"},
     "boolean": {"True", "numpy-True"},
     "light-samples": {"2.0"},
+    "sampling": set(),
     "filter": {"empty-text"},
     "positive": NUMBERS - {"-1", "0"} | {"2.0", "65"},
     "metres": NUMBERS | {"2.0", "65", "-2"},
@@ -121,6 +122,7 @@ FOLLOWS = {
     **dict.fromkeys(
         ("hide_emitters", "camera_unwarp", "discard_direct_light", "emitter_sampling"), "boolean"
     ),
+    "gradient_sampling": "sampling",
 }
 IN_BINS = FOLLOWS | {
     "temporal_filter": "filter",

@@ -209,7 +209,7 @@ def test_there_are_no_derivatives(technique):
     tracer = mi.load_dict(by(technique), parallel=False)
     for name in ("render_forward", "render_backward"):
         with pytest.raises(RuntimeError, match="no derivatives"):
-            getattr(tracer, name)(None, None)
+            getattr(tracer, name)(None, None, None)
 
 
 def test_every_parameter_counts_for_a_resumed_render():

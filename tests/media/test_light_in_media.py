@@ -95,6 +95,28 @@ def test_light_from_both_ends(name, technique):
     assert same(found, seen(through(name, PATH), 4 * SPP, OTHER_SEEDS))
 
 
+def lamp_in_slab(sigma_t: float | None, technique: str, **more) -> dict:
+    """A lamp in the camera's view, in a slab of fog; None is no slab."""
+    view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1))
+    parts = LIT | {"hanging": ball((0.2, -0.2, 0.8), 0.25, emitter=area_light(6.0))}
+    if sigma_t is not None:
+        parts["slab"] = filled(cube((9, 9, 0.4), (0, 0, 0.8)), fog(sigma_t, 0.9, 0.5))
+    return scene(parts, view) | {"integrator": by(technique, DEPTH, rr_depth=20, **more)}
+
+
+@pytest.mark.parametrize("technique", [PATH, LIGHT_TRACER, BDPT])
+def test_lamps_behind_the_end_of_fog_are_hidden(technique):
+    """Fog of no density changes nothing; through other fog, paths from both ends agree."""
+    clear = seen(lamp_in_slab(None, technique, hide_emitters=True), 4 * SPP, SEEDS)
+    thin = seen(lamp_in_slab(0.0, technique, hide_emitters=True), 4 * SPP, OTHER_SEEDS)
+    assert same(thin, clear)
+    assert not same(seen(lamp_in_slab(0.0, technique), 4 * SPP, OTHER_SEEDS), clear)
+    if technique != PATH:
+        found = seen(lamp_in_slab(0.8, technique, hide_emitters=True), 4 * SPP, SEEDS)
+        reference = seen(lamp_in_slab(0.8, PATH, hide_emitters=True), 4 * SPP, OTHER_SEEDS)
+        assert same(found, reference)
+
+
 def small_particles(technique: str) -> dict:
     """Milk of small particles, lit from aside."""
     uniform = {"type": "uniform", "value": 5.0}

@@ -403,7 +403,7 @@ def turned_round(right):
     [
         (Media, "_fly", moved_by_null_collisions, "dense corner"),
         (Media, "place", in_vacuum, "even"),
-        (media_module, "_point", turned_round, "even"),
+        (media_module, "point_of", turned_round, "even"),
     ],
 )
 def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):

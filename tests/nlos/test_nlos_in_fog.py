@@ -88,8 +88,9 @@ def test_absorption_separates(integrator):
         {"around": THIN},
         {"slab": filled(cube((3, 3, 0.2), (0, 0, 0.5)), THIN)},
         {"slab": filled(cube((3, 3, 0.2), (0, 0, 0.5)), fog(0.6, 0.95, 0.4, "grid"))},
+        {"slab": filled(cube((3, 3, 0.3), (0, 0, 1)), THIN)},
     ],
-    ids=["around", "slab", "grid"],
+    ids=["around", "slab", "grid", "hidden inside"],
 )
 def test_fog_scatters_as_a_bidirectional_tracer_finds(parts):
     """A projector of so little width is a beam; the power of the lit point is that of 1 m²."""
@@ -136,6 +137,25 @@ def test_captures_through_fog():
         )
         assert foggy["transient"].values.sum() > 0.5 * clear["transient"].values.sum()
         assert np.isfinite(foggy["transient"].values).all()
+
+
+@pytest.mark.parametrize(("mode", "spp"), [("single", 64), ("confocal", 64), ("exhaustive", 16)])
+def test_fog_of_no_density_changes_nothing(mode, spp):
+    """A capture is the one without fog, with no more noise: no path is sent to the fog's end."""
+
+    def captured(described: dict, seeds) -> np.ndarray:
+        loaded = load(described)
+
+        def one(seed: int) -> np.ndarray:
+            found = tofrender.capture(loaded, mode=mode, spp=spp, seed=seed, progress=False)
+            return found["transient"].values.mean(axis=-1).reshape(-1, 10, 30).sum(axis=-1)
+
+        return over_seeds(one, seeds)
+
+    clear = captured(tofrender.nlos_z(width=2, height=2), SEEDS)
+    foggy = captured(tofrender.nlos_behind_fog(width=2, height=2, sigma_t=0), OTHER_SEEDS)
+    assert agree(foggy, clear, rounding=1e-4)
+    assert foggy.std(axis=0).mean() < 1.5 * clear.std(axis=0).mean()
 
 
 def test_depth_is_that_of_surfaces():

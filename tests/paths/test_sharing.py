@@ -8,6 +8,7 @@ definition, by full products of densities in double precision.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -190,13 +191,49 @@ def test_light_starts_with_its_density():
         assert dr.count(it.emitter == mi.EmitterPtr(emitter))[0] > LANES / 8
 
 
+def an_instance() -> dict:
+    group = {"type": "shapegroup", "a": {"type": "sphere"}}
+    return {"group": group, "instance": {"type": "instance", "of": {"type": "ref", "id": "group"}}}
+
+
 def test_light_starts_beside_instances():
     """Which know no points of their own, and must not be asked."""
-    group = {"type": "shapegroup", "a": {"type": "sphere"}}
-    instance = {"type": "instance", "group": {"type": "ref", "id": "group"}}
-    alive = mi.load_dict({"type": "scene", "group": group, "instance": instance})
+    alive = mi.load_dict({"type": "scene"} | an_instance())
     test_light_starts_with_its_density()
     del alive
+
+
+def test_light_of_many_lamps_starts_beside_instances():
+    """On each of them as often, and even in area, however bright it is there."""
+    halves = mi.Bitmap(np.array([[[1.0], [9.0]]], np.float32))
+    bright = {"type": "bitmap", "raw": True, "bitmap": halves}
+    kinds = (
+        {"type": "rectangle", "emitter": {"type": "area", "radiance": bright}},
+        {"type": "sphere", "emitter": area_light(1.0)},
+        {"type": "cube", "emitter": area_light(2.0)},
+    )
+    size = mi.ScalarTransform4f().scale(0.1)
+    lamps = {f"lamp{k}": kinds[k % 3] | {"to_world": translate(k, 0, 5) @ size} for k in range(20)}
+    view = camera(EYE, TARGET, film())
+    loaded = load(scene(lamps | an_instance() | {"point": point_light((0, 3, 0), 1.0)}, view))
+    emission = Emission(loaded, loaded.sensors()[0])
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, LANES)
+    it = emission.sample(sampler, mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
+    places = np.array(it.origin).T
+    for emitter in loaded.emitters():
+        shape = emitter.get_shape()
+        if shape is None:
+            continue
+        here = np.array(it.emitter == mi.EmitterPtr(emitter))
+        assert here.sum() == pytest.approx(LANES / 21, rel=0.3)
+        box, found = shape.bbox(), places[here]
+        assert (found >= np.array(box.min) - 1e-5).all()
+        assert (found <= np.array(box.max) + 1e-5).all()
+        off = (found - np.array(box.center())).mean(axis=0)
+        assert np.abs(off).max() < 5 * 0.1 / math.sqrt(here.sum())
+        expected = np.array(it.cos)[here] / (21 * math.pi * shape.surface_area()[0])
+        assert np.array(it.density)[here] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("importance", [False, True])

@@ -41,3 +41,12 @@ def test_bad_argument(main, monkeypatch, capsys, arguments, text):
     assert err.splitlines()[-1].startswith("python -m benchmarks: error: ")
     assert text in err.splitlines()[-1]
     assert err.count("error:") == 1
+
+
+def test_numbers_with_their_error():
+    from benchmarks.case_gradients import with_error
+
+    assert with_error(0.032504, 0.0000012) == "0.0325040(12)"
+    assert with_error(-12.34, 0.5) == "-12.34(50)"
+    assert with_error(0.0325, 0.0) == "0.0325"
+    assert with_error(float("nan"), 1.0) == "nan(1)"

@@ -151,10 +151,25 @@ KEY_NUMBERS = {
         assert dense[0.05][1] > 0.85 and dense[0.5][1] < 0.3, dense
         assert all(steady < 0.4 < timed for steady, _, timed in dense.values()), dense
     """,
+    "08_gradients_in_time": """
+        assert 2.05 < later < 2.12, later
+        assert derivative_error < 0.01, derivative_error
+        assert np.all(np.diff(on_the_way["Wasserstein"]) < 0), on_the_way
+        assert np.all(np.diff(on_the_way["bins"])[:6] > 0), on_the_way
+        assert np.all(np.diff(on_the_way["phasors, 100 MHz"]) < 0), on_the_way
+        assert walls["l2"].values["albedo"] < 0.05 and walls["l2"].values["depth"] > 2.5, walls
+        assert wall_error["depth"] < 2e-3 and wall_error["albedo"] < 5e-3, wall_error
+        assert lamp_error < 0.02 and power_error < 0.15, (lamp_error, power_error)
+        assert 0.0995 < start_off < 0.1005, start_off
+        assert place_error < 2e-3 and tilt_error < 0.2, (place_error, tilt_error)
+    """,
 }
 
 # Each warning that a notebook is to show, in order
-WARNINGS = {"03_film_and_transient_path": ["arrives outside", "missing from the phasors"]}
+WARNINGS = {
+    "03_film_and_transient_path": ["arrives outside", "missing from the phasors"],
+    "08_gradients_in_time": ["leave out what becomes visible or hidden"],
+}
 
 
 def read(name: str) -> dict:

@@ -24,7 +24,7 @@ THE_APPLICATIONS = {"variant"}
 OTHER_KINDS = {"out", "checkpoint", "resume"}
 """A folder, seconds and a switch here; a film on disk, a file and a Dataset there."""
 
-OBJECTS = {"client", "settings", "temporal_bins"}
+OBJECTS = {"client", "params", "settings", "temporal_bins"}
 """What a command cannot be given, and old names."""
 
 
@@ -35,7 +35,7 @@ def test_the_command_and_render_have_the_same_words():
     assert set(inspect.signature(Asked).parameters) <= ours
     assert ours - set(inspect.signature(Asked).parameters) == {
         *("resume", "checkpoint", "out", "workers", "scheduler", "client", "progress"),
-        "temporal_bins",
+        *("params", "temporal_bins"),
     }
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -97,18 +97,24 @@ class FilmDeposit:
         self.total += dr.select(active, spectrum, 0)
         self.put(spectrum, contribution.opl, active)
 
+    @property
+    def sums(self) -> list[Any]:
+        """All that is summed."""
+        return [self.total]
+
+    def with_sums(self, sums: list[Any]) -> FilmDeposit:
+        """The same with other sums."""
+        return replace(self, total=sums[0])
+
 
 @dr.syntax
 def spread(
     film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
 ) -> None:
     """Deposit a pulse's energy in each bin that it reaches: a difference of its cdf."""
-    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
-    low, high = pulse.support
+    start, width = float(film.start_opl), float(film.bin_width_opl)
+    k, last = reached(film, pulse, opl, False)
     opl = opl - start
-    k = mi.Int32(dr.clip(dr.floor((opl + low) / width), 0, bins))
-    last = mi.Int32(dr.clip(dr.floor((opl + high) / width), -1, bins - 1))
-
     before = pulse.cdf(k * width - opl)  # Energy before bin k
     filling = active & (k <= last)
     while filling:
@@ -124,14 +130,30 @@ def open_gates(
     film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
 ) -> None:
     """Deposit a pulse's density at the centre of each bin that it reaches: a gate for every bin."""
-    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
-    low, high = pulse.support
-    opl = opl - start
-    # The arrival at opl is seen by the gate at t with p(t - opl)
-    k = mi.Int32(dr.clip(dr.ceil((opl + low) / width - 0.5), 0, bins))
-    last = mi.Int32(dr.clip(dr.floor((opl + high) / width - 0.5), -1, bins - 1))
+    start, width = float(film.start_opl), float(film.bin_width_opl)
+    k, last = reached(film, pulse, opl, True)
     filling = active & (k <= last)
     while filling:
-        put(spectrum * pulse.eval((k + 0.5) * width - opl), start + (k + 0.5) * width, filling)
+        put(spectrum * share(film, pulse, k, opl, True), start + (k + 0.5) * width, filling)
         k += 1
         filling &= k <= last
+
+
+def reached(film: Any, pulse: Any, opl: mi.Float, at_centres: bool) -> tuple[mi.Int32, mi.Int32]:
+    """The first and the last bin that a pulse reaches which arrives at a length."""
+    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
+    low, high = pulse.support
+    first, last = (opl - start + low) / width, (opl - start + high) / width
+    # The arrival at opl is seen by the gate at t with p(t - opl)
+    first = dr.ceil(first - 0.5) if at_centres else dr.floor(first)
+    last = dr.floor(last - 0.5) if at_centres else dr.floor(last)
+    return mi.Int32(dr.clip(first, 0, bins)), mi.Int32(dr.clip(last, -1, bins - 1))
+
+
+def share(film: Any, pulse: Any, k: mi.Int32, opl: mi.Float, at_centres: bool) -> mi.Float:
+    """What bin `k` gets of a pulse that arrives at a length: energy, or density at its centre."""
+    start, width = float(film.start_opl), float(film.bin_width_opl)
+    opl = opl - start
+    if at_centres:
+        return pulse.eval((k + 0.5) * width - opl)
+    return pulse.cdf((k + 1) * width - opl) - pulse.cdf(k * width - opl)

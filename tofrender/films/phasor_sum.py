@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -58,3 +58,13 @@ class PhasorSum:
         for k in range(len(real)):
             self.real[k] += real[k]
             self.imaginary[k] += imaginary[k]
+
+    @property
+    def sums(self) -> list[Any]:
+        """All that is summed."""
+        return [self.total, *self.real, *self.imaginary]
+
+    def with_sums(self, sums: list[Any]) -> PhasorSum:
+        """The same with other sums."""
+        n = len(self.real)
+        return replace(self, total=sums[0], real=sums[1 : n + 1], imaginary=sums[n + 1 :])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -40,6 +40,15 @@ class Radiance:
             return
         self.total += dr.select(contribution.active, contribution.spectrum, 0)
 
+    @property
+    def sums(self) -> list[Any]:
+        """All that is summed."""
+        return [self.total]
+
+    def with_sums(self, sums: list[Any]) -> Radiance:
+        """The same with other sums."""
+        return replace(self, total=sums[0])
+
 
 @dataclass
 class Weighted:
@@ -67,3 +76,12 @@ class Weighted:
             self.land([weighted], contribution.position, contribution.active)
             return
         self.total += dr.select(contribution.active, weighted, 0)
+
+    @property
+    def sums(self) -> list[Any]:
+        """All that is summed."""
+        return [self.total]
+
+    def with_sums(self, sums: list[Any]) -> Weighted:
+        """The same with other sums."""
+        return replace(self, total=sums[0])

@@ -190,7 +190,7 @@ class TransientHDRFilm(mi.Film):
         if self._splats is None:
             raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
         k, active = self._bin(distance, active)
-        values = self._channels(light_of(spec), wavelengths, active)
+        values = self.values(light_of(spec), wavelengths, active)
         self._splats.add(pos, [values], k, active)
 
     def add_transient_data(
@@ -215,7 +215,7 @@ class TransientHDRFilm(mi.Film):
             active: Lanes that deposit.
         """
         k, active = self._bin(distance, active)
-        values = self._channels(light_of(spec * ray_weight), wavelengths, active)
+        values = self.values(light_of(spec * ray_weight), wavelengths, active)
         self._put(pos, values, k, active)
 
     @staticmethod
@@ -418,8 +418,8 @@ class TransientHDRFilm(mi.Film):
         active = active & (position >= 0) & (position < self.temporal_bins)
         return mi.UInt32(dr.select(active, position, 0)), active
 
-    def _channels(self, light, wavelengths, active) -> list[mi.Float]:
-        """The values that a bin stores."""
+    def values(self, light: Any, wavelengths: Any, active: mi.Bool) -> list[mi.Float]:
+        """The values that a bin stores of light, one a channel."""
         values = []
         for spectrum in components(light):
             if mi.is_spectral:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -22,12 +22,21 @@ from ..runtime import checks
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
 from ..signals.polarisation import as_spectrum
+from ..signals.pulses import GaussianPulse, Pulse
+from .derivatives import (
+    Derivative,
+    replaced,
+    require_changes,
+    require_derivatives,
+    require_still,
+    tracked,
+    warn_of_edges,
+)
 from .own_sample import brings_sample, by_sample
 from .passes import WHOLE, Part, expose, steps
 from .plan import Plan
 
-if TYPE_CHECKING:
-    from ..signals.pulses import Pulse
+GRADIENT_SAMPLINGS = ("detached", "attached")
 
 
 class TransientIntegrator(mi.SamplingIntegrator):
@@ -44,6 +53,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
     | `camera_unwarp` | false | leave out the segment from the camera to the first surface |
     | `discard_direct_light` | false | drop light that comes straight from an emitter |
     | `emitter_sampling` | true | connect to emitters; if false, paths must run into them |
+    | `gradient_sampling` | "detached" | or "attached", for derivatives: see `paths.attached` |
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -63,6 +73,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
                 ("emitter_sampling", True),
             )
         )
+        if "gradient_sampling" in props and not self.has_derivatives:
+            raise ValueError(
+                f"gradient_sampling = {checks.shown(props['gradient_sampling'])}: must be left "
+                f"out; {type(self).__name__} has no derivatives"
+            )
+        sampling = props.get("gradient_sampling", "detached")
+        self.gradient_sampling = checks.one_of("gradient_sampling", sampling, GRADIENT_SAMPLINGS)
         points: Any = props.get("light_samples", None)
         self.light_samples: str | int = 1
         if self.takes_light_samples and self.emitter_sampling:
@@ -89,6 +106,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     starts_at_lights = False
     """Whether there are paths that come from lights."""
+
+    has_derivatives = True
+    """Whether derivatives can be asked for."""
 
     takes_light_samples = False
     """Whether a vertex may connect to several points of the scene's emitters."""
@@ -140,7 +160,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """What paths go through."""
         if self.follows_media and media_of(scene, sensor):
             outside = None if sensor is None else sensor.get_medium()
-            return Media(scene, outside, beyond(scene, outside) if self.starts_at_lights else None)
+            afar = beyond(scene, outside) if self.starts_at_lights else None
+            return Media(scene, outside, afar, self.hide_emitters)
         return Vacuum(scene)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
@@ -168,10 +189,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
             seed: Seed of the random numbers.
             spp: Samples per pixel; 0 takes the sampler's.
             develop: Whether to return the picture.
-            evaluate: Accepted for Mitsuba's sake; the film is always evaluated.
+            evaluate: Mitsuba's word, false in `mi.render`: then derivatives may be asked for.
 
         Returns:
             `(steady, transient)` as the film develops them, None if `develop` is false.
+
+        Raises:
+            RuntimeError: Parameters track gradients, and the integrator has no derivatives.
+            ValueError: They do, and something of the render has none.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         follows = {"media": self.follows_media, "polarisation": self.follows_polarisation}
@@ -180,6 +205,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
         if spp:
             sampler.set_sample_count(spp)
         record = self.recording(film)
+        if not evaluate:  # As `mi.render` says, which may ask for derivatives later
+            self._require_derivatives(scene, record)
         if develop:
             record.require_memory(sampler.sample_count())
         with dr.suspend_grad():
@@ -188,11 +215,87 @@ class TransientIntegrator(mi.SamplingIntegrator):
             tell_not_finite(record.not_finite)
             return film.develop() if develop else None
 
-    def render_forward(self, *args, **kwargs):
-        """Refused: there are no derivatives yet."""
-        raise RuntimeError("transient integrators have no derivatives; use mi.render without")
+    def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
+        """The change of what `render` returns; `mi.render(scene, params)` calls this.
 
-    render_backward = render_forward
+        Args:
+            scene: The scene.
+            params: Its parameters, as of `mi.traverse`, some of which change at a rate.
+            sensor: A sensor, or its number in the scene.
+            seed: Seed of the random numbers.
+            spp: Samples per pixel; 0 takes the sampler's.
+
+        Returns:
+            As `render`.
+
+        Raises:
+            RuntimeError: The integrator has no derivatives; one line.
+            ValueError: Something of the render has none; one line.
+        """
+        self._require_own_derivatives()
+        require_changes(params)
+        with replaced(params) as fresh:
+            return self._differentiated(scene, sensor, spp).forward(seed, fresh)
+
+    def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
+        """Propagate a gradient to parameters; `mi.render(scene, params)` calls this.
+
+        Args:
+            scene: The scene.
+            params: As for `render_forward`; some of them track gradients.
+            grad_in: Gradient by what `render` returns.
+            sensor: As for `render_forward`.
+            seed: As for `render_forward`.
+            spp: As for `render_forward`.
+
+        Raises:
+            RuntimeError: The integrator has no derivatives; one line.
+            ValueError: Something of the render has none; one line.
+        """
+        self._require_own_derivatives()
+        require_changes(params)
+        gradients = grad_in if isinstance(grad_in, tuple) else (grad_in,)
+        self._differentiated(scene, sensor, spp).reverse(seed, gradients)
+
+    def _differentiated(self, scene, sensor, spp) -> Derivative:
+        """A render whose derivative is asked for."""
+        sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        record = self.recording(sensor.film())
+        require_derivatives(record, ())
+        plan = self.plan(scene, sensor)
+        spp = spp or sensor.sampler().sample_count()
+        return Derivative(plan, scene, record, sensor, spp, self.gradient_sampling == "detached")
+
+    def _require_derivatives(self, scene: mi.Scene, record: Recording) -> None:
+        """Refuse a render that has no derivatives, if parameters track gradients."""
+        names = tracked({**mi.traverse(scene), **mi.traverse(self)})
+        if not names:
+            return
+        self._require_own_derivatives()
+        require_derivatives(record, names)
+        require_still(scene, names)
+        warn_of_edges(names)
+
+    def _require_own_derivatives(self) -> None:
+        """Refuse an integrator without derivatives."""
+        if not self.has_derivatives or brings_sample(self):
+            raise RuntimeError(
+                f"integrator = {type(self).__name__}: has no derivatives; must be one that has, "
+                "e.g. transient_path, or parameters must not track gradients"
+            )
+
+    def traverse(self, callback):
+        """Show Mitsuba the width of the light's pulse, if that is Gaussian."""
+        self._width = getattr(self.pulse, "width", None)
+        if self._width is not None:
+            kind = mi.ParamFlags.Differentiable
+            callback.put("pulse_width_opl", self._width, kind)
+
+    def parameters_changed(self, keys=()):
+        """Take the width that was set."""
+        if "pulse_width_opl" in keys:
+            width: Any = self._width
+            self.pulse = GaussianPulse(width)
 
     def recording(self, film: Any) -> Recording:
         """How this integrator's light is recorded on a film.

@@ -165,6 +165,7 @@ class BothEnds(TransientPath):
     """
 
     starts_at_lights = True
+    has_derivatives = False
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:

@@ -22,7 +22,7 @@ class FirstSurface(PathTracer):
     """
 
     needs_lights = False  # Of the scene
-    follows_media = follows_polarisation = False
+    follows_media = follows_polarisation = has_derivatives = False
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:

@@ -8,9 +8,10 @@ from typing import Any, Self, TypeVar
 
 import mitsuba as mi
 
+from ..films.contribution import Contribution
 from ..paths.protocols import Endpoint, Measurement, Scattering, Space
 from ..paths.records import Limits, Path
-from ..paths.walk import walk
+from ..paths.walk import deliver, walk
 from ..runtime.backend import uncollected
 
 M = TypeVar("M", bound=Measurement)
@@ -50,6 +51,27 @@ class Plan:
         other.endpoint = self.endpoint.resolving(width_opl)
         return other
 
+    def attached(self) -> Self:
+        """The same as derivatives follow it: what connections depend on is asked for each time."""
+        other = copy(self)
+        other.endpoint = self.endpoint.attached()
+        other.space = self.space.attached()
+        return other
+
+    def lit(
+        self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Endpoint, list[Contribution]]:
+        """What paths of camera rays connect to, and light that the rays bring beside."""
+        return self.endpoint, []
+
+    def start(
+        self, endpoint: Endpoint, ray: mi.Ray3f, origin: Any, active: Any = True, frame: Any = None
+    ) -> Path:
+        """Paths of camera rays, see `trace`."""
+        memory, guide = endpoint.memory(), self.scattering.guide()
+        place = self.space.place(ray)
+        return Path.start(endpoint.begin(ray), origin, active, memory, guide, place, frame)
+
     def trace(
         self,
         sampler: mi.Sampler,
@@ -72,10 +94,30 @@ class Plan:
         Returns:
             The measurement, and the paths at their ends.
         """
-        memory, guide = self.endpoint.memory(), self.scattering.guide()
-        place = self.space.place(ray)
-        ray = self.endpoint.begin(ray)
-        path = Path.start(ray, origin, active, memory, guide, place, frame)
-        space, endpoint, scattering = self.space, self.endpoint, self.scattering
+        active, not_finite = mi.Bool(active), mi.UInt32(0)
+        endpoint, beside = self.lit(ray, origin, sampler, active)
+        measurement, more = self.around(endpoint, ray, origin, sampler, measurement, active)
+        for light in beside:
+            not_finite += deliver(measurement, light)
+        path = self.start(endpoint, ray, origin, active, frame)
+        parts = self.space, endpoint, self.scattering, measurement, self.limits
         with uncollected():
-            return walk(sampler, path, space, endpoint, scattering, measurement, self.limits)
+            measurement, path = walk(sampler, path, *parts)
+        path.not_finite += not_finite + more
+        return measurement, path
+
+    def around(
+        self,
+        endpoint: Any,
+        ray: mi.Ray3f,
+        origin: Any,
+        sampler: mi.Sampler,
+        measurement: M,
+        active: mi.Bool,
+    ) -> tuple[M, mi.UInt32]:
+        """Deliver light of camera rays that no path has to be walked for, by other connections.
+
+        Returns:
+            The measurement, and the number of contributions that were left out.
+        """
+        return measurement, mi.UInt32(0)

@@ -43,7 +43,8 @@ all further vertices connect to half as many, rounded up |
     In polarised variants, films have Stokes vectors, in the frames of Mitsuba's `stokes`: S1 is
     positive across the sensor's `up`.
 
-    Limitations: no derivatives.
+    `mi.render(scene, params)` has derivatives where the light has a pulse; they leave out what
+    becomes visible or hidden.
 
     Example:
         >>> import tofrender

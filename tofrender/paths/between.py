@@ -31,15 +31,5 @@ def arriving(
     """
     ray = si.spawn_ray_to(point)
     path = Path.start(ray, si.p, active, place=space.around(ray))
-    link = Connection(
-        point=point,
-        direction=ray.d,
-        weight=mi.UnpolarizedSpectrum(1),
-        pdf=mi.Float(1),
-        delta=mi.Bool(True),
-        length=mi.Float(0),
-        active=mi.Bool(active),
-        clear=mi.Bool(False),
-        reach=reach,
-    )
+    link = Connection.plain(point, ray.d, mi.Float(0), active, reach)
     return space.transmittance(path, Vertex(si, mi.Float(0), mi.Bool(active)), link, sampler)

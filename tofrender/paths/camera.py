@@ -126,9 +126,19 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 
 
-@dr.syntax
 def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
     """Let rays pass through all area lights that they meet before any other surface."""
+    with dr.suspend_grad():
+        behind: Any = _behind_emitters(scene, ray)
+        passed = dr.norm(behind.o - ray.o)
+    behind.o = dr.replace_grad(behind.o, dr.fma(ray.d, passed, ray.o))
+    behind.d = dr.replace_grad(behind.d, ray.d)
+    return behind
+
+
+@dr.syntax
+def _behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
+    """The loop from light to light."""
     ray = mi.Ray3f(ray)
     passing = mi.Bool(True)
     while passing:

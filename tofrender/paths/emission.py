@@ -39,9 +39,6 @@ DISTANT = {
     "SunskyEmitter": "sunsky",
     "TimedSunskyEmitter": "timed_sunsky",
 }
-MOST_SHAPES = 16
-"""Of so many shapes that shine each is asked by itself."""
-
 KINDS = CONES | SHAPES | BEAMS | DISTANT
 """Emitters that light can be followed from: names of their classes, and their plugins'."""
 
@@ -109,7 +106,8 @@ class Emission:
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
         shining = [e for e in emitters if e.class_name() in SHAPES]
         self.shapes = [emitter.get_shape() for emitter in shining]
-        dr.eval(self.pointers, self.cones, self.by_area)
+        self.among_shapes = _places(shining)
+        dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes)
         dr.make_opaque(self.cross_section)
 
     # -------------------------------------------------------------------------- sampling
@@ -165,7 +163,7 @@ class Emission:
     def _from_shape(self, emitter, u_point, u, like, active) -> Emitted:
         """Light of a surface."""
         shape = emitter.get_shape()
-        ps = self._point_on(shape, like.time, u_point, active)
+        ps = self._point_on(emitter, like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
         si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         si.p, si.n, si.uv, si.shape = ps.p, ps.n, ps.uv, shape
@@ -185,19 +183,17 @@ class Emission:
             active=mi.Bool(active),
         )
 
-    def _point_on(self, shape, time, u, active) -> Any:
-        """A point of a shape that shines, even in area.
+    def _point_on(self, emitter, time, u, active) -> Any:
+        """A point of the shape of an emitter, even in area.
 
         A call by pointer would ask all living shapes, of which instances know no points. The
         emitter itself prefers bright parts of a texture, which no other strategy knows of.
         """
-        if len(self.shapes) > MOST_SHAPES:
-            return shape.sample_position(time, u, active)
-        found: Any = dr.zeros(mi.PositionSample3f, dr.width(u))
-        for each in self.shapes:
-            here = active & (shape == mi.ShapePtr(each))
-            found = dr.select(here, each.sample_position(time, u, here), found)
-        return found
+        ways = [each.sample_position for each in self.shapes]
+        if len(ways) == 1:
+            return ways[0](time, u, active)
+        which = dr.gather(mi.UInt32, self.among_shapes, _number(emitter), active)
+        return dr.switch(which, ways, time, u, active)
 
     def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
         """Light of a surface that sends all of it along its normal."""
@@ -300,6 +296,14 @@ def _by_area(emitters: list[mi.Emitter]) -> mi.Float:
         if shape is not None:
             table[number] = 1 / float(np.ravel(np.array(shape.surface_area()))[0])
     return mi.Float(table.tolist())
+
+
+def _places(emitters: list[mi.Emitter]) -> mi.UInt32:
+    """The place of each emitter among these, by its number."""
+    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    table = np.zeros(max(numbers, default=0) + 1, dtype=np.uint32)
+    table[numbers] = range(len(numbers))
+    return mi.UInt32(table)
 
 
 def _half_angle(emitter: mi.Emitter) -> float:

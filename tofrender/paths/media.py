@@ -30,6 +30,7 @@ import mitsuba as mi
 
 from ..scenes.media import media_of
 from ..signals.polarisation import intensity
+from .channels import drawn_from, shares_of, value_in
 from .phases import Phases, Scattered, as_surface
 from .protocols import Scattering
 from .records import Connection, Path, Vertex, extend
@@ -66,6 +67,7 @@ class Flight:
         here: Lanes that a medium has scattered.
         going: Lanes that go on.
         looking: Lanes whose next surface is not known.
+        through_lamps: Lanes that go through lamps as through boundaries.
     """
 
     ray: mi.Ray3f
@@ -78,9 +80,12 @@ class Flight:
     here: mi.Bool
     going: mi.Bool
     looking: mi.Bool
+    through_lamps: mi.Bool
 
     @classmethod
-    def start(cls, ray: mi.Ray3f, medium: mi.MediumPtr, active: mi.Bool) -> Flight:
+    def start(
+        cls, ray: mi.Ray3f, medium: mi.MediumPtr, active: mi.Bool, through_lamps: Any
+    ) -> Flight:
         """A flight along a ray, through a medium."""
         lanes = dr.width(ray)
         nothing = dr.zeros(mi.Float, lanes)
@@ -97,6 +102,7 @@ class Flight:
             here=dr.zeros(mi.Bool, lanes),
             going=mi.Bool(active),
             looking=mi.Bool(active),
+            through_lamps=mi.Bool(through_lamps),
         )
 
 
@@ -107,6 +113,7 @@ class Media:
         scene: The scene.
         outside: What is around a sensor, where its rays start; None for vacuum.
         beyond: What is infinitely far away, which paths from lights must know.
+        hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
     """
 
     scatters = True
@@ -116,6 +123,7 @@ class Media:
         scene: mi.Scene,
         outside: mi.Medium | None = None,
         beyond: mi.Medium | None = None,
+        hide_emitters: bool = False,
     ) -> None:
         self.scene, self.outside, self.beyond = scene, outside, beyond
         self.media = media_of(scene) + ([] if outside is None else [outside])
@@ -123,6 +131,7 @@ class Media:
         self.boundaries = Boundaries(scene)
         self.has_boundaries = self.boundaries.exist
         self.repeats = self.has_grids or self.has_boundaries
+        self.hides = hide_emitters and any(shape.is_emitter() for shape in scene.shapes())
 
     def scattering(
         self,
@@ -153,12 +162,34 @@ class Media:
             ray = dr.select(looking, si.spawn_ray(ray.d), ray)
         return Place(medium)
 
-    @dr.syntax
+    def attached(self) -> Any:
+        """The same as derivatives follow it."""
+        from .attached_media import AttachedMedia
+
+        return AttachedMedia(self)
+
     def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """The next surface that is no boundary of equal index, or a point that scatters before."""
-        q, o = _shares(intensity(path.β)), path.prev.p
-        channel = _drawn(q, sampler.next_1d())
-        flight = Flight.start(path.ray, path.place.medium, path.active)
+        flight, weight = self.fly(path, sampler)
+        o, here = path.prev.p, flight.here
+        path = copy(path)
+        path.place = Place(flight.medium)
+        path.β = extend(path.β, weight)
+        si = flight.found.compute_surface_interaction(
+            flight.ray, mi.RayFlags.All, path.active & ~here
+        )
+        mei = point_of(path.ray, dr.fma(path.ray.d, flight.at, o), flight.medium)
+        point = as_surface(si, mei, here)
+        valid = here | si.is_valid()
+        return path, Vertex(point, dr.norm(point.p - o), valid, Scattered(mei, here))
+
+    @dr.syntax
+    def fly(self, path: Path, sampler: mi.Sampler) -> tuple[Flight, Any]:
+        """The flights along the paths' rays, and what they leave of the throughputs."""
+        q, o = shares_of(intensity(path.β)), path.prev.p
+        channel = drawn_from(q, sampler.next_1d())
+        hidden = self.hides & (path.depth == 0)
+        flight = Flight.start(path.ray, path.place.medium, path.active, hidden)
         flight = self._look(flight, o, path.depth == 0)
         flight = self._fly(flight, o, channel, sampler)
         if self.repeats:
@@ -166,18 +197,8 @@ class Media:
                 if self.has_boundaries:
                     flight = self._look(flight, o)
                 flight = self._fly(flight, o, channel, sampler)
-        here = flight.here
         weight = flight.left / dr.sum(q * flight.left)
-        path = copy(path)
-        path.place = Place(flight.medium)
-        path.β = extend(path.β, dr.select(here, weight * flight.albedo, weight))
-        si = flight.found.compute_surface_interaction(
-            flight.ray, mi.RayFlags.All, path.active & ~here
-        )
-        mei = _point(path.ray, dr.fma(path.ray.d, flight.at, o), flight.medium)
-        point = as_surface(si, mei, here)
-        valid = here | si.is_valid()
-        return path, Vertex(point, dr.norm(point.p - o), valid, Scattered(mei, here))
+        return flight, dr.select(flight.here, weight * flight.albedo, weight)
 
     def _look(self, flight: Flight, o: mi.Point3f, coherent: Any = False) -> Flight:
         """Find the next surface in lanes that do not know it."""
@@ -198,14 +219,14 @@ class Media:
         left = flight.end - flight.at
         step = dr.minimum(dr.minimum(tried.t, left), FARTHEST)
         majorant = tried.combined_extinction
-        hero = _channel(majorant, channel)
+        hero = value_in(majorant, channel)
         flight.left *= dr.select(inside, dr.exp((hero - majorant) * step), 1)
         meets = inside & (tried.t < left)
         real = meets
         if self.has_grids:
-            real = meets & (sampler.next_1d() * hero < _channel(tried.sigma_t, channel))
+            real = meets & (sampler.next_1d() * hero < value_in(tried.sigma_t, channel))
         kind = dr.select(real, tried.sigma_t, tried.sigma_n)
-        flight.left *= dr.select(meets, kind / _channel(kind, channel), 1)
+        flight.left *= dr.select(meets, kind / value_in(kind, channel), 1)
         flight.albedo = dr.select(
             real & (tried.sigma_t > 0), tried.sigma_s / tried.sigma_t, flight.albedo
         )
@@ -235,6 +256,8 @@ class Media:
         arrives &= flight.found.is_valid()
         si = flight.found.compute_surface_interaction(flight.ray, mi.RayFlags.Minimal, arrives)
         through = self.boundaries.hold(si, arrives)
+        if self.hides:
+            through |= arrives & flight.through_lamps & si.shape.is_emitter()
         d = flight.ray.d
         flight.medium = dr.select(
             through & si.is_medium_transition(), si.target_medium(d), flight.medium
@@ -252,12 +275,21 @@ class Media:
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> Any:
         """What media leave of a connection's light; 0 where a surface is in the way."""
+        return self.through(path, vertex, connection, sampler)[0]
+
+    def through(
+        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+    ) -> tuple[Any, Place]:
+        """The same, and what is around the connection's end."""
         medium = self._behind(path.place.medium, vertex, connection.direction)
         o = vertex.si.p
-        flight = Flight.start(vertex.si.spawn_ray_to(connection.point), medium, connection.active)
+        hidden = self.hides and connection.position is not None  # It ends on the sensor
+        ray = vertex.si.spawn_ray_to(connection.point)
+        flight = Flight.start(ray, medium, connection.active, hidden)
         flight.looking &= ~connection.clear
         whole = dr.norm(connection.point - o) if connection.reach is None else connection.reach
-        return self._arrive(flight, o, whole, sampler).left
+        flight = self._arrive(flight, o, whole, sampler)
+        return flight.left, Place(flight.medium)
 
     def ahead(
         self, path: Path, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool
@@ -265,10 +297,11 @@ class Media:
         """The points of media so far along rays, and paths with what is scattered there [1/m]."""
         o, ray = path.prev.p, mi.Ray3f(path.ray)
         ray.maxt = mi.Float(distance)
-        flight = Flight.start(ray, path.place.medium, active)
+        hidden = self.hides & (path.depth == 0)
+        flight = Flight.start(ray, path.place.medium, active, hidden)
         flight = self._arrive(flight, o, distance, sampler)
         ray.o = o
-        mei = _point(ray, dr.fma(ray.d, distance, o), flight.medium)
+        mei = point_of(ray, dr.fma(ray.d, distance, o), flight.medium)
         here = active & (flight.medium != None) & dr.any(flight.left > 0)  # noqa: E711
         within, first, last = flight.medium.intersect_aabb(ray)
         here &= within & (distance >= first) & (distance <= last)
@@ -353,30 +386,7 @@ def _everywhere(medium: mi.Medium | None, lanes: int) -> mi.MediumPtr:
     return dr.full(mi.MediumPtr, medium, lanes)
 
 
-def _shares(β: Any) -> Any:
-    """The share of each channel in what a path carries."""
-    total = dr.sum(dr.abs(β))
-    return dr.select(total > 0, dr.abs(β) / total, mi.UnpolarizedSpectrum(1 / len(β)))
-
-
-def _drawn(q: Any, xi: mi.Float) -> mi.UInt32:
-    """A channel, with the chances `q`."""
-    channel, below = mi.UInt32(0), mi.Float(0)
-    for k in range(len(q) - 1):
-        below = below + q[k]
-        channel += dr.select(xi >= below, mi.UInt32(1), 0)
-    return channel
-
-
-def _channel(values: Any, channel: mi.UInt32) -> mi.Float:
-    """The value of a channel."""
-    found = mi.Float(values[0])
-    for k in range(1, len(values)):
-        found = dr.select(channel == k, values[k], found)
-    return found
-
-
-def _point(ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr) -> mi.MediumInteraction3f:
+def point_of(ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr) -> mi.MediumInteraction3f:
     """A point of a medium that a ray has come to."""
     mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
     mei.p, mei.t, mei.wi = p, dr.norm(p - ray.o), -ray.d

@@ -62,6 +62,10 @@ class Space(Protocol):
         """
         ...
 
+    def attached(self) -> Space:
+        """The same as derivatives follow it."""
+        ...
+
     def place(self, ray: mi.Ray3f) -> Any:
         """What is known of where a sensor's rays start, None if it is the same everywhere."""
         ...
@@ -84,6 +88,12 @@ class Space(Protocol):
         """What of a connection's light arrives at the vertex: 0 where something is in the way."""
         ...
 
+    def through(
+        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+    ) -> tuple[Any, Any]:
+        """The same, and what is known of where the connection ends, before what it meets there."""
+        ...
+
 
 class Endpoint(Protocol):
     """What a vertex connects to, and what a ray may run into.
@@ -103,6 +113,10 @@ class Endpoint(Protocol):
 
     def resolving(self, width_opl: float) -> Endpoint:
         """The same for light whose lengths are told apart by `width_opl` [m]."""
+        ...
+
+    def attached(self) -> Endpoint:
+        """The same as derivatives follow it: one connection a vertex, to points that move."""
         ...
 
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:

@@ -219,6 +219,28 @@ class Connection:
     frame: Any = None
     reach: Any = None
 
+    @classmethod
+    def plain(
+        cls,
+        point: mi.Point3f,
+        direction: mi.Vector3f,
+        length: mi.Float,
+        active: mi.Bool,
+        reach: Any = None,
+    ) -> Connection:
+        """A connection that asks only what of light comes through: to a point of radiance 1."""
+        return cls(
+            point=point,
+            direction=direction,
+            weight=mi.UnpolarizedSpectrum(1),
+            pdf=mi.Float(1),
+            delta=mi.Bool(True),
+            length=length,
+            active=mi.Bool(active),
+            clear=mi.Bool(False),
+            reach=reach,
+        )
+
     def only(self, mask: mi.Bool) -> Connection:
         """The same in some of its lanes."""
         other = copy(self)

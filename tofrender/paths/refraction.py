@@ -39,7 +39,9 @@ class RoughGlass:
             if mi.has_flag(bsdf.flags(), ROUGH)
         }
         self.exists = bool(found)
-        self.table = mi.Float([found.get(k, 1.0) for k in range(max(found, default=0) + 1)])
+        indices = [found.get(k, 1.0) for k in range(max(found, default=0) + 1)]
+        tracked = any(dr.grad_enabled(index) for index in indices)
+        self.table = dr.concat(list(map(mi.Float, indices))) if tracked else mi.Float(indices)
         dr.eval(self.table)
 
     def index_behind(
@@ -57,11 +59,14 @@ def _number(bsdf: Any) -> mi.UInt32:
     return dr.reinterpret_array(mi.UInt32, bsdf)
 
 
-def _index(bsdf: mi.BSDF) -> float:
+def _index(bsdf: mi.BSDF) -> Any:
     """Index behind a material for light that comes along its normal, over that before it."""
     nodes = [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
     rough = [node for node in nodes if mi.has_flag(node.flags(), ROUGH)]
     parts = [node for node in rough if not _mixes(node)]
+    tracked = [mi.traverse(part)["eta"] for part in parts if "eta" in mi.traverse(part)]
+    if len(parts) == 1 and dr.grad_enabled(tracked):
+        return tracked[0]
     indices = sorted({round(_index_of_part(part), 5) for part in parts})
     if len(indices) > 1:
         listed = ", ".join(f"{index:g}" for index in indices)

@@ -42,6 +42,10 @@ class Vacuum:
         """Nothing."""
         return None
 
+    def attached(self) -> Vacuum:
+        """The same."""
+        return self
+
     def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """The first surface along the ray.
 
@@ -60,3 +64,9 @@ class Vacuum:
         asked = connection.active & ~connection.clear
         shadow = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), asked)
         return dr.select(asked & shadow, mi.Float(0), 1)
+
+    def through(
+        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
+    ) -> tuple[mi.Float, None]:
+        """The same, and nothing of where it ends."""
+        return self.transmittance(path, vertex, connection, sampler), None

@@ -39,6 +39,18 @@ def materials(scene: mi.Scene) -> list[mi.BSDF]:
     return [shape.bsdf() for shape in shapes]
 
 
+def is_boundary(bsdf: mi.BSDF | None) -> bool:
+    """Whether a material is nothing but where a medium ends whose index is that of what is around.
+
+    Example:
+        >>> is_boundary(mi.load_dict({"type": "null"}))
+        True
+    """
+    if bsdf is None or int(bsdf.flags()) != BOUNDARY:
+        return False
+    return bsdf.class_name() not in PLATES
+
+
 class Boundaries:
     """Surfaces that are nothing but where a medium ends whose index is that of what is around.
 
@@ -101,6 +113,40 @@ def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
 def has_mirrors(scene: mi.Scene) -> bool:
     """Whether a surface of the scene sends light on in single directions: mirrors, glass, masks."""
     return any(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) for bsdf in materials(scene))
+
+
+def element(si: mi.SurfaceInteraction3f) -> mi.Float:
+    """Area that a step of a surface's own coordinates covers, up to a constant of each surface.
+
+    Its change is that of the area around a point that keeps its place on the surface.
+    """
+    flat = si.is_valid() & si.shape.is_mesh()
+    mesh = mi.MeshPtr(dr.select(flat, si.shape, dr.zeros(mi.ShapePtr)))
+    corners = mesh.face_indices(si.prim_index, flat)
+    a, b, c = (mesh.vertex_position(each, flat) for each in corners)
+    face, curved = dr.cross(b - a, c - a), dr.cross(si.dp_du, si.dp_dv)
+    return dr.norm(dr.select(flat, face, curved))
+
+
+def stretched(
+    scene: mi.Scene,
+    shapes: Sequence[mi.Shape],
+    si: mi.SurfaceInteraction3f,
+    p: mi.Point3f,
+    active: mi.Bool,
+) -> mi.Float:
+    """1, with the relative change of the area around points `p` that `si` sees on some shapes."""
+    with dr.suspend_grad():
+        ray = si.spawn_ray(dr.normalize(p - si.p))
+        found = scene.ray_intersect_preliminary(ray, active=active)
+    at = found.compute_surface_interaction(ray, mi.RayFlags.All | mi.RayFlags.FollowShape, active)
+    return changing(element(at), active & is_on(at, shapes))
+
+
+def changing(value: mi.Float, active: mi.Bool) -> mi.Float:
+    """1, with the relative change of a value."""
+    active &= value > 0
+    return dr.select(active, value / dr.detach(value), 1)
 
 
 def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:

@@ -15,17 +15,17 @@ what a path knows of it is in its memory.
 multiplies factors of the path, which then are `si.to_world_mueller` of the BSDF's; roulette and
 shares look at the first entry, and a contribution is a Stokes vector.
 
-What may come enters through the parts, without a second loop:
+All else enters through the parts, without a second loop:
 
 - **Media** are a space: `next` returns a vertex without a surface and a path with another
   throughput, passes null collisions and boundaries of equal index without moving `prev`, and
   `transmittance` is a spectrum; what it must know of the medium is a field of the path. Phase
   functions are a scattering that wraps another one.
-- **Gradients by replay** are a measurement that reads a film's gradient: it runs `step` once more
-  with the same random numbers. All parts are therefore pure: `step` returns a new path, and nothing
-  is remembered outside of it.
-- **A velocity** along the path is one more field of the path that `space.next` returns, and one
-  more of `Contribution`.
+- **Gradients** differentiate `step`, one vertex at a time (`derivatives`): forwards with the rates
+  of the path's state, in reverse from states that a first walk keeps. All parts are therefore pure:
+  `step` returns a new path, and nothing is remembered outside of it.
+- **A velocity** along the path, if it comes, is one more field of the path that `space.next`
+  returns, and one more of `Contribution`.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def step(
 
     # η² undoes the compression of radiance at refraction, which the throughput contains
     compressed = mi.Float(1) if endpoint.importance else path.η * path.η
-    survival = dr.minimum(dr.max(intensity(path.β)) * compressed, 0.95)
+    survival = dr.detach(dr.minimum(dr.max(intensity(path.β)) * compressed, 0.95))
     roulette = path.depth >= limits.rr_depth
     path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
     active &= ~roulette | (sampler.next_1d() < survival)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import mitsuba as mi
 
@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+@overload
 def render(
     scene: mi.Scene | Mapping[str, Any] | str | PathLike[str],
     *,
+    params: None = None,
     spp: int | None = None,
     seed: int = 0,
     size: tuple[int, int] | None = None,
@@ -56,7 +58,50 @@ def render(
     progress: bool = True,
     settings: Mapping[str, Any] | None = None,
     temporal_bins: int | None = None,
-) -> xr.Dataset:
+) -> xr.Dataset: ...
+
+
+@overload
+def render(
+    scene: mi.Scene,
+    *,
+    params: mi.SceneParameters,
+    spp: int | None = None,
+    seed: int = 0,
+    integrator: Any = None,
+    sensor: int = 0,
+    progress: bool = True,
+) -> tuple[mi.TensorXf, mi.TensorXf]: ...
+
+
+def render(
+    scene: mi.Scene | Mapping[str, Any] | str | PathLike[str],
+    *,
+    params: mi.SceneParameters | None = None,
+    spp: int | None = None,
+    seed: int = 0,
+    size: tuple[int, int] | None = None,
+    bins: int | None = None,
+    start_opl: float | None = None,
+    bin_width: float | None = None,
+    window: str | tuple[float, float] | None = None,
+    pulse_width: float | str | None = None,
+    max_depth: int | None = None,
+    integrator: Any = None,
+    sampler: str | mi.Sampler | None = None,
+    sensor: int = 0,
+    define: Mapping[str, Any] | None = None,
+    errors: bool = False,
+    resume: xr.Dataset | None = None,
+    checkpoint: Checkpoint | str | PathLike[str] | None = None,
+    out: str | PathLike[str] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    client: Client | None = None,
+    progress: bool = True,
+    settings: Mapping[str, Any] | None = None,
+    temporal_bins: int | None = None,
+) -> xr.Dataset | tuple[mi.TensorXf, mi.TensorXf]:
     """Render a scene in time.
 
     The words are those of the command `tofrender render`.
@@ -64,6 +109,10 @@ def render(
     Args:
         scene: A built-in name, the path of a Mitsuba XML file, a dict as for `mi.load_dict`, or a
             loaded scene.
+        params: Parameters of a loaded scene, as of `mi.traverse(scene)`, some of which track
+            gradients (`dr.enable_grad`). With them, this is `mi.render(scene, params)`, for
+            `dr.forward` and `dr.backward`, and only `spp`, `seed`, `integrator`, `sensor` and
+            `progress` may be given.
         spp: Samples per pixel, 1 to 2^24; by default the scene's. Powers of two suit the default
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
@@ -115,14 +164,21 @@ def render(
         return what is finished, with `complete` = 0 and `spp` as far as it got; a second one ends
         it at once.
 
+        With `params`, the pair (steady, transient) in their place, tensors of Dr.Jit's (height,
+        width, channels) and (height, width, bins, channels) of the same radiance, which track
+        gradients.
+
     Raises:
         ValueError: An argument or the scene is wrong, or no light can reach the window.
         MemoryError: The bins do not fit; the message says what would.
         BackendError: The active variant cannot render in time.
         KeyboardInterrupt: A render with `out` or workers was stopped; one line.
+        RuntimeError: `params` track gradients and the integrator has no derivatives.
 
     Warns:
-        UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.
+        UserWarning: More than 1 % of the energy is outside the window, or the render was stopped;
+            or `params` that track gradients move things, and derivatives leave out what becomes
+            visible or hidden.
 
     Example:
         >>> dataset = render("cornell_box", spp=1, size=(64, 64), window=(3.5, 15.0))
@@ -130,9 +186,46 @@ def render(
         {'y': 64, 'x': 64, 'opl': 300, 'channel': 3}
         >>> dataset["transient"].sel(time=20.0, method="nearest").dims
         ('y', 'x', 'channel')
+
+        How a picture changes with an albedo:
+
+        >>> import drjit as dr
+        >>> scene = load_scene("cornell_box", width=4, height=4, pulse_width_opl=0.1)
+        >>> params = mi.traverse(scene)
+        >>> dr.enable_grad(params["green.reflectance.value"])
+        >>> steady, transient = render(scene, params=params, spp=1, progress=False)
+        >>> dr.backward(dr.mean(steady))
+        >>> params["green.reflectance.value"].grad.y[0] > 0
+        True
     """
     backend.require_vectorised()
     checks.boolean("progress", progress)
+    if params is not None:
+        of_datasets = {
+            "size": size,
+            "bins": bins,
+            "start_opl": start_opl,
+            "bin_width": bin_width,
+            "window": window,
+            "pulse_width": pulse_width,
+            "max_depth": max_depth,
+            "sampler": sampler,
+            "define": define,
+            "errors": errors or None,
+            "resume": resume,
+            "checkpoint": checkpoint,
+            "out": out,
+            "workers": workers,
+            "scheduler": scheduler,
+            "client": client,
+            "settings": settings,
+            "temporal_bins": temporal_bins,
+        }
+        for name, value in of_datasets.items():
+            if value is not None:
+                raise ValueError(f"{name} = {checks.shown(value)}: must be left out with `params`")
+        with hidden(not progress):
+            return _attached(scene, params, spp, seed, integrator, sensor)
     asked = Asked(
         scene=scene,
         spp=spp,
@@ -169,6 +262,27 @@ def render(
             if client is not None:
                 return collect(job, client, checkpoint)
             return carry_out(job, resume, checkpoint)
+
+
+def _attached(
+    scene: Any, params: Any, spp: int | None, seed: Any, integrator: Any, sensor: int
+) -> tuple[mi.TensorXf, mi.TensorXf]:
+    """Steady and transient light that track gradients."""
+    checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")
+    checks.instance("params", params, mi.SceneParameters, "those of mi.traverse(scene)")
+    asked = Asked(scene, spp=spp, seed=seed, integrator=integrator, sensor=sensor)
+    scene, apart = opened(asked)
+    tracer = _integrator(scene, apart)
+    if tracer.needs_lights:
+        require_light(scene)
+    light: Any = None
+    try:
+        light = mi.render(scene, params, sensor=sensor, integrator=tracer, seed=seed, spp=spp or 0)
+    except RuntimeError as error:
+        if error.__cause__ is None:
+            raise
+        raise error.__cause__ from None  # Dr.Jit only says that there is one
+    return light
 
 
 def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:

@@ -209,7 +209,7 @@ def find_scene(name: str) -> str | Path:
         what = "is a folder" if path.is_dir() else "does not exist"
         raise FileNotFoundError(f"scene = {name!r}: {what}; must be a Mitsuba XML file")
     near = get_close_matches(built_in, BUILT_IN, 3, 0.5)
-    what = f"must be one of {', '.join(BUILT_IN)}"
+    what = f"must be one of {checks.listed(BUILT_IN)} that `tofrender scenes` lists"
     if near:
         meant = " or ".join(near)
         what = f"did you mean {meant}? Must be a scene that `tofrender scenes` lists"

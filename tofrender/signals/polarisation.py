@@ -160,6 +160,31 @@ def rayleigh(f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> mi.Spectrum:
     return mi.mueller.rotate_mueller_basis(matrix, -comes, axis, before, goes, axis, basis)
 
 
+class Finite(dr.CustomOp):
+    """What is given, with derivatives that are 0 where they are not finite.
+
+    Mitsuba turns frames by an angle whose derivative is 0 times infinity where two of them are one.
+    """
+
+    def eval(self, value):
+        """The value."""
+        return value
+
+    def forward(self):
+        """Its rate."""
+        self.set_grad_out(_finite(self.grad_in("value")))
+
+    def backward(self):
+        """Its gradient."""
+        self.set_grad_in("value", _finite(self.grad_out()))
+
+
+def _finite(value: Any) -> Any:
+    if dr.is_array_v(value):
+        return dr.select(dr.isfinite(value), value, 0)
+    return type(value)(*[_finite(each) for each in (value.s, value.t, value.n)])
+
+
 def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> Any:
     """A BSDF's value between frames of world space; light comes from and goes to local directions.
 
@@ -172,6 +197,9 @@ def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.V
     if not mi.is_polarized:
         return f
     lit = dr.any(intensity(f) != 0)  # Directions that were not found have no frame
+    if dr.grad_enabled(si, comes, goes):
+        si = type(si)(si)
+        si.sh_frame, comes, goes = (dr.custom(Finite, x) for x in (si.sh_frame, comes, goes))
     return dr.select(lit, si.to_world_mueller(f, -comes, goes), mi.Spectrum(0))
 
 

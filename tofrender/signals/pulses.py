@@ -59,10 +59,12 @@ class GaussianPulse:
     """Normalised Gaussian p(t) = exp(-t^2 / (2 s^2)) / (s sqrt(2 pi)).
 
     Args:
-        width_opl: Standard deviation s [m], from 1e-12 to 1e12.
+        width_opl: Standard deviation s [m], from 1e-12 to 1e12; a Dr.Jit float of which gradients
+            are tracked, too.
 
     Attributes:
         width_opl: Standard deviation s [m].
+        width: The same as a Dr.Jit float.
         normalization: 1 / (s sqrt(2 pi)) [1/m].
 
     Raises:
@@ -76,9 +78,17 @@ class GaussianPulse:
         0.5
     """
 
-    def __init__(self, width_opl: float) -> None:
-        self.width_opl = _width("width_opl", width_opl)
+    def __init__(self, width_opl: float | mi.Float) -> None:
+        tracked: Any = width_opl if dr.is_array_v(width_opl) and dr.width(width_opl) == 1 else None
+        number = width_opl if tracked is None else tracked[0]
+        self.width_opl = _width("width_opl", number)
         self.normalization = 1.0 / (self.width_opl * math.sqrt(2.0 * math.pi))
+        self._tracked = tracked if dr.grad_enabled(tracked) else None
+
+    @property
+    def width(self) -> mi.Float:
+        """The standard deviation [m] as a Dr.Jit float."""
+        return mi.Float(self.width_opl) if self._tracked is None else self._tracked
 
     @property
     def support(self) -> tuple[float, float]:
@@ -87,12 +97,15 @@ class GaussianPulse:
 
     def eval(self, t: mi.Float) -> mi.Float:
         """Density [1/m] at the offset `t` [m]."""
-        z = t / self.width_opl
-        return self.normalization * dr.exp(-0.5 * z * z)
+        z, height = t / self.width_opl, self.normalization
+        if self._tracked is not None:
+            z, height = t / self._tracked, dr.rcp(self._tracked * math.sqrt(2.0 * math.pi))
+        return height * dr.exp(-0.5 * z * z)
 
     def cdf(self, t: mi.Float) -> mi.Float:
         """Fraction of the energy up to the offset `t` [m]: (1 + erf(t / (s sqrt 2))) / 2."""
-        return 0.5 + 0.5 * dr.erf(t / (self.width_opl * math.sqrt(2.0)))
+        width: Any = self.width_opl if self._tracked is None else self._tracked
+        return 0.5 + 0.5 * dr.erf(t / (width * math.sqrt(2.0)))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Offset s sqrt(2) erfinv(2 xi - 1) [m] and its weight, 1.

@@ -190,7 +190,8 @@ def check_lights(submission, integrator, noise):
     ]
     d = [*down[:3], -UP, -front, front, down[3]]
     o, d = np.array([*o, [0, 0, 30.0]]), np.array([*d, UP])
-    came = ask(submission, integrator, {"max_bounces": 1}, scenes.scene(**parts), o, d, spp=8192)
+    one, scene = {"max_bounces": 1}, scenes.scene(**parts)
+    came = ask(submission, integrator, one, scene, o, d, seeds=64, spp=2048)
     where = "a floor under lights of all kinds"
     names = [where] * 3 + [
         "a floor in the dark below a screen",

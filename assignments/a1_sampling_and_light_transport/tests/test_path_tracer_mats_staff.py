@@ -15,7 +15,7 @@ def test_long_paths(submission):
 
 def test_lights_of_all_kinds(submission):
     """Several lights over a coloured floor."""
-    paths.check_lights(submission, NAME, noise=8)
+    paths.check_lights(submission, NAME, noise=8.5)
 
 
 def test_materials_under_a_sky(submission):

@@ -97,7 +97,10 @@ class Worker:
         wire.write(question, [probe, arguments])
         with suppress(OSError):  # if it has died, the wait says how
             cast(IO[bytes], running.process.stdin).write(f"{self._number}\n".encode())
-        return self._taken(self._wait(running, timeout_s))
+        reply = self._wait(running, timeout_s)
+        with suppress(OSError):  # without a sandbox the submission may have removed it
+            question.unlink()
+        return self._taken(reply)
 
     def _taken(self, reply: Any) -> Any:
         """What a reply answers. The submission's process wrote it, so it may be anything."""

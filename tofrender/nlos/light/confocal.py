@@ -13,8 +13,9 @@ import mitsuba as mi
 from ...films.contribution import Contribution
 from ...runtime import checks
 from ...signals.illuminants import white
+from .laser_in_media import require_clear_way
 from .laser_spot import Spot
-from .relay_wall_path import RelayWallPath, Scan, ScanPlan
+from .relay_wall_path import RelayWallPath, Scan
 
 MAX_SIGMA = 0.75
 """Widest beam: standard deviation of its direction [rad]. Eight tangents fit into a projector."""
@@ -74,17 +75,11 @@ class ConfocalTransientIntegrator(RelayWallPath):
             projector = round_beam(sigma, self.power)
         self.projector: Any = projector
 
-    def plan(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor | None = None,
-        weight: Any = None,
-        wall: list[mi.Shape] | None = None,
-    ) -> ScanPlan:
+    def scan(self, scene: mi.Scene, sensor: mi.Sensor | None, wall: list[mi.Shape]) -> Scan:
         """As of the base; a beam of no width must have a clear way."""
         if self.projector is None and sensor is not None:
-            self.require_clear_way(scene, sensor)
-        return super().plan(scene, sensor, weight, wall)
+            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
+        return super().scan(scene, sensor, wall)
 
     def laser(
         self,
@@ -98,8 +93,11 @@ class ConfocalTransientIntegrator(RelayWallPath):
         scene, projector = scan.scene, self.projector
         if projector is None:
             power = self.power * white(ray.wavelengths)
-            spot = self.spot(scene, ray, origin, power, active)
-            return self.lit_point(scan, lambda sampler, active: spot), None
+
+            def single(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+                return self.spot(scene, ray, origin, power, active)
+
+            return self.lit_point(scan, scan.hold(single, single(sampler, active))), None
         axes, source = projector.axes(ray.d, mi.Vector3f(scan.up)), projector.origin(origin)
 
         def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:

@@ -85,9 +85,10 @@ class CornerConnections:
         ps, shape = targets.sample(u, active)
         r = dr.norm(ps.p - si.p)
         d = (ps.p - si.p) / r
-        arrives: Any = mi.Float(1)
+        arrives, place = mi.Float(1), path.place
         if self.space.scatters:
-            arrives = self._through(seen, path, ps.p, d, r, sampler, active)
+            link = Connection.plain(ps.p, d, r, active)
+            arrives, place = self.space.through(path, seen, link, sampler)
         if targets.plain:  # There is no need to find a point that is known
             y = _at_point(si, ps, shape, d, r)
             if not self.space.scatters:
@@ -106,7 +107,6 @@ class CornerConnections:
         density = turn.pdf + (guided.share + self.count) * by_area
 
         weight, opl = path.β * arrives, path.opl
-        place = self.space.leave(path, seen, d)
         path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory(), place=place)
         path.depth, path.opl = mi.UInt32(1), opl + r
         middle = Vertex(y, r, active)
@@ -118,29 +118,6 @@ class CornerConnections:
         spectrum = f * link.weight * weight / density
         found = link.active & (by_area > 0)
         return Contribution(spectrum, path.opl + link.length, found)
-
-    def _through(
-        self,
-        seen: Vertex,
-        path: Path,
-        target: mi.Point3f,
-        d: mi.Vector3f,
-        r: mi.Float,
-        sampler: mi.Sampler,
-        active: mi.Bool,
-    ) -> Any:
-        """What media let through to a target point, 0 where a surface is in the way."""
-        link = Connection(
-            point=target,
-            direction=d,
-            weight=mi.UnpolarizedSpectrum(1),
-            pdf=mi.Float(1),
-            delta=mi.Bool(True),
-            length=r,
-            active=active,
-            clear=mi.Bool(False),
-        )
-        return self.space.transmittance(path, seen, link, sampler)
 
 
 def _at_point(

@@ -1,4 +1,4 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 """A laser whose beam goes through fog: its light may be scattered before it lands."""
 
 from __future__ import annotations
@@ -8,9 +8,12 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ...paths.protocols import Scattering, Space
 from ...paths.records import Path
+from ...scenes.media import media_of, scatterer_on
+from ..device.relay_wall import first_hits
 from .laser_spot import LaserSpot, Spot
 
 
@@ -65,4 +68,33 @@ class LaserInMedia(LaserSpot):
             distance=vertex.length if self.counts_legs else mi.Float(0),
             vertex=vertex,
             scattering=self.scattering,
+        )
+
+
+def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
+    """Refuse fog on the way of a laser to the very points that the sensor looks at.
+
+    Args:
+        scene: The scene.
+        sensor: The sensor.
+        laser: Where the laser is [m], shape (3,).
+
+    Raises:
+        ValueError: There is some; one line.
+    """
+    if not media_of(scene, sensor):
+        return
+    ray, si = first_hits(scene, sensor)
+    around = sensor.get_medium()
+    lanes = dr.width(si.p)
+    start = dr.full(mi.MediumPtr, around, lanes) if around else dr.zeros(mi.MediumPtr, lanes)
+    found, there = scatterer_on(scene, ray, start, sensor)
+    if found is None:
+        back = si.spawn_ray_to(mi.Point3f(*laser.tolist()))
+        found, _ = scatterer_on(scene, back, there, sensor)
+    if found is not None:
+        raise ValueError(
+            f"{found.id() or 'medium'}: scatters the light of a laser that the sensor looks "
+            "along, or up to where it looks, which would be infinite; must only absorb there, "
+            "or be elsewhere, or the laser must have a spot_sigma or light a single point"
         )

@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import drjit as dr
@@ -22,16 +23,13 @@ from ...paths.guided import Guided, Targets
 from ...paths.protocols import Space
 from ...paths.records import Limits
 from ...paths.scattering import Materials
-from ...paths.surfaces import first_surface
-from ...paths.walk import deliver
+from ...paths.surfaces import first_surface, is_boundary
 from ...runtime import checks
-from ...scenes.media import media_of, scatterer_on
 from ..device.laser import place_of
 from ..device.relay_wall import (
     DEFAULT_ID,
     find_relay_wall,
     find_shapes,
-    first_hits,
     parse_ids,
     seen_shapes,
 )
@@ -59,6 +57,7 @@ class Scan:
         follows_camera: Whether the laser is turned to where each camera ray meets the scene.
         solid_angle: Solid angle of the laser's beam [sr], if its lit point counts.
         hide_emitters: Whether the sensor looks through the scene's area lights.
+        held: Whether a lit point that is the same for a whole path is found only once.
     """
 
     scene: mi.Scene
@@ -70,6 +69,11 @@ class Scan:
     follows_camera: bool = False
     solid_angle: Any = math.nan
     hide_emitters: bool = False
+    held: bool = True
+
+    def hold(self, beam: Beam, spot: Spot) -> Beam:
+        """A beam that lands on the same point each time, given the first."""
+        return (lambda sampler, active: spot) if self.held else beam
 
 
 class ScanPlan(Plan):
@@ -99,22 +103,33 @@ class ScanPlan(Plan):
         """The same: what is lit is a point."""
         return self
 
-    def trace(self, sampler, ray, origin, measurement, active=True, frame=None):
-        """Follow camera rays through a scene that a laser lights."""
-        active, not_finite = mi.Bool(active), mi.UInt32(0)
-        if self.scan.hide_emitters:
-            ray = behind_emitters(self.scan.scene, ray)
+    def attached(self):
+        """The same with a spot that moves, by paths alone."""
+        other = copy(self)
+        if self.space.scatters:
+            raise ValueError(
+                "medium: has no derivatives around the corner; must be left out of the scene"
+            )
+        other.scan = replace(self.scan, share=None, held=False)
+        return other
+
+    def lit(self, ray, origin, sampler, active):
+        """The lit point, and what the camera sees of it."""
+        ray = self._behind(ray)
         laser, seen = self.light(self.scan, ray, origin, sampler, active)
-        if self.scan.share is not None:
-            corner = CornerConnections(self.space, self.scan.share, laser)
-            start = ray, origin, self.limits.unwarp
-            measurement, not_finite = corner.add(*start, sampler, measurement, active)
-        if seen is not None and self.counts_spot:
-            not_finite += deliver(measurement, seen)
-        lit = Plan(self.space, laser, self.scattering, self.limits)
-        measurement, path = lit.trace(sampler, ray, origin, measurement, active, frame)
-        path.not_finite += not_finite
-        return measurement, path
+        return laser, [seen] if seen is not None and self.counts_spot else []
+
+    def around(self, endpoint, ray, origin, sampler, measurement, active):
+        """Light around the corner, by connections."""
+        if self.scan.share is None:
+            return super().around(endpoint, ray, origin, sampler, measurement, active)
+        corner = CornerConnections(self.space, self.scan.share, endpoint)
+        start = self._behind(ray), origin, self.limits.unwarp
+        return corner.add(*start, sampler, measurement, active)
+
+    def _behind(self, ray):
+        """The ray past area lights, if those are hidden."""
+        return behind_emitters(self.scan.scene, ray) if self.scan.hide_emitters else ray
 
 
 class RelayWallPath(TransientPath):
@@ -134,11 +149,11 @@ class RelayWallPath(TransientPath):
     | `block_size` | 0 | as in Mitsuba: for scalar variants only, else a warning |
 
     The wall is by default the shape that the sensor is a child of, else the one that is called
-    "relay_wall". Everything else is hidden geometry, whose points are chosen by area, unless
-    `hidden_shapes` says which of it: light of the others counts as well, but by the wall's
-    material alone. Where nothing says which shape is the wall, and sampling is asked for by name,
-    paths are sent from the shapes that the camera's pixels look at to the others. After a load,
-    `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
+    "relay_wall". Everything else but boundaries of media is hidden geometry, whose points are
+    chosen by area, unless `hidden_shapes` says which of it: light of the others counts as well, but
+    by the wall's material alone. Where nothing says which shape is the wall, and sampling is asked
+    for by name, paths are sent from the shapes that the camera's pixels look at to the others.
+    After a load, `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
     """
 
     needs_lights = False
@@ -218,29 +233,6 @@ class RelayWallPath(TransientPath):
         scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
         return ScanPlan(scan, self.laser, self.limits(), self.counts_spot)
 
-    def require_clear_way(self, scene: mi.Scene, sensor: mi.Sensor) -> None:
-        """Refuse fog on the way of a laser to the very points that the sensor looks at.
-
-        Raises:
-            ValueError: There is some; one line.
-        """
-        if not media_of(scene, sensor):
-            return
-        ray, si = first_hits(scene, sensor)
-        around = sensor.get_medium()
-        lanes = dr.width(si.p)
-        start = dr.full(mi.MediumPtr, around, lanes) if around else dr.zeros(mi.MediumPtr, lanes)
-        found, there = scatterer_on(scene, ray, start, sensor)
-        if found is None:
-            back = si.spawn_ray_to(mi.Point3f(*self.laser_origin(scene, sensor).tolist()))
-            found, _ = scatterer_on(scene, back, there, sensor)
-        if found is not None:
-            raise ValueError(
-                f"{found.id() or 'medium'}: scatters the light of a laser that the sensor looks "
-                "along, or up to where it looks, which would be infinite; must only absorb there, "
-                "or be elsewhere, or the laser must have a spot_sigma or light a single point"
-            )
-
     def require_mode(self, mode: str) -> None:
         """Refuse a mode of capture that this integrator has not.
 
@@ -267,7 +259,8 @@ class RelayWallPath(TransientPath):
         if sensor is not None:
             up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
         space = self.space(scene, sensor)
-        scan = Scan(scene, space, wall, up, self._guided(scene, sensor, surfaces, wall))
+        solid = [s for s in surfaces if not is_boundary(s.bsdf())]
+        scan = Scan(scene, space, wall, up, self._guided(scene, sensor, solid, wall))
         scan.hide_emitters = self.hide_emitters
         if scan.guided and self.lights_a_point and self._counts_three():
             scan.share = CornerShare(scan.guided)

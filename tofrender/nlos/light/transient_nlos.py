@@ -26,6 +26,8 @@ from ..device.laser import (
     solid_angle,
 )
 from ..device.relay_wall import first_hits, is_on_relay_wall
+from .laser_in_media import require_clear_way
+from .laser_spot import Spot
 from .relay_wall_path import RelayWallPath, Scan, ScanPlan
 
 CAPTURE_TYPES = ("single", "confocal", "exhaustive")
@@ -149,7 +151,7 @@ class TransientNLOSPath(RelayWallPath):
                 plan.scan.solid_angle = dr.opaque(mi.Float, beam)  # One kernel for all lasers
         plan.scan.follows_camera = kind == "confocal"
         if kind == "confocal" and sensor is not None:
-            self.require_clear_way(scene, sensor)
+            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
         return plan
 
     def capture_plan(
@@ -157,7 +159,7 @@ class TransientNLOSPath(RelayWallPath):
     ) -> ScanPlan:
         """The plan of a capture; an exhaustive one is a single one for each laser point."""
         if mode == "exhaustive":
-            self.require_clear_way(scene, sensor)
+            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
         kind = "confocal" if mode == "confocal" else "single"
         return self.plan(scene, sensor, wall=wall, capture_type=kind)
 
@@ -224,14 +226,18 @@ class TransientNLOSPath(RelayWallPath):
             dr.normalize(first_surface(scene, ray, active).p - source) if confocal else forward
         )
         beam, carried = mi.Ray3f(source, towards, 0, ray.wavelengths), mi.UnpolarizedSpectrum(1)
-        spot = self.spot(scene, beam, source, carried, active)
-        facing = irradiance(forward, dr.norm(spot.si.p - source))  # What the beam's axis carries
-        if self.laser_power:
-            spot.power *= self.laser_power * white(ray.wavelengths)
-        else:
-            spot.power *= facing * dr.abs(spot.si.wi.z) * AREA
-        power = spot.power
-        seen = None
+
+        def single(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+            spot = self.spot(scene, beam, source, carried, active)
+            if self.laser_power:
+                spot.power *= self.laser_power * white(ray.wavelengths)
+            else:  # What the beam's axis carries
+                facing = irradiance(forward, dr.norm(spot.si.p - source))
+                spot.power *= facing * dr.abs(spot.si.wi.z) * AREA
+            return spot
+
+        spot = single(sampler, active)
+        power, seen = spot.power, None
         if self.shows_spot:
 
             def light(d: mi.Vector3f, r: mi.Float) -> Any:
@@ -241,7 +247,7 @@ class TransientNLOSPath(RelayWallPath):
                 return power * off_axis / (scan.solid_angle * r * r)
 
             seen = self.from_laser(scan, ray, origin, source, light, sampler, active)
-        return self.lit_point(scan, lambda sampler, active: spot), seen
+        return self.lit_point(scan, scan.hold(single, spot)), seen
 
     @property
     def shows_spot(self) -> bool:

@@ -12,6 +12,7 @@ import mitsuba as mi
 
 from ...runtime import checks
 from ..records import Connection, Hit, Path, Turn, Vertex
+from ..surfaces import stretched
 from .light_points import LightPoints, checked_count, points_that_pay
 from .unseen import Unseen
 from .wavefronts import Wavefronts
@@ -50,6 +51,7 @@ class SceneLights(Unseen):
         self.points = LightPoints(1 if isinstance(light_samples, str) else light_samples)
         infinite = mi.EmitterFlags.Infinite
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
+        self.meshes: list[mi.Shape] = []
         self.boxes = self._boxes()
         self.sphere: Any = Wavefronts.around(scene, sensor) if self.has_distant else None
 
@@ -59,6 +61,13 @@ class SceneLights(Unseen):
             return self
         other = copy(self)
         other.points = LightPoints(points_that_pay(self.scene, width_opl, self.sphere))
+        return other
+
+    def attached(self) -> SceneLights:
+        """The same with one point for each vertex, whose place on the emitter stays as it is."""
+        other = copy(self)
+        other.points = LightPoints(1)
+        other.meshes = [s for s in self.scene.shapes() if s.is_emitter() and _is_mesh(s)]
         return other
 
     def _boxes(self) -> list[tuple[mi.Point3f, mi.Point3f]]:
@@ -111,6 +120,10 @@ class SceneLights(Unseen):
     def choose(self, vertex: Vertex, sample: mi.Point2f, active: mi.Bool) -> Connection:
         """The point on an emitter that two random numbers stand for."""
         ds, weight = self.scene.sample_emitter_direction(vertex.si, sample, False, active)
+        if self.meshes:
+            shining = active & (ds.pdf != 0)
+            stretch: Any = stretched(self.scene, self.meshes, vertex.si, ds.p, shining)
+            weight = mi.unpolarized_spectrum(weight) * stretch
         return self.linked(vertex, ds, weight, active)
 
     def linked(self, vertex: Vertex, ds: Any, weight: Any, active: mi.Bool) -> Connection:
@@ -172,6 +185,11 @@ class SceneLights(Unseen):
             outside = dr.maximum(dr.maximum(low - p, p - high), 0)
             closest = dr.minimum(closest, dr.norm(outside))
         return closest
+
+
+def _is_mesh(shape: mi.Shape) -> bool:
+    """Whether a shape is a mesh whose density of points has no derivative in Mitsuba."""
+    return shape.is_mesh() and shape.class_name() != "Rectangle"
 
 
 def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:

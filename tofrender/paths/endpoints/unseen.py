@@ -36,6 +36,10 @@ class Unseen:
         """The same: how finely lengths are told apart makes no difference."""
         return self
 
+    def attached(self) -> Any:
+        """The same."""
+        return self
+
     def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
         """The sensor's ray, behind the area lights that are hidden."""
         return behind_emitters(self.scene, ray) if self.hide_emitters else ray

@@ -1,0 +1,184 @@
+"""The table of gradients: ten parameters against closed forms, differences, and other renderers."""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import sys
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import peers
+
+if TYPE_CHECKING:
+    from .cases import Row
+
+COLUMNS = (
+    *("parameter", "scene", "of", "closed form", "forward", "reverse"),
+    *("differences", "mitransient", "misuka"),
+)
+NOISY_DIFFERENCES = {"index": 64}
+"""Rows that need more samples in differences: light takes the other way at an interface."""
+
+
+def gradients(runs: int, quick: bool) -> list[Row]:
+    """Deviation from the closed form [%], of forward mode; prints the table as Markdown.
+
+    Means over seeds, with the standard error of their last digits. mitransient and misuka render
+    what they can of the same scenes.
+    """
+    from tofrender.integrators.derivatives import VisibilityWarning
+
+    warnings.simplefilter("ignore", VisibilityWarning)  # The scenes have no edges in view
+    seeds = range(1, 3 if quick else max(runs, 16) + 1)
+    rows: list[Row] = []
+    print("| " + " | ".join(COLUMNS) + " |\n|" + "---|" * len(COLUMNS))
+    for case in _table():
+        case_rows = _rows(case, seeds)
+        for name, cells, off in case_rows:
+            print("| " + " | ".join([case.row, case.scene, name, *cells]) + " |", flush=True)
+            rows.append((f"{case.name}, {name}: forward off its form [%]", off, 0.5))
+    return rows
+
+
+def _table() -> Any:
+    """The table's scenes and their closed forms, which are the tests'."""
+    folder = str(Path(__file__).parents[1] / "tests")
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    from gradient_cases import TABLE
+
+    return TABLE
+
+
+def _rows(case: Any, seeds: range) -> list[tuple[str, list[str], float]]:
+    """For each measure of a case: its name, cells of the table, deviation of forward mode [%]."""
+    from gradient_of import differences, forward, reverse
+
+    _, change = case.expected()
+    weights = case.weights()
+    more = NOISY_DIFFERENCES.get(case.row, 1)
+    ahead = _samples(lambda seed: forward(case, seed=seed), seeds)
+    apart = _samples(lambda seed: differences(case, more * case.spp, seed), seeds[:8])
+    theirs = _apart(case.name, seeds)
+    rows = []
+    for name, each in weights.items():
+        exact = float(each @ change)
+        back = _samples(lambda seed, each=each: np.array(reverse(case, each, seed=seed)), seeds)
+        cells = [f"{exact:.6g}"]
+        cells += [_cell(found, each) for found in (ahead, back, apart, theirs)]
+        off = math.nan
+        if not isinstance(ahead, str):
+            off = abs((ahead @ each).mean() / exact - 1) * 100
+        rows.append((name, [*cells, _misuka()], off))
+    return rows
+
+
+def _samples(estimate: Callable[[int], np.ndarray], seeds: range) -> np.ndarray | str:
+    """Estimates over seeds, or why there are none, in one line."""
+    try:
+        return np.stack([estimate(seed) for seed in seeds])
+    except Exception as error:  # Whatever another renderer says
+        cause: BaseException = error
+        while cause.__cause__ is not None:
+            cause = cause.__cause__
+        text = (str(cause).strip().splitlines() or [type(cause).__name__])[0]
+        return "none: " + ("nothing is attached" if "not attached" in text else text[:60])
+
+
+def _apart(name: str, seeds: range) -> np.ndarray | str:
+    """What mitransient says of a case, in a process of its own: its scenes would stay in memory.
+
+    Dr.Jit asks all scenes that there are for their changes.
+    """
+    spawned = multiprocessing.get_context("spawn")
+    try:
+        with ProcessPoolExecutor(1, spawned) as pool:
+            return pool.submit(_theirs, name, seeds, str(mi.variant())).result()
+    except BrokenProcessPool:
+        return "none: its process ended"
+
+
+def _theirs(name: str, seeds: range, variant: str) -> np.ndarray | str:
+    from tofrender.runtime import backend
+
+    backend.activate(variant)
+    logging.getLogger().setLevel(logging.ERROR)
+    mi.set_log_level(mi.LogLevel.Error)
+    case = next(case for case in _table() if case.name == name)
+    return _samples(lambda seed: _mitransient(case, seed), seeds)
+
+
+def _cell(found: np.ndarray | str, weights: np.ndarray) -> str:
+    """Mean and standard error, as 0.0325(2)."""
+    if isinstance(found, str):
+        return found
+    values = found @ weights if found.ndim > 1 else found
+    return with_error(float(values.mean()), float(values.std(ddof=1) / math.sqrt(values.size)))
+
+
+def with_error(mean: float, error: float) -> str:
+    """A mean whose last digit has the standard error in brackets.
+
+    `with_error(0.032504, 0.0000012)` is `0.0325040(12)`.
+    """
+    if not math.isfinite(mean) or not math.isfinite(error):
+        return f"{mean:g}({error:g})"
+    if error <= 1e-6 * abs(mean):
+        return f"{mean:.6g}"
+    digits = max(1 - math.floor(math.log10(error)), 0)
+    return f"{mean:.{digits}f}({error * 10**digits:.0f})"
+
+
+def _mitransient(case: Any, seed: int) -> np.ndarray:
+    """Derivative of the bins, in forward mode, by mitransient's own plugins; no pulse."""
+    if not peers.has("mitransient"):
+        raise RuntimeError("not run here: it is not installed")
+    described = case.describe()
+    integrator = described["integrator"]
+    if integrator["type"] != "transient_path" or not hasattr(case.seen, "centres"):
+        raise RuntimeError("not run: needs this package's plugins")
+    if case.of_pulse:
+        raise RuntimeError("has no pulse")
+    kept = {k: v for k, v in integrator.items() if k in ("type", "max_depth", "rr_depth")}
+    described = described | {"integrator": kept}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        loaded = _their_scene(described)
+    parameters = mi.traverse(loaded)
+    theta = mi.Float(case.theta)
+    dr.enable_grad(theta)
+    case.set(parameters, theta)
+    transient = mi.render(loaded, parameters, spp=case.spp, seed=mi.UInt32(seed))[1]
+    dr.forward(theta)
+    return case.mean(dr.grad(transient))
+
+
+def _their_scene(described: dict[str, Any]) -> mi.Scene:
+    """A scene with mitransient's plugins, whose names then mean this package's again."""
+    import mitransient  # noqa: F401 (must be whole before its parts)
+    from mitransient.films.transient_hdr_film import TransientHDRFilm
+    from mitransient.integrators.transientpath import TransientPath
+    from peer_scenes import give_names_back
+
+    mi.register_integrator("transient_path", lambda props: TransientPath(props))
+    mi.register_film("transient_hdr_film", lambda props: TransientHDRFilm(props))
+    try:
+        return peers.mitransient(described)
+    finally:
+        give_names_back()
+
+
+def _misuka() -> str:
+    if peers.has("misuka"):
+        return "not run: its scenes are acoustic"
+    return "not run here: it is not installed"

@@ -1,0 +1,329 @@
+"""`fit`: what it finds, when it ends, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from lamp_above_floor import INTENSITY, POSITION, scene
+from made_dataset import make_dataset
+
+import tofrender
+from tofrender.rendering.labels import labelled
+
+TRUE, START = (0.2, -0.1, 1.5), (-0.3, 0.2, 1.2)
+RATES = {POSITION: 0.05, INTENSITY: 0.1}
+
+
+def measured(**more):
+    return mi.render(scene(TRUE, 2.0, **more))
+
+
+def find(target=None, params=None, **options):
+    made = options.pop("scene", None) or scene(START, 3.0)
+    params = {POSITION: START, INTENSITY: 3.0} if params is None else params
+    options = {"learning_rate": RATES, "progress": False} | options
+    return tofrender.fit(made, params, measured() if target is None else target, **options)
+
+
+# ------------------------------------------------------------------------------- what it finds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("loss", "frequency_hz"), [("l2", None), ("wasserstein", None), ("phasor", [5e7, 1e8])]
+)
+def test_finds_a_lamp(loss, frequency_hz):
+    made = scene(START, 3.0)
+    found = find(scene=made, loss=loss, frequency_hz=frequency_hz, steps=200)
+    assert np.abs(found.values[POSITION] - TRUE).max() < 1e-3
+    assert np.abs(found.values[INTENSITY] - 2).max() < 5e-3
+    assert found.loss < 1e-4 * found.losses[0]
+    assert found.history[POSITION].shape == (found.steps, 3)
+    assert np.allclose(found.history[POSITION][0], START)
+    written = np.array(mi.traverse(made)[POSITION]).ravel()
+    assert np.array_equal(written, found.values[POSITION])
+
+
+@pytest.mark.slow
+def test_finds_what_other_values_follow_from():
+    """A height alone: the lamp moves on a vertical line."""
+
+    def apply(params, values):
+        params[POSITION] = mi.Point3f(TRUE[0], TRUE[1], 0) + values["up"] * mi.Vector3f(0, 0, 1)
+        params[INTENSITY] = mi.Color3f(values["power"])
+
+    params = {"up": 1.2, "power": mi.Float(3)}
+    found = find(params=params, apply=apply, learning_rate={"up": 0.02, "power": 0.1}, steps=150)
+    assert isinstance(found.values["up"], float)
+    assert abs(found.values["up"] - 1.5) < 2e-3
+    assert abs(found.values["power"] - 2) < 1e-2
+
+
+@pytest.mark.slow
+def test_albedo_and_power_from_a_picture_of_mitsubas():
+    """By `prb`, in a picture without time: half of it is a wall of known albedo."""
+    white = mi.ScalarTransform4f().translate([1, 0, 0])
+    dark = mi.ScalarTransform4f().translate([-1, 0, 0])
+    film = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
+    look = mi.ScalarTransform4f().look_at([0, 0, 3], [0, 0, 0], [0, 1, 0])
+    made = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prb", "max_depth": 2},
+            "known": {"type": "rectangle", "to_world": white, "bsdf": diffuse(0.8)},
+            "wall": {"type": "rectangle", "to_world": dark, "bsdf": diffuse(0.3)},
+            "lamp": {"type": "point", "position": [0, 0, 2], "intensity": 5.0},
+            "sensor": {"type": "perspective", "fov": 30, "to_world": look, "film": film},
+        }
+    )
+    target = mi.render(made, spp=64)
+    wall = "wall.bsdf.reflectance.value"
+    params, rates = {wall: 0.6, INTENSITY: 3.0}, {wall: 0.03, INTENSITY: 0.2}
+    found = tofrender.fit(
+        made, params, target, learning_rate=rates, bounds={wall: (0, 1)}, spp=64, progress=False
+    )
+    assert np.abs(found.values[wall] - 0.3).max() < 3e-3
+    assert np.abs(found.values[INTENSITY] - 5).max() < 0.05
+
+
+def diffuse(albedo: float) -> dict:
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [albedo] * 3}}
+
+
+@pytest.mark.slow
+def test_parameters_of_mitsubas_do():
+    made = scene(START, 2.0)
+    params = mi.traverse(made)
+    params.keep([POSITION])
+    found = find(scene=made, params=params, learning_rate=0.05, steps=100)
+    assert list(found.values) == [POSITION]
+    assert np.abs(found.values[POSITION] - TRUE).max() < 0.01
+
+
+@pytest.mark.slow
+def test_takes_a_dataset():
+    target = np.array(measured()[1])
+    dataset = along_opl(target, 0.5)
+    assert find(dataset, steps=3).losses.tolist() == find(target, steps=3).losses.tolist()
+    with pytest.raises(
+        ValueError, match=r"^target with bins of 0.05 m from 0.4 m on: must be 0.05"
+    ):
+        find(along_opl(target, 0.4), steps=3)
+
+
+def along_opl(target: np.ndarray, start: float):
+    dataset = make_dataset(4, 4, 60, start_opl=start, bin_width_opl=0.05)
+    opl = start + (np.arange(60) + 0.5) * 0.05
+    dataset = dataset.assign(transient=(("y", "x", "opl", "channel"), target))
+    return labelled(dataset.drop_vars("time").assign_coords(opl=opl))
+
+
+@pytest.mark.slow
+def test_own_losses_and_optimisers():
+    def loss(rendered, target):
+        return dr.sum(dr.abs(rendered - target), axis=None)
+
+    found = find(loss=loss, optimizer=mi.ad.Adam(lr=1.0, beta_1=0.8), steps=60)
+    assert found.loss < 0.2 * found.losses[0]
+    slow = find(optimizer="sgd", learning_rate=0.01, steps=30)
+    assert np.all(np.diff(slow.losses) < 0)
+
+
+# -------------------------------------------------------------------------------- when it ends
+
+
+def test_seeds():
+    """Equal ones agree, and each step has random numbers of its own."""
+    steps = {"steps": 4, "learning_rate": 1e-6}
+    one, same, other = (
+        find(scene=scene(START, 3.0, noise=0.1), seed=seed, **steps).losses for seed in (1, 1, 2)
+    )
+    assert np.array_equal(one, same)
+    assert not np.isclose(one, other).any()
+    assert len(set(np.round(one, 6))) == 4
+
+
+@pytest.mark.slow
+def test_ends_where_the_loss_no_longer_falls():
+    """Each rate is half of the one before it, down to the tolerance."""
+    noisy = {"scene": scene(TRUE, 2.0, noise=0.05), "params": {POSITION: TRUE}}
+    options = {"learning_rate": 0.01, "patience": 4, "steps": 500, "tolerance": 0.2}
+    found = find(measured(noise=0.05), **noisy, **options)
+    assert found.converged
+    assert 3 * 8 <= found.steps < 200
+    assert repr(found).endswith("; the loss no longer falls)")
+    first = find(measured(noise=0.05), **noisy, **options | {"tolerance": 1.0})
+    assert 8 <= first.steps < found.steps
+    endless = find(measured(noise=0.05), **noisy, **options | {"tolerance": 0.0, "steps": 100})
+    assert endless.steps == 100
+    assert not endless.converged
+
+
+def test_the_best_of_noisy_losses():
+    """Is where ten in a row are low, not a single one that is lucky."""
+    noisy = {"scene": scene(START, 3.0, noise=0.3), "steps": 60, "learning_rate": 0.02}
+    found = find(measured(noise=0.3), **noisy)
+    means = np.convolve(found.losses, np.full(10, 0.1), "valid")
+    assert found.loss == pytest.approx(means.min())
+    assert np.array_equal(found.values[POSITION], found.history[POSITION][means.argmin() + 9])
+
+
+def test_ctrl_c_keeps_the_best():
+    def interrupt(step, loss, values):
+        if step == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    found = find(callback=interrupt, steps=50)
+    assert found.steps == 6
+    assert found.why == "stopped"
+    assert not found.converged
+    assert found.loss == found.losses.min()
+
+
+def test_callback_sees_each_step_and_may_end_it():
+    seen = []
+
+    def callback(step, loss, values):
+        seen.append((step, loss, values[POSITION]))
+        return step == 3
+
+    found = find(callback=callback, steps=50)
+    assert [step for step, _, _ in seen] == [0, 1, 2, 3]
+    assert [loss for _, loss, _ in seen] == found.losses.tolist()
+    assert np.array_equal([p for _, _, p in seen], found.history[POSITION])
+    assert found.why == "the callback ended it"
+
+
+@pytest.mark.slow
+def test_values_stay_within_bounds():
+    found = find(bounds={POSITION: (None, 1.3), INTENSITY: (2.5, None)}, steps=40)
+    assert found.history[POSITION].max() == np.float32(1.3)
+    assert found.history[INTENSITY].min() == 2.5
+
+
+def test_a_loss_that_is_no_number_ends_it():
+    def loss(rendered, target):
+        loss.steps += 1
+        apart = tofrender.l2_loss(rendered, target)
+        return apart * (float("nan") if loss.steps == 4 else 1)
+
+    loss.steps = 0
+    with pytest.warns(UserWarning, match=r"^fit: the loss is nan in step 3$"):
+        found = find(loss=loss, steps=10)
+    assert found.steps == 4
+    assert np.isfinite(found.loss)
+    assert found.loss == np.nanmin(found.losses)
+
+
+def test_told_in_a_line():
+    found = find(steps=1)
+    said = r"Fit(1 step, loss 3.88 to 3.88, lamp.position = (-0.3, 0.2, 1.2), "
+    assert repr(found).startswith(said)
+    assert "\n" not in repr(found)
+
+
+# ----------------------------------------------------------------------------- what it refuses
+
+
+def texture(params, values):
+    params[POSITION] = mi.Point3f(0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"params": {"lamp.positon": 1.0}}, "params['lamp.positon'] = 1.0: did you mean 'lamp.pos"),
+        (
+            {"params": {"sensor.to_world": 1.0}},
+            "params['sensor.to_world'] = 1.0: is of type Affine",
+        ),
+        ({"params": {"sensor.film.size": 4}}, "params['sensor.film.size'] = 4: is of type Scalar"),
+        (
+            {"params": {POSITION: [1, 2]}},
+            "params['lamp.position'] with shape (2,): must be a numbe",
+        ),
+        (
+            {"params": {POSITION: [1, 2, np.nan]}},
+            "params['lamp.position'] = [1, 2, nan]: must be a",
+        ),
+        (
+            {"params": {POSITION: START}, "bounds": {"lamp": (0, 1)}},
+            "bounds['lamp'] = (0, 1): must",
+        ),
+        ({"bounds": {POSITION: (0, 1)}}, "params['lamp.position'] = [-0.30000001192092896, 0.2000"),
+        ({"bounds": {POSITION: (1, 0)}}, "bounds['lamp.position'] = (1, 0): must be (low, high), "),
+        (
+            {"learning_rate": {POSITION: 0.1}},
+            "learning_rate = {'lamp.position': 0.1}: must have 'l",
+        ),
+        ({"learning_rate": RATES | {"x": 1}}, "learning_rate['x'] = 1: must be of lamp.position, "),
+        (
+            {"learning_rate": RATES | {POSITION: 0}},
+            "learning_rate['lamp.position'] = 0: must be a ",
+        ),
+        ({"loss": "emd"}, "loss = 'emd': must be one of l2, phasor, wasserstein"),
+        ({"loss": "phasor"}, "frequency_hz = None: must be given with loss='phasor', in hertz"),
+        (
+            {"frequency_hz": 1e7},
+            "frequency_hz = 10000000.0: must be left out; only loss='phasor' has",
+        ),
+        ({"loss": "phasor", "frequency_hz": 1e10}, "frequency_hz = 1e+10: must be below 2.99792e+"),
+        ({"optimizer": "lbfgs"}, "optimizer = 'lbfgs': must be one of adam, sgd"),
+        (
+            {"target": np.ones((4, 4, 61, 3))},
+            "target with shape (4, 4, 61, 3): must be (4, 4, 60, ",
+        ),
+        ({"target": np.full((4, 4, 60, 3), np.nan)}, "target: 2880 of 2880 values are not finite,"),
+        (
+            {"params": {"x": [[1.0]]}, "apply": texture},
+            "params['x'] with shape (1, 1): must be a n",
+        ),
+        ({"params": {"x": mi.UInt32}, "apply": texture}, "params['x'] = <class 'drjit.llvm.ad.UIn"),
+    ],
+    ids=lambda value: "-".join(map(str, value))[:40] if isinstance(value, dict) else "",
+)
+def test_refused_before_any_render(options, said):
+    made = scene(START, 3.0)
+    target = np.ones((4, 4, 60, 3))
+    options = {"params": {POSITION: START, INTENSITY: 3.0}, "learning_rate": 0.1} | options
+    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
+        tofrender.fit(made, **{"target": target} | options)
+    assert str(error.value).startswith(said)
+    assert "\n" not in str(error.value)
+    assert made.integrator().renders == 0
+
+
+def test_a_start_of_another_kind_of_numbers():
+    with pytest.raises(ValueError, match=r"^params\['x'\] = UInt: must be of floats with deriva"):
+        find(params={"x": mi.UInt32(1)}, apply=texture, learning_rate=0.1)
+
+
+def test_optimiser_with_variables():
+    with pytest.raises(ValueError, match=r"^optimizer = Adam of a: must have no variables; params"):
+        find(optimizer=mi.ad.Adam(lr=1.0, params={"a": mi.Float(1)}))
+
+
+def test_what_light_does_not_depend_on():
+    where = "the loss does not depend on"
+    with pytest.raises(ValueError, match=rf"^params = x: {where} them where the fit starts; must"):
+        find(params={"x": 1.0}, apply=texture, learning_rate=0.1)
+    params = {POSITION: START, "sensor.x_fov": 30.0}
+    with pytest.warns(UserWarning, match=rf"^params\['sensor.x_fov'\]: {where} it where the fit"):
+        find(params=params, learning_rate=0.1, steps=2)
+
+
+def test_loss_that_is_no_number():
+    with pytest.raises(ValueError, match=r"^loss: returned .*TensorXf.*; must return a number of"):
+        find(loss=lambda rendered, target: rendered - target)
+
+
+def test_time_losses_need_bins():
+    made = mi.load_dict(mi.cornell_box())
+    for loss in ("wasserstein", "phasor"):
+        with pytest.raises(ValueError, match=rf"^loss = '{loss}': must be 'l2' for a film without"):
+            tofrender.fit(made, {"red.reflectance.value": 0.5}, np.ones((256, 256, 3)), loss=loss)

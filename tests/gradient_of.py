@@ -1,0 +1,190 @@
+"""A scene with a parameter θ, what a closed form says of it, and its derivatives by renders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from gradient_forms import Arrived, Bins, Gate, Phasor, derived
+
+import tofrender
+from tofrender.runtime.plugins import own_name
+
+PULSE_KEY = "pulse_width_opl"
+"""The width of the pulse among the parameters of an integrator."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene with a parameter θ.
+
+    Attributes:
+        row: The parameter, as the table calls it.
+        scene: What is seen, in words.
+        describe: Makes the scene, for `tofrender.load_scene`.
+        key: The parameter of the scene that θ moves, as `mi.traverse` calls it.
+        value: θ (a number, or a Dr.Jit float with a gradient) -> that parameter.
+        theta: Where the derivative is taken.
+        step: Half the distance of the renders that differences are taken of.
+        form: The closed form: complex θ -> light and lengths of paths.
+        seen: What the scene measures of them.
+        spp: Samples of each pixel for half a percent.
+        of_pulse: Whether θ is the pulse's width, which no path depends on.
+        sampling: How directions are differentiated, the integrator's `gradient_sampling`.
+        until: Length of the last light that counts in sum and moment [m].
+    """
+
+    row: str
+    scene: str
+    describe: Callable[[], dict]
+    key: str
+    value: Callable[[Any], Any]
+    theta: float
+    step: float
+    form: Callable[[Any], tuple[Any, Any]]
+    seen: Any
+    spp: int = 1 << 12
+    of_pulse: bool = False
+    sampling: str = "detached"
+    until: float = math.inf
+
+    @property
+    def name(self) -> str:
+        return f"{self.row}: {self.scene}"
+
+    # ---------------------------------------------------------------------- what is expected
+
+    def arrived(self) -> Arrived:
+        return derived(self.form, self.theta)
+
+    def expected(self) -> tuple[np.ndarray, np.ndarray]:
+        """What is seen, and its derivative by θ."""
+        light, seen = self.arrived(), self.at(self.theta).seen
+        change = seen.by_width(light) if self.of_pulse else seen.derivative(light)
+        return seen.value(light), change
+
+    def at(self, theta: float) -> Case:
+        """The case with the pulse of another θ, if θ is that; else itself."""
+        return replace(self, seen=replace(self.seen, sigma=theta)) if self.of_pulse else self
+
+    def weights(self) -> dict[str, np.ndarray]:
+        """Names of numbers for the table -> their weights of what is seen.
+
+        A pulse's width changes no sum and no mean, but the second moment, by 2 σ. The phase of a
+        phasor P changes by Im(P* dP) / |P|².
+        """
+        if isinstance(self.seen, Bins):
+            if self.of_pulse:
+                light = self.arrived()
+                mean = (light.light @ light.opl) / light.light.sum()
+                return {"square": (self.seen.centres - mean) ** 2}
+            counted = np.where(self.seen.centres < self.until, 1.0, 0.0)
+            return {"sum": counted, "moment": counted * self.seen.centres}
+        if isinstance(self.seen, Phasor):
+            re, im = self.expected()[0]
+            return {"phase": np.array([-im, re]) / (re * re + im * im)}
+        return {"gate" if isinstance(self.seen, Gate) else "correlation": np.ones(1)}
+
+    # ------------------------------------------------------------------------------ the scene
+
+    def load(self, **integrator: Any) -> mi.Scene:
+        described = self.describe()
+        described["integrator"] = described["integrator"] | integrator
+        return tofrender.load_scene(own(described), optimize=False)
+
+    def parameters(self, loaded: mi.Scene) -> mi.SceneParameters:
+        """Those of the scene, or of the integrator for a pulse."""
+        return mi.traverse(loaded.integrator() if self.of_pulse else loaded)
+
+    def set(self, parameters: mi.SceneParameters, theta: Any) -> None:
+        parameters[self.key] = self.value(theta)
+        parameters.update()
+
+    def output(self, rendered: Any) -> Any:
+        """The tensor that holds what is seen."""
+        return rendered[-1] if isinstance(rendered, tuple) else rendered
+
+    def tensor_weights(self, weights: np.ndarray, shape: tuple[int, ...]) -> mi.Float:
+        """Weights of what is seen for each entry of the tensor: a mean over pixels and colours.
+
+        Shapes are (y, x, bins, channels), (y, x, frequencies, 2[, channels]) and (y, x, channels).
+        """
+        spread = np.ones(shape)
+        if isinstance(self.seen, Bins):
+            spread = spread * weights[:, None]
+        elif isinstance(self.seen, Phasor):
+            parts = (2, 1) if len(shape) == 5 else (2,)
+            spread = spread * weights.reshape(parts)
+        else:
+            spread = spread * weights
+        count = spread.size // (weights.size if weights.size > 1 else 1)
+        return mi.Float((spread / count).ravel().astype(np.float32))
+
+    def mean(self, tensor: Any) -> np.ndarray:
+        """What is seen, a mean over pixels and colours, of a tensor."""
+        values = np.array(tensor, dtype=np.float64)
+        if isinstance(self.seen, Bins):
+            return values.mean(axis=(0, 1, 3))
+        if isinstance(self.seen, Phasor):
+            return values.mean(axis=(0, 1, 2) if values.ndim == 4 else (0, 1, 2, 4))
+        return np.array([values.mean()])
+
+
+def own(described: dict) -> dict:
+    """The same with the names of plugins that are this package's, whatever others have loaded."""
+    return {
+        key: own(value)
+        if isinstance(value, dict)
+        else (own_name(value) if key == "type" else value)
+        for key, value in described.items()
+    }
+
+
+# ------------------------------------------------------------------------------- measurements
+
+
+def render(case: Case, theta: float | None = None, spp: int = 0, seed: int = 0) -> np.ndarray:
+    """What is seen at θ, by default the case's own."""
+    loaded = case.load(**({PULSE_KEY: theta} if case.of_pulse and theta is not None else {}))
+    if not case.of_pulse:
+        case.set(mi.traverse(loaded), case.theta if theta is None else theta)
+    return case.mean(case.output(mi.render(loaded, spp=spp or case.spp, seed=seed)))
+
+
+def differences(case: Case, spp: int = 0, seed: int = 0) -> np.ndarray:
+    """Derivative of what is seen, by renders on both sides with the same random numbers."""
+    right, left = (render(case, case.theta + sign * case.step, spp, seed) for sign in (1, -1))
+    return (right - left) / (2 * case.step)
+
+
+def attached(case: Case, spp: int = 0, seed: int = 0, **integrator: Any) -> tuple[Any, Any]:
+    """θ with its gradient enabled, and the tensor of what is seen."""
+    sampling = {} if case.sampling == "detached" else {"gradient_sampling": case.sampling}
+    loaded = case.load(**sampling | integrator)
+    parameters = case.parameters(loaded)
+    theta = mi.Float(case.theta)
+    dr.enable_grad(theta)
+    case.set(parameters, theta)
+    rendered = mi.render(loaded, parameters, spp=spp or case.spp, seed=seed)
+    return theta, case.output(rendered)
+
+
+def forward(case: Case, spp: int = 0, seed: int = 0, **integrator: Any) -> np.ndarray:
+    """Derivative of what is seen, in forward mode."""
+    theta, tensor = attached(case, spp, seed, **integrator)
+    dr.forward(theta)
+    return case.mean(dr.grad(tensor))
+
+
+def reverse(
+    case: Case, weights: np.ndarray, spp: int = 0, seed: int = 0, **integrator: Any
+) -> float:
+    """Derivative of a weighted sum of what is seen, in reverse mode."""
+    theta, tensor = attached(case, spp, seed, **integrator)
+    dr.backward(dr.sum(tensor.array * case.tensor_weights(weights, tensor.shape)))
+    return float(dr.grad(theta)[0])

@@ -1,0 +1,246 @@
+"""Scenes that are found again from their film: a wall, a lamp, and a patch around the corner."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import tofrender
+from tofrender.integrators.derivatives import VisibilityWarning
+
+PULSE = 0.1
+LAMP, POWER = "lamp.position", "lamp.intensity.value"
+SIDE = 0.1
+
+
+def film(start: float) -> dict:
+    size = {"width": 8, "height": 8, "rfilter": {"type": "box"}}
+    axis = {"temporal_bins": 120, "start_opl": start, "bin_width_opl": 0.05}
+    return {"type": "transient_hdr_film", **size, **axis}
+
+
+def diffuse(albedo: float) -> dict:
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [albedo] * 3}}
+
+
+def rectangle(to_world: Any, albedo: float) -> dict:
+    return {"type": "rectangle", "to_world": to_world, "bsdf": diffuse(albedo)}
+
+
+def in_time(max_depth: int, camera: dict, **parts: Any) -> mi.Scene:
+    paths = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": PULSE}
+    return mi.load_dict({"type": "scene", "integrator": paths, "camera": camera, **parts})
+
+
+def seen_wall(depth: float, albedo: float) -> mi.Scene:
+    """A camera with a flash before a wall."""
+    transform = mi.ScalarTransform4f()
+    look = transform.look_at([0, 0, 0], [0, 0, 1], [0, 1, 0])
+    wall = transform.translate([0, 0, depth]).rotate([0, 1, 0], 180).scale([3, 3, 1])
+    return in_time(
+        2,
+        {"type": "perspective", "fov": 40, "to_world": look, "film": film(1.5)},
+        flash={"type": "point", "position": [0.1, 0, 0], "intensity": 5.0},
+        wall=rectangle(wall, albedo),
+    )
+
+
+def move_wall(params, values):
+    move = mi.Transform4f().translate(values["depth"] * mi.Vector3f(0, 0, 1))
+    params["wall.to_world"] = move.rotate([0, 1, 0], 180).scale([3, 3, 1])
+    params["wall.bsdf.reflectance.value"] = mi.Color3f(values["albedo"])
+
+
+def corner(position: Any, power: float) -> mi.Scene:
+    """A lamp in the corner of a room, which the camera does not see."""
+    transform = mi.ScalarTransform4f()
+    look = transform.look_at([2, 2, 2], [0, 0, 0], [0, 1, 0])
+    return in_time(
+        3,
+        {"type": "perspective", "fov": 30, "to_world": look, "film": film(2.5)},
+        lamp={"type": "point", "position": position, "intensity": power},
+        floor=rectangle(transform.translate([1, 0, 1]).rotate([1, 0, 0], -90), 0.6),
+        back=rectangle(transform.translate([1, 1, 0]), 0.6),
+        left=rectangle(transform.translate([0, 1, 1]).rotate([0, 1, 0], 90), 0.6),
+    )
+
+
+def move_lamp(params, values):
+    params[LAMP] = mi.Point3f(values[LAMP])
+    params[POWER] = mi.Color3f(values[POWER])
+
+
+def hidden_patch(place: Any, tilt: float) -> mi.Scene:
+    """A patch before a wall that is scanned confocally, seen in light of three bounces."""
+    scene = tofrender.nlos_patch(
+        side=SIDE,
+        position=place,
+        tilt=tilt,
+        width=8,
+        height=8,
+        temporal_bins=100,
+        start_opl=1.6,
+        bin_width_opl=0.02,
+    )
+    paths = {"capture_type": "confocal", "filter_bounces": 3, "max_depth": 4}
+    scene["integrator"] |= paths | {"pulse_width_opl": 0.05}
+    return mi.load_dict(scene, optimize=False)
+
+
+def move_patch(params, values):
+    turned = mi.Transform4f().translate(values["place"]).rotate([0, 1, 0], 180 + values["tilt"])
+    params["hidden_patch.to_world"] = turned.scale([SIDE / 2, SIDE / 2, 1])
+
+
+@dataclass
+class Problem:
+    """A scene to find.
+
+    Attributes:
+        scene: Makes it of values.
+        apply: Writes values into it.
+        true: The values.
+        start: Where the fit starts.
+        rates: Learning rates.
+        within: How far from the truth it may end.
+        spp: Samples per pixel.
+        of_target: Those of what was measured.
+        bounds: Those of the values.
+    """
+
+    scene: Callable[..., mi.Scene]
+    apply: Callable[[mi.SceneParameters, dict[str, Any]], None]
+    true: dict[str, Any]
+    start: dict[str, Any]
+    rates: dict[str, float]
+    within: dict[str, float]
+    spp: int
+    of_target: int = 1024
+    bounds: dict[str, Any] = field(default_factory=dict)
+
+    def measured(self) -> Any:
+        return mi.render(self.scene(*self.true.values()), spp=self.of_target)
+
+    def off(self, values: dict[str, Any]) -> dict[str, float]:
+        return {
+            name: float(np.linalg.norm(np.subtract(values[name], true)))
+            for name, true in self.true.items()
+        }
+
+    def fit(self, **options: Any) -> tofrender.Fit:
+        return tofrender.fit(
+            self.scene(*self.start.values()),
+            self.start,
+            self.measured(),
+            apply=self.apply,
+            learning_rate=self.rates,
+            bounds=self.bounds,
+            spp=self.spp,
+            progress=False,
+            **options,
+        )
+
+
+PROBLEMS = {
+    "wall": Problem(
+        seen_wall,
+        move_wall,
+        true={"depth": 2.0, "albedo": 0.7},
+        start={"depth": 2.5, "albedo": 0.3},
+        rates={"depth": 0.03, "albedo": 0.03},
+        within={"depth": 2e-3, "albedo": 3e-3},
+        spp=16,
+        bounds={"depth": (0.5, 3.5), "albedo": (0.01, 1)},
+    ),
+    "lamp": Problem(
+        corner,
+        move_lamp,
+        true={LAMP: [0.5, 1.2, 0.8], POWER: 3.0},
+        start={LAMP: [0.9, 0.7, 0.4], POWER: 1.0},
+        rates={LAMP: 0.04, POWER: 0.1},
+        within={LAMP: 0.01, POWER: 0.06},
+        spp=128,
+        of_target=4096,
+    ),
+    "patch": Problem(
+        hidden_patch,
+        move_patch,
+        true={"place": [0.2, 0.1, 1.0], "tilt": 20.0},
+        start={"place": [0.26, 0.16, 1.053], "tilt": 35.0},
+        rates={"place": 0.01, "tilt": 2.0},
+        within={"place": 1e-3, "tilt": 0.1},
+        spp=64,
+    ),
+}
+
+
+def along(problem: Problem, loss: Callable[[Any, Any], Any], points: int = 9) -> np.ndarray:
+    """Losses on the straight line from start to truth."""
+    scene, measured = problem.scene(*problem.start.values()), problem.measured()[1]
+    params = mi.traverse(scene)
+    found = []
+    for part in np.linspace(0, 1, points):
+        values = {}
+        for name, true in problem.true.items():
+            start = np.array(problem.start[name], float)
+            between = (start + part * (np.array(true) - start)).tolist()
+            values[name] = mi.Float(between) if start.ndim == 0 else mi.Vector3f(*between)
+        problem.apply(params, values)
+        params.update()
+        light = mi.render(scene, spp=problem.spp, seed=3)[1]
+        found.append(float(np.array(loss(light, measured)).item()))
+    return np.array(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_arrival_times_fall_on_the_way(name):
+    assert np.all(np.diff(along(PROBLEMS[name], tofrender.wasserstein_loss)) < 0)
+
+
+@pytest.mark.slow
+def test_bins_and_phasors_of_a_far_wall_do_not():
+    """A difference of bins rises at first, phasors of too high a frequency as well."""
+    axis = {"start_opl": 1.5, "bin_width_opl": 0.05}
+    phasors = partial(tofrender.phasor_loss, frequency_hz=300e6, **axis)
+    for loss in (tofrender.l2_loss, phasors):
+        falls = np.diff(along(PROBLEMS["wall"], loss))
+        assert np.any(falls[:4] > 0)
+        assert np.all(falls[-2:] < 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_is_found(name):
+    problem = PROBLEMS[name]
+    found = problem.fit(loss="wasserstein", steps=120)
+    off = problem.off(found.values)
+    assert all(off[each] < limit for each, limit in problem.within.items()), found
+
+
+def test_the_patch_starts_ten_centimetres_off():
+    problem = PROBLEMS["patch"]
+    assert 0.0995 < problem.off(problem.start)["place"] < 0.1005
+
+
+@pytest.mark.slow
+def test_a_far_wall_goes_away_and_turns_black_by_bins():
+    """The nearest that L2 finds to light in wrong bins is no light."""
+    found = PROBLEMS["wall"].fit(loss="l2", steps=80)
+    assert found.values["albedo"] < 0.05
+    assert found.values["depth"] > 2.5
+
+
+def test_warns_once_of_what_becomes_hidden():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        PROBLEMS["wall"].fit(steps=3)
+    assert [each.category for each in caught] == [VisibilityWarning]
+    assert str(caught[0].message).startswith("params = 'wall.to_world': ")

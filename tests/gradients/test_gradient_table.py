@@ -1,0 +1,268 @@
+"""Derivatives of renders: closed forms, both modes, differences, and steps that add up.
+
+False alarms: each comparison of a moment is within three standard errors of 16 seeds, which right
+code misses in 0.9 % of all choices of seeds (Student, 15 degrees of freedom); seeds are fixed.
+Bins are compared by `agree`, at the suite's one alpha.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from gradient_cases import (
+    CASES,
+    CORRIDOR,
+    DEPTH,
+    GATED_PLANE,
+    LIGHT,
+    LIGHT_2,
+    MIRROR,
+    PLANE,
+    PLANE_2,
+    RADIUS,
+    RADIUS_2,
+)
+from gradient_forms import Bins
+from gradient_of import attached, differences, forward, reverse
+from support import agree, over_seeds
+
+from tofrender.integrators import passes
+
+SEEDS = range(16)
+HALF_PERCENT, STANDARD_ERRORS = 5e-3, 3
+ROUNDING = 2e-4
+"""Of lengths in single precision, which samples that are spread evenly do not hide."""
+
+OF_BINS = 5e-3
+"""The same of a bin, which light enters and leaves; relative to the bin that changes most."""
+
+
+def forward_samples(case, seeds=SEEDS, spp: int = 0, **options) -> np.ndarray:
+    return over_seeds(lambda seed: forward(case, spp=spp, seed=seed, **options), seeds)
+
+
+def require_close(samples: np.ndarray, expected: float, what: str = "") -> None:
+    """Within half a percent, and within three standard errors and rounding."""
+    off = abs(samples.mean() - expected)
+    error = samples.std(ddof=1) / math.sqrt(samples.size)
+    assert off <= HALF_PERCENT * abs(expected), (what, samples.mean(), expected)
+    assert off <= STANDARD_ERRORS * error + ROUNDING * abs(expected), (what, off, error)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", CASES)
+def test_derivative_is_the_closed_form(name):
+    case = CASES[name]
+    samples, expected = forward_samples(case), case.expected()[1]
+    for what, weights in case.weights().items():
+        require_close(samples @ weights, float(weights @ expected), what)
+    if isinstance(case.seen, Bins):
+        whole = 2 * np.abs(expected).max()  # Beside which rounding of all is nothing
+        assert agree(samples + whole, expected + whole, rounding=OF_BINS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_reverse_is_forward(name):
+    """The same seed gives the same paths: all moments, and a sum of bins with random weights."""
+    case = CASES[name]
+    found = forward(case, seed=3)
+    weights = {**case.weights(), "random": np.random.default_rng(5).normal(size=found.size)}
+    for what, each in weights.items():
+        scale = np.abs(each * found).sum()
+        assert reverse(case, each, seed=3) == pytest.approx(
+            float(each @ found), abs=1e-4 * scale
+        ), what
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampling", ["detached", "attached"])
+@pytest.mark.parametrize("case", [PLANE_2, LIGHT, CORRIDOR], ids=lambda case: case.row)
+def test_both_kinds_of_sampling(case, sampling):
+    samples = forward_samples(case, gradient_sampling=sampling)
+    expected = case.expected()[1]
+    for what, weights in case.weights().items():
+        require_close(samples @ weights, float(weights @ expected), what)
+    weights = case.weights()["moment"]
+    found = reverse(case, weights, seed=3, gradient_sampling=sampling)
+    assert found == pytest.approx(float(samples[3] @ weights), rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.row != "index"])
+def test_derivative_is_that_of_differences(name):
+    """The pass for derivatives has a seed of its own, with which differences have its paths.
+
+    Not of an index, by which light takes the other way at an interface: differences are noise.
+    """
+    case = CASES[name]
+    seed = int(mi.sample_tea_32(mi.UInt32(7), 1)[0][0])
+    found, expected = forward(case, seed=7), differences(case, seed=seed)
+    for what, weights in case.weights().items():
+        scale = np.abs(weights * expected).sum()
+        assert weights @ found == pytest.approx(weights @ expected, abs=1e-2 * scale), what
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [RADIUS_2, LIGHT_2], ids=lambda case: case.scene)
+def test_lamps_that_paths_run_into(case):
+    """Without connections: a lamp that moves or grows takes the hit points of paths with it.
+
+    Were directions kept instead, nothing would change but lengths: what enters at the lamp's edge
+    would be missing, all of the sum's derivative. Half of it is missing where hits are half.
+    """
+    samples = forward_samples(case, range(8), emitter_sampling=False, spp=1 << 17)
+    weights, expected = case.weights()["sum"], case.expected()[1]
+    assert (samples @ weights).mean() == pytest.approx(weights @ expected, rel=2e-2)
+
+
+# ------------------------------------------------------------------------------- many samples
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [PLANE, RADIUS, DEPTH, GATED_PLANE, MIRROR], ids=lambda c: c.name)
+def test_steps_add_up(case, monkeypatch):
+    """A render of many steps has the derivative of one of a single step, in both modes."""
+    whole, expected = forward(case, seed=3), case.expected()[1]
+    for name in ("STEP_SAMPLES", "FIRST_SAMPLES"):
+        monkeypatch.setattr(passes, name, case.spp // 8)
+    found = forward(case, seed=3)
+    for what, weights in case.weights().items():
+        value = float(weights @ expected)
+        assert weights @ found == pytest.approx(value, rel=HALF_PERCENT), what
+        assert weights @ found == pytest.approx(weights @ whole, rel=HALF_PERCENT), what
+        assert reverse(case, weights, seed=3) == pytest.approx(float(weights @ found), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_more_samples_than_a_pass_takes():
+    """Sums in single precision take 2^16 samples of a pixel at most."""
+    expected = PLANE.expected()[1]
+    for what, weights in PLANE.weights().items():
+        value = float(weights @ expected)
+        assert forward(PLANE, spp=1 << 17) @ weights == pytest.approx(value, rel=1e-3), what
+        assert reverse(PLANE, weights, spp=1 << 17) == pytest.approx(value, rel=1e-3), what
+
+
+@pytest.mark.slow
+def test_hidden_lamps_that_move():
+    """Camera rays go on behind them, which is no derivative of theirs; light still comes."""
+    found = forward(LIGHT_2, seed=3, hide_emitters=True)
+    weights = LIGHT_2.weights()["sum"]
+    assert found @ weights == pytest.approx(LIGHT_2.expected()[1] @ weights, rel=HALF_PERCENT)
+    back = reverse(LIGHT_2, weights, seed=3, hide_emitters=True)
+    assert back == pytest.approx(found @ weights, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_many_samples_are_not_lost():
+    """Single precision would lose small addends beside a large sum: 6e-4 of a million."""
+    few, many = (forward(PLANE, seed=3, spp=spp).sum() for spp in (1 << 14, 1 << 20))
+    assert many == pytest.approx(few, rel=2e-4)
+
+
+def test_samples_for_derivatives_alone():
+    """`spp_grad` and `seed_grad`, as Mitsuba has them."""
+    loaded = PLANE.load()
+    parameters = mi.traverse(loaded)
+    theta = mi.Float(0.0)
+    dr.enable_grad(theta)
+    PLANE.set(parameters, theta)
+    options = {"spp": 4, "seed": 0, "spp_grad": 1 << 12, "seed_grad": 9}
+    _, transient = mi.render(loaded, parameters, **options)
+    dr.forward(theta)
+    found, expected = PLANE.mean(dr.grad(transient)), PLANE.expected()[1]
+    for what, weights in PLANE.weights().items():
+        assert weights @ found == pytest.approx(weights @ expected, rel=HALF_PERCENT), what
+
+
+def test_steady_and_transient_have_the_same_derivative():
+    """The window holds all light: bins add up to the picture, and so do their derivatives."""
+    loaded = PLANE.load()
+    parameters = mi.traverse(loaded)
+    theta = mi.Float(0.0)
+    dr.enable_grad(theta)
+    PLANE.set(parameters, theta)
+    steady, transient = mi.render(loaded, parameters, spp=1 << 10)
+    dr.forward(theta)
+    bins, picture = (np.array(dr.grad(each), dtype=np.float64) for each in (transient, steady))
+    assert bins.sum(axis=2) == pytest.approx(picture[..., : bins.shape[-1]], rel=1e-3)
+    assert np.abs(picture).max() > 0.03
+
+
+def test_a_loss_that_is_not_linear():
+    """Squares of bins against a target: the chain rule, by Dr.Jit, in both modes."""
+    expected, change = PLANE.expected()
+    target = 0.8 * expected
+
+    def loss():
+        loaded = PLANE.load()
+        parameters = mi.traverse(loaded)
+        theta = mi.Float(0.0)
+        dr.enable_grad(theta)
+        PLANE.set(parameters, theta)
+        _, transient = mi.render(loaded, parameters, spp=1 << 14)
+        goal = mi.TensorXf(np.repeat(target, 3).reshape(transient.shape).astype(np.float32))
+        return theta, dr.sum(dr.square(transient - goal), axis=None) / 3
+
+    value = 2 * float((expected - target) @ change)
+    theta, squares = loss()
+    dr.backward(squares)
+    assert dr.grad(theta)[0] == pytest.approx(value, rel=2e-2)
+    theta, squares = loss()
+    dr.forward(theta)
+    assert dr.grad(squares).array[0] == pytest.approx(value, rel=2e-2)
+
+
+def test_a_primal_render_is_not_changed():
+    """With and without parameters, the same picture."""
+    loaded = PLANE.load()
+    parameters = mi.traverse(loaded)
+    dr.enable_grad(parameters[PLANE.key])
+    parameters.update()
+    attached = mi.render(loaded, parameters, spp=64, seed=2)
+    plain = mi.render(PLANE.load(), spp=64, seed=2)
+    for mine, other in zip(attached, plain, strict=True):
+        assert np.array(mine) == pytest.approx(np.array(other), rel=1e-5)
+
+
+def test_two_parameters_at_once():
+    """The gradient of one render by several parameters is each one's own."""
+    loaded = PLANE.load()
+    parameters = mi.traverse(loaded)
+    z, albedo = mi.Float(0.0), mi.Float(0.5)
+    dr.enable_grad(z, albedo)
+    PLANE.set(parameters, z)
+    parameters["floor.bsdf.reflectance.value"] = mi.Color3f(albedo)
+    parameters.update()
+    _, transient = mi.render(loaded, parameters, spp=1 << 13)
+    weights = PLANE.weights()["moment"]
+    dr.backward(dr.sum(transient.array * PLANE.tensor_weights(weights, transient.shape)))
+    value, change = PLANE.expected()
+    assert dr.grad(z)[0] == pytest.approx(weights @ change, rel=HALF_PERCENT)
+    assert dr.grad(albedo)[0] == pytest.approx(weights @ value / 0.5, rel=HALF_PERCENT)
+
+
+@pytest.mark.slow
+def test_pixels_keep_their_own_derivatives():
+    """A film of 4 x 4: forward of each pixel's bins, and reverse of one pixel alone."""
+    case = replace(PLANE, spp=1 << 8)
+    described = case.describe()
+    film = described["sensor"]["film"] | {"width": 4, "height": 4}
+    described["sensor"] = described["sensor"] | {"film": film}
+    case = replace(case, describe=lambda: dict(described))
+    theta, transient = attached(case, seed=2)
+    dr.forward(theta)
+    pixels = np.array(dr.grad(transient), dtype=np.float64)
+    mean = pixels.mean(axis=(0, 1, 3))
+    weights = case.weights()["moment"]
+    assert weights @ mean == pytest.approx(weights @ case.expected()[1], rel=2e-2)
+    theta, transient = attached(case, seed=2)
+    dr.backward(dr.sum(transient[1, 2], axis=None))
+    assert dr.grad(theta)[0] == pytest.approx(pixels[1, 2].sum(), rel=1e-4)

@@ -1,0 +1,5 @@
+"""Fitting a scene to what was measured, by gradients through arrival time."""
+
+from ..runtime.lazy import on_demand
+
+__getattr__, __dir__, __all__ = on_demand(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
