@@ -121,6 +121,17 @@ def test_fingerprints_tell_scenes_apart_and_nothing_else():
     assert of(box()) == of(box(spp=7, temporal_bins=3, width=8, height=8)) == prints[0]
 
 
+@pytest.mark.parametrize("given", [{}, {"pulse_width_opl": 0.1}], ids=["no pulse", "a pulse"])
+def test_a_scene_has_the_same_fingerprint_once_it_is_rendered(given):
+    """Who has asked a scene for its parameters has not changed it."""
+    loaded = mi.load_dict(box())
+    tracer = mi.load_dict({"type": "transient_path"} | given)
+    before = fingerprint(loaded, loaded.sensors()[0], tracer)
+    mi.render(loaded, mi.traverse(loaded), integrator=tracer, spp=1)
+    mi.traverse(tracer)
+    assert fingerprint(loaded, loaded.sensors()[0], tracer) == before
+
+
 @pytest.mark.parametrize(
     ("plugin", "name", "values"),
     [

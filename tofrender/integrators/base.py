@@ -286,15 +286,15 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def traverse(self, callback):
         """Show Mitsuba the width of the light's pulse, if that is Gaussian."""
-        self._width = getattr(self.pulse, "width", None)
-        if self._width is not None:
+        self.shown_width = getattr(self.pulse, "width", None)
+        if self.shown_width is not None:
             kind = mi.ParamFlags.Differentiable
-            callback.put("pulse_width_opl", self._width, kind)
+            callback.put("pulse_width_opl", self.shown_width, kind)
 
     def parameters_changed(self, keys=()):
         """Take the width that was set."""
         if "pulse_width_opl" in keys:
-            width: Any = self._width
+            width: Any = self.shown_width
             self.pulse = GaussianPulse(width)
 
     def recording(self, film: Any) -> Recording:

@@ -22,9 +22,10 @@ def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
         Twelve hexadecimal digits.
     """
     parts = [type(integrator).__name__, sensor.class_name()]
-    for name, value in {"hide_emitters": None, **getattr(integrator, "__dict__", {})}.items():
-        value = getattr(integrator, name, value)  # Mitsuba keeps hide_emitters
-        parts.append(f"integrator.{name} = {_said(value)}")
+    own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first
+    own.pop("shown_width", None)  # Of its pulse, and there only once somebody has traversed it
+    for name, value in own.items():
+        parts.append(f"integrator.{name} = {_said(getattr(integrator, name, value))}")
     parts += [f"{shape.class_name()} {shape.bsdf().class_name()}" for shape in scene.shapes()]
     parts += [emitter.class_name() for emitter in scene.emitters()]
     for prefix, part in (("scene", scene), ("sensor", sensor)):
