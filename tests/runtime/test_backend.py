@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import subprocess
 import sys
@@ -323,37 +322,3 @@ def test_mitransient_in_the_same_process(imports, owner):
     lines = says(_EXCHANGE.format(imports=imports), CUDA_VISIBLE_DEVICES="-1")
     path = "TransientPath"
     assert lines == [owner or "tofrender", "True", path, path, "9", "9"]
-
-
-# --------------------------------------------------------------------- the garbage collector
-
-
-def test_nothing_is_collected_while_a_kernel_is_traced():
-    """A scene that goes in the middle would leave a kernel that LLVM ends the process over."""
-    collects = []
-
-    class Pulse:
-        def eval(self, t):
-            collects.append(gc.isenabled())
-            return tofrender.GaussianPulse(0.1).eval(t)
-
-    scene = mi.load_dict(tofrender.cornell_box(width=8, height=8))
-    integrator = tofrender.TimeGatedTransientPath()
-    integrator.pulse = Pulse()
-    tofrender.render_at_time(scene, integrator, scene.sensors()[0], 6.0, spp=4)
-    assert collects
-    assert not any(collects)
-    assert gc.isenabled()
-
-
-def test_who_has_turned_the_collector_off_finds_it_off():
-    gc.disable()
-    try:
-        with backend.uncollected():
-            assert not gc.isenabled()
-        assert not gc.isenabled()
-    finally:
-        gc.enable()
-    with pytest.raises(RuntimeError), backend.uncollected():
-        raise RuntimeError
-    assert gc.isenabled()

@@ -243,5 +243,8 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
     y = pixel // width
     size: Any = mi.ScalarVector2f(width, height)
     centre = (mi.Point2f(pixel - y * width, y) + 0.5) / size
-    ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
-    return camera, ray, first_surface(scene, ray)
+    with backend.uncollected():
+        ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
+        si = first_surface(scene, ray)
+        dr.eval(ray, si)
+    return camera, ray, si

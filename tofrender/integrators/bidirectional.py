@@ -23,6 +23,7 @@ from ..paths.scattering import Materials
 from ..paths.sharing import Sharing
 from ..paths.walk import deliver, walk
 from ..runtime import checks
+from ..runtime.backend import uncollected
 from ..signals.polarisation import unpolarised
 from .plan import Plan
 from .time_gated import NO_TARGET, Gate
@@ -80,6 +81,7 @@ class BidirectionalPlan(Plan):
         """None: connections of the lens find their light, too."""
         return ()
 
+    @uncollected()
     def trace(
         self,
         sampler: mi.Sampler,

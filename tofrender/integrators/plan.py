@@ -72,6 +72,7 @@ class Plan:
         place = self.space.place(ray)
         return Path.start(endpoint.begin(ray), origin, active, memory, guide, place, frame)
 
+    @uncollected()
     def trace(
         self,
         sampler: mi.Sampler,
@@ -101,8 +102,7 @@ class Plan:
             not_finite += deliver(measurement, light)
         path = self.start(endpoint, ray, origin, active, frame)
         parts = self.space, endpoint, self.scattering, measurement, self.limits
-        with uncollected():
-            measurement, path = walk(sampler, path, *parts)
+        measurement, path = walk(sampler, path, *parts)
         path.not_finite += not_finite + more
         return measurement, path
 

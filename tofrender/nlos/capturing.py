@@ -16,6 +16,7 @@ from ..rendering.asked import Asked
 from ..rendering.job import Job, carry_out, collect, decide
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
+from ..runtime.backend import uncollected
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import hidden, status
 from ..scenes.packing import packed
@@ -178,6 +179,7 @@ def _laser_points_again(axis: Any, **arguments: Any) -> LaserPoints:
     return LaserPoints(place_of_capture(**arguments), _laser_points_again)
 
 
+@uncollected()
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
     """The point that the laser of a single capture lights, and the wall's normal there."""
     ray = mi.Ray3f(*axis(find_laser(scene)))

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.surfaces import is_on
+from ..runtime.backend import uncollected
 from ..scenes.loading import load_scene
 from .device.relay_wall import DEFAULT_ID, find_shapes
 
@@ -21,6 +22,7 @@ LAYERS = 256
 """Other surfaces that a ray may pass on its way to a hidden one."""
 
 
+@uncollected()
 def hidden_depth(
     scene: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     where: xr.Dataset,

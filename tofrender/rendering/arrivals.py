@@ -13,6 +13,7 @@ import numpy as np
 from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
+from ..runtime.backend import uncollected
 from ..runtime.progress import shown
 from ..signals.polarisation import intensity
 
@@ -91,6 +92,7 @@ class Arrivals:
 
 
 @shown("Looking for light")
+@uncollected()
 def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arrivals:
     """Trace 16384 paths through random pixels of a film's crop and note when light arrives."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})

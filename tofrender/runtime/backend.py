@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -33,14 +34,26 @@ def uncollected() -> Iterator[None]:
     A scene that nobody holds any more may live in a cycle until it is collected. Dr.Jit calls the
     parts of all scenes that live: if one goes in the middle, equal functions of one kernel are
     called in two ways, written twice, and LLVM ends the process ("invalid redefinition").
+
+    Also a decorator. Several threads may trace at a time: the last one lets it go on.
     """
-    collects = gc.isenabled()
-    gc.disable()
+    global _tracing, _collects
+    with _lock:
+        if not _tracing:
+            _collects = gc.isenabled()
+        _tracing += 1
+        gc.disable()
     try:
         yield
     finally:
-        if collects:
-            gc.enable()
+        with _lock:
+            _tracing -= 1
+            if _collects and not _tracing:
+                gc.enable()
+
+
+_lock = threading.Lock()
+_tracing, _collects = 0, False
 
 
 class BackendError(RuntimeError):

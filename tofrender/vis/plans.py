@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
+from ..runtime.backend import uncollected
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import few_ticks, fit_height, wrapped
 from .figures import picture_aspect
@@ -234,6 +235,7 @@ def _draw_laser(axes: Axes, beam: Array) -> None:
     axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", zorder=10, linestyle="none")
 
 
+@uncollected()
 def _reach(scene: Any, ray: Any) -> tuple[Array, Array]:
     """Where rays start and end [m], each of shape (n, 3).
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...runtime import checks
+from ...runtime.backend import uncollected
 from .laser import axis, find_laser
 
 
@@ -111,6 +112,7 @@ class NLOSCaptureMeter(mi.Sensor):
         uv = [(k + 0.5) / n for k, n in zip(where, self.film().size(), strict=True)]
         return self.get_shape().sample_position(0.0, mi.Point2f(*uv), True).p
 
+    @uncollected()
     def follow_laser(self, scene: mi.Scene) -> None:
         """Look at what the laser looks at, if the film is one pixel of an original one."""
         if self.follows_laser:

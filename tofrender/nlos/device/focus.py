@@ -10,9 +10,11 @@ import numpy as np
 
 from ...paths.surfaces import first_surface
 from ...runtime import checks
+from ...runtime.backend import uncollected
 from .laser import find_laser, follow_meters, forget_meters, turn
 
 
+@uncollected()
 def focus_laser(
     scene: mi.Scene,
     *,

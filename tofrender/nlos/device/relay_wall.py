@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
+from ...runtime.backend import uncollected
 
 DEFAULT_ID = "relay_wall"
 
@@ -117,6 +118,7 @@ def parse_ids(what: str, value: Any) -> list[str] | None:
     return [each.strip() for each in value.split(",")]
 
 
+@uncollected()
 def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
     """Rays through the centres of a sensor's pixels, row by row, and what they meet."""
     width, height = (int(n) for n in sensor.film().crop_size())
@@ -126,6 +128,7 @@ def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.Surface
     return mi.Ray3f(ray), first_surface(scene, mi.Ray3f(ray))
 
 
+@uncollected()
 def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
     """The shapes that the centres of a sensor's pixels look at; none without a sensor."""
     if sensor is None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...paths.protocols import Scattering, Space
 from ...paths.records import Path
+from ...runtime.backend import uncollected
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
 from .laser_spot import LaserSpot, Spot
@@ -71,6 +72,7 @@ class LaserInMedia(LaserSpot):
         )
 
 
+@uncollected()
 def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
     """Refuse fog on the way of a laser to the very points that the sensor looks at.
 

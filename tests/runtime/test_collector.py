@@ -1,0 +1,197 @@
+"""Python's garbage collector and kernels: it must wait while one is traced."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import traceback
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import pytest
+
+import tofrender
+from tofrender.runtime import backend
+
+HERE = str(Path(tofrender.__file__).parent)
+TRACED = {
+    mi.Scene: (
+        *("ray_intersect", "ray_intersect_preliminary", "ray_test", "sample_emitter"),
+        *("sample_emitter_direction", "pdf_emitter_direction", "eval_emitter_direction"),
+    ),
+    mi.BSDFPtr: ("eval", "pdf", "eval_pdf", "sample", "flags"),
+    mi.EmitterPtr: ("eval", "flags", "sample_direction", "pdf_direction"),
+    mi.MediumPtr: ("sample_interaction", "get_scattering_coefficients", "get_majorant"),
+    mi.PhaseFunctionPtr: ("sample", "eval_pdf"),
+}
+
+
+@pytest.fixture
+def seen(monkeypatch):
+    """Calls of a scene's parts, and those of them during which scenes might be collected."""
+    calls: list[str] = []
+    open_calls: set[str] = set()
+
+    def watch(owner, name):
+        real = getattr(owner, name)
+
+        def watched(*args, **kwargs):
+            calls.append(name)
+            if gc.isenabled():
+                stack = [f for f in traceback.extract_stack() if f.filename.startswith(HERE)]
+                where = f"{stack[-1].filename[len(HERE) + 1 :]}:{stack[-1].lineno}" if stack else ""
+                open_calls.add(f"{owner.__name__}.{name} at {where}")
+            return real(*args, **kwargs)
+
+        monkeypatch.setattr(owner, name, watched)
+
+    for owner, names in TRACED.items():
+        for name in names:
+            watch(owner, name)
+    return calls, open_calls
+
+
+def small(**changes):
+    return mi.load_dict(tofrender.cornell_box(width=4, height=4, **changes))
+
+
+def foggy():
+    return tofrender.load_scene("cornell_box_fog", width=4, height=4)
+
+
+def rendered(scene, integrator):
+    kind = {"type": integrator, "max_depth": 4}
+    tofrender.render(scene, spp=2, integrator=kind, progress=False, window="auto")
+
+
+def at_a_time():
+    scene = small()
+    tracer = tofrender.TimeGatedTransientPath()
+    tofrender.render_at_time(scene, tracer, scene.sensors()[0], 6.0, spp=2, progress=False)
+
+
+def at_many_times():
+    scene = small()
+    film = {"temporal_bins": 3, "start_opl": 4, "bin_width_opl": 1}
+    tracer = tofrender.TimeGatedTransientPath()
+    tofrender.render_transient(scene, tracer, scene.sensors()[0], film, spp=2, progress=False)
+
+
+def as_phasors():
+    scene = small()
+    camera, tracer = scene.sensors()[0], scene.integrator()
+    tofrender.render_amcw_phasor(scene, camera, [20e6], 2, 0, tracer, progress=False)
+
+
+def derived(reverse):
+    scene = small()
+    tracer = mi.load_dict({"type": "transient_path", "pulse_width_opl": 0.1, "max_depth": 3})
+    params = mi.traverse(scene)
+    name = "white.reflectance.value"
+    dr.enable_grad(params[name])
+    params.update()
+    _, transient = mi.render(scene, params, integrator=tracer, spp=2)
+    if reverse:
+        dr.backward(dr.sum(transient.array))
+    else:
+        dr.forward(params[name])
+
+
+def captured(mode):
+    data = tofrender.capture("nlos_plane", mode=mode, grid=(2, 2), spp=2, progress=False)
+    tofrender.hidden_depth("nlos_plane", data)
+
+
+def seen_in_truth():
+    scene = small()
+    tofrender.true_depth(scene)
+    tofrender.true_normals(scene)
+
+
+WORK = {
+    "transient_path": lambda: rendered(small(), "transient_path"),
+    "transient_bdpt": lambda: rendered(small(), "transient_bdpt"),
+    "transient_light_tracer": lambda: rendered(small(), "transient_light_tracer"),
+    "path_tracer_mis": lambda: rendered(small(), "path_tracer_mis"),
+    "fog": lambda: rendered(foggy(), "transient_path"),
+    "fog from both ends": lambda: rendered(foggy(), "transient_bdpt"),
+    "mi.render": lambda: mi.render(small(), spp=2),
+    "gate": at_a_time,
+    "gates": at_many_times,
+    "phasors": as_phasors,
+    "gradient": lambda: derived(reverse=True),
+    "rate": lambda: derived(reverse=False),
+    "single": lambda: captured("single"),
+    "confocal": lambda: captured("confocal"),
+    "exhaustive": lambda: captured("exhaustive"),
+    "truth": seen_in_truth,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("work", WORK)
+@pytest.mark.filterwarnings("ignore:.*arrives outside the window")
+def test_nothing_is_collected_while_a_kernel_is_traced(work, seen):
+    """A scene that goes in the middle would leave a kernel that LLVM ends the process over."""
+    calls, open_calls = seen
+    WORK[work]()
+    assert calls
+    assert not open_calls
+    assert gc.isenabled()
+
+
+def test_who_watches_sees_a_collector_that_does_not_wait(seen):
+    calls, open_calls = seen
+    scene = small()
+    scene.ray_test(mi.Ray3f([0, 0, 3], [0, 0, -1]))
+    assert calls == ["ray_test"]
+    assert open_calls
+
+
+def test_pulses_are_asked_while_the_collector_waits():
+    collects = []
+
+    class Pulse:
+        def eval(self, t):
+            collects.append(gc.isenabled())
+            return tofrender.GaussianPulse(0.1).eval(t)
+
+    scene = small()
+    tracer = tofrender.TimeGatedTransientPath()
+    tracer.pulse = Pulse()
+    tofrender.render_at_time(scene, tracer, scene.sensors()[0], 6.0, spp=4)
+    assert collects
+    assert not any(collects)
+    assert gc.isenabled()
+
+
+def test_who_has_turned_the_collector_off_finds_it_off():
+    gc.disable()
+    try:
+        with backend.uncollected():
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+    with pytest.raises(RuntimeError), backend.uncollected():
+        raise RuntimeError
+    assert gc.isenabled()
+
+
+def test_the_last_thread_that_traces_lets_the_collector_go_on():
+    begun, end = threading.Event(), threading.Event()
+
+    def trace():
+        with backend.uncollected():
+            begun.set()
+            end.wait(10)
+
+    other = threading.Thread(target=trace)
+    with backend.uncollected():
+        other.start()
+        assert begun.wait(10)
+    assert not gc.isenabled()
+    end.set()
+    other.join()
+    assert gc.isenabled()
