@@ -60,6 +60,9 @@ def test_drawn_lids(submission):
     expect.estimate(grey.mean(axis=2), wanted, what, rounding=5e-3, hint=hint)
     expect.close(came["radiance"][:, 9], 0.0, "value where there is no surface, but a sky")
     expect.close(came["met"][:9], 1.0, "lanes that met a surface")
+    in_the_open = np.max(came["deviation"][4:8])
+    text = f"standard deviation in the open must be 0, each estimate is 1; it is {in_the_open:.3g}"
+    expect.true(in_the_open < 0.1, text, hint="draw with the density cos / pi: f/p is V")
     most = np.max(came["deviation"])
     text = f"standard deviation of one direction's estimate must be below 1.2; it is {most:.3g}"
     expect.true(most < 1.2, text, hint="draw with the density cos / pi: each estimate is 0 or 1")

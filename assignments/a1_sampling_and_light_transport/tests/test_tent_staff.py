@@ -10,6 +10,13 @@ from tofrender.course.judge import expect
 pytestmark = pytest.mark.a1_tent
 
 
+def random_ends(random):
+    """Numbers of which one at least is 0, next to it, or next to 1."""
+    rest = random.uniform(0.1, 0.9, 6)
+    ends = np.array([0.0, 1e-7, 1 - 1e-7] * 2)
+    return np.where(np.arange(6)[:, None] < [3, 3], np.c_[ends, rest], np.c_[rest, ends])
+
+
 def test_regular_numbers(submission):
     """Numbers that cover the square evenly, twice; and one number for each coordinate."""
     square = drawn.regular(submission.random)
@@ -17,6 +24,13 @@ def test_regular_numbers(submission):
     expect.true(np.abs(p).max() <= 1, "all points must lie in [-1, 1]^2")
     u = formulas.tent_cdf(p)
     drawn.even(formulas.cells(u, (0, 0), (1, 1), (12, 12)), np.full((12, 12), 1 / 144), "points")
+    ends = random_ends(submission.random)
+    t = submission.ask("warp", name="square_to_tent", points=ends)
+    at_end = (ends < 1e-6) | (ends > 1 - 1e-6)
+    hint = "P1(t) = u has an exact solution near 0 and 1, too"
+    expect.close(
+        np.abs(t[at_end]), 1.0, "|x| and |y| for u and v near 0 and 1", atol=3e-3, hint=hint
+    )
     one = submission.ask("warp", name="square_to_tent", points=square[:1])
     expect.close(one, p[:1], "a single point, as one of many", atol=1e-5)
 

@@ -58,6 +58,10 @@ WRONG = {
     "The density integrates to 1.2.": (EVAL, f"1.2 * {EVAL}"),
     "The last tenth of the pulse is never drawn.": ("1 - xi", "1 - 0.9 * xi"),
     "Samples are too far apart, by half.": (SAMPLE, f"-1.5 * {SAMPLE[1:]}"),
+    "Samples have the right mean, but half the spread.": (
+        SAMPLE,
+        f"0.5 * self.width_opl - 0.5 * {SAMPLE[1:]}",
+    ),
     "Samples come late, by half a width.": (SAMPLE, f"0.5 * self.width_opl {SAMPLE}"),
     "The end ξ = 1 is not finite.": ("dr.maximum(1 - xi, 2**-24)", "1 - xi"),
     "The end ξ = 0 is not finite.": ("dr.maximum(1 - xi, 2**-24)", "xi"),

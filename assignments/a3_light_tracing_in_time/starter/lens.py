@@ -49,7 +49,7 @@ class Lens(Window):
         """Connect points of the scene to a point on the lens.
 
         Args:
-            p: The points [m].
+            p: The points [m]; they stay as they are.
             lens: The point on the lens, of `sample` [m].
 
         Returns:

@@ -54,6 +54,7 @@ def lens_arrival(theirs, view, p):
     came = lens.arrive(points, on_lens)
     zero = points.x * 0
     return {
+        "points": mi.Point3f(points) + zero,
         "sampled": mi.Point3f(on_lens) + zero,
         "lens": mi.Point3f(came.lens) + zero,
         "near": came.near + zero,

@@ -66,6 +66,8 @@ def test_any_point(submission):
         came = submission.ask("lens_arrival", view=options, p=p[some])
         hint = "in the window, before the camera, with a depth from near_clip to far_clip"
         expect.close(came["seen"], wanted[some], "seen", hint=hint)
+        still = "write p - lens; p -= lens changes the caller's points"
+        expect.close(came["points"].T, p[some], "points after the call", atol=1e-5, hint=still)
         there = some[wanted[some]]
         mine = np.flatnonzero(wanted[some])
         hint = "(x, y) / z, less the corner, over the extent, times the size"
