@@ -39,7 +39,8 @@ def test_shares_of_indirect_light(submission):
 def test_several_lamps(submission):
     """A spot, a panel and a point on a floor, metal or seen from its back: what each end finds."""
     random = submission.random
-    options = drawn.over_floor(random)
+    options = drawn.over_floor(random, fov=drawn.between(random, 105, 115))
+    options["target"] = [*options["origin"][:2], 0.0]  # So wide that both ends find much
     view = formulas.View(**options)
     d = view.pixels(16)
     at, spot = drawn.above(random), drawn.above(random)
