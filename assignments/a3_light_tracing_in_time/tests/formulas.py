@@ -354,13 +354,12 @@ def through_slab(
 
 
 def into_water(view, depth, light, intensity, albedo=0.5, index=1.33, count=1 << 18):
-    """Light that water lets in, seen on its floor from inside: parts of the mean, and lengths."""
+    """Light that water lets in, on its floor: parts of the film's mean."""
     u, v = even(count, 2)
     reflected, inside = fresnel(u, index)
     r = (light - depth) * np.sqrt(1 - u**2) / u + depth * np.sqrt(1 - inside**2) / inside
     power = 2 * math.pi * intensity * (1 - reflected) / count
-    part, seen = _landing(view, r, 2 * math.pi * v, 0.0, power, 0.0, albedo)
-    return part, (light - depth) / u + index * (depth / inside + seen)
+    return _landing(view, r, 2 * math.pi * v, 0.0, power, 0.0, albedo)[0]
 
 
 def through_ball(view, radius, light, floor_z, intensity, albedo=0.5, index=1.5, count=1 << 18):

@@ -39,7 +39,7 @@ def test_through_a_slab(submission):
 
 def test_into_water(submission):
     """A point light over water, whose floor a camera in it sees."""
-    part, _ = formulas.into_water(formulas.View(**BELOW), **WATER)
+    part = formulas.into_water(formulas.View(**BELOW), **WATER)
     steady, _ = render(
         submission, "under_water", BELOW, integrator={"max_depth": 3}, spp=4096, **WATER
     )
