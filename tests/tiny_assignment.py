@@ -152,10 +152,10 @@ def wide(titles: Iterable[str], endless: Collection[str] = ()) -> dict[str, str]
 
     Args:
         titles: The problems' titles.
-        endless: Those of problems that get 2 s for an answer instead of 6.
+        endless: Those of problems that get 2 s for an answer instead of 30.
     """
     head = '[assignment]\nid = "a0"\ntitle = "Sums"\nalso_withhold = ["tofrender.nlos.light"]\n'
-    problems = (PROBLEM.format(n, t, 2 if t in endless else 6) for n, t in enumerate(titles))
+    problems = (PROBLEM.format(n, t, 2 if t in endless else 30) for n, t in enumerate(titles))
     files = {
         "rubric.toml": head + "".join(problems),
         "pytest.ini": FILES["pytest.ini"],

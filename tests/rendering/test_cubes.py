@@ -39,6 +39,7 @@ def film(channels: str = "RGB", **attrs):
 # ------------------------------------------------------------------------------------- the class
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunks", [None, CHUNKS, {"y": 13, "x": 11, "opl": 17}, {"x": 1}])
 @pytest.mark.parametrize("piece_bytes", [1, 700, 5000, 1 << 20])
 def test_pieces_rows_and_frames_are_the_whole(monkeypatch, chunks, piece_bytes):

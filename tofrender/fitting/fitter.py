@@ -149,8 +149,8 @@ def fit(
         >>> scene = mi.load_dict({"type": "scene", **parts})
         >>> target = mi.render(scene, spp=64)
         >>> name = "wall.bsdf.reflectance.value"  # 0.5 in the scene
-        >>> found = fit(scene, {name: 0.2}, target, bounds={name: (0, 1)}, spp=16, steps=100)
-        >>> round(found.values[name], 2)
+        >>> found = fit(scene, {name: 0.2}, target, learning_rate=0.05, spp=16, steps=40)
+        >>> round(found.values[name], 1)
         0.5
     """
     backend.require_vectorised()

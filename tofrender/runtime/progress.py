@@ -34,7 +34,13 @@ def is_watched() -> bool:
     processes = sys.modules.get("multiprocessing.process")
     if processes is not None and processes.parent_process() is not None:
         return False
-    return sys.stderr.isatty() or "ipykernel" in sys.modules
+    return sys.stderr.isatty() or is_notebook()
+
+
+def is_notebook() -> bool:
+    """Whether this process is a notebook's kernel; that ipykernel was imported is not enough."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and "IPKernelApp" in shell.config
 
 
 _hidden: list[None] = []
@@ -67,7 +73,7 @@ class Bar:
         }
         self._end, self._began = threading.Event(), time.monotonic()
         self._enabled = enabled and not _hidden and is_watched()
-        if self._enabled and "ipykernel" in sys.modules:
+        if self._enabled and is_notebook():
             with warnings.catch_warnings():  # Which concern all threads
                 warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
                 _tqdm()
