@@ -15,6 +15,7 @@ import param
 from ...runtime import backend
 from ...runtime.withheld import Withheld
 from .. import looks
+from ..redrawing import Redrawing
 from .pictures import SCENES, Picture, difference, rendered, same_size, techniques
 
 SAMPLES = [1, 2, 4, 8, 16, 32, 64, 128, 256]
@@ -47,7 +48,7 @@ class Window:
         self, thread: ThreadPoolExecutor, scene: str | None, files: tuple[Picture, Picture] | None
     ) -> None:
         self._thread, self.files = thread, files
-        self._busy = self._again = False
+        self._redraw = Redrawing(self._show)
         style: dict[str, Any] = {"stylesheets": [looks.controls_style()], "width": SIDE}
         style |= {"margin": (4, 6)}
         self.scene = pn.widgets.Select(
@@ -91,27 +92,14 @@ class Window:
         self.divider.exposure = self.exposure.value
 
     async def _choose(self, _: Any) -> None:
-        self._busy, before = True, self._busy
         self._offer()
-        self._busy = before
-        await self._change(None)
+        await self._redraw()
 
     async def _change(self, _: Any) -> None:
-        """Show what is chosen; changes that come meanwhile are made together afterwards."""
-        if self._busy:
-            self._again = True
-            return
-        self._busy = True
-        try:
-            while True:
-                self._again = False
-                await self._show()
-                if not self._again:
-                    break
-        finally:
-            self._busy = False
+        await self._redraw()
 
     async def _show(self) -> None:
+        """Show what is chosen."""
         self.said.object = looks.box("", "Rendering …")
         scene, spp = self.scene.value, self.count.value
         try:

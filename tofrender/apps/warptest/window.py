@@ -14,6 +14,7 @@ import param
 
 from ...sampling.verdicts import Verdict
 from .. import looks
+from ..redrawing import Redrawing
 from . import engine
 from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, TROUBLE, Drawn, Engine
 from .subjects import SUBJECTS, Parameter
@@ -64,7 +65,7 @@ class Window:
         self.given = dict(values)
         self.verdict: Verdict | None = None
         self.drawn: Drawn | None = None
-        self._busy = self._again = self._quiet = False
+        self._quiet, self._drawing = False, Redrawing(self._draw)
         self._make_controls(subject)
         self.plot = Plot(sizing_mode="stretch_width", height=355)
         self.about = looks.text(sizing_mode="stretch_width", margin=(0, 6))
@@ -201,22 +202,10 @@ class Window:
         await self._redraw(None)
 
     async def _redraw(self, _: Any) -> None:
-        """Draw points; changes that come meanwhile are drawn together afterwards."""
-        if self._quiet:
-            return
-        self._forget(None)
-        if self._busy:
-            self._again = True
-            return
-        self._busy = True
-        try:
-            while True:
-                self._again = False
-                await self._draw()
-                if not self._again:
-                    break
-        finally:
-            self._busy = False
+        """Draw points of what is chosen now."""
+        if not self._quiet:
+            self._forget(None)
+            await self._drawing()
 
     async def _draw(self) -> None:
         source, name, values = self.source.value, self.subject.value, self.values()
