@@ -36,7 +36,7 @@ def gradients(runs: int, quick: bool) -> list[Row]:
     Means over seeds, with the standard error of their last digits. mitransient and misuka render
     what they can of the same scenes.
     """
-    from tofrender.integrators.derivatives import VisibilityWarning
+    from tofrender.integrators.differentiable import VisibilityWarning
 
     warnings.simplefilter("ignore", VisibilityWarning)  # The scenes have no edges in view
     seeds = range(1, 3 if quick else max(runs, 16) + 1)

@@ -55,7 +55,7 @@ from .integrators.amcw import (
 )
 from .integrators.ao import AmbientOcclusion as AmbientOcclusion
 from .integrators.bdpt import TransientBDPT as TransientBDPT
-from .integrators.derivatives import VisibilityWarning as VisibilityWarning
+from .integrators.differentiable import VisibilityWarning as VisibilityWarning
 from .integrators.light_tracer import TransientLightTracer as TransientLightTracer
 from .integrators.path_tracer_mats import PathTracerMats as PathTracerMats
 from .integrators.path_tracer_mis import PathTracerMIS as PathTracerMIS

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tofrender
-from tofrender.integrators.derivatives import VisibilityWarning
+from tofrender.integrators.differentiable import VisibilityWarning
 
 PULSE = 0.1
 LAMP, POWER = "lamp.position", "lamp.intensity.value"

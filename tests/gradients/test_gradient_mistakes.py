@@ -98,8 +98,8 @@ def width(factor: float) -> Callable[[Callable], Callable]:
     def planted(right: Callable) -> Callable:
         def wrong(pulse: Any, t: Any) -> Any:
             other = copy(pulse)
-            if other._tracked is not None:
-                other._tracked = attached_by(other._tracked, factor)
+            if other._width is not None:
+                other._width = attached_by(other._width, factor)
             return right(other, t)
 
         return wrong

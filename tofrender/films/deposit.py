@@ -142,7 +142,7 @@ def open_gates(
 def reached(film: Any, pulse: Any, opl: mi.Float, at_centres: bool) -> tuple[mi.Int32, mi.Int32]:
     """The first and the last bin that a pulse reaches which arrives at a length."""
     bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
-    low, high = pulse.support
+    low, high = (dr.opaque(mi.Float, each) for each in pulse.support)  # One kernel for all widths
     first, last = (opl - start + low) / width, (opl - start + high) / width
     # The arrival at opl is seen by the gate at t with p(t - opl)
     first = dr.ceil(first - 0.5) if at_centres else dr.floor(first)

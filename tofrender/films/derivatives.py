@@ -129,10 +129,11 @@ class Changes:
     def _developed(self, before: list[Any], behind: list[Any]) -> list[Any]:
         """The channels of a sample as the film develops them."""
         count = int(self.record.image.develop().shape[2]) - len(behind)
-        if count > 1:
-            return before[:count] + behind
-        grey = before[0] if mi.is_monochromatic else mi.luminance(mi.Color3f(*before[:3]))
-        return [grey, *behind]
+        colour, alpha = before[:3], before[3:]
+        if count - len(alpha) < len(colour):
+            grey = colour[0] if mi.is_monochromatic else mi.luminance(mi.Color3f(*colour))
+            colour = [grey]
+        return [*colour, *alpha, *behind]
 
     def _gradient(self, number: int) -> mi.Float:
         """The gradient of a channel; those of phasors are behind those of the picture."""

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..integrators.derivatives import VisibilityWarning
+from ..integrators.differentiable import VisibilityWarning
 from ..rendering.dataset import time_axis
 from ..runtime import backend, checks
 from ..runtime.progress import deferred_stop, progress_bar
@@ -95,11 +96,12 @@ def fit(
     learning rates are halved. The fit ends when they are below `tolerance` of what they were, after
     `steps` steps, or on Ctrl-C, SIGTERM or SIGHUP after the step under way.
 
-    Gradients know nothing of edges that move over what they hide or light (silhouettes, shadows)
-    unless the integrator says so: fit what moves in full sight. The first step warns of it.
+    Gradients know nothing of edges that move over what they hide or light (silhouettes, shadows):
+    fit what moves in full sight. The first step warns of it.
 
     Args:
-        scene: A loaded scene. It is changed, and has the best values at the end.
+        scene: A loaded scene. It is changed, and has the best values at the end, also where an
+            error ended the fit.
         params: Names and start values of what is fitted. Without `apply`, names are those of
             `mi.traverse(scene)`; parameters of it (`params.keep([...])`) do as well, and start as
             they are. A start is a number for all components, or an array.
@@ -113,8 +115,8 @@ def fit(
         loss: "l2", "phasor" or "wasserstein", see `l2_loss` and the others, or a function of the
             rendered light and the target, both tensors, that returns a number with derivatives.
         frequency_hz: The frequencies of the phasor loss [Hz].
-        optimizer: "adam", "sgd" or an optimiser of Mitsuba's without variables, whose own learning
-            rate is replaced.
+        optimizer: "adam", "sgd" or an optimiser of Mitsuba's without variables, of which the
+            settings are taken, but for the learning rate; it stays as it is.
         learning_rate: About how far Adam moves a value in a step, in the value's own units, above
             0; a dict has one for each name.
         bounds: (low, high) of what has any, by name; None is no bound. Values stay within.
@@ -137,7 +139,8 @@ def fit(
 
     Warns:
         UserWarning: The loss does not depend on one of the values, or it or a gradient is no
-            number, which ends the fit; or what is fitted moves things, see above.
+            number, which ends the fit; or what is fitted moves things, see above; or no light is
+            left in the end.
 
     Example:
         >>> wall = {"type": "rectangle", "bsdf": {"type": "diffuse"}}
@@ -179,11 +182,12 @@ def fit(
     plateau = _Plateau(tolerance, patience)
     losses: list[float] = []
     history: list[dict[str, Any]] = []
-    why, converged = "all steps are taken", False
+    why, converged, light = "all steps are taken", False, True
     with (
         progress_bar("Fitting", count, unit="step", enabled=progress) as bar,
         deferred_stop() as stop,
         ExitStack() as told,
+        variables.settled(lambda: history[_best(losses, patience)[0]] if history else None),
     ):
         for step in range(count):
             if step == 1:
@@ -200,6 +204,7 @@ def fit(
                 seed=mi.sample_tea_32(seed, step)[0],
                 spp=samples,
             )
+            light = _any_light(rendered)
             apart = _apart(measure, rendered, measured)
             losses.append(float(np.array(dr.detach(apart)).item()))
             history.append(variables.plain(values))
@@ -227,7 +232,12 @@ def fit(
                 why = "the loss no longer falls" if converged and not stop.requested else why
                 break
     best, lowest = _best(losses, patience)
-    variables.write({name: variables.made(name, history[best][name]) for name in rates})
+    if not light:
+        warnings.warn(
+            "fit: no light is left in the film; start nearer, or with loss='wasserstein' or a low "
+            "frequency_hz",
+            stacklevel=2,
+        )
     return Fit(
         values=history[best],
         loss=lowest,
@@ -307,7 +317,9 @@ def _optimizer(given: Any) -> Any:
                 f"optimizer = {type(given).__name__} of {', '.join(given)}: must have no "
                 "variables; params has them"
             )
-        return given
+        own = copy(given)
+        own.state = {}
+        return own
     if not isinstance(given, str):
         allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
         raise ValueError(f"optimizer = {checks.shown(given)}: must be {allowed}")
@@ -397,6 +409,12 @@ def _apart(measure: Callable[[Any, Any], Any], rendered: Any, target: Any) -> An
         what = checks.shown(type(apart).__name__)
         raise ValueError(f"loss: returned {what}; must return a number of Dr.Jit's")
     return apart
+
+
+def _any_light(rendered: Any) -> bool:
+    """Whether something was seen."""
+    light = rendered[-1] if isinstance(rendered, tuple) else rendered
+    return bool(dr.any(dr.detach(light) != 0, axis=None))
 
 
 def _told(value: Any) -> str:

@@ -28,9 +28,10 @@ def l2_loss(rendered: Any, target: Any) -> Any:
 
         L = Σ (R - T)² / Σ T²
 
-    A black render has a loss of 1. Where rendered and measured light share no bin, moving it
-    changes
-    nothing: the loss is flat as soon as it is off by more than about three widths of the pulse.
+    A black render has a loss of 1. Where rendered and measured light share no bin, as soon as it is
+    off by more than about three widths of the pulse, nothing says where it should go, and the loss
+    is that of both, least for the least light: things move out of sight. Start near, or with
+    another loss.
 
     Args:
         rendered: A tensor of any shape.
@@ -64,9 +65,9 @@ def phasor_loss(
 
     with the centre opl_k of bin k, as in `transient_to_phasor`. The difference turns by one period
     where light moves by c / f: the loss falls towards the target from as far as about half of that,
-    and is the steeper the higher the frequency. Two frequencies go well together, a low one that
-    finds the place and a high one that makes it exact. What is compared in this way is what an AMCW
-    camera measures (Gupta et al., Phasor Imaging, 2015).
+    and is the steeper the higher the frequency. Of several frequencies, the highest decides from
+    how far: fit by a low one first, which finds the place, and from there by a high one. What is
+    compared in this way is what an AMCW camera measures (Gupta et al., Phasor Imaging, 2015).
 
     Args:
         rendered: A tensor (height, width, bins, channels).

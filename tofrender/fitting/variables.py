@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import drjit as dr
@@ -43,6 +43,8 @@ class Variables:
         self._apply = apply
         make = self._latent if apply is not None else self._of_scene
         self.start = {name: make(name, value) for name, value in given.items()}
+        kept = self.start if apply is not None else {name: self.params[name] for name in given}
+        self._before = {name: _plain(value) for name, value in kept.items()}
         self._bounds = self._limits(bounds)
 
     # ------------------------------------------------------------------------- while it runs
@@ -56,6 +58,27 @@ class Variables:
             else:
                 self._apply(self.params, dict(values))
             self.params.update()
+
+    @contextmanager
+    def settled(self, found: Callable[[], Mapping[str, Any] | None]) -> Iterator[None]:
+        """Write plain values that were found into the scene at the end, after an error too.
+
+        Where none were found, it has again what it had before, or with `apply` what fits started
+        with. Nothing of it tracks gradients then.
+        """
+
+        def settle() -> None:
+            values = found()
+            made = self._before if values is None else values
+            self.write({name: self.made(name, each) for name, each in made.items()})
+
+        try:
+            yield
+        except BaseException:
+            with suppress(Exception):  # `apply` may be what has failed
+                settle()
+            raise
+        settle()
 
     def bounded(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Those that have bounds, within them."""

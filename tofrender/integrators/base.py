@@ -23,15 +23,8 @@ from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
 from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
-from .derivatives import (
-    Derivative,
-    replaced,
-    require_changes,
-    require_derivatives,
-    require_still,
-    tracked,
-    warn_of_edges,
-)
+from .derivatives import Derivative, replaced
+from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
 from .own_sample import brings_sample, by_sample
 from .passes import WHOLE, Part, expose, steps
 from .plan import Plan
@@ -206,7 +199,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             sampler.set_sample_count(spp)
         record = self.recording(film)
         if not evaluate:  # As `mi.render` says, which may ask for derivatives later
-            self._require_derivatives(scene, record)
+            self._require_derivatives(scene, sensor, record)
         if develop:
             record.require_memory(sampler.sample_count())
         with dr.suspend_grad():
@@ -235,7 +228,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         self._require_own_derivatives()
         require_changes(params)
         with replaced(params) as fresh:
-            return self._differentiated(scene, sensor, spp).forward(seed, fresh)
+            return self._differentiated(scene, fresh, sensor, spp).forward(seed, fresh)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
         """Propagate a gradient to parameters; `mi.render(scene, params)` calls this.
@@ -255,25 +248,25 @@ class TransientIntegrator(mi.SamplingIntegrator):
         self._require_own_derivatives()
         require_changes(params)
         gradients = grad_in if isinstance(grad_in, tuple) else (grad_in,)
-        self._differentiated(scene, sensor, spp).reverse(seed, gradients)
+        self._differentiated(scene, params, sensor, spp).reverse(seed, gradients)
 
-    def _differentiated(self, scene, sensor, spp) -> Derivative:
+    def _differentiated(self, scene, params, sensor, spp) -> Derivative:
         """A render whose derivative is asked for."""
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         record = self.recording(sensor.film())
-        require_derivatives(record, ())
+        require_derivatives(scene, sensor, record, tracked(params))
         plan = self.plan(scene, sensor)
         spp = spp or sensor.sampler().sample_count()
         return Derivative(plan, scene, record, sensor, spp, self.gradient_sampling == "detached")
 
-    def _require_derivatives(self, scene: mi.Scene, record: Recording) -> None:
+    def _require_derivatives(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> None:
         """Refuse a render that has no derivatives, if parameters track gradients."""
-        names = tracked({**mi.traverse(scene), **mi.traverse(self)})
+        parts = [scene, self] if sensor in scene.sensors() else [scene, self, sensor]
+        names = [name for part in parts for name in tracked(mi.traverse(part))]
         if not names:
             return
         self._require_own_derivatives()
-        require_derivatives(record, names)
-        require_still(scene, names)
+        require_derivatives(scene, sensor, record, names)
         warn_of_edges(names)
 
     def _require_own_derivatives(self) -> None:
@@ -286,16 +279,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def traverse(self, callback):
         """Show Mitsuba the width of the light's pulse, if that is Gaussian."""
-        self.shown_width = getattr(self.pulse, "width", None)
-        if self.shown_width is not None:
+        if type(self.pulse) is GaussianPulse and dr.is_array_v(self.pulse.width):
             kind = mi.ParamFlags.Differentiable
-            callback.put("pulse_width_opl", self.shown_width, kind)
+            callback.put("pulse_width_opl", self.pulse.width, kind)
 
     def parameters_changed(self, keys=()):
         """Take the width that was set."""
-        if "pulse_width_opl" in keys:
-            width: Any = self.shown_width
-            self.pulse = GaussianPulse(width)
+        if "pulse_width_opl" in keys and isinstance(self.pulse, GaussianPulse):
+            self.pulse.take_width()
 
     def recording(self, film: Any) -> Recording:
         """How this integrator's light is recorded on a film.

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import gc
-import sys
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -15,18 +13,17 @@ import mitsuba as mi
 
 from ..films.cells import MAX_ADDED
 from ..films.derivatives import Changes, changes
-from ..films.recording import BinRecording, PhasorRecording, Recording
+from ..films.recording import Recording
 from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.derivatives import Parts, move, pull
 from ..paths.protocols import Endpoint
-from ..paths.surfaces import Boundaries, has_mirrors
+from ..paths.surfaces import has_mirrors
 from ..paths.tape import packed
 from ..paths.walk import deliver
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
-from ..scenes.media import media_of
-from ..signals.pulses import BoxPulse, SampledPulse
+from .differentiable import tracked
 from .passes import best_sampler
 from .plan import Plan
 
@@ -35,71 +32,6 @@ PASS_SAMPLES = 1 << 20
 
 MOST_KEPT = 256
 """Vertices of a path whose states fit into the memory of a lane."""
-
-MOVING = ("to_world", "vertex_positions", "position", "direction", "x_fov", "eta", "int_ior")
-"""Ends of the names of parameters that light's way depends on."""
-
-
-RENDERERS = ("tofrender", "mitsuba", "drjit")
-
-
-class VisibilityWarning(UserWarning):
-    """Derivatives leave out what becomes visible or hidden."""
-
-
-def tracked(params: Any) -> list[str]:
-    """Names of parameters that track gradients."""
-    with dr.resume_grad():
-        return [name for name, value in dict(params or {}).items() if dr.grad_enabled(value)]
-
-
-def require_changes(params: Any) -> None:
-    """Refuse parameters of which none has a derivative.
-
-    Raises:
-        ValueError: None tracks gradients; one line.
-    """
-    if not tracked(params):
-        raise ValueError(
-            "params: track no gradients; must be those of mi.traverse(scene), with "
-            "dr.enable_grad(params[name]) for one at least"
-        )
-
-
-def require_still(scene: mi.Scene, names: Sequence[str]) -> None:
-    """Refuse that things move where flights go through several media, or through grids.
-
-    Raises:
-        ValueError: They do; one line.
-    """
-    moving = [name for name in names if name.rpartition(".")[2] in MOVING]
-    media = media_of(scene)
-    if moving and media and (Boundaries(scene).exist or not all(m.is_homogeneous() for m in media)):
-        raise ValueError(
-            f"params = {checks.shown(', '.join(moving))}: have no derivatives in a scene with "
-            "media that are grids or have boundaries of equal index; must be coefficients, "
-            "materials or power"
-        )
-
-
-def warn_of_edges(names: Sequence[str]) -> None:
-    """Tell who renders that derivatives by parameters that move things are not whole."""
-    moving = [name for name in names if name.rpartition(".")[2] in MOVING]
-    if moving:
-        warnings.warn(
-            f"params = {checks.shown(', '.join(moving))}: move what light meets; derivatives leave "
-            "out what becomes visible or hidden at silhouettes and shadows",
-            VisibilityWarning,
-            _users_level(),
-        )
-
-
-def _users_level() -> int:
-    """How many calls above its caller the first one is that no renderer makes."""
-    frame, level = sys._getframe(1), 1
-    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in RENDERERS:
-        frame, level = frame.f_back, level + 1
-    return level
 
 
 @contextmanager
@@ -110,19 +42,21 @@ def replaced(params: Any) -> Iterator[dict[str, Any]]:
     computed from its `to_world`. Of variables of our own, all consequences are computed at once.
     """
     names = tracked(params)
-    before = {name: dr.copy(params[name]) for name in names}
+    with dr.resume_grad():  # Else those lose track that no rate comes from
+        before = {name: dr.copy(params[name]) for name in names}
     fresh = {name: dr.detach(value) for name, value in before.items()}
     dr.enable_grad(fresh)
-    for name, value in fresh.items():
-        dr.set_grad(value, dr.grad(before[name]))
-        params[name] = value
-    params.update()
     try:
-        yield fresh
-    finally:
-        for name, value in before.items():
+        for name, value in fresh.items():
+            dr.set_grad(value, dr.grad(before[name]))
             params[name] = value
         params.update()
+        yield fresh
+    finally:
+        with dr.resume_grad():
+            for name, value in before.items():
+                params[name] = value
+            params.update()
 
 
 @contextmanager
@@ -144,49 +78,6 @@ def of_one_scene() -> Iterator[None]:
             "params: another loaded scene has parameters that track gradients, too, which forward "
             "mode cannot tell apart; must be deleted, or dr.disable_grad(its parameters)"
         ) from None
-
-
-def require_derivatives(record: Recording, names: Sequence[str]) -> None:
-    """Refuse a recording that has no derivatives by the parameters of some names.
-
-    Raises:
-        ValueError: One line with what of it has none.
-    """
-    film = record.film
-    if not film.rfilter().is_box_filter():
-        raise ValueError(
-            f"film.rfilter = {film.rfilter().class_name()}: has no derivatives; must be box"
-        )
-    if "xyz" in str(film):
-        raise ValueError("film.pixel_format = xyz: has no derivatives; must be rgb or luminance")
-    gate = record.exposure.pulse if record.exposure.at_centres else None
-    gate = getattr(record.weight, "pulse", gate)
-    if isinstance(gate, BoxPulse | SampledPulse):
-        raise ValueError(
-            f"pulse = {gate!r}: has hard edges, so that gates have no derivative by length; must "
-            "be a GaussianPulse"
-        )
-    width = any(name.endswith("pulse_width_opl") for name in names)
-    if isinstance(record, PhasorRecording) and width:
-        raise ValueError(
-            "pulse_width_opl: has no derivative on a phasor_hdr_film; must be on a film with bins"
-        )
-    if not isinstance(record, BinRecording):
-        return
-    if not record.in_time:
-        kind = type(film)
-        raise ValueError(
-            f"film = {kind.__module__}.{kind.__name__}: has no derivatives; must be this package's"
-        )
-    if record.profile is None:
-        raise ValueError(
-            "pulse = None: leaves bins without a derivative by length; must be a pulse, e.g. by "
-            "pulse_width_opl = 0.03"
-        )
-    if width and record.profile is not record.exposure.pulse:
-        raise ValueError(
-            "pulse_width_opl: has no derivative through a temporal_filter; must be 'box'"
-        )
 
 
 class Derivative:
@@ -211,7 +102,7 @@ class Derivative:
         detached: bool = True,
     ) -> None:
         backend.require_vectorised()
-        self.spp = checks.integer("spp", spp, 1, checks.MAX_SPP)
+        self.spp = checks.integer("spp_grad", spp, 1, checks.MAX_SPP)
         self.plan, self.record, self.sensor = plan.attached(), record, sensor
         self.scattering = self.plan.scattering
         if detached:

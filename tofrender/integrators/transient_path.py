@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import mitsuba as mi
 
 from ..films.exposure import BINS, PHASORS, Exposure
@@ -82,7 +84,7 @@ all further vertices connect to half as many, rounded up |
             raise TypeError(
                 f"pulse = {checks.shown(pulse)}: must be a pulse like GaussianPulse(0.03), or None"
             )
-        self._pulse = pulse
+        self._pulse = copy(pulse) if type(pulse) is GaussianPulse else pulse
 
     def exposure(self) -> Exposure:
         """The light's pulse, through the temporal filter."""

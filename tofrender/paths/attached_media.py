@@ -48,7 +48,10 @@ class AttachedMedia(Media):
         inside = path.active & here & (medium != None)  # noqa: E711 (a Dr.Jit mask)
         σ_s, _, _ = medium.get_scattering_coefficients(mei, inside)
         scattered = dr.select(inside & (σ_s > 0), σ_s / dr.detach(σ_s), 1) * stretch
-        within = path.active & (here | si.is_valid())
+        leaves = ~here & ~si.is_valid()
+        if self.repeats:
+            length = dr.select(leaves, flight.at, length)  # Behind its last boundary is no medium
+        within = path.active & (self.repeats | ~leaves)
         change = self._change(path.place.medium, ray, o, length, sampler, within)
         path = copy(path)
         path.place = Place(medium)

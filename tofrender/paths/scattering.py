@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import in_world, intensity
+from .choices import Choices
 from .records import Bounce, Connection, Path, Turn, Vertex
 from .refraction import RoughGlass
 from .surfaces import leave, transmits
@@ -36,6 +37,7 @@ class Materials:
         self.radiance = mi.BSDFContext()
         self.flux = mi.BSDFContext(mi.TransportMode.Importance)
         self.glass = RoughGlass(scene) if material is None else None
+        self.choices = Choices(scene) if material is None else None
         clear = material is None and transmits(scene, mi.BSDFFlags.DeltaTransmission)
         self.refracts = clear or (self.glass is not None and self.glass.exists)
 
@@ -97,6 +99,8 @@ class Materials:
             weight = in_world(si, weight, si.wi, bs.wo)
         else:
             weight = in_world(si, weight, bs.wo, si.wi)
+            if self.choices is not None:
+                weight *= self.choices.change(bsdf, bs.pdf, specular)
             back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)
         ray = leave(si, si.to_world(bs.wo), specular)
         return turn, Bounce(ray, weight, bs.pdf, bs.eta, specular, back=back)

@@ -276,12 +276,15 @@ def _attached(
     if tracer.needs_lights:
         require_light(scene)
     light: Any = None
+    refused: BaseException | None = None
     try:
         light = mi.render(scene, params, sensor=sensor, integrator=tracer, seed=seed, spp=spp or 0)
     except RuntimeError as error:
-        if error.__cause__ is None:
+        refused = error.__cause__  # Dr.Jit only says that there is one
+        if refused is None:
             raise
-        raise error.__cause__ from None  # Dr.Jit only says that there is one
+    if refused is not None:
+        raise refused  # Out here it gets no context, whose cause it is
     return light
 
 

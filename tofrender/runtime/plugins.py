@@ -148,10 +148,15 @@ def own_name(plugin_name: str) -> str:
 
 def register(variant: str) -> None:
     """Register our plugins in `variant`, once: another package's later ones stay in place."""
-    if variant in _classes or variant.startswith("scalar"):
+    if variant in _classes:
         return
     import mitsuba as mi
 
+    if variant.startswith("scalar"):
+        _classes[variant] = {}
+        for each in PLUGINS.values():
+            getattr(mi, f"register_{each.kind}")(each.name, _refuse)
+        return
     loaded = {name: _run(name) for name in MODULES if withheld.refusal(name) is None}
     _classes[variant] = {}
     for class_name, each in PLUGINS.items():
@@ -166,6 +171,13 @@ def register(variant: str) -> None:
                 continue
         for name in (each.name, f"tofrender_{each.name}"):
             getattr(mi, f"register_{each.kind}")(name, made)
+
+
+def _refuse(_: Any) -> Any:
+    """What plugins say under a scalar variant."""
+    from .backend import require_vectorised
+
+    require_vectorised()
 
 
 def _run(module: str) -> Any:

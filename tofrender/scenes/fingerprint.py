@@ -23,7 +23,6 @@ def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
     """
     parts = [type(integrator).__name__, sensor.class_name()]
     own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first
-    own.pop("shown_width", None)  # Of its pulse, and there only once somebody has traversed it
     for name, value in own.items():
         parts.append(f"integrator.{name} = {_said(getattr(integrator, name, value))}")
     parts += [f"{shape.class_name()} {shape.bsdf().class_name()}" for shape in scene.shapes()]

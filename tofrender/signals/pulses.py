@@ -79,16 +79,43 @@ class GaussianPulse:
     """
 
     def __init__(self, width_opl: float | mi.Float) -> None:
-        tracked: Any = width_opl if dr.is_array_v(width_opl) and dr.width(width_opl) == 1 else None
-        number = width_opl if tracked is None else tracked[0]
-        self.width_opl = _width("width_opl", number)
-        self.normalization = 1.0 / (self.width_opl * math.sqrt(2.0 * math.pi))
-        self._tracked = tracked if dr.grad_enabled(tracked) else None
+        given: Any = width_opl if dr.is_array_v(width_opl) and dr.width(width_opl) == 1 else None
+        self._width: Any = None if given is None else dr.copy(given)
+        self._take(width_opl if given is None else given[0])
 
     @property
     def width(self) -> mi.Float:
-        """The standard deviation [m] as a Dr.Jit float."""
-        return mi.Float(self.width_opl) if self._tracked is None else self._tracked
+        """The standard deviation [m] as a Dr.Jit float, the same one each time.
+
+        Gradients may be tracked of it; `take_width` takes another value that it is given.
+        """
+        if type(self._width) is not mi.Float:
+            self._width = mi.Float(self.width_opl)
+        return self._width
+
+    def take_width(self) -> None:
+        """Become as wide as `width` says.
+
+        Raises:
+            ValueError: It is not a finite number above 0, or out of range.
+        """
+        self._take(dr.slice(self.width))
+
+    def _take(self, number: Any) -> None:
+        self.width_opl = _width("width_opl", number)
+        self.normalization = 1.0 / (self.width_opl * math.sqrt(2.0 * math.pi))
+
+    def __copy__(self) -> GaussianPulse:
+        """A pulse with a width of its own."""
+        return GaussianPulse(self.width_opl if self._width is None else self._width)
+
+    @property
+    def _varied(self) -> Any:
+        """The width, if gradients are tracked of it, or a fit changes it from kernel to kernel."""
+        width = self._width
+        if dr.grad_enabled(width) or (width is not None and width.state == dr.VarState.Evaluated):
+            return width
+        return None
 
     @property
     def support(self) -> tuple[float, float]:
@@ -97,14 +124,15 @@ class GaussianPulse:
 
     def eval(self, t: mi.Float) -> mi.Float:
         """Density [1/m] at the offset `t` [m]."""
-        z, height = t / self.width_opl, self.normalization
-        if self._tracked is not None:
-            z, height = t / self._tracked, dr.rcp(self._tracked * math.sqrt(2.0 * math.pi))
+        z, height, varied = t / self.width_opl, self.normalization, self._varied
+        if varied is not None:
+            z, height = t / varied, dr.rcp(varied * math.sqrt(2.0 * math.pi))
         return height * dr.exp(-0.5 * z * z)
 
     def cdf(self, t: mi.Float) -> mi.Float:
         """Fraction of the energy up to the offset `t` [m]: (1 + erf(t / (s sqrt 2))) / 2."""
-        width: Any = self.width_opl if self._tracked is None else self._tracked
+        varied = self._varied
+        width: Any = self.width_opl if varied is None else varied
         return 0.5 + 0.5 * dr.erf(t / (width * math.sqrt(2.0)))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
