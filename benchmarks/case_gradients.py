@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import multiprocessing
+import subprocess
 import sys
 import warnings
 from collections.abc import Callable
@@ -18,13 +20,14 @@ import mitsuba as mi
 import numpy as np
 
 from . import peers
+from .misuka_sphere import closed_form
 
 if TYPE_CHECKING:
     from .cases import Row
 
 COLUMNS = (
     *("parameter", "scene", "of", "closed form", "forward", "reverse"),
-    *("differences", "mitransient", "misuka"),
+    *("differences", "mitransient"),
 )
 NOISY_DIFFERENCES = {"index": 64}
 """Rows that need more samples in differences: light takes the other way at an interface."""
@@ -33,8 +36,8 @@ NOISY_DIFFERENCES = {"index": 64}
 def gradients(runs: int, quick: bool) -> list[Row]:
     """Deviation from the closed form [%], of forward mode; prints the table as Markdown.
 
-    Means over seeds, with the standard error of their last digits. mitransient and misuka render
-    what they can of the same scenes.
+    Means over seeds, with the standard error of their last digits. mitransient renders what it can
+    of the same scenes, misuka a sphere of its own.
     """
     from tofrender.integrators.differentiable import VisibilityWarning
 
@@ -47,6 +50,7 @@ def gradients(runs: int, quick: bool) -> list[Row]:
         for name, cells, off in case_rows:
             print("| " + " | ".join([case.row, case.scene, name, *cells]) + " |", flush=True)
             rows.append((f"{case.name}, {name}: forward off its form [%]", off, 0.5))
+    print(_misuka(len(seeds)), flush=True)
     return rows
 
 
@@ -79,7 +83,7 @@ def _rows(case: Any, seeds: range) -> list[tuple[str, list[str], float]]:
         off = math.nan
         if not isinstance(ahead, str):
             off = abs((ahead @ each).mean() / exact - 1) * 100
-        rows.append((name, [*cells, _misuka()], off))
+        rows.append((name, cells, off))
     return rows
 
 
@@ -178,7 +182,19 @@ def _their_scene(described: dict[str, Any]) -> mi.Scene:
         give_names_back()
 
 
-def _misuka() -> str:
-    if peers.has("misuka"):
-        return "not run: its scenes are acoustic"
-    return "not run here: it is not installed"
+def _misuka(seeds: int) -> str:
+    """Its table, or why there is none; run on its own, since it brings another Mitsuba along."""
+    if not peers.has("misuka"):
+        return "misuka: not run here: it is not installed"
+    script = Path(__file__).with_name("misuka_sphere.py")
+    command = [sys.executable, str(script), "--seeds", str(seeds)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    if ran.returncode:
+        return f"misuka: failed: {(ran.stderr.strip().splitlines() or ['without a word'])[-1]}"
+    table = ["| misuka | of | frequencies [Hz] | closed form | reverse |\n" + "|---" * 5 + "|"]
+    for row in json.loads(ran.stdout):
+        by, of = row["by"], row["of"]
+        exact = f"{closed_form(by)[of]:.6g}"
+        cells = by, of, row["frequencies"], exact, _cell(np.array(row["values"]), np.ones(1))
+        table.append("| " + " | ".join(cells) + " |")
+    return "\n".join(table)

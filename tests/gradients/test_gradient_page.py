@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from gradient_cases import TABLE
 
+from benchmarks.misuka_sphere import FREQUENCIES, closed_form
 from tofrender.integrators.derivatives import MOST_KEPT
 
 PAGE = Path(__file__).parents[2] / "docs/gradients.md"
@@ -19,7 +20,8 @@ def table() -> dict[tuple[str, str, str], list[str]]:
     text = PAGE.read_text(encoding="utf-8")
     lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
     start = next(k for k, cells in enumerate(lines) if cells[:2] == ["parameter", "scene"])
-    return {tuple(cells[:3]): cells[3:6] for cells in lines[start + 1 :]}
+    end = next(k for k, cells in enumerate(lines) if cells[0] == "misuka")
+    return {tuple(cells[:3]): cells[3:6] for cells in lines[start + 1 : end]}
 
 
 def read(cell: str) -> tuple[float, float]:
@@ -49,3 +51,17 @@ def test_rows_of_the_page_are_the_closed_forms(case):
 
 def test_the_page_says_how_long_paths_may_be():
     assert f"`max_depth` from 1 to {MOST_KEPT}" in PAGE.read_text(encoding="utf-8")
+
+
+def test_rows_of_misuka_are_its_scenes():
+    text = PAGE.read_text(encoding="utf-8")
+    found = [
+        (row["by"], row["of"], row["bands"], f"{closed_form(row['by'])[row['of']]:.6g}")
+        for row in re.finditer(
+            r"^\| (?P<by>radius|albedo) \| (?P<of>sum|moment) \| (?P<bands>[\d, ]+) \|", text, re.M
+        )
+    ]
+    assert len(found) == 4 * len(FREQUENCIES)
+    for cells in found:
+        assert cells[2] in FREQUENCIES
+        assert "| " + " | ".join(cells) + " |" in text
