@@ -7,27 +7,19 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from copy import copy
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..integrators.differentiable import VisibilityWarning
-from ..rendering.dataset import time_axis
 from ..runtime import backend, checks
 from ..runtime.progress import deferred_stop, progress_bar
 from ..scenes.loading import require_sensor
-from .losses import LOSSES, check_below_limit
+from .given import loss_of, optimizer_of, target_of
 from .variables import Variables
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-OPTIMIZERS = ("adam", "sgd")
 
 MAX_STEPS = 1 << 20
 """Most steps of a fit."""
@@ -172,11 +164,11 @@ def fit(
     patience = checks.integer("patience", patience, 1, MAX_STEPS)
     checks.boolean("progress", progress)
     film = scene.sensors()[sensor].film()
-    measure = _loss(loss, frequency_hz, film)
+    measure = loss_of(loss, frequency_hz, film)
     variables = Variables(scene, params, apply, bounds)
     rates = variables.rates(learning_rate)
-    engine = _optimizer(optimizer)
-    measured = _target(target, film)
+    engine = optimizer_of(optimizer)
+    measured = target_of(target, film)
 
     engine.update(variables.start)
     plateau = _Plateau(tolerance, patience)
@@ -304,96 +296,6 @@ def _tell_of_no_effect(values: Mapping[str, Any]) -> None:
         warnings.warn(
             f"params[{name!r}]: the loss does not depend on it where the fit starts", stacklevel=3
         )
-
-
-# ------------------------------------------------------------------------------- what is given
-
-
-def _optimizer(given: Any) -> Any:
-    """An optimiser without variables."""
-    if isinstance(given, mi.ad.Optimizer):
-        if len(given):
-            raise ValueError(
-                f"optimizer = {type(given).__name__} of {', '.join(given)}: must have no "
-                "variables; params has them"
-            )
-        own = copy(given)
-        own.state = {}
-        return own
-    if not isinstance(given, str):
-        allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
-        raise ValueError(f"optimizer = {checks.shown(given)}: must be {allowed}")
-    kind = checks.one_of("optimizer", given, OPTIMIZERS)
-    return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
-
-
-def _loss(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], Any]:
-    """The loss as a function."""
-    name = given if isinstance(given, str) else None
-    if name != "phasor" and frequency_hz is not None:
-        raise ValueError(
-            f"frequency_hz = {checks.shown(frequency_hz)}: must be left out; only "
-            "loss='phasor' has frequencies"
-        )
-    if name is None and callable(given):
-        return given
-    if name is None:
-        allowed = f"one of {', '.join(LOSSES)}, or a function"
-        raise ValueError(f"loss = {checks.shown(given)}: must be {allowed}")
-    chosen = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
-    if name == "l2":
-        return chosen
-    if not hasattr(film, "temporal_bins"):
-        raise ValueError(f"loss = {name!r}: must be 'l2' for a film without time bins")
-    if name == "wasserstein":
-        return chosen
-    if frequency_hz is None:
-        raise ValueError("frequency_hz = None: must be given with loss='phasor', in hertz")
-    axis: dict[str, Any] = {each: getattr(film, each) for each in ("start_opl", "bin_width_opl")}
-    check_below_limit(frequency_hz, axis["bin_width_opl"])
-    return partial(chosen, frequency_hz=frequency_hz, **axis)
-
-
-def _target(given: Any, film: Any) -> mi.TensorXf:
-    """What was measured, of the film's shape."""
-    if isinstance(given, tuple) and given:
-        given = given[-1]
-    if hasattr(given, "data_vars"):
-        given = _of_dataset(given, film)
-    if isinstance(given, dr.ArrayBase):
-        given = np.array(dr.detach(given))
-    array = checks.real_array("target", given, np.float32)
-    height, width = (int(n) for n in reversed(tuple(film.crop_size())))
-    allowed: tuple[Any, ...] = (height, width, "...")
-    if hasattr(film, "temporal_bins"):
-        allowed = (height, width, film.temporal_bins, "...")
-    known = tuple(n for n in allowed if n != "...")
-    if array.ndim <= len(known) - 1 or array.shape[: len(known)] != known or array.size == 0:
-        shape = ", ".join(map(str, allowed))
-        raise ValueError(
-            f"target with shape {array.shape}: must be ({shape}), as what the film holds"
-        )
-    checks.finite("target", array)
-    return mi.TensorXf(array)
-
-
-def _of_dataset(dataset: xr.Dataset, film: Any) -> np.ndarray:
-    """The bins of a Dataset that has the film's time axis."""
-    if "transient" not in dataset.data_vars or "opl" not in dataset.coords:
-        raise ValueError("target = Dataset: must hold `transient` along `opl`, as of `render`")
-    if not hasattr(film, "temporal_bins"):
-        raise ValueError("target = Dataset: must be an array for a film without time bins")
-    start, width = time_axis(dataset)
-    own = film.start_opl, film.bin_width_opl
-    if not np.allclose((start, width), own, rtol=1e-4, atol=1e-3 * own[1]):
-        raise ValueError(
-            f"target with bins of {width:g} m from {start:g} m on: must be {own[1]:g} m from "
-            f"{own[0]:g} m on, as the film's"
-        )
-    values = dataset["transient"].values
-    if "stokes" in dataset.dims:
-        values = values.reshape(*values.shape[:-2], -1)
-    return values
 
 
 def _apart(measure: Callable[[Any, Any], Any], rendered: Any, target: Any) -> Any:
