@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import no_light, scaled
+from .colours import units_of
 from .contribution import Contribution
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class FilmDeposit:
                 steady image; None if none does.
         """
         # Before the loop, as four components would look the same colours up at each vertex
-        colours = film.colours(wavelengths) if mi.is_polarized and mi.is_spectral else None
+        colours = units_of(wavelengths) if mi.is_polarized and mi.is_spectral else None
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             one = mi.Float(1)

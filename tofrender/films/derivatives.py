@@ -20,6 +20,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import no_light, scaled
+from .colours import channels_of
 from .contribution import Contribution
 from .deposit import FilmDeposit, reached, share
 from .recording import BinRecording, Recording
@@ -232,9 +233,9 @@ class BinChanges(Changes):
         with dr.resume_grad():
             light, at = _variables(spectrum, opl)
             in_bin = self._weighted(self._in_bin(light, k, at))
-            film, loss = self.record.film, mi.Float(0)
-            values = film.values(in_bin, self.camera.ray.wavelengths, active)
-            cell = self.pixel() * film.temporal_bins + mi.UInt32(k)
+            loss = mi.Float(0)
+            values = channels_of(in_bin, self.camera.ray.wavelengths, active)
+            cell = self.pixel() * self.record.film.temporal_bins + mi.UInt32(k)
             for number, value in enumerate(values):
                 asked = self.read(self.gradients[1], cell, number, len(values), active)
                 loss += value * asked

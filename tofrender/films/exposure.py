@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
-if TYPE_CHECKING:
-    from ..signals.pulses import Pulse
+from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 
 Weight = Callable[[mi.Float], Any]
 """Takes an optical path length [m]. May say in `closes` beyond which it is 0 [m]."""
@@ -39,3 +39,34 @@ class Exposure:
     at_centres: bool = False
     weight: Weight | None = None
     lacks: str = ""
+
+
+def profile(film: Any, exposure: Exposure) -> Pulse | None:
+    """The light's pulse as the bins of a film see it, through the temporal filter.
+
+    Raises:
+        ValueError: The filter has no meaning in time; one line.
+    """
+    blur = _filter(film, exposure)
+    if exposure.pulse is None or blur is None:
+        return exposure.pulse or blur
+    return convolve(exposure.pulse, blur)
+
+
+def _filter(film: Any, exposure: Exposure) -> Pulse | None:
+    """The temporal filter as a pulse, None if it is a box: a bin's own width."""
+    width = float(film.bin_width_opl)
+    if exposure.temporal_filter == "gaussian":
+        return GaussianPulse(exposure.gaussian_stddev * width)
+    rfilter = film.rfilter()
+    if exposure.temporal_filter == "box" or rfilter.is_box_filter():
+        return None
+    radius = rfilter.radius()
+    step = 2 * radius / 4096
+    values = np.array(rfilter.eval(mi.Float(-radius + step * (np.arange(4096) + 0.5))))
+    if np.any(values < 0):
+        raise ValueError(
+            "temporal_filter = '': takes the film's rfilter, whose negative lobes have no "
+            "meaning in time; must be 'box' or 'gaussian' with this film"
+        )
+    return SampledPulse(values, -radius * width, step * width)

@@ -13,6 +13,7 @@ from ..runtime import checks
 from ..signals.frequencies import check_frequencies
 from ..signals.polarisation import STOKES, stokes_count
 from ..signals.units import SPEED_OF_LIGHT
+from .colours import kept
 from .image import box_by_default, image_film, stokes_channels
 from .phasor_sum import PhasorSum
 
@@ -135,7 +136,7 @@ class PhasorHDRFilm(mi.Film):
             both = list(zip(re, im, strict=True))
             parts = [re * a - im * b for re, im in both] + [re * b + im * a for re, im in both]
             for part in parts:
-                values += [part.x] if mi.is_monochromatic else [part.x, part.y, part.z]
+                values += kept(part)
         return values
 
     def factors(self, pulse: Pulse | None) -> np.ndarray:

@@ -21,10 +21,10 @@ import numpy as np
 
 from ..runtime import memory
 from ..signals.polarisation import components, scaled, stokes_count
-from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 from .cells import MAX_ADDED
+from .colours import channels_of, colour_count, kept, to_rgb
 from .deposit import FilmDeposit, open_gates, spread
-from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight
+from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile
 from .image import stokes_channels
 from .phasor_sum import PhasorSum
 from .splats import Splats
@@ -136,15 +136,8 @@ class Recording:
         splats, weight = self.splats, camera.weight / spp
 
         def land(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
-            lights = [components(scaled(each, weight)) for each in spectra]
-            values: Any = [
-                [
-                    value
-                    for spectrum in light
-                    for value in colours_of(to_rgb(spectrum, camera.ray.wavelengths))
-                ]
-                for light in lights
-            ]
+            lights = [scaled(each, weight) for each in spectra]
+            values: Any = [channels_of(each, camera.ray.wavelengths) for each in lights]
             splats.add(position, values, 0, active)
 
         return land
@@ -161,7 +154,7 @@ class Recording:
         first: list[Any] = [colour.x, colour.y, colour.z]
         if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):
             first.append(dr.select(covered, mi.Float(1), mi.Float(0)))
-        return first, [value for each in rest for value in colours_of(each)]
+        return first, [value for each in rest for value in kept(each)]
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
         """Say what comes.
@@ -383,53 +376,3 @@ class PhasorRecording(Recording):
             return [to_rgb(each, camera.ray.wavelengths) for each in light]
 
         return first, rest + self.film.channels(measured, colours, self.exposure.pulse)
-
-
-def profile(film: Any, exposure: Exposure) -> Pulse | None:
-    """The light's pulse as the bins of a film see it, through the temporal filter.
-
-    Raises:
-        ValueError: The filter has no meaning in time; one line.
-    """
-    blur = _filter(film, exposure)
-    if exposure.pulse is None or blur is None:
-        return exposure.pulse or blur
-    return convolve(exposure.pulse, blur)
-
-
-def _filter(film: Any, exposure: Exposure) -> Pulse | None:
-    """The temporal filter as a pulse, None if it is a box: a bin's own width."""
-    width = float(film.bin_width_opl)
-    if exposure.temporal_filter == "gaussian":
-        return GaussianPulse(exposure.gaussian_stddev * width)
-    rfilter = film.rfilter()
-    if exposure.temporal_filter == "box" or rfilter.is_box_filter():
-        return None
-    radius = rfilter.radius()
-    step = 2 * radius / 4096
-    values = np.array(rfilter.eval(mi.Float(-radius + step * (np.arange(4096) + 0.5))))
-    if np.any(values < 0):
-        raise ValueError(
-            "temporal_filter = '': takes the film's rfilter, whose negative lobes have no "
-            "meaning in time; must be 'box' or 'gaussian' with this film"
-        )
-    return SampledPulse(values, -radius * width, step * width)
-
-
-def colour_count(image: mi.Film) -> int:
-    """Channels of an image before its weight."""
-    return 4 if mi.has_flag(image.flags(), mi.FilmFlags.Alpha) else 3
-
-
-def colours_of(rgb: mi.Color3f) -> list[Any]:
-    """The channels of a colour that are kept."""
-    return [rgb.x] if mi.is_monochromatic else [rgb.x, rgb.y, rgb.z]
-
-
-def to_rgb(spectrum: Any, wavelengths: Any) -> mi.Color3f:
-    """Colour of a spectrum, in whatever way the variant stores it."""
-    if mi.is_monochromatic:
-        return mi.Color3f(spectrum[0])
-    if mi.is_spectral:
-        return mi.spectrum_to_srgb(spectrum, wavelengths)
-    return mi.Color3f(spectrum)

@@ -11,8 +11,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.polarisation import components, light_of, stokes_count
+from ..signals.polarisation import light_of, stokes_count
 from .cells import Cells
+from .colours import channels_by, channels_of
 from .image import box_by_default, image_film, stokes_channels
 from .splats import Splats, footprint
 
@@ -190,7 +191,7 @@ class TransientHDRFilm(mi.Film):
         if self._splats is None:
             raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
         k, active = self._bin(distance, active)
-        values = self.values(light_of(spec), wavelengths, active)
+        values = channels_of(light_of(spec), wavelengths, active)
         self._splats.add(pos, [values], k, active)
 
     def add_transient_data(
@@ -215,15 +216,8 @@ class TransientHDRFilm(mi.Film):
             active: Lanes that deposit.
         """
         k, active = self._bin(distance, active)
-        values = self.values(light_of(spec * ray_weight), wavelengths, active)
+        values = channels_of(light_of(spec * ray_weight), wavelengths, active)
         self._put(pos, values, k, active)
-
-    @staticmethod
-    def colours(wavelengths: Any) -> list[mi.Color3f]:
-        """RGB of light that is 1 at one of the sampled wavelengths [nm], for each of them."""
-        units = np.eye(dr.size_v(mi.UnpolarizedSpectrum), dtype=np.float32).tolist()
-        each = (mi.UnpolarizedSpectrum(*unit) for unit in units)
-        return [mi.spectrum_to_srgb(unit, wavelengths, True) for unit in each]
 
     def add_coloured(
         self,
@@ -233,15 +227,9 @@ class TransientHDRFilm(mi.Film):
         light: Any,
         active: mi.Bool,
     ) -> None:
-        """As `add_transient_data`, with what `colours` says of the wavelengths."""
+        """As `add_transient_data`, with the wavelengths' colours, see `colours.units_of`."""
         k, active = self._bin(distance, active)
-        values = []
-        for spectrum in components(light):
-            rgb = mi.Color3f(0)
-            for share, colour in zip(spectrum, colours, strict=True):
-                rgb = dr.fma(colour, share, rgb)
-            values += list(rgb)
-        self._put(pos, values, k, active)
+        self._put(pos, channels_by(colours, light), k, active)
 
     def _put(self, pos: mi.Point2f, values: list[mi.Float], k: mi.UInt32, active: mi.Bool) -> None:
         """Add values, one a channel, to bin `k` of all pixels that a filter reaches."""
@@ -417,15 +405,6 @@ class TransientHDRFilm(mi.Film):
         position = (distance - self.start_opl) / self.bin_width_opl
         active = active & (position >= 0) & (position < self.temporal_bins)
         return mi.UInt32(dr.select(active, position, 0)), active
-
-    def values(self, light: Any, wavelengths: Any, active: mi.Bool) -> list[mi.Float]:
-        """The values that a bin stores of light, one a channel."""
-        values = []
-        for spectrum in components(light):
-            if mi.is_spectral:
-                spectrum = mi.spectrum_to_srgb(spectrum, wavelengths, active)
-            values += [spectrum[0]] if mi.is_monochromatic else list(spectrum)
-        return values
 
     def _pixel_scale(self) -> mi.Float | None:
         """Samples over the filter's weights at each pixel; None if all are 1: a box, finished."""

@@ -18,7 +18,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.cells import MAX_ADDED
-from ..films.recording import Recording, colour_count
+from ..films.colours import colour_count
+from ..films.recording import Recording
 from ..paths.camera import CameraSample, Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
 from ..runtime.checkpoints import Kept

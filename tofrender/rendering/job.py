@@ -14,8 +14,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.cells import MAX_ADDED
+from ..films.exposure import profile as seen_pulse
 from ..films.image import transient_film
-from ..films.recording import Recording, profile as seen_pulse, recording, tell_not_finite
+from ..films.recording import Recording, recording, tell_not_finite
 from ..integrators.own_sample import brings_sample
 from ..integrators.plan import Plan
 from ..runtime import checks, memory, plugins
