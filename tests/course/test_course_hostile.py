@@ -409,7 +409,8 @@ os.umask(0o022)
     ),
     "long text": ("raise ValueError('x' * 100_000_000)", 0, "ValueError: xxx"),
     "reply that is none": (
-        "np.savez(ANSWERS / '1', structure=np.frombuffer(b'[1, 2]', np.uint8))\ntime.sleep(20)",
+        "np.savez(ANSWERS / 'x', structure=np.frombuffer(b'[1, 2]', np.uint8))\n"
+        "os.rename(ANSWERS / 'x.npz', ANSWERS / '1.npz')\ntime.sleep(20)",
         0,
         "the reply is none that the worker writes",
     ),

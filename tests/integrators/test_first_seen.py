@@ -137,6 +137,7 @@ def shifted(right: Callable) -> Callable:
     return lambda *arguments: right(*arguments) + 2
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mistake", ["pixels", "twice", "weight"])
 def test_mistakes_are_found(mistake, monkeypatch):

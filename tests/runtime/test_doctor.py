@@ -53,7 +53,8 @@ def test_an_unusable_llvm_is_named_with_its_remedy(tmp_path):
     assert "unset" in result.stdout
 
 
-def test_the_end_of_a_process_is_a_result():
+def test_the_end_of_a_process_is_a_result(monkeypatch):
+    monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)  # Adds a line
     answer, error = doctor._in_process("import os; os.abort()")
     assert answer == {}
     assert error == "ended by SIGABRT"
