@@ -15,7 +15,7 @@ LAMP_RADIUS, OFFSET, INTENSITY, LONGEST_PATH = 0.01, 0.3, 2.0, 4
 RADIUS, ALBEDO = 1.2, 0.8
 BINS, BIN_WIDTH = 137, 0.1
 FREQUENCIES = ("250, 500", "1, 2")
-"""Bands [Hz]: usual ones, and those whose derivatives are read where they should be."""
+"""Bands [Hz]: usual ones, and those at which all of its derivatives are right."""
 
 
 def light(radius: float, albedo: float) -> tuple[float, float]:
