@@ -113,7 +113,7 @@ class TransientTwoStrategies(BothEnds):
         path = camera_path(scene, sampler, camera, density, self.max_depth - 1)
         first = path[0]
         seen = density * cosine(first.si, camera.ray.d) / dr.square(first.opl)
-        end = dr.select(first.smooth, 1 / seen, 0)
+        end = dr.select(first.smooth & (seen > 0), 1 / seen, 0)
         for m, vertex in enumerate(path, 1):
             si, active = vertex.si, vertex.smooth
             ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active)

@@ -24,6 +24,7 @@ class MitsubasLens:
         self.radius = None
         if "aperture_radius" in parameters:
             self.radius = parameters["aperture_radius"]
+        self.straight = self.arrive(self.position + axis, self.position).density
 
     def sample(self, sampler):
         if self.radius is None:
@@ -32,7 +33,8 @@ class MitsubasLens:
         return self.sensor.world_transform() @ mi.Point3f(disk.x, disk.y, 0)
 
     def density(self, d):
-        return self.arrive(self.position + d, self.position).density
+        """Of rays through the film's very edge, too, which rounding puts outside of it."""
+        return self.straight / dr.power(dr.dot(d, self.axis), 3)
 
     def importance(self, d):
         return self.density(d) / dr.dot(d, self.axis)
