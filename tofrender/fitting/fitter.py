@@ -220,8 +220,8 @@ def fit(
             ended = callback is not None and callback(step, losses[-1], history[-1]) is True
             converged = plateau.add(losses[-1])
             if stop.requested or ended or converged:
-                why = "stopped" if stop.requested else "the callback ended it"
-                why = "the loss no longer falls" if converged and not stop.requested else why
+                ends = (stop.requested, "stopped"), (converged, "the loss no longer falls")
+                why = next((text for holds, text in ends if holds), "the callback ended it")
                 break
     best, lowest = _best(losses, patience)
     if not light:
