@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import tomllib
 from collections import namedtuple
 from copy import deepcopy
@@ -386,6 +387,35 @@ def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
             make(config, out)
     assert not out.exists()
     return making.under_way(out)
+
+
+@pytest.mark.slow
+def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
+    put = making.Store.put
+
+    def interrupted(store, record, made):
+        if record == 1:
+            signal.raise_signal(signal.SIGINT)
+        return put(store, record, made)
+
+    monkeypatch.setattr(making.Store, "put", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="interrupted after 2 of 3 records"):
+        make(SMALL, tmp_path / "x.zarr")
+    receipts = making.under_way(tmp_path / "x.zarr") / "receipts"
+    assert len(list(receipts.glob("record *.json"))) == 2
+
+
+@pytest.mark.slow
+def test_a_run_is_finished_once_all_records_are_there(tmp_path, monkeypatch):
+    finish = making.Store.finish
+
+    def interrupted(*args):
+        signal.raise_signal(signal.SIGINT)
+        finish(*args)
+
+    monkeypatch.setattr(making.Store, "finish", interrupted)
+    make(SMALL, tmp_path / "x.zarr")
+    assert len(datasets.load_dataset(tmp_path / "x.zarr")["record"]) == 3
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import tofrender
 from tofrender.integrators import passes as base
 from tofrender.rendering import pieces
 from tofrender.runtime import progress
-from tofrender.runtime.progress import deferred_stop, progress_bar
+from tofrender.runtime.progress import deferred_stop, held_signals, progress_bar
 
 ROOT = Path(__file__).parents[2]
 
@@ -257,6 +257,49 @@ def test_an_ignored_ctrl_c_stays_ignored():
             assert not stop.requested
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_held_ctrl_c_takes_effect_at_the_end_of_the_block():
+    went_on = []
+
+    def work():
+        with held_signals():
+            signal.raise_signal(signal.SIGINT)
+            went_on.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert went_on
+
+
+def test_a_held_ctrl_c_comes_before_an_error():
+    def work():
+        with held_signals():
+            signal.raise_signal(signal.SIGINT)
+            raise RuntimeError("KeyboardInterrupt")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+
+
+def test_a_held_ctrl_c_is_told_to_a_block_that_waits_for_it():
+    with deferred_stop() as stop:
+        with held_signals():
+            signal.raise_signal(signal.SIGINT)
+        assert stop.requested
+
+
+def test_a_held_signal_ends_the_process_where_nothing_hears_it():
+    code = (
+        "import signal\n"
+        "from tofrender.runtime.progress import held_signals\n"
+        "with held_signals():\n"
+        "    signal.raise_signal(signal.SIGTERM)\n"
+        "    print('held', flush=True)\n"
+        "print('never')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (-signal.SIGTERM, "held\n")
 
 
 def test_the_handler_comes_back_after_an_error():

@@ -3,18 +3,41 @@
 from __future__ import annotations
 
 import re
+import signal
 from pathlib import Path
 
 import mitsuba as mi
 import pytest
 
 import tofrender  # noqa: F401  (picks the variant, registers the plugins)
+from tofrender.films.transient import TransientHDRFilm
 from tofrender.scenes import cornell_box, cornell_box_steady_state
-from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
+from tofrender.scenes.loading import (
+    find_scene,
+    load_plugin,
+    load_scene,
+    require_light,
+    require_sensor,
+)
 from tofrender.scenes.settings import check_settings
 
 XML = Path(__file__).parents[2] / "scenes" / "cornell_box.xml"
 WINDOW = {"temporal_bins": 7, "start_opl": 4.0, "bin_width_opl": 0.5}
+
+
+def test_ctrl_c_is_no_error_of_the_scene(monkeypatch):
+    usual = TransientHDRFilm.__init__
+
+    def interrupted(film, props):
+        signal.raise_signal(signal.SIGINT)
+        usual(film, props)
+
+    monkeypatch.setattr(TransientHDRFilm, "__init__", interrupted)
+    scene = cornell_box(width=4, height=4)
+    with pytest.raises(KeyboardInterrupt):
+        load_scene(scene)
+    with pytest.raises(KeyboardInterrupt):
+        load_plugin("film", scene["sensor"]["film"])
 
 
 def film_of(scene):

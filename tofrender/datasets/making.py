@@ -22,7 +22,7 @@ from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
 from ..rendering.workers import THREADS, check_client, shared_out
 from ..runtime import atomic, backend, checks
-from ..runtime.progress import progress_bar
+from ..runtime.progress import deferred_stop, held_signals, progress_bar
 from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
@@ -132,7 +132,8 @@ def make_dataset(
     tell(str(plan))
     with atomic.locked(target, "out"):
         _require_room(folder, plan)
-        store = Store.begin(folder, _recipe(plan), plan.records, plan.layout)
+        with held_signals():
+            store = Store.begin(folder, _recipe(plan), plan.records, plan.layout)
         receipts = {record: store.receipt(record) for record in plan.records}
         left = [record for record in plan.records if receipts[record] is None]
         count = len(plan.records)
@@ -156,9 +157,10 @@ def make_dataset(
                 finished = sum(receipt is not None for receipt in receipts.values())
                 on = again or f"the same call goes on with {folder}"
                 raise KeyboardInterrupt(interrupted(finished, count, "records", on)) from None
-        # Where a slow record was made by two workers, the last one's receipt is the one that counts
-        found = {record: store.last_receipt(record) for record in plan.records}
-        store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
+        with deferred_stop():  # All records are there: what is left is done in a moment
+            # Of a slow record that two workers made, the last one's receipt is the one that counts
+            found = {record: store.last_receipt(record) for record in plan.records}
+            store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
     _tell_warnings(found)
     return load_dataset(target)
 
@@ -204,7 +206,11 @@ def _require_room(folder: Path, plan: Plan) -> None:
 def _here(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:
     """Make records in this process."""
     for record in records:
-        yield record, store.put(record, make_record(plan.config, plan.layout, record))
+        made = make_record(plan.config, plan.layout, record)
+        with deferred_stop() as stop:  # A record is there whole or not at all, and is counted
+            receipt = store.put(record, made)
+        yield record, receipt
+        stop.take_effect()
 
 
 def _estimate(record: int, receipt: Receipt, count: int, started: float, client: Any) -> str:

@@ -206,14 +206,21 @@ class Stop:
 
     Attributes:
         by: The signal that asked, 0 if none did.
+        passed_on: Whether a block around this one was asked, too.
     """
 
     by: int = 0
+    passed_on: bool = False
 
     @property
     def requested(self) -> bool:
         """Whether any did."""
         return bool(self.by)
+
+    def take_effect(self) -> None:
+        """Do what the signal does without the block, if no block around it has heard of it."""
+        if self.by and not self.passed_on:
+            signal.raise_signal(self.by)
 
 
 @contextmanager
@@ -246,6 +253,7 @@ def deferred_stop() -> Iterator[Stop]:
         as_before()
         outer: Any = heard[number]
         if hasattr(outer, "defers"):
+            stop.passed_on = True
             outer(number, frame)
 
     vars(request)["defers"] = True  # Blocks within this one tell it
@@ -256,6 +264,20 @@ def deferred_stop() -> Iterator[Stop]:
     finally:
         if not stop.requested:
             as_before()
+
+
+@contextmanager
+def held_signals() -> Iterator[None]:
+    """Let Ctrl-C, SIGTERM and SIGHUP wait for the end of the block.
+
+    Where Mitsuba calls Python, it takes what they raise there for an error of the scene.
+    """
+    stop = Stop()
+    try:
+        with deferred_stop() as stop:
+            yield
+    finally:
+        stop.take_effect()
 
 
 class Terminated(KeyboardInterrupt):

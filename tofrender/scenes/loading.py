@@ -17,7 +17,7 @@ from typing import Any, Unpack
 import mitsuba as mi
 
 from ..runtime import checks, plugins
-from ..runtime.progress import shown
+from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
 from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
@@ -91,7 +91,7 @@ def load_scene(
     if isinstance(source, str):
         source = find_scene(source)
     try:
-        with _files_beside(source):
+        with held_signals(), _files_beside(source):
             state = _parse(config, source, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
@@ -152,7 +152,8 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
         raise ValueError(f"{what} = {given}: must have a plugin's name as its type")
     require_readable_dict(description)
     try:
-        return mi.load_dict({**description, "type": plugins.own_name(name)})
+        with held_signals():
+            return mi.load_dict({**description, "type": plugins.own_name(name)})
     except RuntimeError as error:
         raise ValueError(f"{what}: {_one_line(str(error))}") from None
 
