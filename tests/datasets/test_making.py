@@ -414,8 +414,10 @@ def test_a_run_is_finished_once_all_records_are_there(tmp_path, monkeypatch):
         finish(*args)
 
     monkeypatch.setattr(making.Store, "finish", interrupted)
-    make(SMALL, tmp_path / "x.zarr")
+    with pytest.raises(KeyboardInterrupt):  # After it: whoever calls is to stop, too
+        make(SMALL, tmp_path / "x.zarr")
     assert len(datasets.load_dataset(tmp_path / "x.zarr")["record"]) == 3
+    assert not making.under_way(tmp_path / "x.zarr").exists()
 
 
 @pytest.mark.slow

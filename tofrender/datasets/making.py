@@ -157,7 +157,7 @@ def make_dataset(
                 finished = sum(receipt is not None for receipt in receipts.values())
                 on = again or f"the same call goes on with {folder}"
                 raise KeyboardInterrupt(interrupted(finished, count, "records", on)) from None
-        with deferred_stop():  # All records are there: what is left is done in a moment
+        with held_signals():  # All records are there: what is left is done in a moment
             # Of a slow record that two workers made, the last one's receipt is the one that counts
             found = {record: store.last_receipt(record) for record in plan.records}
             store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
