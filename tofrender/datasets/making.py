@@ -101,7 +101,7 @@ def make_dataset(
             cannot be made; one line.
         FileExistsError: The folder is there, or a stopped run and `resume` is False; one line.
         OSError: The disk has no room; one line.
-        KeyboardInterrupt: It was stopped; one line that says how to go on.
+        KeyboardInterrupt: It was stopped; one line that says how to go on, if records are missing.
 
     Warns:
         UserWarning: Renders of some records warned; it says how many, and what of the first.
