@@ -319,10 +319,11 @@ def _step(record, sampler, shot, pixel, count, weight=1.0):
             not_finite += odd
             sampler.advance()
             left -= 1
-    image.put_block(block)
+    # Reading the block evaluates it: with all else that the walk leaves, or it is traced again
     sampler.schedule_state()
-    image.schedule_storage()
     dr.schedule(not_finite)
+    image.put_block(block)
+    image.schedule_storage()
     dr.eval()
     dr.sync_thread()
     return int(dr.sum(mi.UInt64(not_finite))[0])
