@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 import signal
+import subprocess
 from pathlib import Path
 
 import mitsuba as mi
@@ -332,3 +334,38 @@ def test_scene_without_sensor_or_light():
     whole = load_scene("cornell_box_steady_state")
     require_sensor(whole)
     require_light(whole)
+
+
+# ------------------------------------------------------------------------------ native code
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [("../../evil", "must be a plugin's name"), ("evil", "native code"), ("/tmp/evil", "letters")],
+)
+def test_native_code_beside_a_scene_is_refused(tmp_path, monkeypatch, kind, text):
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "evil.so").write_bytes(b"")
+    body = f'<bsdf type="{kind}" id="paint"/>'
+    assert text in refusal(write(tmp_path, f'<scene version="3.0.0">{body}</scene>'))
+    inner = write(tmp_path, f"<scene version='3.0.0'>{body}</scene>").rename(tmp_path / "in.xml")
+    outer = write(tmp_path, f'<scene version="3.0.0"><include filename="{inner.name}"/></scene>')
+    assert text in refusal(outer)
+    monkeypatch.chdir(tmp_path)
+    assert text in refusal({"type": "scene", "paint": {"type": "twosided", "in": {"type": kind}}})
+    with pytest.raises(ValueError, match=text):
+        load_plugin("integrator", {"type": kind})
+    with pytest.raises(ValueError, match=text):
+        load_scene("cornell_box", integrator={"type": "aov", "inner": {"type": kind}})
+
+
+@pytest.mark.slow
+def test_mitsubas_plugins_come_from_its_own_folder(tmp_path):
+    (tmp_path / "plugins").mkdir()
+    for name in ("area", "d65", "diffuse", "hdrfilm", "path", "scene"):
+        (tmp_path / "plugins" / f"{name}.so").write_bytes(b"no library: opening it fails")
+    (tmp_path / "scene.xml").write_bytes(XML.read_bytes())
+    size = ["--size", "4x4", "--spp", "1", "--window", "4,16", "--bins", "4", "--no-video"]
+    command = [shutil.which("tofrender"), "render", "scene.xml", "--out", "out", *size]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

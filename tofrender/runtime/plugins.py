@@ -9,7 +9,10 @@ variant. Everything else in the package works in any vectorised variant as it is
 from __future__ import annotations
 
 import importlib
+import re
 import sys
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from . import withheld
@@ -146,8 +149,55 @@ def own_name(plugin_name: str) -> str:
     return f"tofrender_{plugin_name}" if ours else plugin_name
 
 
+@cache
+def load_mitsubas() -> frozenset[str]:
+    """Load Mitsuba's native plugins from its package's folder, and return their names.
+
+    Mitsuba would look for each in the working folder and beside the scene first, and run it there.
+    """
+    import mitsuba as mi
+
+    untyped: Any = mi  # the stubs of these functions are not callable
+    before, package = untyped.file_resolver(), Path(mi.__file__).parent
+    names = frozenset(each.stem for each in (package / "plugins").iterdir())
+    only = mi.FileResolver()
+    only.clear()
+    only.append(str(package))
+    untyped.set_file_resolver(only)
+    try:
+        for name in names:
+            mi.PluginManager.instance().plugin_type(name)
+    finally:
+        untyped.set_file_resolver(before)
+    return names
+
+
+def require_safe_type(name: str) -> None:
+    """Refuse a plugin's name that would make Mitsuba run native code from outside its package.
+
+    Raises:
+        ValueError: It is no word, or the name of a file in a folder `plugins` that Mitsuba
+            searches; one line.
+    """
+    import mitsuba as mi
+
+    if not re.fullmatch(r"[\w-]+", name, re.ASCII):
+        raise ValueError(f"type = {name!r}: must be a plugin's name, of letters, digits, - and _")
+    if name in load_mitsubas() or name == "scene":  # That one is built in
+        return
+    resolver: Any = mi.file_resolver
+    for suffix in (".so", ".dylib", ".dll"):
+        found = Path(str(resolver().resolve(f"plugins/{name}{suffix}")))
+        if found.exists():
+            raise ValueError(
+                f"type = {name!r}: is native code in {str(found)!r}, which is not loaded; must be "
+                "a plugin of Mitsuba, or one registered in Python"
+            )
+
+
 def register(variant: str) -> None:
     """Register our plugins in `variant`, once: another package's later ones stay in place."""
+    load_mitsubas()
     if variant in _classes:
         return
     import mitsuba as mi

@@ -14,6 +14,8 @@ from xml.parsers import expat
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.plugins import require_safe_type
+
 MAX_NESTING = 200
 """Tags or dicts within each other; Mitsuba's parser calls itself for each until the stack ends."""
 
@@ -75,7 +77,7 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
 
 
 def require_readable_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict whose dicts are nested too deeply, or with a value that is None.
+    """Refuse a dict nested too deeply, with a value that is None, or with an unsafe plugin type.
 
     Raises:
         ValueError: One line.
@@ -86,6 +88,8 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
         for name, value in values:
             if value is None:
                 raise ValueError(f"{name} = None: must have a value, or be left out")
+            if isinstance(value, str) and name.rpartition(".")[2] == "type":
+                require_safe_type(value)
         level = [(f"{name}.", v) for name, v in values if isinstance(v, Mapping)]
         if not level:
             return

@@ -75,6 +75,8 @@ def load_scene(
         [32, 16]
     """
     given = check_settings(settings)
+    if isinstance(given.get("integrator"), Mapping):
+        require_readable_dict(given["integrator"])
     parameters = checks.mapping("parameters", parameters)
     optimize = checks.boolean("optimize", optimize)
     if isinstance(source, mi.Scene):
@@ -98,7 +100,7 @@ def load_scene(
             use_own_names(state)
             change(state, given)
             use_own_plugins(state)
-            _require_meshes(state)
+            _require_safe(state)
             name_shapes(state)
             if sum(is_kind(node, mi.ObjectType.Emitter) for node in state.nodes) > 1:
                 config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
@@ -277,10 +279,11 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
         ) from None
 
 
-def _require_meshes(state: Any) -> None:
-    """Refuse PLY files that would end the process."""
+def _require_safe(state: Any) -> None:
+    """Refuse plugins that are not Mitsuba's or Python's, and PLY files that end the process."""
     for node in state.nodes:
         props = node.props
+        plugins.require_safe_type(props.plugin_name())
         if props.plugin_name() == "ply" and "filename" in props:
             require_indices(str(props["filename"]))
 
