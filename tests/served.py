@@ -36,6 +36,11 @@ class Served:
     def port(self) -> int:
         return int(re.search(r":(\d+)/", self.url)[1])
 
+    @property
+    def site(self) -> str:
+        """The page's address without the token."""
+        return self.url.partition("?")[0]
+
     def stop(self) -> int:
         """Ctrl-C; returns the exit status."""
         if self.process.poll() is None:

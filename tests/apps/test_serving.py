@@ -1,4 +1,4 @@
-"""Pages are served on this machine only, else with a token; ports are free afterwards."""
+"""Pages are served with a token, by default on this machine only; ports are free afterwards."""
 
 from __future__ import annotations
 
@@ -59,11 +59,16 @@ def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
     ):
         assert one.port != two.port
         assert one.url.startswith("http://127.0.0.1:")
-        assert "token" not in one.url
         for each in (one, two):
             assert fetch(each.url)[0] == 200
             assert is_open(each.url)
             assert not is_open(each.url, origin="http://evil.example")
+            base = each.site
+            assert fetch(base)[0] == 403
+            assert not is_open(base)
+            assert fetch(each.url, Host=f"localhost:{each.port}")[0] == 200
+            assert fetch(each.url, Host=f"evil.example:{each.port}")[0] == 403
+            assert fetch(f"{base}components/antigravity/x/_css/y")[0] == 403
             assert each.stop() == 0
             assert "Traceback" not in each.errors
             assert is_free(each.port)
@@ -106,7 +111,7 @@ def test_addresses():
     assert serving.is_loopback("::1")
     assert not serving.is_loopback("192.168.0.1")
     assert not serving.is_loopback("example.org")
-    assert serving._url("::1", 5006, "") == "http://[::1]:5006/"
+    assert serving._url("::1", 5006, "abc") == "http://[::1]:5006/?token=abc"
     assert serving._url("10.0.0.1", 5006, "abc") == "http://10.0.0.1:5006/?token=abc"
 
 

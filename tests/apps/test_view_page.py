@@ -38,7 +38,7 @@ def opened(*arguments, dark=False):
     with served("view", *arguments, "--no-browser") as command:
         with page(dark=dark, viewport={"width": 1280, "height": 800}) as there:
             elsewhere = []
-            own = (command.url, "data:", "blob:")
+            own = (command.site, "data:", "blob:")
             there.on(
                 "request", lambda asked: asked.url.startswith(own) or elsewhere.append(asked.url)
             )

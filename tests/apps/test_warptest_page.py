@@ -27,7 +27,7 @@ def opened(*arguments, size=(1280, 800), dark=False, cwd=None):
         viewport = {"width": size[0], "height": size[1]}
         with page(dark=dark, viewport=viewport, accept_downloads=True) as there:
             there.elsewhere = []
-            own = (command.url, "data:", "blob:")
+            own = (command.site, "data:", "blob:")
             there.on(
                 "request",
                 lambda asked: (

@@ -1,4 +1,4 @@
-"""Serving an application to browsers: on this machine only, unless asked, and then with a token."""
+"""Serving an application to browsers: on this machine only, unless asked, and always with a token."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def serve(
     Args:
         make: Returns what a new reader of the page gets, an object of Panel.
         title: The page's title.
-        host: Address to listen on. Others than this machine's own ask readers for a random token.
+        host: Address to listen on. Readers need a random token, which is part of the page's address.
         port: Port to listen on; by default the first free one from 5006 on.
         browser: Whether to open the page, if there is a screen.
         tell: Called with the line that says where the page is.
@@ -85,7 +85,7 @@ def serve(
     checks.instance("host", host, str, "an address like 127.0.0.1")
     if port is not None:
         checks.integer("port", port, 1, 65535)
-    token = "" if is_loopback(host) else secrets.token_urlsafe(16)
+    token = secrets.token_urlsafe(16)
     for noisy in ("bokeh.server.views.ws", "tornado.access"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
     server = _bind(make, title, host, port, token)
@@ -125,7 +125,6 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
     """A server on the port asked for, or on the first that is free."""
     from panel.io.server import get_server
 
-    more: dict[str, Any] = {"auth_provider": _by_token(title, token)} if token else {}
     any_port, reason = _try(host, 0) if host else (0, "it is empty")
     if reason:
         raise ValueError(f"host = {checks.shown(host)}: must be an address to listen on ({reason})")
@@ -136,18 +135,40 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
             raise ValueError(f"port = {port}: must be free to listen on ({reason})")
         if reason:
             continue
-        origins = ["*"] if token else [f"{name}:{free}" for name in (host, "localhost")]
+        names = {host, "localhost"} if is_loopback(host) else None
+        origins = ["*"] if names is None else [f"{name}:{free}" for name in names]
         with suppress(OSError):  # Somebody was faster
-            return get_server(
+            server = get_server(
                 make,
                 port=free,
                 address=host,
                 title=title,
                 websocket_origin=origins,
                 websocket_max_message_size=MAX_MESSAGE,
-                **more,
+                auth_provider=_by_token(title, token),
             )
+            _restrict(server, names)
+            return server
     raise ValueError(f"host = {host!r}: has no free port")
+
+
+def _restrict(server: Any, names: set[str] | None) -> None:
+    """Refuse requests that no page of ours makes, before any other handler sees them.
+
+    Panel imports whatever Python module an address below /components/ names. A page of another
+    site reaches a server of this machine under a name of its own (DNS rebinding): where `names`
+    are given, a request must be for one of these hosts.
+    """
+    from tornado.routing import Matcher, Rule
+    from tornado.web import ErrorHandler
+
+    class Refused(Matcher):
+        def match(self, request: Any) -> dict[str, Any] | None:
+            foreign = names is not None and request.host_name.strip("[]") not in names
+            return {} if foreign or request.path.startswith("/components/") else None
+
+    rule = Rule(Refused(), ErrorHandler, {"status_code": 403})
+    server._tornado.default_router.rules.insert(0, rule)
 
 
 def _try(host: str, port: int) -> tuple[int, str]:
@@ -164,7 +185,7 @@ def _try(host: str, port: int) -> tuple[int, str]:
 def _url(host: str, port: int, token: str) -> str:
     is_any = host in ("", "0.0.0.0", "::")
     name = socket.gethostname() if is_any else f"[{host}]" if ":" in host else host
-    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+    return f"http://{name}:{port}/?token={token}"
 
 
 def _has_screen() -> bool:
