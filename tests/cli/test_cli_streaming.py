@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
+import sysconfig
+from contextlib import contextmanager
 from pathlib import Path
 
 import distributed
 import numpy as np
 import pytest
-from films_in_parts import ROOT, check_same, differences, end, in_tiles, names, render, script
+from films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from test_cli import refused, run
 
 import tofrender
 from tofrender.cli.keeping import on_disk
-from tofrender.rendering.workers import local_workers
 from tofrender.runtime import memory
 
 TINY = ["--size", "12x9", "--bins", "40", "--bin-width", "0.3", "--spp", "16", "--no-video"]
@@ -28,11 +30,32 @@ def whole():
     return render("cornell_box", settings=SETTINGS, spp=16)
 
 
+_SCHEDULER = """
+import distributed
+if __name__ == "__main__":
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        input()
+"""
+
+
+@contextmanager
+def scheduler_of_workers():
+    """A user's own scheduler, in a process that may be ended, and its address."""
+    process = script(_SCHEDULER, stdin=subprocess.PIPE)
+    try:
+        yield process, process.stdout.readline().strip()
+    finally:
+        end(process)
+
+
 @pytest.fixture(scope="module")
 def address():
     """The scheduler of two workers."""
-    with local_workers(2, threads=1) as client:
-        yield client.scheduler.address
+    with scheduler_of_workers() as (_, address):
+        yield address
 
 
 @pytest.fixture
@@ -120,14 +143,43 @@ def test_by_workers_of_a_scheduler(capsys, out, address, whole, format):
         check_frames(out, whole)
 
 
+SCRIPT = [str(Path(sysconfig.get_path("scripts")) / "tofrender")]
+MODULE = [sys.executable, "-W", "error", "-m", "tofrender"]
+BOXES = {
+    "records": 2,
+    "scene": "cornell_box",
+    "outputs": {"steady": True},
+    "render": {"width": 6, "height": 5, "spp": 2},
+}
+WALL = ["capture", "nlos_z", "--grid", "3x2", "--spp", "4"]
+
+
 @pytest.mark.slow
-def test_by_own_workers(tmp_path, whole):
-    """In a process of its own, as from a shell."""
-    out = ["--out", str(tmp_path / "box"), "--format", "zarr", "--workers", "2"]
-    command = [sys.executable, "-W", "error", "-m", "tofrender", "render", "cornell_box"]
-    subprocess.run([*command, *TINY, *out], cwd=ROOT, check=True, timeout=120)
-    assert names(tmp_path) == {"box"}
-    check_same(tofrender.load_zarr(tmp_path / "box" / "transient.zarr"), whole)
+@pytest.mark.parametrize(
+    ("command", "arguments", "out"),
+    [
+        (SCRIPT, ["render", "cornell_box", *TINY, "--format", "zarr"], "box"),
+        (MODULE, ["render", "cornell_box", *TINY, "--format", "zarr"], "box"),
+        (SCRIPT, WALL, "z.h5"),
+        (SCRIPT, ["reconstruct", "seen.h5", "--method", "bp"], "volume"),
+        (SCRIPT, ["dataset", "boxes.toml"], "boxes.zarr"),
+    ],
+)
+def test_by_own_workers(tmp_path, whole, command, arguments, out):
+    """In a process of its own, as from a shell: workers start whatever that is called."""
+    if arguments[0] == "reconstruct":
+        seen = tofrender.nlos.capture("nlos_z", grid=(3, 2), spp=4, progress=False)
+        tofrender.save_capture(seen, tmp_path / "seen.h5")
+    tables = {name: table for name, table in BOXES.items() if isinstance(table, dict)}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in BOXES.items() if name not in tables]
+    for name, table in tables.items():
+        lines += [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    (tmp_path / "boxes.toml").write_text("\n".join(lines))
+    options = ["--workers", "2", "--out", out]
+    subprocess.run([*command, *arguments, *options], cwd=tmp_path, check=True, timeout=120)
+    assert names(tmp_path) - {"boxes.toml", "seen.h5"} == {out}
+    if arguments[0] == "render":
+        check_same(tofrender.load_zarr(tmp_path / "box" / "transient.zarr"), whole)
 
 
 @pytest.mark.slow
@@ -271,6 +323,55 @@ def test_a_killed_run_by_workers_goes_on(capsys, out, address, whole):
     assert "resuming from " in err
     assert names(out.parent) == {"box"}
     check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
+
+
+_WAITS = """
+import sys
+import pytest
+from films_in_parts import in_tiles
+from tofrender.cli.app import main
+from tofrender.rendering import workers
+if __name__ == "__main__":
+    in_tiles(pytest.MonkeyPatch(), 2)
+    following, calls = workers._next, []
+    def waiting(*arguments):
+        calls.append(None)
+        if len(calls) == 2:
+            print("here", flush=True)
+            input()
+        return following(*arguments)
+    workers._next = waiting
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "unit"),
+    [
+        (["render", "cornell_box", *TINY], "tiles"),
+        ([*WALL, "--mode", "exhaustive"], "laser points"),
+    ],
+)
+def test_a_scheduler_that_is_lost(capsys, out, address, arguments, unit):
+    """What is done is kept, one line says so, and --resume goes on with another scheduler."""
+    arguments = [*arguments, "--out", out.with_suffix(".h5") if arguments[0] == "capture" else out]
+    with scheduler_of_workers() as (scheduler, lost):
+        process = script(_WAITS, *arguments, "--scheduler", lost, stdin=subprocess.PIPE)
+        try:
+            assert process.stdout.readline() == "here\n", process.stderr.read()
+            end(scheduler)
+            _, err = process.communicate("\n", timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 1
+    said = err.splitlines()[-1]
+    assert said.startswith("error: the scheduler of the workers is lost: interrupted after ")
+    assert said.endswith(f" {unit}; the same command with --resume goes on")
+    assert "Traceback" not in err
+    count = int(said.partition("after ")[2].split()[0])
+    err = done(capsys, *arguments, "--scheduler", address, "--resume")
+    assert int(err.partition("resuming from ")[2].split()[0]) >= count
 
 
 def finished(out: Path, **options) -> None:

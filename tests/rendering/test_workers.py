@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import time
+import urllib.error
+import urllib.request
 from functools import partial
 
 import dask
@@ -287,6 +289,28 @@ def test_workers_of_other_versions_are_refused(client):
     assert render(box(), client=client).attrs["complete"] == 1
 
 
+def test_workers_that_cannot_render_are_refused(client):
+    """Before they get a piece."""
+
+    def break_it(broken):
+        from tofrender.runtime import backend
+
+        def refuse(variant):
+            raise backend.BackendError("no LLVM here")
+
+        if broken:
+            backend.own = backend.activate
+        backend.activate = refuse if broken else backend.own
+
+    (second,) = addresses(client)[1:]
+    client.run(break_it, True, workers=[second])
+    try:
+        with pytest.raises(RuntimeError, match=f"^client: worker {second} cannot render: no LLVM"):
+            render(box(), client=client)
+    finally:
+        client.run(break_it, False, workers=[second])
+
+
 @pytest.mark.parametrize(
     ("argument", "value", "text"),
     [
@@ -322,6 +346,55 @@ def test_light_that_lands_anywhere_is_not_streamed_by_workers(client, tmp_path):
         render(box(), client=client, **options)
     one_line(error)
     assert names(tmp_path) == set()
+
+
+@pytest.mark.slow
+def test_strangers_cannot_reach_workers(client):
+    """Neither without a certificate nor with another one; nor are there pages."""
+    cluster = client.cluster
+    servers = [client.scheduler.address, *(nanny.address for nanny in cluster.workers.values())]
+    for address in [*servers, *addresses(client)]:
+        assert address.startswith("tls://127.0.0.1:")
+        for place, security in (
+            (address.replace("tls", "tcp"), None),
+            (address, distributed.Security.temporary()),
+        ):
+            with pytest.raises((OSError, TimeoutError)):
+                distributed.Client(place, security=security, timeout=0.5)
+    page = f"http://127.0.0.1:{cluster.scheduler.http_server.port}/info/main/workers.html"
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(page)
+
+
+BROKEN = {"DRJIT_LIBLLVM_PATH": __file__}
+"""Environment in which no worker can start."""
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_start(monkeypatch):
+    monkeypatch.setenv(*next(iter(BROKEN.items())))
+    started = time.monotonic()
+    with pytest.raises(RuntimeError, match=r"^workers: cannot start: .* not a") as error:  # noqa: SIM117
+        with local_workers(2):
+            pass
+    one_line(error)
+    assert time.monotonic() - started < 20
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_start_again(tmp_path):
+    def die(take, job, piece):
+        import os
+        import signal
+
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with local_workers(1, threads=1) as client:
+        with_takes(client, die)
+        client.cluster.workers[0].process.env |= BROKEN
+        with pytest.raises(ConnectionError, match=r"all workers are lost.*0 of \d+ p") as error:
+            render(box(), client=client)
+    one_line(error)
 
 
 @pytest.mark.slow
@@ -383,6 +456,17 @@ if __name__ == "__main__":
 """
 
 
+def certificate(client, folder) -> dict[str, str]:
+    """Environment in which Dask's clients have the certificate of this one."""
+    held = client.security.get_tls_config_for_role("client")
+    found = {}
+    for name, text in (("CA_FILE", "ca_file"), ("CLIENT__CERT", "cert"), ("CLIENT__KEY", "key")):
+        file = folder / f"{text}.pem"
+        file.write_text(held[text])
+        found[f"DASK_DISTRIBUTED__COMM__TLS__{name}"] = str(file)
+    return found
+
+
 @pytest.mark.slow
 def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
     """Pieces that workers had sent back are not taken again."""
@@ -396,7 +480,7 @@ def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
         return take(job, piece)
 
     with_takes(client, last_is_slow)
-    process = script(_SENDS, client.scheduler.address, path)
+    process = script(_SENDS, client.scheduler.address, path, env=certificate(client, tmp_path))
     try:
         assert process.stdout.readline() == "1 9\n", process.stderr.read()
         assert process.stdout.readline() == "2 9\n"

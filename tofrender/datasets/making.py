@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
-from ..integrators.running import interrupted
+from ..integrators.running import stopped
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
 from ..rendering.workers import THREADS, check_client, shared_out
@@ -102,6 +102,7 @@ def make_dataset(
         FileExistsError: The folder is there, or a stopped run and `resume` is False; one line.
         OSError: The disk has no room; one line.
         KeyboardInterrupt: It was stopped; one line that says how to go on, if records are missing.
+        ConnectionError: The scheduler of the workers was lost; likewise.
 
     Warns:
         UserWarning: Renders of some records warned; it says how many, and what of the first.
@@ -153,10 +154,10 @@ def make_dataset(
                     bar.update()
                     if number == 1 and len(left) > 1:
                         tell(_estimate(record, receipt, len(left), started, client))
-            except KeyboardInterrupt:
+            except (KeyboardInterrupt, ConnectionError) as error:
                 finished = sum(receipt is not None for receipt in receipts.values())
                 on = again or f"the same call goes on with {folder}"
-                raise KeyboardInterrupt(interrupted(finished, count, "records", on)) from None
+                raise stopped(error, finished, count, "records", on) from None
         with held_signals():  # All records are there: what is left is done in a moment
             # Of a slow record that two workers made, the last one's receipt is the one that counts
             found = {record: store.last_receipt(record) for record in plan.records}

@@ -115,3 +115,12 @@ def made_with(
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
     """One line on work that was stopped, and on how to go on."""
     return f"interrupted after {done} of {of} {unit}" + (f"; {again}" if again else "")
+
+
+def stopped(error: BaseException, done: int, of: int, unit: str, again: str = "") -> BaseException:
+    """The error of work that was stopped, or whose workers are lost, with one line as above."""
+    if isinstance(error, KeyboardInterrupt):
+        return KeyboardInterrupt(interrupted(done, of, unit, again))
+    if isinstance(error, ConnectionError):
+        return ConnectionError(f"{error}: {interrupted(done, of, unit, again)}")
+    return error

@@ -13,7 +13,8 @@ from ..films.image import time_bins, transient_film
 from ..films.recording import tell_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
-from ..rendering.workers import check_client, collect_pieces, pieces_by_workers
+from ..rendering.pieces import collect_pieces
+from ..rendering.workers import check_client, pieces_by_workers
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Kept, Within
 from ..runtime.progress import Stop, deferred_stop, progress_bar

@@ -28,9 +28,19 @@ from .arrivals import Arrivals, find_arrivals
 from .asked import Asked, is_auto
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import parts_of
-from .pieces import TILE_BYTES, Piece, Taken, ranges, take, tile_size, tiles, whole
+from .pieces import (
+    TILE_BYTES,
+    Piece,
+    Taken,
+    collect_pieces,
+    ranges,
+    take,
+    tile_size,
+    tiles,
+    whole,
+)
 from .window import check_window, warn_of_losses, windowed_film
-from .workers import check_client, collect_pieces, pieces_by_workers
+from .workers import check_client, pieces_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -192,6 +202,7 @@ def collect(
 
     Raises:
         KeyboardInterrupt: It was stopped; one line.
+        ConnectionError: The scheduler was lost; likewise.
     """
     workers = check_client(client)
     if job.plan.splats and job.asked.errors:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +18,11 @@ import numpy as np
 
 from ..films.image import pixels_of, transient_film
 from ..integrators.passes import Part, steps
-from ..integrators.running import UNIT, interrupted, run
+from ..integrators.running import UNIT, interrupted, run, stopped
 from ..paths.camera import Tile
 from ..runtime import memory
 from ..runtime.checkpoints import Checkpoint, Kept, Within
-from ..runtime.progress import deferred_stop
+from ..runtime.progress import deferred_stop, progress_bar
 from .errors import Scatter, parts_of, seed_of
 
 if TYPE_CHECKING:
@@ -169,6 +170,64 @@ def take(
     taken = taking(job, piece, checkpoint, kept, resumed, progress)
     taken.seconds = time.perf_counter() - start + (kept.seconds if kept else 0.0)
     return taken
+
+
+def collect_pieces(
+    found: Callable[[list[Any]], Iterator[tuple[Any, Any]]],
+    pieces: Sequence[Any],
+    place: Callable[[Any, Any], None],
+    arrays: dict[str, np.ndarray],
+    *,
+    recipe: Mapping[str, Any],
+    unit: str,
+    checkpoint: Checkpoint | None = None,
+    progress: bool = True,
+) -> None:
+    """Put pieces into arrays as they are done, and keep these in a checkpoint.
+
+    Args:
+        found: Gives pieces and what they came to, of those that are left.
+        pieces: All pieces.
+        place: Puts what a piece came to into the arrays.
+        arrays: The arrays; those of a checkpoint are copied into them.
+        recipe: All that the result depends on, for the checkpoint.
+        unit: What pieces are called.
+        checkpoint: What is kept up to date.
+        progress: Whether to show a bar for work that takes more than two seconds.
+
+    Raises:
+        KeyboardInterrupt: The work was stopped; one line that says how to go on.
+        ConnectionError: The scheduler was lost; likewise.
+    """
+    done = np.zeros(len(pieces), dtype=bool)
+    kept = None if checkpoint is None else checkpoint.begin(recipe, len(pieces), unit)
+    if kept is not None:
+        done = kept.arrays.pop("done")
+        for name, array in kept.arrays.items():
+            arrays[name][...] = array
+    numbers = {piece: number for number, piece in enumerate(pieces)}
+    left = [piece for piece, number in numbers.items() if not done[number]]
+
+    def keep() -> None:
+        if checkpoint is not None:
+            checkpoint.save(int(done.sum()), len(pieces), {**arrays, "done": done})
+
+    with progress_bar("Rendering", len(pieces), unit="piece", enabled=progress) as bar:
+        bar.update(int(done.sum()))
+        try:
+            for piece, result in found(left):
+                with deferred_stop() as stop:  # A piece is there whole or not at all
+                    place(piece, result)
+                    done[numbers[piece]] = True
+                bar.update()
+                if checkpoint is not None and checkpoint.due:
+                    keep()
+                if stop.requested:
+                    raise KeyboardInterrupt
+        except (KeyboardInterrupt, Exception) as error:
+            keep()
+            again = checkpoint.again if checkpoint else ""
+            raise stopped(error, int(done.sum()), len(pieces), unit, again) from None
 
 
 def _at_once(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..films.recording import tell_not_finite
-from ..integrators.running import interrupted
+from ..integrators.running import stopped
 from ..runtime import atomic, memory
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import EVERY_S, deferred_stop, progress_bar
@@ -54,6 +54,7 @@ def stream(
 
     Raises:
         KeyboardInterrupt: The render was stopped; one line that says how to go on.
+        ConnectionError: The scheduler of the workers was lost; likewise.
         OSError: The disk is full; finished tiles stay.
     """
     if client is not None and job.plan.splats:
@@ -87,10 +88,10 @@ def stream(
                 for piece, receipt in done:
                     receipts[piece] = receipt
                     bar.update()
-            except KeyboardInterrupt:
+            except (KeyboardInterrupt, ConnectionError) as error:
                 count = sum(receipt is not None for receipt in receipts.values())
                 on = again or f"the same call goes on with {folder}"
-                raise KeyboardInterrupt(interrupted(count, len(planned), "tiles", on)) from None
+                raise stopped(error, count, len(planned), "tiles", on) from None
         attrs = _attributes(job, [receipt for receipt in receipts.values() if receipt])
         store.finish(channel_coordinates(job.film), attrs, target)
     tell_not_finite(attrs["contributions_not_finite"])

@@ -11,7 +11,8 @@ import os
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,11 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from ..integrators.running import interrupted
 from ..runtime import backend, checks
-from ..runtime.progress import deferred_stop, progress_bar
 from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
 from .store import Store
@@ -31,13 +29,14 @@ from .store import Store
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-    from ..runtime.checkpoints import Checkpoint
-
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """A piece is given to a second worker after so many times the usual time, but not before [s]."""
 
 ANSWER_S = 10.0
 """Time that a scheduler has to answer [s]."""
+
+LOOK_S = 2.0
+"""Time between looks whether workers are left, while no piece is finished [s]."""
 
 COMES_BACK = "10 minutes"
 """Time after which a worker that has died, and does not start again, is given up."""
@@ -91,13 +90,17 @@ def order_of(job: Any) -> Order:
 def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     """A scheduler and workers on this machine, and a client of them.
 
+    They listen on the loopback interface, by TLS, and only to holders of a certificate that is made
+    for them.
+
     Args:
         count: Number of processes, 1 to 1024.
         threads: Threads of each, 1 to 1024; by default the cores are shared among them.
 
     Raises:
         ValueError: A number is out of range; one line.
-        ImportError: The package distributed is missing; one line.
+        ImportError: The package distributed or cryptography is missing; one line.
+        RuntimeError: A worker cannot start; one line that says why.
     """
     checks.integer("count", count, 1, MOST)
     if threads is not None:
@@ -106,20 +109,31 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     import dask.config
 
     each = max(1, backend.cores() // count) if threads is None else threads
-    with (
-        dask.config.set({"distributed.deploy.lost-worker-timeout": COMES_BACK}),
-        distributed.LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",  # None would take port 8787, which may be in use
-            scheduler_kwargs={"dashboard": False},
-            env={THREADS: str(each)},
-            silence_logs="ERROR",
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
+    settings = {
+        "distributed.deploy.lost-worker-timeout": COMES_BACK,
+        "distributed.scheduler.http.routes": [],  # Their web servers cannot be left out
+        "distributed.worker.http.routes": [],
+    }
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        try:
+            cluster = distributed.LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                processes=True,
+                security=distributed.Security.temporary(),
+                dashboard_address="127.0.0.1:0",  # None would take port 8787, which may be in use
+                scheduler_kwargs={"dashboard": False},
+                preload=[_START.format(mi.variant())],
+                env={THREADS: str(each)},
+                silence_logs="CRITICAL",
+            )
+        except RuntimeError as error:
+            cause: BaseException = error
+            while cause.__cause__ is not None:
+                cause = cause.__cause__
+            raise RuntimeError(f"workers: cannot start: {cause}") from None
+        yield stack.enter_context(distributed.Client(stack.enter_context(cluster)))
 
 
 @contextmanager
@@ -131,14 +145,18 @@ def workers_of(scheduler: str) -> Iterator[Client]:
         ImportError: The package distributed is missing; one line.
     """
     distributed = require_distributed()
-    try:
-        client = distributed.Client(scheduler, timeout=ANSWER_S)
-    except (OSError, ValueError, TimeoutError):
-        raise ValueError(
-            f"scheduler = {scheduler}: does not answer; must be an address like tcp://10.0.0.1:8786"
-        ) from None
-    with client:
-        yield client
+    from distributed.utils import silence_logging_cmgr
+
+    with silence_logging_cmgr("CRITICAL"):
+        try:
+            client = distributed.Client(scheduler, timeout=ANSWER_S)
+        except (OSError, ValueError, TimeoutError):
+            raise ValueError(
+                f"scheduler = {scheduler}: does not answer; must be an address like "
+                "tcp://10.0.0.1:8786"
+            ) from None
+        with client:
+            yield client
 
 
 @contextmanager
@@ -183,9 +201,10 @@ def require_distributed() -> Any:
         ImportError: It is missing; one line that says how to get it.
     """
     try:
+        import cryptography  # noqa: F401  # for certificates
         import distributed
-    except ImportError:
-        raise ImportError("workers need dask: pip install 'tofrender[cluster]'") from None
+    except ImportError as error:
+        raise ImportError(f"workers need {error.name}: pip install 'tofrender[cluster]'") from None
     return distributed
 
 
@@ -204,18 +223,23 @@ def require_client(client: Any) -> None:
 
 
 def check_client(client: Any) -> int:
-    """The number of a client's workers, all of which have the versions of this process.
+    """The number of a client's workers, all of which can render with the versions of this process.
 
     Raises:
         ValueError: There is no worker, or one has other versions; one line.
+        RuntimeError: A worker cannot import this package, or not activate the variant; one line.
     """
     require_client(client)
-    found, own = client.run(versions), versions()
+    found, own = client.run(versions, on_error="return"), versions()
     if not found:
         raise ValueError("client: has no workers; must have one")
     for worker, its in found.items():
-        if its != own:
+        if not isinstance(its, Exception) and its != own:
             raise ValueError(f"client: worker {worker} has {its}; must have {own}")
+    active = client.run(backend.activate, mi.variant(), on_error="return")
+    for worker, its in [*found.items(), *active.items()]:
+        if isinstance(its, Exception):
+            raise RuntimeError(f"client: worker {worker} cannot render: {its}")
     return len(found)
 
 
@@ -244,8 +268,9 @@ def shared_out(
 
     Raises:
         RuntimeError: A worker fails; one line that says why.
+        ConnectionError: The scheduler is lost, or all workers here; one line.
     """
-    distributed, workers = require_distributed(), len(client.scheduler_info()["workers"])
+    workers = len(client.scheduler_info()["workers"])
 
     def ask(item: Any, again: int = 0) -> Future:
         return client.submit(work.func, *work.args, item, priority=again, pure=False)
@@ -255,7 +280,7 @@ def shared_out(
     try:
         while left:
             wait = max(LEAST_WAIT_S, PATIENCE * usual_s) if usual_s < math.inf else None
-            done = _next(distributed, list(asked), wait)
+            done = _next(client, list(asked), wait)
             if not done:  # All that are out take much longer than the others did
                 asked |= {ask(item, 1): item for item in left}
                 continue
@@ -264,81 +289,40 @@ def shared_out(
                 if future.status == "error":
                     _raise(future)
                 if future.status != "finished":  # Its worker died with it: it is made again
-                    lost = future.status == "cancelled"
-                    asked[ask(item) if lost else future] = item
+                    asked[future] = item
                 elif item in left:
                     left.remove(item)
                     usual_s = (time.monotonic() - started) * workers / (len(items) - len(left))
                     yield item, future.result()
+    except Exception as error:
+        if client.status == "running" and not isinstance(error, CancelledError):
+            raise
+        raise ConnectionError("the scheduler of the workers is lost") from None
     finally:
-        client.cancel(list(asked), force=True)
+        if client.status == "running":
+            client.cancel(list(asked), force=True)
 
 
-def collect_pieces(
-    found: Callable[[list[Any]], Iterator[tuple[Any, Any]]],
-    pieces: Sequence[Any],
-    place: Callable[[Any, Any], None],
-    arrays: dict[str, np.ndarray],
-    *,
-    recipe: Mapping[str, Any],
-    unit: str,
-    checkpoint: Checkpoint | None = None,
-    progress: bool = True,
-) -> None:
-    """Put pieces into arrays as they are done, and keep these in a checkpoint.
-
-    Args:
-        found: Gives pieces and what they came to, of those that are left.
-        pieces: All pieces.
-        place: Puts what a piece came to into the arrays.
-        arrays: The arrays; those of a checkpoint are copied into them.
-        recipe: All that the result depends on, for the checkpoint.
-        unit: What pieces are called.
-        checkpoint: What is kept up to date.
-        progress: Whether to show a bar for work that takes more than two seconds.
-
-    Raises:
-        KeyboardInterrupt: The work was stopped; one line that says how to go on.
-    """
-    done = np.zeros(len(pieces), dtype=bool)
-    kept = None if checkpoint is None else checkpoint.begin(recipe, len(pieces), unit)
-    if kept is not None:
-        done = kept.arrays.pop("done")
-        for name, array in kept.arrays.items():
-            arrays[name][...] = array
-    numbers = {piece: number for number, piece in enumerate(pieces)}
-    left = [piece for piece, number in numbers.items() if not done[number]]
-
-    def keep() -> None:
-        if checkpoint is not None:
-            checkpoint.save(int(done.sum()), len(pieces), {**arrays, "done": done})
-
-    with progress_bar("Rendering", len(pieces), unit="piece", enabled=progress) as bar:
-        bar.update(int(done.sum()))
-        try:
-            for piece, result in found(left):
-                with deferred_stop() as stop:  # A piece is there whole or not at all
-                    place(piece, result)
-                    done[numbers[piece]] = True
-                bar.update()
-                if checkpoint is not None and checkpoint.due:
-                    keep()
-                if stop.requested:
-                    raise KeyboardInterrupt
-        except KeyboardInterrupt:
-            keep()
-            again = checkpoint.again if checkpoint else ""
-            said = interrupted(int(done.sum()), len(pieces), unit, again)
-            raise KeyboardInterrupt(said) from None
-
-
-def _next(distributed: Any, futures: list[Future], wait_s: float | None) -> set[Future]:
+def _next(client: Client, futures: list[Future], wait_s: float | None) -> set[Future]:
     """Those of some futures that are done; none if nothing was for a time [s]."""
-    try:
-        found = distributed.wait(futures, timeout=wait_s, return_when="FIRST_COMPLETED")
-    except TimeoutError:
-        return set()
-    return found.done
+    distributed = require_distributed()
+    until = time.monotonic() + (math.inf if wait_s is None else wait_s)
+    while (left_s := until - time.monotonic()) > 0:
+        try:
+            wait = distributed.wait(futures, min(LOOK_S, left_s), return_when="FIRST_COMPLETED")
+            return wait.done
+        except TimeoutError:
+            _require_workers(client)
+    return set()
+
+
+def _require_workers(client: Client) -> None:
+    """Refuse to wait for workers of this machine, all of which have ended for good."""
+    cluster: Any = client.cluster
+    if isinstance(cluster, require_distributed().LocalCluster) and all(
+        worker.status.name in ("closed", "failed") for worker in cluster.workers.values()
+    ):
+        raise ConnectionError("all workers are lost, and none can start again")
 
 
 def _raise(future: Future) -> None:
@@ -351,6 +335,22 @@ def _raise(future: Future) -> None:
 
 
 # ------------------------------------------------------------------------------- in a worker
+
+_START = """
+refused = None
+try:
+    from tofrender.runtime import backend
+    backend.activate({!r})
+except Exception as error:
+    refused = str(error)
+if refused is not None:  # Its own error cannot be sent: the package could not be imported
+    raise RuntimeError(refused)
+"""
+"""What a worker here does first.
+
+It has the `sys.argv` of the process that started it: if that is the command, an import of
+tofrender alone activates no variant.
+"""
 
 
 def _take(order: Order, folder: str | None, piece: Any) -> Any:
