@@ -1,4 +1,4 @@
-"""Serving an application to browsers: on this machine only, unless asked, and always with a token."""
+"""Serving an application to browsers: with a token, and on this machine only unless asked."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def serve(
     Args:
         make: Returns what a new reader of the page gets, an object of Panel.
         title: The page's title.
-        host: Address to listen on. Readers need a random token, which is part of the page's address.
+        host: Address to listen on. Readers need a random token, a part of the page's address.
         port: Port to listen on; by default the first free one from 5006 on.
         browser: Whether to open the page, if there is a screen.
         tell: Called with the line that says where the page is.

@@ -56,9 +56,7 @@ Parameters = Annotated[
     list[str] | None,
     checked(definition, "A parameter of NAME, like distance=2.", "-D", metavar="NAME=VALUE"),
 ]
-Host = Annotated[
-    str, typer.Option(metavar="ADDRESS", help="Address to listen on.")
-]
+Host = Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")]
 Port = Annotated[int | None, integer(1, 65535, "Port to listen on; by default a free one.")]
 Browser = Annotated[bool, typer.Option(help="Open the page, if there is a screen.")]
 
