@@ -290,7 +290,7 @@ def test_bad_frequencies(f, function):
         unambiguous_range: (f,),
     }[function]
     one_line(
-        r"frequency_hz.* = .*: must be a finite number of hertz above 0",
+        r"frequency_hz.* = .*: must be a finite number of hertz from 1e-09",
         *arguments,
         function=function,
     )

@@ -193,3 +193,11 @@ def test_no_markup_comes_from_the_data():
     assert policy.startswith("default-src 'none'")
     assert "unsafe" not in policy
     assert isinstance(contents_of(data), Contents)
+
+
+def test_a_page_that_no_reduction_makes_small_enough(tmp_path):
+    data = make_dataset(8, 8, 4)
+    with pytest.raises(ValueError, match="megabytes: must be more"):
+        contents_of(data, most_bytes=1)
+    with pytest.raises(ValueError, match=r"megabytes = 0.01: must be a finite number from 0.1"):
+        tofrender.report(data, tmp_path / "page.html", megabytes=0.01)

@@ -480,6 +480,7 @@ def test_a_gate(tmp_path):
     [
         (["phasor", "cornell_box", "--freq", "0"], "--freq = 0: must be a finite number of hertz"),
         (["phasor", "cornell_box", "--freq", "nan"], "--freq = nan: must be"),
+        (["phasor", "cornell_box", "--freq", "1e-300"], "hertz from 1e-09 to 1e+18"),
         (["phasor", "cornell_box"], "Missing option '--freq'"),
         (["phasor", "cornel_box", "--freq", "2e7"], "did you mean cornell_box"),
         (["gate", "cornell_box", "--at", "-1"], "--at = -1: must be a number from 0"),
@@ -492,6 +493,24 @@ def test_a_gate(tmp_path):
 def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
     assert text in refused(capsys, *arguments, "--out", tmp_path / "out")
     assert names(tmp_path) == set()
+
+
+def test_phasors_below_a_hertz_have_files_of_their_own(tmp_path):
+    command = ["phasor", "cornell_box", "--out", str(tmp_path / "out"), "--size", "2x2"]
+    for _ in range(2):  # The second replaces the first
+        assert main([*command, "--spp", "1", "--freq", "0.1", "--freq", "0.2"]) == 0
+    assert {"phasor_0.1Hz.exr", "phasor_0.2Hz.exr"} < names(tmp_path / "out")
+
+
+def test_control_characters_of_names_do_not_reach_the_terminal(tmp_path, capsys):
+    out = tmp_path / "red\x1b[31m"
+    assert main(["gate", "cornell_box", "--at", "6", "--size", "2x2", "--out", str(out)]) == 0
+    assert main(["gate", "cornell_box", "--at", "6", "--out", str(out / "gate.exr" / "\x9b")]) == 2
+    assert main(["gate", "cornell_box", "--at", "6", "--out", "a\nb"]) == 2
+    said = "".join(capsys.readouterr())
+    assert "must be a name in one line" in said
+    assert "\\x1b[31m" in said
+    assert not set(said) & {"\x1b", "\x9b"}
 
 
 def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):

@@ -368,6 +368,7 @@ def test_a_steady_scene_needs_bins():
         (b"records = ", "Invalid value"),
         (b"records = 1\nrecords = 2", "Cannot overwrite a value"),
         (b"\xff\xfe", "cannot be read"),
+        (b"a = " + b"[" * 10_000, "nested too deeply"),
     ],
 )
 def test_files_that_are_no_toml_are_refused(tmp_path, capsys, content, text):

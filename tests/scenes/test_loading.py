@@ -353,6 +353,10 @@ def test_native_code_beside_a_scene_is_refused(tmp_path, monkeypatch, kind, text
     assert text in refusal(outer)
     monkeypatch.chdir(tmp_path)
     assert text in refusal({"type": "scene", "paint": {"type": "twosided", "in": {"type": kind}}})
+    monkeypatch.undo()
+    beside = {"here": {"type": "resources", "path": str(tmp_path)}, "paint": {"type": kind}}
+    assert text in refusal({"type": "scene"} | beside)
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match=text):
         load_plugin("integrator", {"type": kind})
     with pytest.raises(ValueError, match=text):

@@ -110,7 +110,7 @@ def test_pixels_without_a_phase_are_left_open(fill):
     ("frequencies", "message"),
     [
         ([], r"frequencies_hz = \[\]: must hold at least one frequency"),
-        (0, "frequencies_hz = 0: must be a finite number of hertz above 0"),
+        (0, "frequencies_hz = 0: must be a finite number of hertz from 1e-09"),
         ([20e6, -1.0], r"frequencies_hz\[1\] = -1.0: must be a finite"),
         (np.nan, "frequencies_hz = nan"),
         ("20 MHz", "frequencies_hz = '20 MHz'"),

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..runtime.checks import printable
 from ..runtime.progress import hidden, status
 from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
 from .answers import Json, answer
@@ -78,8 +79,7 @@ def _warn(message: Warning | str, *_: Any) -> None:
 
 
 def _complain(message: str, status: int) -> int:
-    line = " ".join(message.split()).encode(errors="backslashreplace").decode()
-    print(f"error: {line}", file=sys.stderr)
+    print(f"error: {printable(' '.join(message.split()))}", file=sys.stderr)
     return status
 
 

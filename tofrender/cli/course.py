@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import integer
+from .options import integer, note, say
 
 if TYPE_CHECKING:
     from ..course.judge.running import Outcome
@@ -38,11 +37,11 @@ def release(
     chosen = edition.chosen(found.rubric)
     kinds = ", ".join([".md", ".html", *([".pdf"] if pdf else [])])
     alone = sorted(edition.withheld(found.rubric).keys() - chosen.keys())
-    typer.echo(f"{made}: README and exercises ({kinds}), figures and {PACKAGE_FOLDER}/")
-    typer.echo(f"withheld: {', '.join(sorted(chosen))}")
+    say(f"{made}: README and exercises ({kinds}), figures and {PACKAGE_FOLDER}/")
+    say(f"withheld: {', '.join(sorted(chosen))}")
     if alone:
-        typer.echo(f"left out, since they need one of these: {', '.join(alone)}")
-    typer.echo(f'students run: pip install "./{PACKAGE_FOLDER}[course]"')
+        say(f"left out, since they need one of these: {', '.join(alone)}")
+    say(f'students run: pip install "./{PACKAGE_FOLDER}[course]"')
 
 
 def verify(
@@ -81,9 +80,14 @@ def verify(
         for check in checks:
             mark = "ok    " if check.ok else "FAILED"
             line = f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            console.print(checks.printable(line), markup=False, highlight=False, soft_wrap=True)
             for reason in check.reasons:
-                console.print(f"        {reason}", markup=False, highlight=False, soft_wrap=True)
+                console.print(
+                    checks.printable(f"        {reason}"),
+                    markup=False,
+                    highlight=False,
+                    soft_wrap=True,
+                )
             failed += not check.ok
     if failed:
         raise typer.Exit(1)
@@ -102,15 +106,15 @@ def start(
     made = make(found, folder)
     first = found.rubric.problems[0]
     where = shlex.quote(str(made))
-    typer.echo(f"{made}: {found.rubric.title}")
-    typer.echo("Next:")
+    say(f"{made}: {found.rubric.title}")
+    say("Next:")
     for command, what in (
         (f"cd {where}", f"then read README.md, and open {NOTEBOOK} in an editor or Jupyter"),
         (f"pytest -m {first.marker}", f"tests the first problem ({first.file or first.id})"),
         ("pytest", "tests all of them"),
         (f"tofrender submit {found.rubric.id} .", "packs what is handed in"),
     ):
-        typer.echo(f"  {command:30} {what}".rstrip())
+        say(f"  {command:30} {what}".rstrip())
 
 
 def submit(
@@ -129,17 +133,17 @@ def submit(
     found = assignments.find(assignment)
     submitting.check(found, folder)
     folder = folder.resolve()
-    typer.echo("Running the public tests ...")
+    say("Running the public tests ...")
     try:
         _table(found.rubric, submitting.run_public_tests(found, folder))
     except RuntimeError as error:  # no reason not to hand in
-        print(f"warning: {error}", file=sys.stderr)
+        note(f"warning: {error}")
     handed = submitting.pack(found, folder, folder.with_name(f"{folder.name}.zip"))
     for name in handed.missing:
-        print(f"warning: {name} is missing", file=sys.stderr)
+        note(f"warning: {name} is missing")
     for name in handed.unchanged:
-        print(f"warning: {name} is as it came", file=sys.stderr)
-    typer.echo(f"{handed.archive}: {', '.join(handed.files)}")
+        note(f"warning: {name} is as it came")
+    say(f"{handed.archive}: {', '.join(handed.files)}")
 
 
 def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
@@ -158,13 +162,13 @@ def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
         line += " bonus" if problem.bonus else ""
         if public < problem.points:
             line += f", {points_text(problem.points - public)} from tests that are not public"
-        typer.echo(f"  {problem.title:{width}}  {line}")
+        say(f"  {problem.title:{width}}  {line}")
         failed = [test for test in seen if outcomes[test.id].outcome != "passed"]
         unwritten = [t for t in failed if all("not written yet" in s for s in outcomes[t.id].texts)]
         if unwritten:
-            typer.echo(f"  {'':{width}}    not written yet: {len(unwritten)} tests")
+            say(f"  {'':{width}}    not written yet: {len(unwritten)} tests")
         for test in failed:
             if test not in unwritten:
-                typer.echo(f"  {'':{width}}    {test.id.partition('::')[2]}: failed")
+                say(f"  {'':{width}}    {test.id.partition('::')[2]}: failed")
     together = f"{points_text(sum(came.values())):>5} of {points_text(total)}"
-    typer.echo(f"  {'Together':{width}}  {together}")
+    say(f"  {'Together':{width}}  {together}")

@@ -12,7 +12,7 @@ import typer
 
 from ..runtime import checks
 from .course import Name
-from .options import INTERRUPTED, integer, real, say
+from .options import INTERRUPTED, integer, note, real, say
 
 if TYPE_CHECKING:
     from ..course.grade.classes import Class
@@ -121,7 +121,7 @@ def grade(
             if feedback is not None:
                 _write_pages(class_, feedback)
     except KeyboardInterrupt:
-        typer.echo("error: interrupted; what is graded is kept", err=True)
+        note("error: interrupted; what is graded is kept")
         raise typer.Exit(INTERRUPTED) from None
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -132,11 +132,11 @@ def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
     rubric = grader.assignment.rubric
     for problem in rubric.problems:
         points = f"{results.problem_points(problem):g} of {problem.points:g}"
-        typer.echo(f"{problem.id}: {points}{' (bonus)' if problem.bonus else ''}")
+        say(f"{problem.id}: {points}{' (bonus)' if problem.bonus else ''}")
     for remark in results.remarks:
-        typer.echo(remark)
+        say(remark)
     total = f"{results.score:g} of {rubric.points:g} points"
-    typer.echo(f"{out}: {total}, {results.seconds:.0f} s")
+    say(f"{out}: {total}, {results.seconds:.0f} s")
 
 
 def _write_pages(class_: Class, folder: Path) -> None:

@@ -227,7 +227,7 @@ def say(*lines: str, err: bool = False) -> None:
     """Say something on stdout, or on stderr."""
     with cleared():
         for line in lines:
-            typer.echo(line, err=err)
+            typer.echo(checks.printable(line), err=err)
 
 
 def note(line: str) -> None:

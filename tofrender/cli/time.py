@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..runtime.progress import EVERY_S
+from ..signals.frequencies import check_frequency
 from . import options as opt
 from .answers import Gate, Json, Phasor, answer
 from .keeping import Resume, Seconds, keeping, require_something, tell
@@ -35,7 +36,12 @@ def phasor(
         ),
     ],
     out: opt.Out,
-    freq: Annotated[list[float], opt.positive("hertz", "Modulation frequency, hertz; repeatable.")],
+    freq: Annotated[
+        list[float],
+        opt.checked(
+            check_frequency, "Modulation frequency, hertz; repeatable.", metavar="<float above 0>"
+        ),
+    ],
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
@@ -204,7 +210,7 @@ def _write_phasors(
         files = []
         for k, frequency in enumerate(frequencies):
             layers = {name: part[k] for name, part in zip(names, parts, strict=True)}
-            files.append(f"phasor_{frequency:.0f}Hz.exr")
+            files.append(f"phasor_{frequency:.15g}Hz.exr")
             io.save_exr_layers(folder / files[-1], layers, {"frequency_hz": frequency})
         panel = vis.phasor_panel(frequencies, *parts, title=f"{source}")
         files.append(f"panel.{figure}")

@@ -159,6 +159,8 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         raise ValueError(f"config = {path}: cannot be read ({type(error).__name__})") from None
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"config = {path}: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise ValueError(f"config = {path}: is nested too deeply; must be flatter") from None
     return parse_config(given, path.absolute().parent)
 
 

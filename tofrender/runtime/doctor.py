@@ -227,7 +227,11 @@ def _in_process(code: str) -> tuple[dict, str]:
     """Run Python code in a process of its own: the JSON object it prints, or what went wrong."""
     try:
         result = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+            [sys.executable, "-P", "-c", code],  # Without the working folder's modules
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return {}, "not finished after 120 seconds"

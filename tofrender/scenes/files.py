@@ -90,6 +90,8 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
                 raise ValueError(f"{name} = None: must have a value, or be left out")
             if isinstance(value, str) and name.rpartition(".")[2] == "type":
                 require_safe_type(value)
+                if value == "resources" and name.count(".") != 1:
+                    raise ValueError(f"{name} = 'resources': must be a part of the scene itself")
         level = [(f"{name}.", v) for name, v in values if isinstance(v, Mapping)]
         if not level:
             return

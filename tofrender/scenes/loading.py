@@ -241,17 +241,27 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if source.get("type") != "scene":
         raise ValueError(f"scene: type = {checks.shown(source.get('type'))}, must be 'scene'")
     require_readable_dict(source)
-    return parser.parse_dict(config, dict(source))
+    return parser.parse_dict(config, {k: v for k, v in source.items() if not _is_folder(v)})
+
+
+def _is_folder(part: Any) -> bool:
+    """Whether a part of a dict is a folder of files, which `_files_beside` looks into."""
+    return isinstance(part, Mapping) and part.get("type") == "resources"
 
 
 @contextmanager
 def _files_beside(source: Any) -> Iterator[None]:
-    """Let Mitsuba look for meshes and textures in the XML file's folder first."""
+    """Let Mitsuba look for meshes and textures in the XML file's or a dict's folders first."""
     untyped: Any = mi  # the stubs of these functions are not callable
     before = untyped.file_resolver()
     resolver = mi.FileResolver(before)
     if isinstance(source, os.PathLike):
         resolver.prepend(str(Path(source).absolute().parent))
+    for part in filter(_is_folder, source.values() if isinstance(source, Mapping) else ()):
+        folder = checks.path("resources: path", part.get("path"))
+        if not folder.is_dir():
+            raise ValueError(f"resources: path = {str(folder)!r}: must be a folder that exists")
+        resolver.prepend(str(folder.absolute()))
     untyped.set_file_resolver(resolver)
     try:
         yield

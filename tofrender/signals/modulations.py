@@ -24,10 +24,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from .frequencies import check_frequency
 from .units import SPEED_OF_LIGHT
-
-MIN_FREQUENCY, MAX_FREQUENCY = 1e-9, 1e18
-"""Range of frequencies [Hz] whose period in metres single precision can divide by."""
 
 
 class Modulation(Protocol):
@@ -38,24 +36,6 @@ class Modulation(Protocol):
     def eval(self, opl: mi.Float) -> mi.Float: ...  # noqa: D102
 
     def get_unambiguous_range(self) -> float: ...  # noqa: D102
-
-
-def check_frequency(name: str, value: Any) -> float:
-    """Return `value`, a frequency in hertz, as a float.
-
-    Args:
-        name: The parameter's name, for the message.
-        value: A number from 1e-9 to 1e18; NaN, infinities, bools and text are refused.
-
-    Raises:
-        ValueError: One line with name, value and what is allowed.
-
-    Example:
-        >>> check_frequency("frequency_hz", 0)
-        Traceback (most recent call last):
-        ValueError: frequency_hz = 0: must be a finite number of hertz from 1e-09 to 1e+18
-    """
-    return checks.number(name, value, unit="hertz", low=MIN_FREQUENCY, high=MAX_FREQUENCY)
 
 
 class _Periodic:

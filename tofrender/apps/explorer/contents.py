@@ -98,17 +98,17 @@ def contents_of(
         packed: Whether `most_bytes` counts them after compression.
 
     Raises:
-        ValueError: An argument is wrong; one line.
+        ValueError: An argument is wrong, or no reduction is small enough; one line.
         MemoryError: The codes do not fit into memory.
     """
     checks.text("title", title)
     subject = subject_of(data, orders, distance_m)
     layers = _layers(subject)
-    by = next(
-        each
-        for each in reductions(subject.light.shape[-2])
-        if most_bytes is None or _fits(layers, each, most_bytes, packed)
-    )
+    for by in reductions(subject.light.shape[-2]):
+        if most_bytes is None or _fits(layers, by, most_bytes, packed):
+            break
+    else:
+        raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
     packing = _Packing(packed)
     header: dict[str, Any] = {
         "version": 1,

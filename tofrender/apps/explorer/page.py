@@ -89,7 +89,7 @@ def report(
         orders: As for `explore`.
         distance_m: As for `explore`.
         title: Above everything; by default the scene.
-        megabytes: What the file may take [1e6 bytes], above 0; at least about 0.2 are needed.
+        megabytes: What the file may take [1e6 bytes], 0.1 to 1000.
         overwrite: Replace a file that is there.
 
     Returns:
@@ -112,7 +112,7 @@ def report(
     """
     target = check_file(path, ".html", ".htm", overwrite=overwrite)
     check_writable(path)
-    most = 1e6 * checks.number("megabytes", megabytes, positive=True, high=1000)
+    most = 1e6 * checks.number("megabytes", megabytes, low=0.1, high=1000)
     given: dict[str, Any] = {"orders": orders, "distance_m": distance_m, "title": title}
     share = 0.96  # What is estimated of the size may be a little too small
     while True:

@@ -3,7 +3,7 @@
 from .addresses import MAX_NAME, MAX_PATH, address, path
 from .arrays import finite, finite_parts, real_array
 from .kinds import boolean, function, instance, mapping, one_of, text
-from .messages import LISTED, LONGEST, kind_of, listed, shown
+from .messages import LISTED, LONGEST, kind_of, listed, printable, shown
 from .numbers import (
     MAX_BINS,
     MAX_DEPTH,
@@ -48,6 +48,7 @@ __all__ = [
     "one_of",
     "path",
     "place",
+    "printable",
     "real_array",
     "shown",
     "text",

@@ -35,6 +35,8 @@ def path(name: str, value: Any) -> Path:
                 allowed = f"must have names of at most {MAX_NAME} bytes, {MAX_PATH} in all"
                 raise ValueError(f"{name} = {shown(text)}: {allowed}")
             return Path(text)
+        if text:
+            value, allowed = text, "must be a name in one line, without NUL"
     raise ValueError(f"{name} = {shown(value)}: {allowed}")
 
 

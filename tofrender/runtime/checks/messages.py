@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from itertools import accumulate
 from typing import Any
@@ -30,6 +31,17 @@ def shown(value: Any) -> str:
     except Exception:  # Whatever its own code raises
         text = f"<{type(value).__name__}>"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
+
+
+def printable(text: str) -> str:
+    r"""Text for a terminal, in which control characters, as of file names, are escaped.
+
+    Example:
+        >>> printable("out\x1b[31m")
+        'out\\x1b[31m'
+    """
+    text = re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda found: f"\\x{ord(found[0]):02x}", text)
+    return text.encode(errors="backslashreplace").decode()
 
 
 def listed(names: Collection[str]) -> str:
