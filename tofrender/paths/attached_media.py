@@ -79,8 +79,7 @@ class AttachedMedia(Media):
         medium = self._behind(path.place.medium, vertex, connection.direction)
         length = dr.norm(connection.point - o)
         length = length if connection.reach is None else connection.reach
-        active = connection.active & ~connection.clear
-        return left * self._change(medium, ray, o, length, sampler, active)
+        return left * self._change(medium, ray, o, length, sampler, connection.active)
 
     def _change(
         self,

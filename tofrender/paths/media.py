@@ -151,6 +151,7 @@ class Media:
     def around(self, ray: mi.Ray3f) -> Place:
         """What is around the start of other rays: what the first shape says that has a medium."""
         ray = mi.Ray3f(ray)
+        ray.maxt = mi.Float(dr.inf)  # What tells may be behind the end of a connection
         medium = _everywhere(self.beyond, dr.width(ray))
         looking = mi.Bool(True)
         while looking:
@@ -286,9 +287,8 @@ class Media:
         hidden = self.hides and connection.position is not None  # It ends on the sensor
         ray = vertex.si.spawn_ray_to(connection.point)
         flight = Flight.start(ray, medium, connection.active, hidden)
-        flight.looking &= ~connection.clear
         whole = dr.norm(connection.point - o) if connection.reach is None else connection.reach
-        flight = self._arrive(flight, o, whole, sampler)
+        flight = self._arrive(flight, o, whole, sampler, connection.clear)
         return flight.left, Place(flight.medium)
 
     def ahead(
@@ -314,11 +314,20 @@ class Media:
         return path, Vertex(point, distance, here, Scattered(mei, here))
 
     def _arrive(
-        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler
+        self,
+        flight: Flight,
+        o: mi.Point3f,
+        whole: mi.Float,
+        sampler: mi.Sampler,
+        clear: Any = False,
     ) -> Flight:
-        """What is left of light that flies to the end of a ray, 0 where a surface is in the way."""
+        """What is left of light that flies to the end of a ray, 0 where a surface is in the way.
+
+        In `clear` lanes only boundaries can be.
+        """
         if self.has_boundaries:
-            return self._lost_behind(flight, o, whole, sampler)
+            return self._lost_behind(flight, o, whole, sampler, clear)
+        flight.looking &= ~mi.Bool(clear)
         shadow = flight.looking & self.scene.ray_test(flight.ray, flight.looking)
         flight.going &= ~shadow
         flight.left = dr.select(shadow, 0, flight.left)
@@ -336,7 +345,7 @@ class Media:
 
     @dr.syntax
     def _lost_behind(
-        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler
+        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler, clear: Any
     ) -> Flight:
         """The same through boundaries."""
         while flight.going:
@@ -347,7 +356,7 @@ class Media:
             meets = flight.going
             surface = went & ~meets & flight.found.is_valid()
             flight, through = self._pass(flight, surface)
-            flight.left = dr.select(surface & ~through, 0, flight.left)
+            flight.left = dr.select(surface & ~through & ~clear, 0, flight.left)
             flight.going = (meets | through) & dr.any(flight.left > 0)
         return flight
 
