@@ -104,7 +104,8 @@ def test_a_single_bounce_is_in_fog_on_both_ways():
     """In a box of fog, light that comes straight back to device and laser is in it all the way."""
     integrator = EACH | {"discard_direct_paths": False, "use_nlos_only": False}
     fogs, μ, _ = ABSORBING["in a box"]
-    clear, dim = (bins(corner(integrator, 2, **more), 64, range(4)) for more in ({}, fogs))
+    clear = bins(corner(integrator, 2), 64, range(4))
+    dim = bins(corner(integrator, 2, **fogs), 64, range(4))
     middle = np.exp(μ * (START + WIDTH * (np.arange(BINS) + 0.5)))
     np.testing.assert_allclose((dim * middle).sum(), clear.sum(), rtol=0.5 * WIDTH * μ)
 

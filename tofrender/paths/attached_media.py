@@ -20,7 +20,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .media import Flight, Media, Place, point_of
+from .flight import Flight
+from .media import Media, Place, point_of
 from .phases import Scattered, as_surface
 from .records import Connection, Path, Vertex, extend
 
@@ -112,5 +113,5 @@ class AttachedMedia(Media):
         while flight.looking:
             flight = self._look(flight, o)
             before = flight.looking & flight.found.is_valid() & (flight.end < at)
-            flight, _ = self._pass(flight, before)
+            flight, _ = self._pass(flight, before, connects=True)
         return flight.medium
