@@ -8,15 +8,17 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import DEPTH, LIT, SCENES, THIN, cube, described, filled, fog, sphere
+from fogs import DEPTH, HUGE, LIT, SCENES, THIN, cube, described, filled, fog, sphere
 from light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
 from support import (
     agree,
     area_light,
     camera,
+    diffuse,
     film,
     load,
     over_seeds,
+    plane,
     point_light,
     rendered,
     rotate,
@@ -40,12 +42,14 @@ BEHIND_GLASS = {"milk in glass", "cloud in glass"}
 """What light from the lamp cannot connect to the lens."""
 
 INSIDE = LIT | {"around": THIN, "hanging": ball((0.4, 0.3, 0.6), 0.2, emitter=area_light(6.0))}
+ROOM = LIT | HUGE | {"hanging": INSIDE["hanging"]}
 BETWEEN = LIT | {
     "half": filled(cube((9, 9, 0.4), (0, 0, 0.8)), fog(0.8, 0.9, 0.5)),
     "hanging": ball((0.4, 0.3, -0.5), 0.05, emitter=area_light(60.0)),
 }
 MORE = {
     "lamp in fog without end": INSIDE,
+    "lamp in a room of fog": ROOM,
     "lamp below a cloud": BETWEEN,
     "lamp in a ball of milk": LIT
     | {
@@ -93,6 +97,19 @@ def test_light_from_both_ends(name, technique):
         pytest.skip("no light connects to the lens through glass")
     found = seen(through(name, technique), SPP, SEEDS)
     assert same(found, seen(through(name, PATH), 4 * SPP, OTHER_SEEDS))
+
+
+@pytest.mark.parametrize("boxed", [False, True])
+@pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT])
+def test_a_lamp_seen_through_absorbing_fog(technique, boxed):
+    """4 m of it leave exp(-2), whether it has an end or not."""
+    dim = fog(0.5, 0.0)
+    view = camera((0, 0, 2), (0, 0, -2), film(2, 2, 1), fov=5, up=(0, 1, 0), medium=dim)
+    lamp = plane(translate(0, 0, -2), 0.25, bsdf=diffuse(0.0), light=area_light(1.0))
+    box = {"box": filled(cube(12.0), dim)} if boxed else {}
+    loaded = load(scene({"lamp": lamp} | box, view) | {"integrator": by(technique)})
+    found = np.array([rendered(loaded, SPP, seed)[0].mean() for seed in SEEDS])
+    assert agree(found, np.full_like(found, np.exp(-2)), rounding=1e-3)
 
 
 def lamp_in_slab(sigma_t: float | None, technique: str, **more) -> dict:

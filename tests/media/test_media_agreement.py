@@ -19,10 +19,16 @@ SEEDS = range(8)
 SPP = 1024
 
 
+ONE_SAMPLE = {"type": "path_tracer_mis", "technique": "one_sample"}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
-def test_energy_is_that_of_volpath(name):
+@pytest.mark.parametrize(
+    ("name", "integrator"), [*((name, {}) for name in SCENES), ("cloud under a sky", ONE_SAMPLE)]
+)
+def test_energy_is_that_of_volpath(name, integrator):
     description = described(name)
+    description["integrator"] |= integrator
     ours, theirs = load(description), load(steady_twin(description))
     volpath = mi.load_dict({"type": "volpath", "max_depth": DEPTH, "rr_depth": 20})
 

@@ -29,7 +29,21 @@ SCAN = {
     "discard_direct_paths": True,
 }
 SINGLE, EACH = SCAN | {"capture_type": "single"}, SCAN | {"capture_type": "confocal"}
+MODES = {"confocal": CONFOCAL, "single": SINGLE, "each": EACH}
 THIN = fog(0.6, 0.95, 0.4)
+DIM, DARK = fog(0.3, 0.0), fog(1.5, 0.0)
+LEGS = {"confocal": 4.15, "single": 3.71, "each": 4.15}
+"""Length of the ways between device and wall, both together: within 2 %."""
+ABSORBING: dict[str, tuple[dict, float, Any]] = {
+    "around": ({"around": DIM}, 0.3, lambda s, legs: s),
+    "in a box": ({"around": DIM, "box": filled(cube(6.0), DIM)}, 0.3, lambda s, legs: s),
+    "slab": (
+        {"slab": filled(cube((3, 3, 0.1), (0, 0, 0.5)), DARK)},
+        1.5,
+        lambda s, legs: 0.2 * (s - legs) + 0.2 / DEVICE[2] * legs,
+    ),
+}
+"""Fog, its extinction [1/m], and how much of a path's length is in it."""
 
 
 def look(target: Any) -> mi.ScalarTransform4f:
@@ -66,19 +80,34 @@ def bins(described: dict, spp: int, seeds) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
-@pytest.mark.parametrize("integrator", [CONFOCAL, SINGLE, EACH], ids=["confocal", "single", "each"])
-def test_absorption_separates(integrator):
-    """Every bin is darker by exp(-mu s), as all of each path is in the fog."""
+@pytest.mark.parametrize("where", ["around", "in a box", "slab"])
+@pytest.mark.parametrize("mode", LEGS)
+def test_absorption_separates(mode, where):
+    """Every bin is darker by exp(-mu s), where s is the part of each path in the fog."""
+    integrator, legs = MODES[mode], LEGS[mode]
+    fogs, μ, inside = ABSORBING[where]
     clear = bins(corner(integrator), 512, SEEDS)
-    dim = bins(corner(integrator, around=fog(0.3, 0.0)), 512, OTHER_SEEDS)
+    dim = bins(corner(integrator, **fogs), 512, OTHER_SEEDS)
     lit = clear.mean(axis=0) > 0.2 * clear.mean(axis=0).max()
     assert lit.sum() > 5
-    low, high = (np.exp(0.3 * (START + WIDTH * (np.arange(BINS)[lit] + k))) for k in (0, 1))
+    low, middle, high = (
+        np.exp(μ * inside(START + WIDTH * (np.arange(BINS)[lit] + k), legs)) for k in (0, 0.5, 1)
+    )
     ratio = clear.mean(axis=0)[lit] / dim.mean(axis=0)[lit]
     assert (ratio > 0.93 * low).all()
     assert (ratio < 1.07 * high).all()
-    middle = np.exp(0.3 * (START + WIDTH * (np.arange(BINS) + 0.5)))[lit]
     assert agree((dim[:, lit] * middle).sum(1), clear[:, lit].sum(1), rounding=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
+def test_a_single_bounce_is_in_fog_on_both_ways():
+    """In a box of fog, light that comes straight back to device and laser is in it all the way."""
+    integrator = EACH | {"discard_direct_paths": False, "use_nlos_only": False}
+    fogs, μ, _ = ABSORBING["in a box"]
+    clear = bins(corner(integrator, 2), 64, range(4))
+    dim = bins(corner(integrator, 2, **fogs), 64, range(4))
+    middle = np.exp(μ * (START + WIDTH * (np.arange(BINS) + 0.5)))
+    np.testing.assert_allclose((dim * middle).sum(), clear.sum(), rtol=0.5 * WIDTH * μ)
 
 
 @pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")

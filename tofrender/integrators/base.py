@@ -18,6 +18,7 @@ from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
+from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
@@ -97,6 +98,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
     follows_polarisation = True
     """Whether paths carry polarised light in variants that have it."""
 
+    goes_straight = False
+    """Whether connections go through surfaces that let light straight through, as in `volpath`."""
+
     starts_at_lights = False
     """Whether there are paths that come from lights."""
 
@@ -151,11 +155,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
         """What paths go through."""
-        if self.follows_media and media_of(scene, sensor):
+        straight = self._passes_null(scene)
+        if straight or (self.follows_media and media_of(scene, sensor)):
             outside = None if sensor is None else sensor.get_medium()
             afar = beyond(scene, outside) if self.starts_at_lights else None
-            return Media(scene, outside, afar, self.hide_emitters)
+            return Media(scene, outside, afar, self.hide_emitters, straight)
         return Vacuum(scene)
+
+    def _passes_null(self, scene: mi.Scene) -> bool:
+        """Whether there are surfaces that connections go straight through, boundaries included."""
+        return self.goes_straight and transmits(scene, mi.BSDFFlags.Null)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.
@@ -254,7 +263,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """A render whose derivative is asked for."""
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         record = self.recording(sensor.film())
-        require_derivatives(scene, sensor, record, tracked(params))
+        self._require_known(scene, sensor, record, tracked(params))
         plan = self.plan(scene, sensor)
         spp = spp or sensor.sampler().sample_count()
         return Derivative(plan, scene, record, sensor, spp, self.gradient_sampling == "detached")
@@ -266,8 +275,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
         if not names:
             return
         self._require_own_derivatives()
-        require_derivatives(scene, sensor, record, names)
+        self._require_known(scene, sensor, record, names)
         warn_of_edges(names)
+
+    def _require_known(self, scene, sensor, record, names) -> None:
+        """Refuse derivatives by parameters of some names that are not known."""
+        require_derivatives(scene, sensor, record, names, self._passes_null(scene))
 
     def _require_own_derivatives(self) -> None:
         """Refuse an integrator without derivatives."""

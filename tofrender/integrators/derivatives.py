@@ -16,7 +16,7 @@ from ..films.derivatives import Changes, changes
 from ..films.recording import Recording
 from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
-from ..paths.derivatives import Parts, move, pull
+from ..paths.derivatives import MOST_KEPT, Parts, move, pull
 from ..paths.protocols import Endpoint
 from ..paths.surfaces import has_mirrors
 from ..paths.tape import packed
@@ -29,9 +29,6 @@ from .plan import Plan
 
 PASS_SAMPLES = 1 << 20
 """Camera rays of one kernel launch."""
-
-MOST_KEPT = 256
-"""Vertices of a path whose states fit into the memory of a lane."""
 
 
 @contextmanager

@@ -90,9 +90,15 @@ def _users_level() -> int:
 
 
 def require_derivatives(
-    scene: mi.Scene, sensor: mi.Sensor, record: Recording, names: Sequence[str]
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    record: Recording,
+    names: Sequence[str],
+    straight: bool = False,
 ) -> None:
     """Refuse a render that has no derivatives by the parameters of some names.
+
+    `straight` says that connections go through surfaces that let light straight through.
 
     Raises:
         ValueError: One line with what of it has none.
@@ -101,8 +107,10 @@ def require_derivatives(
         _require_film(record)
         _require_pulse(record, any(name.endswith("pulse_width_opl") for name in names))
         _require_materials(scene)
+        if straight:
+            _require_fixed_transmission(scene)
         if moving(names):
-            _require_still(scene, sensor, _shown(moving(names)))
+            _require_still(scene, sensor, _shown(moving(names)), straight)
     except ValueError as error:
         raise ValueError(f"{error} (as {_shown(names)} tracks gradients)") from None
 
@@ -110,8 +118,13 @@ def require_derivatives(
 # ------------------------------------------------------------------------------- the scene
 
 
-def _require_still(scene: mi.Scene, sensor: mi.Sensor, names: str) -> None:
+def _require_still(scene: mi.Scene, sensor: mi.Sensor, names: str, straight: bool) -> None:
     """Refuse that things move where their derivatives are not whole."""
+    if straight:
+        raise ValueError(
+            f"params = {names}: have no derivatives by transient_volpath where surfaces let light "
+            "straight through; must be coefficients, materials or power, or by transient_path"
+        )
     media = media_of(scene, sensor)
     if media and (Boundaries(scene).exist or not all(m.is_homogeneous() for m in media)):
         raise ValueError(
@@ -125,6 +138,19 @@ def _require_still(scene: mi.Scene, sensor: mi.Sensor, names: str) -> None:
             "starts at a sphere around all that moves; must be materials or power, or light must "
             "be near"
         )
+
+
+def _require_fixed_transmission(scene: mi.Scene) -> None:
+    """Refuse that what surfaces let straight through changes, which connections do not follow."""
+    si: Any = dr.zeros(mi.SurfaceInteraction3f)
+    si.wi = mi.Vector3f(0, 0, 1)
+    for bsdf in materials(scene):
+        with dr.resume_grad():
+            if dr.grad_enabled(bsdf.eval_null_transmission(si)):
+                raise ValueError(
+                    f"bsdf = {bsdf.class_name()}: has no derivatives by transient_volpath of what "
+                    "it lets straight through; must be rendered by transient_path"
+                )
 
 
 def _require_materials(scene: mi.Scene) -> None:

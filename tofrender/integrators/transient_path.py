@@ -40,7 +40,8 @@ all further vertices connect to half as many, rounded up |
     exact and adds no noise. The assignment's text has a pulse of 0.03 m and a `max_depth` of 8 by
     default, where these are none and 6.
 
-    Participating media are followed, which Mitsuba's `path` ignores; see `TransientVolpath`.
+    Participating media are followed, which Mitsuba's `path` ignores; see `TransientVolpath`, which
+    differs behind panes and masks, too.
 
     In polarised variants, films have Stokes vectors, in the frames of Mitsuba's `stokes`: S1 is
     positive across the sensor's `up`.

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import mitsuba as mi
 
+from ..films.exposure import Weight
+from ..paths.endpoints.scene_lights import LightsStraightAhead
+from ..paths.protocols import Endpoint
+from ..paths.surfaces import lets_straight_through
+from .plan import Plan
 from .transient_path import TransientPath
 
 
@@ -23,6 +28,19 @@ class TransientVolpath(TransientPath):
     between its vertices times the index of refraction there, which a medium has from the glass
     around it.
 
+    Surfaces that let light straight through (`null` with or without a medium, `thindielectric`,
+    `mask`, polarisers) follow the rules of Mitsuba's `volpath`, not those of its `path`:
+
+    | straight through such a surface | `transient_path` | `transient_volpath` |
+    |---|---|---|
+    | connections to lamps | are blocked | go, less what it holds back |
+    | lamps that paths cannot run into | are dark behind it | are not |
+    | depth of a path | one more | the same |
+
+    Both let connections through `null` where a medium is in the scene, and count all lengths as
+    straight. Derivatives by what moves in such scenes, or by how much is let through, are
+    `transient_path`'s.
+
     Example:
         >>> import tofrender
         >>> description = tofrender.cornell_box(width=16, height=16)
@@ -33,7 +51,24 @@ class TransientVolpath(TransientPath):
         (16, 16, 300, 3)
     """
 
+    goes_straight = True
+
     def __init__(self, props: mi.Properties) -> None:
         if not {"max_depth", "max_bounces"} & set(props.keys()):
             props["max_depth"] = -1
         super().__init__(props)
+
+    def plan(
+        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
+    ) -> Plan:
+        """As of the base; surfaces that let a path straight through are no vertices."""
+        plan = super().plan(scene, sensor, weight)
+        plan.limits.straight = lets_straight_through(scene)
+        return plan
+
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
+        """The scene's emitters, also behind such surfaces."""
+        if not (self.emitter_sampling and lets_straight_through(scene)):
+            return super().endpoint(scene, sensor)
+        points = self.light_samples
+        return self.emitters(LightsStraightAhead, scene, sensor, light_samples=points)

@@ -20,7 +20,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .media import Flight, Media, Place, point_of
+from .flight import Flight
+from .media import Media, Place, point_of
 from .phases import Scattered, as_surface
 from .records import Connection, Path, Vertex, extend
 
@@ -79,8 +80,7 @@ class AttachedMedia(Media):
         medium = self._behind(path.place.medium, vertex, connection.direction)
         length = dr.norm(connection.point - o)
         length = length if connection.reach is None else connection.reach
-        active = connection.active & ~connection.clear
-        return left * self._change(medium, ray, o, length, sampler, active)
+        return left * self._change(medium, ray, o, length, sampler, connection.active)
 
     def _change(
         self,
@@ -113,5 +113,5 @@ class AttachedMedia(Media):
         while flight.looking:
             flight = self._look(flight, o)
             before = flight.looking & flight.found.is_valid() & (flight.end < at)
-            flight, _ = self._pass(flight, before)
+            flight, _ = self._pass(flight, before, connects=True)
         return flight.medium

@@ -28,6 +28,9 @@ from .records import Limits, Path
 from .tape import packed, tape, unpacked
 from .walk import step
 
+MOST_KEPT = 256
+"""Vertices of a path whose states fit into the memory of a lane."""
+
 
 class Parts:
     """What a path goes along: space, endpoint, scattering, limits. Not a state of the loop."""
@@ -97,7 +100,7 @@ def pull(sampler: Any, path: Path, parts: Parts, changes: Changes) -> Any:
     Returns:
         The gradient of the paths' first state, packed.
     """
-    most = parts.limits.max_depth
+    most = parts.limits.iterations if parts.limits.iterations > 0 else MOST_KEPT
     start, nothing = packed(path), Nothing()
     states, numbers = tape(path, most), dr.alloc_local(mi.UInt32, most)
     k = mi.UInt32(0)

@@ -29,12 +29,13 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import media_of
-from ..signals.polarisation import intensity
+from ..signals.polarisation import in_world, intensity
 from .channels import drawn_from, shares_of, value_in
+from .flight import Flight
 from .phases import Phases, Scattered, as_surface
 from .protocols import Scattering
 from .records import Connection, Path, Vertex, extend
-from .surfaces import Boundaries
+from .surfaces import Boundaries, lets_straight_through
 
 FARTHEST = 1e30
 """Distance that stands for infinity where it is multiplied [m]."""
@@ -51,61 +52,6 @@ class Place:
     medium: mi.MediumPtr
 
 
-@dataclass
-class Flight:
-    """A flight on its way: the state of the loop over null collisions and boundaries.
-
-    Attributes:
-        ray: What is looked along for the next surface.
-        found: That surface.
-        end: Its distance from the start [m].
-        at: Distance from which the flight goes on [m].
-        medium: What it goes on in.
-        left: Its chance in each channel over that in the one it is drawn in; of connections, what
-            arrives.
-        albedo: That of the point that scatters.
-        here: Lanes that a medium has scattered.
-        going: Lanes that go on.
-        looking: Lanes whose next surface is not known.
-        through_lamps: Lanes that go through lamps as through boundaries.
-    """
-
-    ray: mi.Ray3f
-    found: mi.PreliminaryIntersection3f
-    end: mi.Float
-    at: mi.Float
-    medium: mi.MediumPtr
-    left: Any
-    albedo: Any
-    here: mi.Bool
-    going: mi.Bool
-    looking: mi.Bool
-    through_lamps: mi.Bool
-
-    @classmethod
-    def start(
-        cls, ray: mi.Ray3f, medium: mi.MediumPtr, active: mi.Bool, through_lamps: Any
-    ) -> Flight:
-        """A flight along a ray, through a medium."""
-        lanes = dr.width(ray)
-        nothing = dr.zeros(mi.Float, lanes)
-        found: Any = dr.zeros(mi.PreliminaryIntersection3f, lanes)
-        found.t = nothing + dr.inf
-        return cls(
-            ray=mi.Ray3f(ray),
-            found=found,
-            end=mi.Float(nothing),
-            at=mi.Float(nothing),
-            medium=mi.MediumPtr(medium),
-            left=mi.UnpolarizedSpectrum(1) + nothing,
-            albedo=mi.UnpolarizedSpectrum(0) + nothing,
-            here=dr.zeros(mi.Bool, lanes),
-            going=mi.Bool(active),
-            looking=mi.Bool(active),
-            through_lamps=mi.Bool(through_lamps),
-        )
-
-
 class Media:
     """Straight flights through homogeneous media and grids.
 
@@ -114,6 +60,8 @@ class Media:
         outside: What is around a sensor, where its rays start; None for vacuum.
         beyond: What is infinitely far away, which paths from lights must know.
         hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
+        straight: Whether connections go through surfaces that let light straight through, as in
+            Mitsuba's `volpath`: panes, masks, polarisers.
     """
 
     scatters = True
@@ -124,12 +72,14 @@ class Media:
         outside: mi.Medium | None = None,
         beyond: mi.Medium | None = None,
         hide_emitters: bool = False,
+        straight: bool = False,
     ) -> None:
         self.scene, self.outside, self.beyond = scene, outside, beyond
         self.media = media_of(scene) + ([] if outside is None else [outside])
         self.has_grids = any(not medium.is_homogeneous() for medium in self.media)
         self.boundaries = Boundaries(scene)
-        self.has_boundaries = self.boundaries.exist
+        self.straight = straight and lets_straight_through(scene)
+        self.has_boundaries = self.boundaries.exist or self.straight
         self.repeats = self.has_grids or self.has_boundaries
         self.hides = hide_emitters and any(shape.is_emitter() for shape in scene.shapes())
 
@@ -141,6 +91,8 @@ class Media:
         connects: bool = False,
     ) -> Scattering:
         """Phase functions in media, and what is given on surfaces."""
+        if not self.media:
+            return surfaces
         return Phases(surfaces, importance, both_ways, connects, self.media)
 
     def place(self, ray: mi.Ray3f) -> Place:
@@ -151,6 +103,7 @@ class Media:
     def around(self, ray: mi.Ray3f) -> Place:
         """What is around the start of other rays: what the first shape says that has a medium."""
         ray = mi.Ray3f(ray)
+        ray.maxt = mi.Float(dr.inf)  # What tells may be behind the end of a connection
         medium = _everywhere(self.beyond, dr.width(ray))
         looking = mi.Bool(True)
         while looking:
@@ -251,11 +204,28 @@ class Media:
         xi = sampler.next_1d()
         return inside, flight.medium.sample_interaction(ray, xi, channel, inside)
 
-    def _pass(self, flight: Flight, arrives: mi.Bool) -> tuple[Flight, mi.Bool]:
-        """Go on behind a boundary of equal index; lanes that do."""
+    def _pass(
+        self, flight: Flight, arrives: mi.Bool, connects: bool = False
+    ) -> tuple[Flight, mi.Bool]:
+        """Go on behind a boundary of equal index, or what lets connections through; lanes that do.
+
+        Those lose there what is not let through.
+        """
         arrives &= flight.found.is_valid()
-        si = flight.found.compute_surface_interaction(flight.ray, mi.RayFlags.Minimal, arrives)
+        straight = connects and self.straight
+        flags = mi.RayFlags.All if straight else mi.RayFlags.Minimal
+        si = flight.found.compute_surface_interaction(flight.ray, flags, arrives)
         through = self.boundaries.hold(si, arrives)
+        if straight:
+            left = si.bsdf().eval_null_transmission(si, arrives)
+            passes = dr.any(intensity(left) > 0)
+            if flight.turned is None:
+                flight.left *= dr.select(arrives & passes, left, 1)
+            else:
+                left = in_world(si, mi.Spectrum(left), -si.wi, si.wi)
+                turned = extend(flight.turned, left)
+                flight.turned = dr.select(arrives & passes, turned, flight.turned)
+            through |= arrives & passes
         if self.hides:
             through |= arrives & flight.through_lamps & si.shape.is_emitter()
         d = flight.ray.d
@@ -286,9 +256,12 @@ class Media:
         hidden = self.hides and connection.position is not None  # It ends on the sensor
         ray = vertex.si.spawn_ray_to(connection.point)
         flight = Flight.start(ray, medium, connection.active, hidden)
-        flight.looking &= ~connection.clear
         whole = dr.norm(connection.point - o) if connection.reach is None else connection.reach
-        flight = self._arrive(flight, o, whole, sampler)
+        if self.straight and mi.is_polarized:
+            flight.turned = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
+        flight = self._arrive(flight, o, whole, sampler, mi.Bool(connection.clear))
+        if flight.turned is not None:
+            connection.frame = flight.turned
         return flight.left, Place(flight.medium)
 
     def ahead(
@@ -314,11 +287,21 @@ class Media:
         return path, Vertex(point, distance, here, Scattered(mei, here))
 
     def _arrive(
-        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler
+        self,
+        flight: Flight,
+        o: mi.Point3f,
+        whole: mi.Float,
+        sampler: mi.Sampler,
+        clear: mi.Bool | None = None,
     ) -> Flight:
-        """What is left of light that flies to the end of a ray, 0 where a surface is in the way."""
+        """What is left of light that flies to the end of a ray, 0 where a surface is in the way.
+
+        In `clear` lanes only boundaries can be.
+        """
+        clear = mi.Bool(False) if clear is None else clear
         if self.has_boundaries:
-            return self._lost_behind(flight, o, whole, sampler)
+            return self._lost_behind(flight, o, whole, sampler, clear)
+        flight.looking &= ~clear
         shadow = flight.looking & self.scene.ray_test(flight.ray, flight.looking)
         flight.going &= ~shadow
         flight.left = dr.select(shadow, 0, flight.left)
@@ -336,7 +319,7 @@ class Media:
 
     @dr.syntax
     def _lost_behind(
-        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler
+        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler, clear: Any
     ) -> Flight:
         """The same through boundaries."""
         while flight.going:
@@ -346,8 +329,8 @@ class Media:
             flight = self._lose(flight, o, sampler)
             meets = flight.going
             surface = went & ~meets & flight.found.is_valid()
-            flight, through = self._pass(flight, surface)
-            flight.left = dr.select(surface & ~through, 0, flight.left)
+            flight, through = self._pass(flight, surface, connects=True)
+            flight.left = dr.select(surface & ~through & ~clear, 0, flight.left)
             flight.going = (meets | through) & dr.any(flight.left > 0)
         return flight
 

@@ -146,6 +146,7 @@ class Phases:
             dr.select(here, ~self._connects(vertex), bounce.specular),
             bounce.guide,
             back,
+            ~here & bounce.straight,
         )
 
     def _scattered(self, f: Any, mei: mi.MediumInteraction3f, wo: mi.Vector3f) -> Any:

@@ -5,6 +5,7 @@
 | space | `space.Vacuum` | straight rays, nothing lost on the way |
 | | `media.Media` | straight rays through fog, smoke and milk |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by connections and by hits |
+| | `endpoints.scene_lights.LightsStraightAhead` | the same, behind panes and masks too |
 | | `endpoints.EmitterHits` | the scene's emitters where paths run into them |
 | | `endpoints.ConnectionsOnly` | the scene's emitters by connections, mirrors and glass apart |
 | | `endpoints.OneSampleLights` | an emitter or, as often, what the material's sampling finds |

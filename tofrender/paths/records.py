@@ -24,7 +24,7 @@ class Path:
 
     Attributes:
         ray: The ray that leads onwards.
-        depth: Surface vertices so far.
+        depth: Vertices so far.
         β: Throughput, of type `mi.UnpolarizedSpectrum`, in polarised variants a Mueller matrix, of
             type `mi.Spectrum`; `extend` multiplies it.
         η: Index of refraction around the ray, relative to the medium that the path started in.
@@ -278,6 +278,7 @@ class Bounce:
         specular: Whether the direction was the only one possible.
         guide: What the scattering remembers of how it chose.
         back: As in `Turn`.
+        straight: Whether the surface has let the path straight through (a null lobe).
     """
 
     ray: mi.Ray3f
@@ -287,6 +288,7 @@ class Bounce:
     specular: mi.Bool
     guide: Any = None
     back: Any = None
+    straight: Any = False
 
 
 class Limits:
@@ -300,6 +302,9 @@ class Limits:
         unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
             scene's own ("camera unwarping").
         skips_first: Leave out light of the first surface, which is then found apart.
+        straight: Whether surfaces that let a path straight through are no vertices of it, as in
+            Mitsuba's `volpath`: neither depth nor shares know of them. The space and the endpoint
+            then must not, either.
     """
 
     def __init__(
@@ -309,9 +314,11 @@ class Limits:
         last_opl: Any = None,
         unwarp: bool = False,
         skips_first: bool = False,
+        straight: bool = False,
     ) -> None:
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.last_opl, self.unwarp, self.skips_first = last_opl, unwarp, skips_first
+        self.straight = straight
 
     def without_first(self) -> Limits:
         """The same, but light of the first surface does not count."""
@@ -327,4 +334,4 @@ class Limits:
     @property
     def iterations(self) -> int:
         """Bound on the rays of a path, -1 if there is none."""
-        return self.max_depth if self.bounded else -1
+        return self.max_depth if self.bounded and not self.straight else -1

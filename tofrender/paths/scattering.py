@@ -87,6 +87,7 @@ class Materials:
             f = in_world(si, f, wo, si.wi)
             turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+        straight = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
         if self.importance:
             # A choice without weight has failed: what its direction scatters, others find
             smooth = active & ~specular & (bs.pdf > 0) & dr.any(intensity(weight) > 0)
@@ -103,7 +104,8 @@ class Materials:
                 weight *= self.choices.change(bsdf, bs.pdf, specular)
             back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)
         ray = leave(si, si.to_world(bs.wo), specular)
-        return turn, Bounce(ray, weight, bs.pdf, bs.eta, specular, back=back)
+        bounce = Bounce(ray, weight, bs.pdf, bs.eta, specular, back=back, straight=straight)
+        return turn, bounce
 
     def _index_behind(
         self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool

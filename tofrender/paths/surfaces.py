@@ -110,6 +110,15 @@ def transmits(scene: mi.Scene, *ways: mi.BSDFFlags) -> bool:
     return any(mi.has_flag(each, way) for each in flags for way in ways)
 
 
+def lets_straight_through(scene: mi.Scene) -> bool:
+    """Whether a surface of the scene lets light straight through and is more than a boundary.
+
+    Panes (`thindielectric`), masks and polarisers do, in part.
+    """
+    through = [b for b in materials(scene) if mi.has_flag(b.flags(), mi.BSDFFlags.Null)]
+    return not all(map(is_boundary, through))
+
+
 def has_mirrors(scene: mi.Scene) -> bool:
     """Whether a surface of the scene sends light on in single directions: mirrors, glass, masks."""
     return any(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) for bsdf in materials(scene))

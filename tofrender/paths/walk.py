@@ -92,7 +92,7 @@ def step(
 
     Arguments as for `walk`. Returns the paths with that vertex as their last one.
     """
-    path = copy(path)
+    before, path = path, copy(path)
     parts = space, endpoint, scattering, measurement, limits, sampler
     if endpoint.looks_ahead:
         path.not_finite += _look_ahead(path, path.active & path.specular, *parts)
@@ -105,8 +105,10 @@ def step(
 
     active = path.active & vertex.valid
     path.covered |= active & (path.depth == 0)
+    further = active
     if limits.bounded:
-        active &= path.depth + 1 < limits.max_depth
+        further = active & (path.depth + 1 < limits.max_depth)
+        active = active if limits.straight else further
     if limits.last_opl is not None:
         # Behind glass, the way to a light may be optically shorter than it is long
         to_light = mi.Float(0) if scattering.refracts else endpoint.nearest(vertex.si.p)
@@ -116,7 +118,7 @@ def step(
 
     path.memory = endpoint.remember(path, vertex, active)
     if endpoint.connects:
-        smooth = active & scattering.smooth(vertex)
+        smooth = further & active & scattering.smooth(vertex)
         link = endpoint.connect(vertex, path, sampler, smooth)
         link.weight *= space.transmittance(path, vertex, link, sampler)
         link.active &= ~dr.all(intensity(link.weight) == 0)
@@ -132,6 +134,9 @@ def step(
     else:
         _, bounce = scattering.scatter(vertex, None, sampler, active)
 
+    if limits.straight:
+        active &= further | bounce.straight
+
     # ------------------------ Move to the next vertex ----------------------
 
     path.memory = endpoint.leave(path, vertex, bounce)
@@ -141,7 +146,11 @@ def step(
     path.η *= bounce.η
     path.prev = mi.Interaction3f(vertex.si)
     path.pdf, path.specular = bounce.pdf, bounce.specular
-    path.depth += dr.select(vertex.valid, mi.UInt32(1), 0)
+    path.depth = path.depth + dr.select(vertex.valid, mi.UInt32(1), 0)  # `before` keeps its own
+    if limits.straight:  # The last vertex is still that before
+        for name in ("depth", "pdf", "mirrored"):
+            same = getattr(before, name)
+            setattr(path, name, dr.select(bounce.straight, same, getattr(path, name)))
 
     # A path whose throughput is no number has nothing more to bring
     finite = dr.isfinite(summed(path.β))
@@ -177,7 +186,7 @@ def meet(
     share = endpoint.share_of_hit(path, vertex, hit)
     active = hit.active
     if limits.skips_first:
-        active &= (path.depth > 0) | ~vertex.valid
+        active &= path.covered | ~vertex.valid
     seen = Contribution(received(path.β * share, hit.radiance), path.opl, active)
     path.not_finite += deliver(measurement, seen)
     return path

@@ -7,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..records import Connection, Path, Vertex
+from ..surfaces import first_surface
 from .scene_lights import SceneLights
 
 
@@ -35,7 +36,7 @@ class OneSampleLights(SceneLights):
         bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)
         by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
         ray = si.spawn_ray(si.to_world(bs.wo))
-        seen = self.scene.ray_intersect(ray, by_material)
+        seen = first_surface(self.scene, ray, by_material)
         ahead = Path.start(ray, si.p, by_material)
         ahead.depth = mi.UInt32(1)  # No longer what the sensor sees directly
         found = self.hit(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
@@ -46,7 +47,7 @@ class OneSampleLights(SceneLights):
         by_light = link.weight * link.pdf
         pdf = 0.5 * dr.select(to_light, link.pdf + pdf_material, found.pdf + bs.pdf)
         return Connection(
-            point=dr.select(to_light, link.point, seen.p),
+            point=dr.select(to_light, link.point, dr.fma(ray.d, found.length, si.p)),
             direction=dr.select(to_light, link.direction, ray.d),
             weight=dr.select(pdf > 0, dr.select(to_light, by_light, found.radiance) / pdf, 0),
             pdf=pdf,

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ...runtime import checks
-from ..records import Connection, Hit, Path, Turn, Vertex
+from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
 from ..surfaces import stretched
 from .light_points import LightPoints, checked_count, points_that_pay
 from .unseen import Unseen
@@ -196,6 +197,29 @@ def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
     """Share a^2 / (a^2 + b^2) of a sample from the first density (Veach 1997, 9.13)."""
     a2 = pdf_a * pdf_a
     return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
+
+
+class LightsStraightAhead(SceneLights):
+    """All emitters of a scene, also behind surfaces that let light straight through.
+
+    For paths whose `Limits` are `straight`. Their memory is the vertex that they were turned at:
+    from there, connections go through such surfaces, too.
+    """
+
+    def memory(self) -> Any:
+        """None yet: it is not asked for before there is one."""
+        return dr.zeros(mi.Interaction3f)
+
+    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> Any:
+        """The vertex, unless the path goes straight on."""
+        return dr.select(bounce.straight, path.memory, mi.Interaction3f(vertex.si))
+
+    def hit(self, vertex: Vertex, path: Path) -> Hit:
+        """As in `SceneLights`, but with the density of a connection from the last turn."""
+        hit = super().hit(vertex, path)
+        ds = mi.DirectionSample3f(self.scene, si=vertex.si, ref=path.memory)
+        pdf = self.scene.pdf_emitter_direction(path.memory, ds, path.active)
+        return replace(hit, pdf=pdf)
 
 
 class EmitterHits(SceneLights):

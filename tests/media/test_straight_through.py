@@ -1,0 +1,250 @@
+"""`transient_volpath` where surfaces let light straight through: it is Mitsuba's `volpath`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from fogs import BALL, DEPTH, FLOOR, LIT, SKY, THIN, sphere
+from support import (
+    agree,
+    area_light,
+    camera,
+    diffuse,
+    film,
+    load,
+    over_seeds,
+    plane,
+    point_light,
+    rendered,
+    rotate,
+    scene,
+    steady_twin,
+    translate,
+)
+
+import tofrender
+from tofrender.paths.endpoints.scene_lights import LightsStraightAhead, SceneLights
+
+SEEDS, OTHER_SEEDS = range(8), range(1000, 1008)
+SPP = 1024
+
+NULL = {"type": "null"}
+PANE = {"type": "thindielectric", "int_ior": 1.9}
+MASK = {"type": "mask", "opacity": 0.5, "of": {"type": "twosided", "all": diffuse(0.6)}}
+CLEAR = MASK | {"opacity": 0.0}
+OVER_PANE = {"type": "mask", "opacity": 0.3, "of": PANE}
+BLEND = {"type": "blendbsdf", "weight": 0.4, "a": NULL, "b": diffuse(0.5)}
+POLARISER = {"type": "polarizer"}
+
+POINT = {"floor": FLOOR, "lamp": point_light((0.5, 0.5, 1.5), 5.0)}
+GLOW = {"glow": sphere(0.3, emitter=area_light(3.0))}
+
+
+def ball(material: dict, radius: float = 0.8) -> dict:
+    return {"ball": sphere(radius, bsdf=material)}
+
+
+def sheet(material: dict, size: float = 1.5, z: float = 0.5) -> dict:
+    return {"sheet": plane(translate(0, 0, z), size, bsdf=material)}
+
+
+def described(parts: dict, kind: str = "transient_volpath", **more: Any) -> dict:
+    parts = dict(parts)
+    around = {"medium": parts.pop("around")} if "around" in parts else {}
+    view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1), **around)
+    return scene(parts, view) | {
+        "integrator": {"type": kind, "max_depth": DEPTH, "rr_depth": 20} | more
+    }
+
+
+def seen(description: dict, seeds=SEEDS, spp: int = SPP, by: Any = None) -> np.ndarray:
+    """The picture's mean for each seed."""
+    loaded = load(description)
+
+    def one(seed: int) -> np.ndarray:
+        if by is None:
+            return rendered(loaded, spp, seed)[0].mean()
+        return np.array(mi.render(loaded, integrator=by, spp=spp, seed=seed), float).mean()
+
+    return over_seeds(one, seeds)
+
+
+SCENES: dict[str, tuple[dict, dict]] = {
+    "point behind a pane": (POINT | sheet(PANE, 30.0, 1.0), {}),
+    "point behind null": (POINT | ball(NULL), {}),
+    "point behind a mask": (POINT | sheet(MASK), {}),
+    "point behind a masked pane": (POINT | sheet(OVER_PANE), {}),
+    "point behind a blend": (POINT | sheet(BLEND), {}),
+    "lamp above a mask": (LIT | sheet(MASK, 1.0), {}),
+    "lamp in a mask": (LIT | GLOW | ball(MASK), {}),
+    "sky and a mask": ({"floor": FLOOR, "sky": SKY} | ball(MASK), {}),
+    "mask around fog": (LIT | BALL | {"mask": sphere(1.2, bsdf=MASK)}, {}),
+    "pane in fog": (LIT | sheet(PANE, 30.0) | {"around": THIN}, {}),
+    "one segment": (LIT | GLOW | ball(PANE), {"max_depth": 1}),
+    "two segments": (LIT | GLOW | ball(PANE), {"max_depth": 2}),
+    "three segments": (LIT | ball(MASK), {"max_depth": 3}),
+    "lamps by hits": (LIT | GLOW | ball(MASK), {"emitter_sampling": False}),
+}
+
+
+@pytest.mark.statistical
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_energy_is_that_of_volpath(name):
+    parts, more = SCENES[name]
+    description = described(parts, **more)
+    depth = description["integrator"]["max_depth"]
+    volpath = mi.load_dict({"type": "volpath", "max_depth": depth, "rr_depth": 20})
+    expected = seen(steady_twin(description), OTHER_SEEDS, by=volpath)
+    assert agree(seen(description), expected, rounding=2e-3)
+
+
+@pytest.mark.statistical
+@pytest.mark.slow
+def test_shares_with_hits_are_those_of_the_last_turn(monkeypatch):
+    """A sheet that lets all through changes nothing, unless its own connections had a share."""
+    bare = seen(described(LIT), OTHER_SEEDS)
+    before_lamp = described(LIT | sheet(CLEAR, 3.0, 2.5))
+    assert agree(seen(before_lamp), bare, rounding=2e-3)
+    monkeypatch.setattr(LightsStraightAhead, "hit", SceneLights.hit)
+    assert not agree(seen(before_lamp), bare, rounding=2e-3)
+
+
+@pytest.mark.statistical
+@pytest.mark.slow
+def test_lamps_behind_are_hidden():
+    """As if what lets all light through were not there."""
+    bare, behind = (
+        seen(described(LIT | GLOW | more, hide_emitters=True), seeds)
+        for more, seeds in (({}, SEEDS), (ball(CLEAR), OTHER_SEEDS))
+    )
+    assert agree(behind, bare, rounding=2e-3)
+
+
+# ------------------------------------------------------------------------------- closed forms
+
+HEIGHT, ASIDE, INTENSITY, ALBEDO = 1.5, 0.7, 5.0, 0.6
+
+
+def below(material: dict | None, kind: str = "transient_volpath", **more: Any) -> dict:
+    """A camera between floor and sheet, a lamp above: 1 + sqrt(1.5² + .7²) m in bins of .01 m."""
+    lamp = point_light((ASIDE, 0, HEIGHT), INTENSITY)
+    parts = {"floor": plane(bsdf=diffuse(ALBEDO)) | {"id": "floor"}, "lamp": lamp}
+    if material is not None:
+        parts["sheet"] = plane(translate(0, 0, 1.2), bsdf=material) | {"id": "sheet"}
+    view = camera((0, -0.6, 0.8), (0, 0, 0), film(1, 1, 400, 0.0, 0.01), up=(0, 0, 1), fov=0.01)
+    return scene(parts, view) | {"integrator": {"type": kind, "max_depth": 2} | more}
+
+
+def through_pane(index: float = 1.9) -> float:
+    """1 - 2 r / (1 + r), with Fresnel's reflectance r of unpolarised light."""
+    cos = HEIGHT / np.hypot(HEIGHT, ASIDE)
+    bent = np.sqrt(1 - (1 - cos**2) / index**2)
+    across = (cos - index * bent) / (cos + index * bent)
+    along = (index * cos - bent) / (index * cos + bent)
+    r = (across**2 + along**2) / 2
+    return 1 - 2 * r / (1 + r)
+
+
+LETS_THROUGH: dict[str, tuple[dict | None, float]] = {
+    "nothing": (None, 1.0),
+    "null": (NULL, 1.0),
+    "pane": (PANE, through_pane()),
+    "mask": (MASK, 0.5),
+    "masked pane": (OVER_PANE, 1 - 0.3 * (1 - through_pane())),
+    "blend": (BLEND, 0.6),
+    "polariser": (POLARISER, 0.5),
+}
+
+
+def lit(share: float) -> float:
+    r = np.hypot(HEIGHT, ASIDE)
+    return share * ALBEDO / np.pi * INTENSITY * HEIGHT / r**3
+
+
+@pytest.mark.parametrize("name", LETS_THROUGH)
+def test_a_point_lamp_behind(name):
+    """Dimmer by what is let through, as late as without; `path`'s rules leave it dark."""
+    material, share = LETS_THROUGH[name]
+    steady, transient = rendered(below(material), 16)
+    np.testing.assert_allclose(steady, lit(share), rtol=1e-3)
+    length = 1 + np.hypot(HEIGHT, ASIDE)
+    assert int(np.argmax(transient.sum(axis=(0, 1, 3)))) == int(length / 0.01)
+    np.testing.assert_allclose(transient.sum(axis=2), steady, rtol=1e-5)
+    if material is not None:
+        assert rendered(below(material, "transient_path"), 16)[0].max() == 0
+
+
+def test_scenes_without_such_surfaces_are_as_by_transient_path():
+    described = tofrender.cornell_box(width=8, height=8)
+    pictures = (
+        rendered(described | {"integrator": {"type": kind, "max_depth": 6}}, 4)[1]
+        for kind in ("transient_path", "transient_volpath")
+    )
+    np.testing.assert_array_equal(*pictures)
+
+
+@pytest.mark.slow
+def test_polarised_light_is_that_of_volpath():
+    """Through a polariser and a quarter-wave plate, off metal."""
+    mi.set_variant("llvm_ad_mono_polarized")
+
+    def value(x: float) -> dict:
+        return {"type": "uniform", "value": x}
+
+    metal = {"type": "roughconductor", "alpha": 0.4, "eta": value(0.2), "k": value(3.9)}
+    plates = {"type": "polarizer", "theta": value(30)}, {"type": "retarder", "theta": value(20)}
+    lamp = {"type": "point", "position": [0.5, -0.5, 2.5], "intensity": value(5)}
+    parts = {"floor": plane(bsdf=metal), "lamp": lamp}
+    for k, plate in enumerate(plates):
+        to_world = translate(0, 0, 2 - 0.5 * k) @ rotate((1, 0, 0), 10 * k)
+        parts[f"plate {k}"] = plane(to_world, bsdf=plate)
+    view = camera((-0.5, -1.5, 1), (0, 0, 0), film(1, 1, 20, 0.0, 2.0), up=(0, 0, 1), fov=0.01)
+    ours = scene(parts, view) | {"integrator": {"type": "transient_volpath", "max_depth": 2}}
+    volpath = {"type": "stokes", "of": {"type": "volpath", "max_depth": 2}}
+    found = tofrender.render(ours, spp=16, progress=False)["transient"].values.sum(axis=2)
+    expected = mi.render(load(steady_twin(ours)), integrator=mi.load_dict(volpath), spp=16)
+    wanted = np.array(expected).ravel()[-12::3]  # The last layers are S0 to S3, in R, G and B
+    assert np.abs(wanted[1:]).max() > 0.1 * wanted[0]
+    np.testing.assert_allclose(found.reshape(4, -1)[:, 0], wanted, rtol=2e-3, atol=1e-5)
+
+
+# -------------------------------------------------------------------------------- derivatives
+
+
+def changing(material: dict | None, end: str) -> tuple[mi.Scene, Any, str]:
+    loaded = load(below(material, pulse_width_opl=0.1))
+    params = mi.traverse(loaded)
+    name = next(key for key in params.keys() if key.endswith(end))  # noqa: SIM118
+    dr.enable_grad(params[name])
+    params.update()
+    return loaded, params, name
+
+
+@pytest.mark.parametrize("name", ["pane", "mask", "null"])
+def test_derivative_by_the_albedo_behind(name):
+    material, share = LETS_THROUGH[name]
+    wanted = lit(share) / ALBEDO
+    loaded, params, key = changing(material, "floor.bsdf.reflectance.value")
+    steady, _ = mi.render(loaded, params=params, spp=16)
+    dr.backward(dr.mean(steady, axis=None))
+    np.testing.assert_allclose(float(dr.sum(dr.grad(params[key]))[0]), wanted, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("material", "end", "message"),
+    [
+        (MASK, "sheet.bsdf.opacity.value", "of what it lets straight through"),
+        (MASK, "floor.to_world", "where surfaces let light straight through"),
+        (NULL, "floor.to_world", "where surfaces let light straight through"),
+    ],
+)
+def test_derivatives_that_are_not_known_are_refused(material, end, message):
+    loaded, params, _ = changing(material, end)
+    with pytest.raises(RuntimeError) as caught:
+        mi.render(loaded, params=params, spp=16)
+    assert message in str(caught.value.__cause__)
