@@ -80,10 +80,10 @@ def verify(
         for check in checks:
             mark = "ok    " if check.ok else "FAILED"
             line = f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}"
-            console.print(checks.printable(line), markup=False, highlight=False, soft_wrap=True)
+            console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
             for reason in check.reasons:
                 console.print(
-                    checks.printable(f"        {reason}"),
+                    printable(f"        {reason}"),
                     markup=False,
                     highlight=False,
                     soft_wrap=True,
