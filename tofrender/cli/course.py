@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..runtime.checks import printable
 from .options import integer, note, say
 
 if TYPE_CHECKING:
