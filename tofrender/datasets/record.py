@@ -151,6 +151,7 @@ def _captured(
     film = capture_scene(scene, mode=wanted.mode, spp=spp, seed=seed, relay_wall=wall, **common)
     _require_whole(film.attrs)
     kept = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "mode")
+    kept += ("energy_outside_window",)
     about["capture"] = {name: film.attrs[name] for name in kept}
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}
