@@ -17,6 +17,7 @@ from typing import Any, Unpack
 import mitsuba as mi
 
 from ..runtime import checks, plugins
+from ..runtime.backend import hold, uncollected
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
 from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
@@ -91,7 +92,7 @@ def load_scene(
     if isinstance(source, str):
         source = find_scene(source)
     try:
-        with held_signals(), _files_beside(source):
+        with uncollected(), held_signals(), _files_beside(source):
             state = _parse(config, source, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
@@ -104,6 +105,7 @@ def load_scene(
                 config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
+            hold(scene)
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
     if not isinstance(scene, mi.Scene):
@@ -120,7 +122,7 @@ def parse_file_of(path: Path, parameters: Mapping[str, Any]) -> Any:
     """
     config = parser.ParserConfig(mi.variant())
     try:
-        with _files_beside(path):
+        with uncollected(), _files_beside(path):
             state = _parse_file(config, path, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
@@ -152,7 +154,7 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
         raise ValueError(f"{what} = {given}: must have a plugin's name as its type")
     require_readable_dict(description)
     try:
-        with held_signals():
+        with uncollected(), held_signals():
             return mi.load_dict({**description, "type": plugins.own_name(name)})
     except RuntimeError as error:
         raise ValueError(f"{what}: {_one_line(str(error))}") from None
