@@ -123,23 +123,23 @@ def gate(
 
     opt.check_room(out, _values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
-    pulse_width = integrator.pulse.width_opl
+    width: float = integrator.pulse.width_opl
     with keeping(out, checkpoint, resume) as kept:
         require_something(resume, kept and kept.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
-        attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
+        attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
-            drawn = vis.gate_figure(image, at, pulse_width)
+            drawn = vis.gate_figure(image, at, width)
             io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
     facts: Gate = {
         "out": str(out),
         "files": ["gate.exr", f"picture.{figure}"],
         "scene": scene,
         "at": at,
-        "pulse_width": pulse_width,
+        "pulse_width": width,
         "spp": samples,
         "seed": seed,
         "width": image.shape[1],
@@ -167,10 +167,11 @@ def _load(
         settings |= size._asdict()
     loaded = load_scene(found, **settings)
     require_sensor(loaded)
-    own = loaded.integrator()
-    if getattr(own, "traits", None) is None:  # A wrapper does not tell all of what is in it
-        loaded = load_scene(found, integrator=successor_of(own), **settings)
-    if loaded.integrator().needs_lights:
+    if getattr(loaded.integrator(), "traits", None) is None:  # One in a wrapper does not tell
+        kind = successor_of(loaded.integrator())
+        loaded = load_scene(found, integrator=kind, **settings)
+    own: Any = loaded.integrator()
+    if own.needs_lights:
         require_light(loaded)
     sensor = loaded.sensors()[0]
     return loaded, sensor, spp or sensor.sampler().sample_count()
@@ -184,12 +185,11 @@ def _gated(own: Any, pulse_width: float | None) -> Any:
     if not own.needs_lights:
         kind = type(own).__name__
         raise ValueError(f"integrator = {kind}: has no gates; must be one like transient_path")
-    if pulse_width is None:
-        pulse_width = GATE if own.pulse is None else own.pulse.width_opl
+    width = pulse_width or (GATE if own.pulse is None else own.pulse.width_opl)
     if not hasattr(own, "gate"):
         traits = own.traits | {"type": "time_gated_transient_path"}
-        own = load_plugin("integrator", traits | {"pulse_width_opl": pulse_width})
-    own.pulse = GaussianPulse(pulse_width)
+        own = load_plugin("integrator", traits | {"pulse_width_opl": width})
+    own.pulse = GaussianPulse(width)
     return own
 
 

@@ -223,7 +223,8 @@ def _read(file: h5py.File) -> dict[str, Any]:
     """Values of the fields that are there, None of an empty one."""
     names = set(file)
     items = {name: _field_of(file, name) for name in _NAMES if name in names}
-    attrs = {} if items.get("H") is None else items["H"].attrs
+    light = items.get("H")
+    attrs = {} if light is None else light.attrs
     coloured = [name for name in attrs if name.startswith(_COLOURS)]
     there = [item for item in items.values() if item is not None]
     if there:
