@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
 
+BINS = 300
+"""Bins of a scene that has none."""
+
 MEND = "`window='auto'`"
 """What finds a better window."""
 
