@@ -7,7 +7,18 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import camera, diffuse, film, load, plane, point_light, rotate, scene, translate
+from support import (
+    area_light,
+    camera,
+    diffuse,
+    film,
+    load,
+    plane,
+    point_light,
+    rotate,
+    scene,
+    translate,
+)
 
 from tofrender import phasor_parts
 from tofrender.analysis import (
@@ -214,6 +225,21 @@ def test_true_depth_of_a_name_and_under_another_variant():
     mi.set_variant("scalar_rgb")
     with pytest.raises(BackendError):
         true_depth("cornell_box_flash")
+
+
+@pytest.mark.parametrize("kind", ["transient_path", "path"])
+def test_a_hidden_lamp_has_no_depth(kind):
+    """The camera looks through it, as the integrator does."""
+    described = room(film(24, 18))
+    described["lamp"] = plane(translate(0.2, 0.1, 1), size=0.4, emitter=area_light(1.0))
+    described["integrator"] = {"type": kind}
+    expected = room_depth(24, 18)
+    assert np.nanmin(true_depth(load(described)) - expected) < -0.9
+    described["integrator"]["hide_emitters"] = True
+    loaded = load(described)
+    assert true_depth(loaded) == pytest.approx(expected, abs=2e-5, nan_ok=True)
+    plain = true_normals(load(room(film(24, 18))))
+    assert true_normals(loaded) == pytest.approx(plain, abs=1e-6, nan_ok=True)
 
 
 def test_true_depth_refuses():

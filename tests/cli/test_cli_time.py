@@ -20,6 +20,7 @@ OURS = {
     "rr_depth": 1,
     "hide_emitters": True,
     "camera_unwarp": True,
+    "pulse_width_opl": 1.5,
 }
 MITSUBAS = {"type": "path", "max_depth": 3, "hide_emitters": True}
 PIXELS, SPP = (8, 6), 16
@@ -28,7 +29,7 @@ SETTINGS = ["--size", "8x6", "--spp", SPP]
 
 def room(folder: Path, integrator: dict) -> Path:
     """The Cornell box with another integrator."""
-    kinds = {bool: "boolean", int: "integer"}
+    kinds = {bool: "boolean", int: "integer", float: "float"}
     properties = "".join(
         f'<{kinds[type(value)]} name="{name}" value="{str(value).lower()}"/>'
         for name, value in integrator.items()
@@ -63,20 +64,36 @@ def by_call(command: str, path: Path, parameters: dict) -> np.ndarray:
     return tofrender.render_amcw_phasor(scene, sensor, 20e6, SPP, integrator=integrator)[0]
 
 
-OPTIONS = {"gate": ["--at", 3, "--pulse-width", 2], "phasor": ["--freq", "20e6"]}
+OPTIONS = {"gate": ["--at", 3], "phasor": ["--freq", "20e6"]}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("command", "integrator"), [("phasor", OURS), ("gate", MITSUBAS)])
+@pytest.mark.parametrize(
+    ("command", "integrator"), [("phasor", OURS), ("gate", MITSUBAS), ("gate", OURS)]
+)
 def test_the_scenes_integrator_says_which_paths(capsys, tmp_path, command, integrator):
     path = room(tmp_path, integrator)
-    pulse = {"pulse_width_opl": 2.0} if command == "gate" else {}
-    seen = by_command(capsys, command, path, *OPTIONS[command])
+    pulse = {"pulse_width_opl": 2.0} if integrator is MITSUBAS else {}
+    options = OPTIONS[command] + (["--pulse-width", 2] if pulse else [])
+    seen = by_command(capsys, command, path, *options)
     np.testing.assert_allclose(seen, by_call(command, path, integrator | pulse), rtol=1e-4)
     for name in integrator.keys() - {"type", "rr_depth"}:
         others = {k: v for k, v in integrator.items() if k != name}
         assert not np.allclose(seen, by_call(command, path, others | pulse), rtol=1e-3), name
-    deeper = by_command(capsys, command, path, *OPTIONS[command], "--max-depth", 5)
+    deeper = by_command(capsys, command, path, *options, "--max-depth", 5)
     wanted = by_call(command, path, integrator | pulse | {"max_depth": 5})
     np.testing.assert_allclose(deeper, wanted, rtol=1e-4)
     assert not np.allclose(seen, deeper, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("command", "source"),
+    [("phasor", {"type": "depth"}), ("gate", {"type": "direct"}), ("gate", "bust_ao")],
+)
+def test_an_integrator_that_cannot_do_it_is_refused(capsys, tmp_path, command, source):
+    scene = source if isinstance(source, str) else room(tmp_path, source)
+    told = run(capsys, command, scene, "--out", tmp_path / "out", *SETTINGS, *OPTIONS[command])
+    assert told[0] == 2
+    assert "error: integrator = " in told[2]
+    assert "must be one like transient_path" in told[2]
+    assert not (tmp_path / "out").exists()

@@ -14,7 +14,7 @@ import tofrender
 from tofrender.cli import main
 from tofrender.io import load_npz
 from tofrender.rendering.window import PULSES
-from tofrender.scenes.loading import has_bins
+from tofrender.scenes.loading import is_steady
 
 ROOT = Path(__file__).parents[2]
 SMALL = ["--size", "16x16", "--spp", "16", "--format", "npz"]
@@ -127,4 +127,33 @@ def test_the_first_frame_is_not_black(tmp_path):
 
 
 def test_the_box_as_a_file_has_bins():
-    assert has_bins(ROOT / "scenes" / "cornell_box.xml", {})
+    assert not is_steady(ROOT / "scenes" / "cornell_box.xml", {})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["file", "dict", "name", "loaded"])
+def test_a_steady_scene_has_the_same_bins_from_python(tmp_path, capfd, kind):
+    """What the command finds, `render` finds; a scene that is loaded keeps its pulse."""
+    size = {"width": 16, "height": 16}
+    path = tmp_path / "scene.xml"
+    path.write_text(STEADY.format(BODY.format(film="hdrfilm", bins="")), encoding="utf-8")
+    described = tofrender.scenes.small_box(**size, integrator="path_tracer_mis")
+    scene, command, size = {
+        "file": (path, path, (16, 16)),
+        "dict": (described, "small_box", None),
+        "name": ("small_box", "small_box", (16, 16)),
+        "loaded": (tofrender.load_scene(described), "small_box", None),
+    }[kind]
+    bare = ["--pulse-width", "none"] * (kind == "loaded")
+    dataset, said = rendered(tmp_path, capfd, command, *bare)
+    same = tofrender.render(scene, size=size, spp=16, progress=False)
+    assert same.sizes["opl"] == 300
+    np.testing.assert_allclose(dataset.opl, same.opl, rtol=1e-6)
+    assert dataset.attrs["pulse"] == same.attrs["pulse"]
+    assert ("suit this scene" in said) == (kind != "loaded")
+
+
+def test_a_steady_scene_has_no_window_of_its_own(tmp_path, capfd):
+    out = ["--out", str(tmp_path / "out"), "--window", "scene"]
+    assert main(["render", "small_box", *out]) == 2
+    assert "--window = scene: must be auto or START,STOP" in capfd.readouterr().err

@@ -123,7 +123,6 @@ SCENES: dict[str, Callable[[], Any]] = {
     "a number as a name": lambda: room(**{}) | {3: {"type": "sphere"}},
     # ------------------------------------------------------------------------- steady and others
     "a steady integrator": lambda: room(integrator={"type": "path"}),
-    "a steady film": lambda: camera(film={"type": "hdrfilm", "width": 4, "height": 4}),
     "a film of phasors": lambda: camera(
         film={"type": "phasor_hdr_film", "width": 4, "height": 4, "frequencies_hz": "2e7"}
     ),

@@ -51,6 +51,8 @@ from support import (
     with_integrator,
 )
 
+import tofrender
+
 BINS = 40
 PATH = "transient_path"
 
@@ -500,3 +502,18 @@ def test_smooth_materials_take_no_connections(material):
     described = through(scene(lit, eye, max_depth=5), BDPT)
     assert rendered(described, spp=64)[0].max() == 0
     assert rendered(through(described, LIGHT_TRACER), spp=64)[0].max() == 0
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("depth", [-1, 6])
+def test_a_pyramid_has_no_light_that_the_scene_hides(loaded, depth):
+    """Depth is the pyramid's own; what the scene's integrator hides stays hidden."""
+    own = {"type": "transient_path", "hide_emitters": True, "max_depth": depth}
+    described = tofrender.cornell_box(width=4, height=4) | {"integrator": own}
+    described["flash"] = {"type": "sphere", "center": [0, 0, 0], "radius": 0.3}
+    described["flash"]["emitter"] = area_light(5.0)
+    source = tofrender.load_scene(described) if loaded else described
+    pyramid = tofrender.strategy_pyramid(source, max_depth=2, spp=16, progress=False)
+    steady = pyramid["steady"].sel(weighting="none").sum(["y", "x", "channel"])
+    assert steady.sel(strategy=["0,2", "1,1"]).values.tolist() == [0, 0]
+    assert steady.sel(strategy="0,3") > 0

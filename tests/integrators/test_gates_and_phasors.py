@@ -18,6 +18,7 @@ from support import (
     load,
     plane,
     point_light,
+    rotate,
     scene,
     translate,
     with_integrator,
@@ -173,6 +174,71 @@ def test_phasor_of_one_path(frequency):
     assert amplitude[0, 0, 0] == pytest.approx(radiance, rel=1e-5)
     assert math.cos(phase[0, 0, 0] - turn) == pytest.approx(1, abs=1e-6)
     assert depth[0, 0, 0] == pytest.approx((opl / 2) % (C / (2 * frequency)), abs=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "own",
+    [
+        {"type": "transient_path"},
+        {"type": "transient_volpath"},
+        {"type": "path_tracer_mis"},
+        {"type": "amcw_transient_path"},
+        {"type": "time_gated_transient_path", "pulse_width_opl": 0.05},
+        {"type": "path"},
+        {"type": "volpath"},
+        {"type": "volpathmis"},
+        {"type": "prbvolpath"},
+        {"type": "prb"},
+        {"type": "ptracer"},
+    ],
+    ids=lambda own: own["type"],
+)
+def test_phasors_are_of_the_scenes_own_integrator(own):
+    """Form d in a corner: of two segments, half the length is the depth; of more, it is not."""
+    flash, there = (0.5, 0.0, 2.0), (0.5, 0.0, 0.0)
+    parts = {
+        "floor": plane(bsdf=diffuse(0.8)),
+        "wall": plane(translate(0, 0, 0) @ rotate((0, 1, 0), 90), bsdf=diffuse(0.8)),
+        "lamp": point_light(flash, 1.0),
+    }
+    described = scene(parts, camera(flash, there, film(width=4, height=4), fov=0.01))
+    loaded = load(described | {"integrator": own | {"max_depth": 2}})
+    picture = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], 50e6, spp=16)
+    if own["type"] != "ptracer":  # Its light lands in few pixels
+        np.testing.assert_allclose(picture[4], 2.0, atol=1e-3)
+        k, radiance = 2 * math.pi * 50e6 / C, 0.8 / math.pi / 4
+        dimmed = math.exp(-0.5 * (k * own.get("pulse_width_opl", 0)) ** 2)
+        np.testing.assert_allclose(picture[2], radiance * dimmed, rtol=1e-3)
+    deeper = load(described | {"integrator": own | {"max_depth": 8}})
+    picture = tofrender.render_amcw_phasor(deeper, deeper.sensors()[0], 50e6, spp=16)
+    assert picture[4].mean() > 2.02
+
+
+def test_phasors_take_all_that_the_scenes_integrator_says():
+    """The same light as through the integrator by hand: pulse, unwarping, hidden lamps."""
+    traits = {"camera_unwarp": True, "hide_emitters": True, "rr_depth": 1, "max_depth": 3}
+    described = tofrender.cornell_box(width=8, height=8)
+    loaded = load(described | {"integrator": {"type": "transient_path", **traits}})
+    loaded.integrator().pulse = tofrender.BoxPulse(0.4)
+    other = load(described)
+    tracer = mi.load_dict({"type": "amcw_transient_path", **traits})
+    tracer.pulse = tofrender.BoxPulse(0.4)
+    seen = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], 2e8, spp=8)
+    wanted = tofrender.render_amcw_phasor(other, other.sensors()[0], 2e8, 8, integrator=tracer)
+    np.testing.assert_allclose(seen[0], wanted[0], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("own", ["direct", "depth", "aov"])
+def test_phasors_refuse_an_integrator_that_knows_no_paths(own):
+    described = tofrender.cornell_box(width=8, height=8)
+    more = {"aovs": "z:depth", "nested": {"type": "path"}} if own == "aov" else {}
+    loaded = load(described | {"integrator": {"type": own, **more}})
+    with pytest.raises(ValueError, match=r"integrator = \w+: .* must be .*transient_path") as error:
+        tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], 2e7, spp=1)
+    assert "\n" not in str(error.value)
+    tracer = mi.load_dict({"type": "amcw_transient_path"})
+    tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], 2e7, spp=1, integrator=tracer)
 
 
 @pytest.mark.parametrize("frequency", FREQUENCIES)

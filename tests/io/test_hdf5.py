@@ -80,16 +80,43 @@ def test_unknown_devices_come_back_unknown(tmp_path):
     assert_same(load_capture(save_capture(capture, tmp_path / "c.hdf5")), capture)
 
 
-def test_colors_become_luminance(tmp_path):
-    rng = np.random.default_rng(0)
-    color = rng.random((6, 5, 30, 3), dtype=np.float32)
-    mono = example()
+@modes
+@pytest.mark.parametrize("grey", [False, True])
+def test_colours_come_back_and_others_read_luminance(tmp_path, mode, grey):
+    mono = example(mode)
+    light = mono["transient"].values * np.float32([1, 1, 1] if grey else [0.2, 1, 0.7])
     capture = mono.drop_dims("channel").assign_coords(channel=["R", "G", "B"])
-    capture["transient"] = (mono["transient"].dims, color)
-    loaded = load_capture(save_capture(capture, tmp_path / "c.h5"))
-    assert loaded["channel"].values.tolist() == ["L"]
-    expected = color @ np.array([0.212671, 0.71516, 0.072169])
-    np.testing.assert_allclose(loaded["transient"].values[..., 0], expected, rtol=1e-5)
+    capture["transient"] = (mono["transient"].dims, light)
+    capture["transient"].attrs["note"] = "a b"
+    capture["opl"].attrs |= {"zero": "the wall", "offset": 1e-5}
+    capture = labelled(capture)
+    path = save_capture(capture, tmp_path / "c.h5")
+    xr.testing.assert_identical(load_capture(path), capture)
+    assert not (load_capture(path) - capture)["transient"].values.any()
+    with h5py.File(path, "r+") as file:
+        order = (4, 1, 0, 3, 2) if mode == "exhaustive" else (2, 1, 0)
+        expected = (light @ np.array([0.212671, 0.71516, 0.072169])).transpose(order)
+        np.testing.assert_allclose(file["H"], expected, rtol=1e-5)
+        assert len(file["H"].attrs) == (0 if grey else 1)
+
+
+def test_colours_that_do_not_fit_are_refused(tmp_path):
+    capture = example().drop_dims("channel").assign_coords(channel=["R", "G", "B"])
+    light = example()["transient"]
+    capture["transient"] = (light.dims, light.values * np.float32([0.2, 1, 0.7]))
+    path = save_capture(capture, tmp_path / "c.h5")
+    for wrong in (np.ones(3, np.float32), np.ones((30, 6, 5, 3), np.float32)):
+        with h5py.File(path, "r+") as file:
+            file["H"].attrs["tofrender_colours_0"] = wrong
+        with pytest.raises(ValueError, match=r"\Apath = .*: H: colours with shape .*\Z"):
+            load_capture(path)
+
+
+def test_one_channel_keeps_its_name(tmp_path):
+    capture = example().assign_coords(channel=["R"])
+    xr.testing.assert_identical(
+        load_capture(save_capture(labelled(capture), tmp_path / "c.h5")), labelled(capture)
+    )
 
 
 @modes

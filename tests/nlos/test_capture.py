@@ -276,6 +276,30 @@ def test_power_of_a_projector():
     assert agree(over_seeds(estimates(loaded, 1024), range(16)), np.array(expected), rounding=1e-3)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
+def test_a_capture_tells_the_light_that_its_window_loses(mode):
+    """Form f1, beyond the window's end; the lit point is before its start and does not count."""
+    stop = 2.5
+    window = film(3, 2, bins=7, start=1.8, bin_width=0.1)
+    loaded = load_nlos(nlos(the_film=window, filter_bounces=-1, max_depth=3))
+    seen = POINTS.reshape(-1, 3)
+    pairs = {
+        "single": [(LIT, s) for s in seen],
+        "confocal": [(s, s) for s in seen],
+        "exhaustive": [(lit, s) for lit in seen for s in seen],
+    }
+    light, lost = 0.0, 0.0
+    for lit, s in pairs[mode]:
+        setup = Setup(sensor=DEVICE, laser=LASER, legs=False, power=power(lit))
+        opl, each = three_bounces(setup, PATCH.nodes(), 0.7, lit, s)
+        light, lost = light + each.sum(), lost + each[opl >= stop].sum()
+    with pytest.warns(UserWarning, match="% of the energy arrives outside the window 1.8 to 2.5 m"):
+        data = capture(loaded, mode=mode, spp=1024, progress=False)
+    assert 0.2 < lost / light < 0.95
+    assert data.attrs["energy_outside_window"] == pytest.approx(lost / light, abs=0.01)
+
+
 # ------------------------------------------------------------------------------------ contract
 
 

@@ -168,6 +168,8 @@ KEY_NUMBERS = {
 # Each warning that a notebook is to show, in order
 WARNINGS = {
     "03_film_and_transient_path": ["arrives outside", "missing from the phasors"],
+    "04_confocal_nlos": ["arrives outside"] * 3,
+    "05_reconstruction": ["arrives outside"] * 2,
     "08_gradients_in_time": ["leave out what becomes visible or hidden"],
 }
 

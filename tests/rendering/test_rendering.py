@@ -454,9 +454,7 @@ def test_a_steady_scene_with_a_window_and_bins():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({}, r"film = HDRFilm: .* give `bins` and `window`"),
         ({"window": "auto"}, r"film = HDRFilm: .* give `bins` and `window`"),
-        ({"bins": 30}, r"bins = 30: .* is steady; .* give `start_opl` and `bin_width` too"),
         ({"bin_width": 0.5, "bins": 3}, r"bins = 3: .* is steady; .* give `start_opl` too"),
     ],
 )

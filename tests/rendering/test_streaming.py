@@ -513,6 +513,13 @@ def test_a_render_is_saved_as_a_film(out, whole):
     check_same(save_zarr(film, out.with_name("again.zarr")), whole, 0)
 
 
+def test_attributes_of_variables_are_saved(out, whole):
+    noted = whole.copy()
+    for name in ("transient", "opl", "x"):
+        noted[name].attrs |= {"note": "a b", "offset": 0.5}
+    xr.testing.assert_identical(save_zarr(noted, out).load(), noted)
+
+
 def test_error_bars_are_saved(out, whole):
     noisy = whole.assign(
         {f"{name}_error": 0.1 * whole[name] + 1 for name in ("transient", "steady")}

@@ -170,7 +170,8 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
 
     Returns:
         float64 (height, width): distance along the ray from the sensor's origin, not from its near
-        plane, to the first surface, glass and lights included [m]; NaN where there is none.
+        plane, to the first surface [m], glass included, and lights unless the scene's integrator
+        has `hide_emitters`; NaN where there is none.
 
     Raises:
         ValueError: The scene is wrong, or has no such sensor.
@@ -229,6 +230,7 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
     import drjit as dr
     import mitsuba as mi
 
+    from ..paths.camera import behind_emitters
     from ..paths.surfaces import first_surface
     from ..runtime import backend
     from ..scenes.loading import load_scene, require_sensor
@@ -245,6 +247,7 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
     centre = (mi.Point2f(pixel - y * width, y) + 0.5) / size
     with backend.uncollected():
         ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
-        si = first_surface(scene, ray)
+        hides = getattr(scene.integrator(), "hide_emitters", False)
+        si = first_surface(scene, behind_emitters(scene, ray) if hides else ray)
         dr.eval(ray, si)
     return camera, ray, si

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +11,6 @@ from . import options as opt
 if TYPE_CHECKING:
     from ..rendering.asked import Asked
     from ..rendering.job import Job
-
-BINS = 300
-"""Bins of a scene that has none."""
 
 TIME = ("start_opl", "bin_width", "window", "pulse_width")
 """Words with which somebody says when to look."""
@@ -30,13 +26,19 @@ def at_first_sight(**words: Any) -> Asked:
     steady, unless one of --start-opl, --bin-width, --window and --pulse-width is given.
     """
     from ..rendering.asked import Asked
+    from ..rendering.renderer import suited
 
     own: dict[str, Any] = {word: None for word in TIME if words[word] in (OWN, NONE)}
     asked = Asked(**words | own)
-    if any(words[word] is not None for word in TIME) or not _is_open(asked.scene, asked.define):
-        return asked
-    bins = asked.bins or (BINS if isinstance(asked.scene, Path) else None)
-    return replace(asked, window="auto", pulse_width="auto", bins=bins)
+    found = suited(asked)
+    if found is not asked and words["window"] == OWN:
+        raise ValueError(
+            f"--window = {OWN}: must be auto or START,STOP, the scene's film is steady"
+        )
+    if found is not asked and words["pulse_width"] == NONE:
+        return replace(found, pulse_width=None)
+    left_open = all(words[word] is None for word in TIME) and isinstance(asked.scene, str)
+    return replace(found, window="auto", pulse_width="auto") if left_open else found
 
 
 def tell_first_sight(asked: Asked, job: Job) -> None:
@@ -51,10 +53,3 @@ def tell_first_sight(asked: Asked, job: Job) -> None:
     if not isinstance(asked.scene, Path):
         own = "--window scene has the scene's own, without a pulse"
     opt.note(f"note: {found} suit this scene; {own}")
-
-
-def _is_open(scene: str | Path, define: Mapping[str, Any] | None) -> bool:
-    """Whether a scene leaves open when to look at it."""
-    from ..scenes.loading import has_bins
-
-    return isinstance(scene, str) or not has_bins(scene, define or {})

@@ -20,11 +20,8 @@ if TYPE_CHECKING:
 PARTS = 5
 """I, Q, amplitude, phase and depth."""
 
-TRAITS = (
-    *("max_depth", "rr_depth", "hide_emitters"),
-    *("camera_unwarp", "discard_direct_light", "emitter_sampling"),
-)
-"""What of the scene's integrator decides which paths are followed, and from where they are long."""
+GATE = 0.03
+"""Standard deviation of a gate where the scene's light has no pulse [m]."""
 
 
 def phasor(
@@ -55,9 +52,10 @@ def phasor(
 ) -> None:
     """Phasor images: I, Q, amplitude, phase and depth at each frequency.
 
-    From a scene, phasors are rendered, all frequencies in one trace, with the limits of the scene's
-    integrator. From a render, they are converted from its bins, which can hold less light. DIR gets
-    an EXR file a frequency, with layers I, Q, amplitude, phase [rad] and depth [m], and a panel.
+    From a scene, phasors are rendered, all frequencies in one trace, by the scene's integrator with
+    its limits and its pulse. From a render, they are converted from its bins, which can hold less
+    light. DIR gets an EXR file a frequency, with layers I, Q, amplitude, phase [rad] and depth [m],
+    and a panel.
     """
     opt.check_out(out)
     if os.path.isdir(source):
@@ -77,19 +75,14 @@ def phasor(
         with deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
-        loaded, sensor, samples, traits = _load(source, spp, size, max_depth, variant)
+        loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
         from tofrender.runtime.progress import deferred_stop
-        from tofrender.scenes.loading import load_plugin
 
         opt.check_room(out, PARTS * len(freq) * _values(sensor))
-        traits["type"] = "amcw_transient_path"
-        integrator = load_plugin("integrator", traits)
         with keeping(out, checkpoint, resume) as kept:
             require_something(resume, kept and kept.path, out)
-            parts = render_amcw_phasor(
-                loaded, sensor, freq, samples, seed, integrator, checkpoint=kept
-            )
+            parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=kept)
             with deferred_stop() as stop:
                 files = _write_phasors(out, freq, parts, source, figure, dpi)
     facts: Phasor = {
@@ -109,8 +102,8 @@ def gate(
     out: opt.Out,
     at: Annotated[float, opt.real(0, "Path length of the gate, metres.")],
     pulse_width: Annotated[
-        float, opt.positive("metres", "Gaussian gate's deviation, metres.")
-    ] = 0.03,
+        float | None, opt.positive("metres", "Gaussian gate's deviation, metres; else the scene's.")
+    ] = None,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
@@ -124,35 +117,35 @@ def gate(
 ) -> None:
     """Render SCENE at one instant, given as a path length.
 
-    Paths are those of the scene's integrator. DIR gets gate.exr, the radiance per metre of path at
+    Paths are those of the scene's integrator, and so is the gate: its pulse, of 0.03 m if it has
+    none. DIR gets gate.exr, the radiance per metre of path at
     that instant, and picture.png, which says when it is and how bright.
     """
     opt.check_out(out)
-    loaded, sensor, samples, traits = _load(scene, spp, size, max_depth, variant)
+    loaded, sensor, samples = _load(scene, spp, size, max_depth, variant)
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
     from tofrender.runtime.progress import deferred_stop
-    from tofrender.scenes.loading import load_plugin
 
     opt.check_room(out, _values(sensor))
-    traits |= {"type": "time_gated_transient_path", "pulse_width_opl": pulse_width}
-    integrator = load_plugin("integrator", traits)
+    integrator = _gated(loaded.integrator(), pulse_width)
+    width: float = integrator.pulse.width_opl
     with keeping(out, checkpoint, resume) as kept:
         require_something(resume, kept and kept.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
-        attrs = {"opl": at, "pulse_width_opl": pulse_width, "units": "W m^-3 sr^-1", "spp": samples}
+        attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
-            drawn = vis.gate_figure(image, at, pulse_width)
+            drawn = vis.gate_figure(image, at, width)
             io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
     facts: Gate = {
         "out": str(out),
         "files": ["gate.exr", f"picture.{figure}"],
         "scene": scene,
         "at": at,
-        "pulse_width": pulse_width,
+        "pulse_width": width,
         "spp": samples,
         "seed": seed,
         "width": image.shape[1],
@@ -164,14 +157,14 @@ def gate(
 
 def _load(
     source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
-) -> tuple[Any, Any, int, dict[str, Any]]:
-    """A scene, its sensor, samples per pixel, and which paths the scene's integrator follows."""
+) -> tuple[Any, Any, int]:
+    """A scene with an integrator that knows time, its sensor, and samples per pixel."""
     from tofrender.runtime import backend
 
     backend.activate(variant)
     backend.require_vectorised()
     backend.require_unpolarised()
-    from tofrender.integrators.base import TransientIntegrator
+    from tofrender.scenes.in_time import successor_of
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
 
     found = find_scene(source)
@@ -180,12 +173,30 @@ def _load(
         settings |= size._asdict()
     loaded = load_scene(found, **settings)
     require_sensor(loaded)
-    require_light(loaded)
-    if not isinstance(loaded.integrator(), TransientIntegrator):  # Mitsuba's do not tell
-        loaded = load_scene(found, integrator="transient_path", **settings)
-    sensor, integrator = loaded.sensors()[0], loaded.integrator()
-    traits = {name: getattr(integrator, name) for name in TRAITS}
-    return loaded, sensor, spp or sensor.sampler().sample_count(), traits
+    if getattr(loaded.integrator(), "traits", None) is None:  # One in a wrapper does not tell
+        kind = successor_of(loaded.integrator())
+        loaded = load_scene(found, integrator=kind, **settings)
+    own: Any = loaded.integrator()
+    if own.needs_lights:
+        require_light(loaded)
+    sensor = loaded.sensors()[0]
+    return loaded, sensor, spp or sensor.sampler().sample_count()
+
+
+def _gated(own: Any, pulse_width: float | None) -> Any:
+    """A scene's integrator, or one that sees its paths through a Gaussian gate."""
+    from tofrender.scenes.loading import load_plugin
+    from tofrender.signals.pulses import GaussianPulse
+
+    if not own.needs_lights:
+        kind = type(own).__name__
+        raise ValueError(f"integrator = {kind}: has no gates; must be one like transient_path")
+    width = pulse_width or (GATE if own.pulse is None else own.pulse.width_opl)
+    if not hasattr(own, "gate"):
+        traits = own.traits | {"type": "time_gated_transient_path"}
+        own = load_plugin("integrator", traits | {"pulse_width_opl": width})
+    own.pulse = GaussianPulse(width)
+    return own
 
 
 def _values(sensor: Any) -> int:

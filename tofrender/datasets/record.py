@@ -15,7 +15,6 @@ import numpy as np
 from ..analysis import true_depth, true_normals
 from ..films.image import time_bins
 from ..integrators.amcw import render_amcw_phasor
-from ..integrators.base import TransientIntegrator
 from ..nlos import capture as capture_scene, hidden_depth
 from ..rendering.renderer import render
 from ..runtime import checks
@@ -108,7 +107,7 @@ def _rendered(
         "versions": json.loads(versions()),
     }
     tracer: Any = scene.integrator()
-    if isinstance(tracer, TransientIntegrator):
+    if getattr(tracer, "traits", None) is not None:
         about["fingerprint"] = fingerprint(scene, camera, tracer)
     common: dict[str, Any] = {"sensor": config.sensor, "progress": False}
     sampler = config.settings.get("sampler")
@@ -125,7 +124,7 @@ def _rendered(
         _require_whole(film.attrs)
         arrays["noisy"] = film["transient"].values
     if outputs.phasor:
-        parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, tracer, progress=False)
+        parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, progress=False)
         arrays["phasor"] = np.stack(parts[:2], axis=-2)
     if outputs.depth:
         arrays["depth"] = true_depth(scene, config.sensor)
@@ -152,6 +151,7 @@ def _captured(
     film = capture_scene(scene, mode=wanted.mode, spp=spp, seed=seed, relay_wall=wall, **common)
     _require_whole(film.attrs)
     kept = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "mode")
+    kept += ("energy_outside_window",)
     about["capture"] = {name: film.attrs[name] for name in kept}
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}

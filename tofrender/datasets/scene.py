@@ -8,10 +8,10 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..integrators.base import TransientIntegrator
 from ..runtime import checks
 from ..scenes import BUILT_IN
 from ..scenes.as_dict import scene_as_dict
+from ..scenes.in_time import successor_of
 from ..scenes.loading import load_scene
 from ..scenes.parts import Dict, place
 from .changes import Changes, copied
@@ -94,7 +94,8 @@ def load(scene: Dict, config: Config) -> mi.Scene:
     if capture is not None and capture.grid is not None:
         settings["width"], settings["height"] = capture.grid
     loaded = load_scene(scene, optimize=capture is None, **settings)
-    if config.outputs.phasor and not isinstance(loaded.integrator(), TransientIntegrator):
-        settings["integrator"] = "transient_path"  # With the depth of Mitsuba's own
+    own = loaded.integrator()
+    if config.outputs.phasor and getattr(own, "traits", None) is None:
+        settings["integrator"] = successor_of(own)  # With the depth of Mitsuba's own
         loaded = load_scene(scene, optimize=capture is None, **settings)
     return loaded

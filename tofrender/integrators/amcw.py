@@ -17,7 +17,8 @@ from ..films.recording import recording
 from ..films.sums import Weighted
 from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
-from ..scenes.checking import check_view
+from ..scenes.checking import check_view, require_modelled
+from ..scenes.in_time import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
 from ..signals.polarisation import as_spectrum
@@ -183,7 +184,9 @@ def render_amcw_phasor(
         frequency_hz: A frequency [Hz], or up to 64 of them.
         spp: Samples per pixel.
         seed: Seed of the random numbers.
-        integrator: An `AMCWTransientPath` (or `TransientPath`) with other parameters.
+        integrator: An `AMCWTransientPath` (or `TransientPath`); by default the scene's own, with
+            all its parameters and its pulse. One of Mitsuba's path tracers, or one that stores no
+            phasors, is taken for a `TransientPath` that follows the same paths.
         checkpoint: As for `render`.
         progress: Whether to show a bar for work that takes more than two seconds.
 
@@ -193,7 +196,8 @@ def render_amcw_phasor(
         half the path length, which is a distance only where light and camera coincide.
 
     Raises:
-        ValueError: A frequency is not above 0, or the list is empty; one line.
+        ValueError: A frequency is not above 0, the list is empty, or the scene's integrator does
+            not tell which paths it follows; one line.
         TypeError: The integrator has a `sample` of its own; one line.
         KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
@@ -208,6 +212,10 @@ def render_amcw_phasor(
     """
     frequencies = parse_frequencies(frequency_hz)
     check_view(scene, sensor, **follows(integrator))
+    tracer = integrator
+    if tracer is None:
+        tracer = _in_time(scene.integrator())
+        require_modelled(scene, sensor, **follows(tracer))
     film = mi.load_dict(
         {
             "type": plugins.own_name("phasor_hdr_film"),
@@ -215,8 +223,6 @@ def render_amcw_phasor(
             **pixels_of(sensor.film()),
         }
     )
-    plugin = {"type": plugins.own_name("amcw_transient_path")}
-    tracer = mi.load_dict(plugin) if integrator is None else integrator
     if brings_sample(tracer):
         raise TypeError(
             f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "
@@ -235,3 +241,15 @@ def render_amcw_phasor(
         return (I, Q, *phasor_parts(I, Q, frequencies[0]))
     I, Q = parts[0], parts[1]  # noqa: E741
     return (I, Q, *phasor_parts(I, Q, frequencies))
+
+
+def _in_time(own: Any) -> Any:
+    """A scene's integrator, or one that stores phasors of the same paths."""
+    traits = getattr(own, "traits", None)
+    if traits is None:
+        return mi.load_dict(path_tracer_of(own))
+    if PHASORS in own.exposure().onto:
+        return own
+    tracer: Any = mi.load_dict({"type": plugins.own_name("transient_path"), **traits})
+    tracer.pulse = own.pulse
+    return tracer

@@ -84,6 +84,15 @@ class TransientIntegrator(mi.SamplingIntegrator):
                 "connect to one light point or none"
             )
 
+    @property
+    def traits(self) -> dict[str, Any]:
+        """Parameters that say which paths are followed, and where their lengths start."""
+        names = (
+            *("max_depth", "rr_depth", "hide_emitters"),
+            *("camera_unwarp", "discard_direct_light", "emitter_sampling"),
+        )
+        return {name: getattr(self, name) for name in names}
+
     # ------------------------------------------------------------------ for subclasses
 
     fills_bins = False

@@ -19,7 +19,7 @@ import numpy as np
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
-from ..rendering.labels import labelled
+from ..rendering.labels import TIME, labelled, labels_of
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..runtime.progress import shown
@@ -43,6 +43,8 @@ _NAMES = (
 _OTHERS = ("data", "data_t")  # of another layout of y-tal's
 _COPIES = 3  # of H, at the most at a time
 _OURS = "tofrender"  # our part of scene_info
+_COLOURS = "tofrender_colours_"  # attributes of H by their first bin, (bins, ..., channels)
+PLAIN = (str, int, float)
 _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
@@ -50,10 +52,11 @@ _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs"
 def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a capture as HDF5 in the layout of y-tal, which reads it as its own.
 
-    That layout knows no colour: of a capture with three channels its luminance (ITU-R BT.709) is
-    written, and read back as one channel "L". A mono capture comes back bit by bit. Attributes
-    are kept in the field `scene_info`; devices whose place is unknown are NaN. A checksum stands
-    behind the end of the file, which appears whole or not at all.
+    That layout knows no colour: of a capture with three channels `H` is the luminance (ITU-R
+    BT.709), and the channels are kept in attributes of `H`, where they differ. `load_capture` gives
+    back the same Dataset, bit by bit. Other attributes are kept in the field `scene_info`; devices
+    whose place is unknown are NaN. A checksum stands behind the end of the file, which appears
+    whole or not at all.
 
     Args:
         capture: What `make_capture` or `capture` returns.
@@ -94,10 +97,12 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     warn_of_not_finite(capture, stacklevel=4)
     fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
-    needed += 4 * math.prod(cube.shape[:-1])
+    coloured = cube.shape[-1] > 1
+    needed += 4 * math.prod(cube.shape[:-1]) * (4 if coloured else 1)
     check_room(path, needed)
     with replacing(path, needed_bytes=needed) as temporary:
-        with h5py.File(temporary, "w") as file:
+        # Files of HDF5 1.8 and later have large attributes
+        with h5py.File(temporary, "w", libver="v108" if coloured else None) as file:
             _write_light(file, cube)
             for name, value in fields.items():
                 file[name] = h5py.Empty("f8") if value is None else value
@@ -106,11 +111,14 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
 
 
 def _write_light(file: h5py.File, cube: Cube) -> None:
-    """Write `H`, some bins at a time."""
+    """Write `H`, some bins at a time, and in its attributes those that have colours."""
     order = (4, 1, 0, 3, 2) if len(cube.shape) == 6 else (2, 1, 0)
     light = file.create_dataset("H", [cube.shape[axis] for axis in order], np.float32)
     for bins, values in cube.frames():
-        light[bins] = luminance(values).transpose(order)
+        grey = (values == values[..., :1]).all()
+        light[bins] = (values[..., 0] if grey else luminance(values)).transpose(order)
+        if not grey:
+            light.attrs[f"{_COLOURS}{bins.start}"] = values.transpose(*order, -1)
 
 
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
@@ -140,6 +148,13 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
     attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
     about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
+    about["channel"] = [str(name) for name in capture["channel"].values]
+    about["labels"] = {}  # But for those that all captures have
+    for name, variable in capture.drop_vars(TIME, errors="ignore").variables.items():
+        known = labels_of(str(name), capture.attrs)
+        plain = {k: v for k, v in plain_attributes(variable).items() if isinstance(v, PLAIN)}
+        own = {k: v for k, v in plain.items() if known.get(k) != v}
+        about["labels"] |= {str(name): own} if own else {}
     if ON_WALL in capture:  # As runs of pixels in reading order: off, on, off, ...
         row = np.concatenate([[False], capture[ON_WALL].values.ravel()])
         changes = np.flatnonzero(np.diff(row))
@@ -170,7 +185,7 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
         path: An HDF5 file.
 
     Returns:
-        A capture with one channel, as `make_capture` describes it.
+        A capture, as `make_capture` describes it, of one channel unless we wrote more.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
@@ -208,13 +223,17 @@ def _read(file: h5py.File) -> dict[str, Any]:
     """Values of the fields that are there, None of an empty one."""
     names = set(file)
     items = {name: _field_of(file, name) for name in _NAMES if name in names}
+    light = items.get("H")
+    attrs = {} if light is None else light.attrs
+    coloured = [name for name in attrs if name.startswith(_COLOURS)]
     there = [item for item in items.values() if item is not None]
     if there:
         largest = max(there, key=_bytes)
         what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
-        memory.require_free(what, _COPIES * sum(map(_bytes, there)))
+        memory.require_free(what, _COPIES * sum(map(_bytes, there)) * (4 if coloured else 1))
     found = {name: None if item is None else item[()] for name, item in items.items()}
-    return found | dict.fromkeys(names & set(_OTHERS))
+    colours = {name.removeprefix(_COLOURS): attrs[name] for name in coloured}
+    return found | {_COLOURS: colours} | dict.fromkeys(names & set(_OTHERS))
 
 
 def _bytes(item: h5py.Dataset) -> int:
@@ -253,11 +272,14 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
     about, foreign = _scene_info(fields.get("scene_info"))
     grids = {name: _grid(fields, name) for name in DEVICES}
     mode = "exhaustive" if exhaustive else _mode(grids, about.get("mode"))
+    channels = about.get("channel") or ["L"]
+    if not isinstance(channels, list) or not all(isinstance(name, str) for name in channels):
+        raise ValueError(f"channel = {checks.shown(channels)}: must be a list of names")
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
     capture = make_capture(
-        np.ascontiguousarray(transient.transpose((2, 1, 4, 3, 0) if exhaustive else (2, 1, 0))),
+        _in_colour(transient, fields[_COLOURS], channels),
         mode=mode,
         start_opl=_number(fields, "t_start"),
         bin_width_opl=_number(fields, "delta_t"),
@@ -268,7 +290,24 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         attrs=foreign | about.get("attrs", {}),
         **given,
     )
-    return labelled(capture.assign_coords(_pixels(about.get("pixels", {}), capture)))
+    capture = capture.assign_coords(_pixels(about.get("pixels", {}), capture))
+    capture = labelled(capture.assign_coords(channel=channels))
+    for name, attrs in about.get("labels", {}).items():
+        if name in capture.variables:
+            capture[name].attrs.update(checks.mapping(f"labels: {name}", attrs))
+    return capture
+
+
+def _in_colour(light: np.ndarray, colours: dict[str, Any], channels: list[str]) -> np.ndarray:
+    """Bins as captures have them, (..., bins, channels), from `H` and from what has colours."""
+    order = (2, 1, 4, 3, 0) if light.ndim == 5 else (2, 1, 0)
+    values = np.repeat(light.transpose(order)[..., None], len(channels), axis=-1)
+    for first, part in colours.items():
+        its = values[..., int(first) : int(first) + len(part), :]
+        if np.ndim(part) != values.ndim or part.transpose(*order, -1).shape != its.shape:
+            raise ValueError(f"H: colours with shape {np.shape(part)}: must be {its.shape}")
+        its[...] = part.transpose(*order, -1)
+    return values
 
 
 def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
@@ -384,6 +423,7 @@ def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         return {}, {"scene_info": text} if text else {}
     ours = checks.mapping("scene_info", ours)
     about = {
-        name: checks.mapping(f"scene_info: {name}", ours.get(name)) for name in ("attrs", "pixels")
+        name: checks.mapping(f"scene_info: {name}", ours.get(name))
+        for name in ("attrs", "pixels", "labels")
     }
-    return about | {"mode": ours.get("mode"), ON_WALL: ours.get(ON_WALL)}, {}
+    return about | {name: ours.get(name) for name in ("mode", "channel", ON_WALL)}, {}

@@ -14,6 +14,7 @@ import numpy as np
 from ..paths.surfaces import first_surface
 from ..rendering.asked import Asked
 from ..rendering.job import Job, carry_out, collect, decide
+from ..rendering.window import warn_of_losses
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
 from ..runtime.backend import uncollected
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
+
+MEND = "temporal_bins, start_opl and bin_width_opl of its film"
+"""What decides where the window of a capture is."""
 
 KEPT = ("pulse", "spp", "energy_outside_window", "complete")
 """What of the attributes of a render a capture has."""
@@ -55,6 +59,9 @@ def capture(
     something else, or at nothing, are dark, and the variable `on_wall` says which (a warning says
     how many). Their points continue the plane of the wall; on a wall that is not flat they are the
     nearest pixel's.
+
+    The attribute `energy_outside_window` is the fraction of the energy that no bin holds, without
+    light of a single bounce that arrives before the window: the lit point itself.
 
     Where the integrator leaves out the way to the camera (`camera_unwarp`) and counts the legs
     otherwise, the laser's is taken off as well: lengths are then from wall to wall.
@@ -87,6 +94,9 @@ def capture(
         KeyboardInterrupt: An exhaustive capture was stopped; one line that says how to go on.
         MemoryError: It does not fit; the message says what would.
 
+    Warns:
+        UserWarning: More than 1 % of the energy is outside the window, or pixels miss the wall.
+
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
         >>> z["transient"].dims, z.attrs["mode"]
@@ -115,21 +125,21 @@ def capture(
         with kept_aim(find_laser(scene)):
             laser = LaserPoints(place, _laser_points_again)
             kept = Checkpoint.of(checkpoint)
-            values = (
+            values, outside = (
                 laser.here(kept, progress)
                 if client is None
                 else laser.by_workers(client, kept, progress)
             )
         start, width = laser.film.start_opl, laser.film.bin_width_opl
+        attrs["energy_outside_window"] = outside
+        warn_of_losses(laser.film, outside, mend=MEND, stacklevel=3)
         geometry |= {"laser_grid": points, "laser_normals": normals}
     else:
-        with warnings.catch_warnings():  # The lit point itself is meant to arrive too early
-            warnings.filterwarnings("ignore", ".*of the energy arrives outside the window")
-            job = _job(place, name)
-            if client is None:
-                dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
-            else:
-                dataset = collect(job, client, checkpoint, progress)
+        job = _job(place, name)
+        if client is None:
+            dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
+        else:
+            dataset = collect(job, client, checkpoint, progress)
         values = dataset["transient"].values
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
         attrs |= {k: dataset.attrs[k] for k in KEPT}
@@ -154,7 +164,7 @@ def _job(place: Place, name: str = "scene", axis: Any = None) -> Job:
     asked = Asked(name, spp=place.spp, seed=place.seed, sensor=place.sensor)
     origin = _job_again, place.arguments
     job = decide(place.plan(), place.integrator, place.scene, asked, origin, axis)
-    job.more = place.more
+    job.more, job.mend = place.more, MEND
     return job
 
 

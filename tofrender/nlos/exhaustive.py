@@ -59,8 +59,11 @@ class LaserPoints:
         checkpoint: Within | None = None,
         stop: Stop | None = None,
         progress: bool = False,
-    ) -> np.ndarray | None:
-        """Render with one point lit: bins (rows, columns, bins, C), None if it was stopped."""
+    ) -> tuple[float, np.ndarray] | None:
+        """Render with one point lit: all energy, and bins (rows, columns, bins, C).
+
+        None if it was stopped.
+        """
         place = self.place
         focus_laser(place.scene, point=self.points[point])
         film = transient_film(place.camera.film(), *self.window)
@@ -78,20 +81,24 @@ class LaserPoints:
         if done < place.spp:
             return None
         tell_not_finite(record.not_finite)
-        return film.take()[1]
+        steady, bins = film.take()
+        return float(np.sum(steady, dtype=np.float64)), bins
 
-    def empty(self) -> np.ndarray:
-        """Zeros, (laser rows, laser columns, rows, columns, bins, C)."""
-        return np.zeros((*self.points.shape[:2], *self.film.shape), np.float32)
+    def empty(self) -> dict[str, np.ndarray]:
+        """Bins, (laser rows, laser columns, rows, columns, bins, C), and energy of each point."""
+        lasers = self.points.shape[:2]
+        values = np.zeros((*lasers, *self.film.shape), np.float32)
+        return {"values": values, "energy": np.zeros(lasers)}
 
-    def here(self, checkpoint: Checkpoint | None, progress: bool) -> np.ndarray:
-        """Render with each point lit, in this process."""
-        spp, kept, done, values = self.place.spp, None, 0, self.empty()
+    def here(self, checkpoint: Checkpoint | None, progress: bool) -> tuple[np.ndarray, float]:
+        """Render with each point lit, in this process; as `_whole` gives it."""
+        spp, kept, done, arrays = self.place.spp, None, 0, self.empty()
         whole = len(self.lit) * spp
         if checkpoint is not None:
             kept = checkpoint.begin(self.recipe, whole, "samples per pixel")
         if kept is not None:
-            values, done = kept.arrays.pop("values"), kept.done
+            done = kept.done
+            arrays |= {name: kept.arrays.pop(name) for name in arrays if name in kept.arrays}
         with (
             progress_bar(POINTS, len(self.lit), unit="point", enabled=progress) as bar,
             deferred_stop() as stop,
@@ -102,23 +109,23 @@ class LaserPoints:
                     continue
                 begun = max(0, done - number * spp)
                 state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
-                within = checkpoint and Within(checkpoint, number * spp, whole, {"values": values})
+                within = checkpoint and Within(checkpoint, number * spp, whole, arrays)
                 found = self.take(point, state, within, stop)
                 if found is None or (stop.requested and number + 1 < len(self.lit)):
                     again = checkpoint.again if checkpoint else ""
                     raise KeyboardInterrupt(interrupted(number, len(self.lit), POINTS, again))
-                values[point], done = found, (number + 1) * spp
-        return values
+                (arrays["energy"][point], arrays["values"][point]), done = found, (number + 1) * spp
+        return _whole(arrays)
 
     def by_workers(
         self, client: Client, checkpoint: Checkpoint | None, progress: bool
-    ) -> np.ndarray:
-        """Render with each point lit, by workers."""
+    ) -> tuple[np.ndarray, float]:
+        """Render with each point lit, by workers; as `_whole` gives it."""
         check_client(client)
-        arrays = {"values": self.empty()}
+        arrays = self.empty()
 
-        def place(point: tuple[int, int], found: np.ndarray) -> None:
-            arrays["values"][point] = found
+        def place(point: tuple[int, int], found: tuple[float, np.ndarray]) -> None:
+            arrays["energy"][point], arrays["values"][point] = found
 
         collect_pieces(
             partial(pieces_by_workers, client, self),
@@ -130,7 +137,14 @@ class LaserPoints:
             checkpoint=checkpoint,
             progress=progress,
         )
-        return arrays["values"]
+        return _whole(arrays)
+
+
+def _whole(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, float]:
+    """All bins, and the fraction of the energy that none of them holds."""
+    values, energy = arrays["values"], arrays["energy"]
+    inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
+    return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0
 
 
 def _no_bins(film: mi.Film) -> NoReturn:

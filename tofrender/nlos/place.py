@@ -9,8 +9,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..films.exposure import profile as seen_pulse
 from ..films.image import developed_shape
 from ..integrators.own_sample import brings_sample
+from ..rendering.window import windowed_film
 from ..runtime import checks, memory
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_scene, require_sensor
@@ -55,8 +57,12 @@ class Place:
         return {"mode": self.mode, "relay_wall": [shape.id() for shape in self.wall]}
 
     def plan(self) -> Any:
-        """What is done with the rays of the sensor."""
-        return self.integrator.capture_plan(self.scene, self.camera, self.wall, self.mode)
+        """What is done with the rays of the sensor; the lit point may arrive before the window."""
+        parts = self.scene, self.camera, self.wall, self.mode
+        plan, film = self.integrator.capture_plan(*parts), windowed_film(self.camera.film())
+        profile = seen_pulse(film, self.integrator.exposure())
+        late = 0.0 if profile is None else profile.support[1]
+        return plan.counting_from(film.start_opl - late)
 
 
 def place_of_capture(

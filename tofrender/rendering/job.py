@@ -39,7 +39,7 @@ from .pieces import (
     tiles,
     whole,
 )
-from .window import check_window, warn_of_losses, windowed_film
+from .window import MEND, check_window, warn_of_losses, windowed_film
 from .workers import check_client, pieces_by_workers
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ class Job:
         origin: The function that decides it again in a worker, and its arguments but for the
             time axis.
         more: What else the result depends on.
+        mend: What decides on the window, for a warning.
     """
 
     plan: Plan
@@ -80,6 +81,7 @@ class Job:
     arrivals: Arrivals | None
     origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None
     more: Mapping[str, Any] = field(default_factory=dict)
+    mend: str = MEND
 
     @property
     def camera(self) -> mi.Sensor:
@@ -253,7 +255,7 @@ def told(job: Job, dataset: xr.Dataset) -> xr.Dataset:
     tell_not_finite(dataset.attrs["contributions_not_finite"], stacklevel=5)
     if dataset.attrs["complete"] and job.arrivals is not None:
         outside = dataset.attrs["energy_outside_window"]
-        warn_of_losses(job.film, job.arrivals, job.profile, outside, stacklevel=5)
+        warn_of_losses(job.film, outside, job.arrivals, job.profile, job.mend, stacklevel=5)
     return dataset
 
 

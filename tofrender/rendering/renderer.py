@@ -15,19 +15,22 @@ from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import hidden, status
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
-from ..scenes.loading import load_plugin, load_scene, require_light, require_sensor
+from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
 from ..scenes.settings import INTEGRATORS
 from .asked import Asked, either, is_auto
 from .job import Job, carry_out, collect, decide
 from .store import check_film
 from .streaming import stream
-from .window import pulse_width_for, windowed_film
+from .window import BINS, pulse_width_for, windowed_film
 from .workers import check_workers, workers_for
 
 if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
+
+FILM_WORDS = {"temporal_bins", "start_opl", "bin_width_opl", "pulse_width_opl"}
+"""Settings that say when to look."""
 
 
 @overload
@@ -117,7 +120,8 @@ def render(
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
         size: Width and height of the picture [pixels]; by default the film's.
-        bins: Number of time bins; by default the film's.
+        bins: Number of time bins; by default the film's, and 300 of a steady one, which turns
+            transient. If no more is said of time, it gets the window and the pulse "auto".
         start_opl: Path length where they start [m]; by default the film's.
         bin_width: Width of each [m]; by default the film's.
         window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
@@ -295,6 +299,7 @@ def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:
         asked: What is asked for.
         axis: Number, start and width [m] of the bins, if they were decided elsewhere.
     """
+    asked = suited(asked)
     if is_auto(asked.pulse_width):
         without = make_job(replace(asked, pulse_width=None), axis)
         width = pulse_width_for(without)
@@ -305,6 +310,24 @@ def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:
         require_light(scene)
     plan = tracer.plan(scene, scene.sensors()[asked.sensor])
     return decide(plan, tracer, scene, asked, (_job_again, asked.words), axis)
+
+
+def suited(asked: Asked) -> Asked:
+    """The same, with bins and a pulse that suit the light of a steady scene, if nobody says any.
+
+    Nothing is found yet: they are "auto".
+    """
+    said = (asked.start_opl, asked.bin_width, asked.window, asked.pulse_width)
+    if any(value is not None for value in said) or FILM_WORDS & set(asked.settings or ()):
+        return asked
+    if isinstance(asked.scene, mi.Scene):
+        films = [sensor.film().class_name() for sensor in asked.scene.sensors()]
+        steady, pulse = set(films) == {"HDRFilm"}, None
+    else:
+        steady, pulse = is_steady(asked.scene, asked.define or {}), "auto"
+    if not steady:
+        return asked
+    return replace(asked, window="auto", pulse_width=pulse, bins=asked.bins or BINS)
 
 
 def _job_again(axis: Any, **words: Any) -> Job:

@@ -191,16 +191,20 @@ class Store:
     # ---------------------------------------------------------------------------- the end
 
     def finish(
-        self, coordinates: Mapping[str, np.ndarray], attrs: Mapping[str, Any], target: Path
+        self,
+        coordinates: Mapping[str, np.ndarray],
+        attrs: Mapping[str, Any],
+        target: Path,
+        labels: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
-        """Write coordinates and attributes, and move the film to its place."""
+        """Write coordinates and attributes, those of variables too, and move the film."""
         group = self._group()
         for name, values in coordinates.items():
             if name == TIME:
                 continue
             put_labels(group, name, values, [name])
         for name, array in group.arrays():
-            array.attrs.update(labels_of(name, attrs))
+            array.attrs.update(labels_of(name, attrs) | dict((labels or {}).get(name, {})))
         group.attrs.update(dict(attrs))
         put_in_place(self.film, target, listed=True)
         atomic.remove(self.folder)
@@ -276,7 +280,8 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
                 taken = Taken(values["steady"], values["transient"], 1, 0, 0.0, found)
                 store.put(piece, taken)
         coordinates = {axis: dataset[axis].values for axis in DIMS["transient"]}
-        store.finish(coordinates, plain_attributes(dataset), target)
+        labels = {str(name): plain_attributes(each) for name, each in dataset.variables.items()}
+        store.finish(coordinates, plain_attributes(dataset), target, labels)
     return load_zarr(target)
 
 

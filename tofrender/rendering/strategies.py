@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 KIND = "transient_bdpt"
 DEFAULT_DEPTH = 4
+KEPT = ("rr_depth", "hide_emitters")
+"""What stays as the scene's integrator has it."""
+
 GIVEN = ("type", "strategy", "mis", "camera_connections")  # These are what a pyramid is about
 
 
@@ -55,7 +58,8 @@ def strategy_pyramid(
         scene: As for `render`.
         max_depth: Longest path in segments, 2 to 64: n segments make n (n + 3) / 2 strategies.
         mis: Weights, "power" or "balance".
-        parameters: Further parameters of `transient_bdpt`, by name.
+        parameters: Further parameters of `transient_bdpt`, by name; `rr_depth` and `hide_emitters`
+            are by default the scene's.
         spp: Samples per pixel of each picture, 1 to 2^24; by default the scene's.
         seed: Seed of all random numbers.
         size: Width and height [pixels]; by default the film's.
@@ -87,16 +91,20 @@ def strategy_pyramid(
     backend.require_vectorised()
     backend.require_unpolarised()
     bins = either("bins", bins, temporal_bins)
-    asked = Asked(scene, spp, seed, size, bins, window=window, integrator=KIND, sensor=sensor)
+    kind = {"type": KIND, "max_depth": max_depth}
+    asked = Asked(scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor)
     checks.one_of("mis", mis, ("power", "balance"))
     checks.boolean("progress", progress)
     shared = checks.mapping("parameters", parameters)
     for name in GIVEN:
         if name in shared:
             raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")
-    shared |= {"type": KIND, "max_depth": max_depth}
-    tracer = load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
+    shared |= kind
+    load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
     scene, _ = opened(asked)
+    own = scene.integrator()
+    shared = {name: getattr(own, name) for name in KEPT if hasattr(own, name)} | shared
+    tracer = load_plugin("integrator", shared | {"mis": mis})
     require_light(scene)
     camera = scene.sensors()[sensor]
     plan = tracer.plan(scene, camera)

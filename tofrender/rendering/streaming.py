@@ -96,7 +96,7 @@ def stream(
         store.finish(channel_coordinates(job.film), attrs, target)
     tell_not_finite(attrs["contributions_not_finite"])
     if job.arrivals is not None:
-        warn_of_losses(job.film, job.arrivals, job.profile, attrs["energy_outside_window"])
+        warn_of_losses(job.film, attrs["energy_outside_window"], job.arrivals, job.profile)
     return load_zarr(target)
 
 

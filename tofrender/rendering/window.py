@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
 
+BINS = 300
+"""Bins of a scene that has none."""
+
+MEND = "`window='auto'`"
+"""What finds a better window."""
 
 PULSES = 128
 """Standard deviations of the pulse that is chosen for a window, in that window."""
@@ -75,14 +80,22 @@ def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
 
 
 def warn_of_losses(
-    film: Any, arrivals: Arrivals, profile: Pulse | None, outside: float, stacklevel: int = 4
+    film: Any,
+    outside: float,
+    arrivals: Arrivals | None = None,
+    profile: Pulse | None = None,
+    mend: str = MEND,
+    stacklevel: int = 4,
 ) -> None:
-    """Say when light is missing, and which window would hold it."""
+    """Say when light is missing, which window would hold it if that is known, and what says so."""
     if outside > LOST_ENERGY:
-        first, last = arrivals.window(profile)
+        better = "another one may hold it"
+        if arrivals is not None:
+            first, last = arrivals.window(profile)
+            better = f"{first:g} to {last:g} m would hold 99.9 %"
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
-            f"{film.end_opl():g} m; {first:g} to {last:g} m would hold 99.9 % (`window='auto'`)",
+            f"{film.end_opl():g} m; {better} ({mend})",
             stacklevel=stacklevel,
         )
 

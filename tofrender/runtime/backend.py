@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from . import checks, llvm, memory, plugins
 
@@ -29,31 +31,46 @@ def cores() -> int:
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Let Python's garbage collector wait while a kernel is traced.
+    """Let Python's garbage collector and other threads wait while a kernel is traced.
 
     A scene that nobody holds any more may live in a cycle until it is collected. Dr.Jit calls the
     parts of all scenes that live: if one goes in the middle, equal functions of one kernel are
-    called in two ways, written twice, and LLVM ends the process ("invalid redefinition").
+    called in two ways, written twice, and LLVM ends the process ("invalid redefinition"). If one
+    is loaded in the middle, parts that are not finished are called. So threads take turns, and
+    scenes that another thread drops go before the next turn.
 
-    Also a decorator. Several threads may trace at a time: the last one lets it go on.
+    Also a decorator, for loading, too. One thread may enter it several times.
     """
-    global _tracing, _collects
-    with _lock:
-        if not _tracing:
-            _collects = gc.isenabled()
-        _tracing += 1
+    global _turns
+    with _turn:
+        if not _turns:
+            _let_go()
+        _turns += 1
+        collects = gc.isenabled()
         gc.disable()
-    try:
-        yield
-    finally:
-        with _lock:
-            _tracing -= 1
-            if _collects and not _tracing:
+        try:
+            yield
+        finally:
+            _turns -= 1
+            if collects:
                 gc.enable()
 
 
-_lock = threading.Lock()
-_tracing, _collects = 0, False
+_turn, _turns = threading.RLock(), 0
+_scenes: list[Any] = []
+atexit.register(_scenes.clear)
+
+
+def hold(scene: Any) -> None:
+    """Let a scene live until nobody else holds it and no kernel is traced."""
+    _scenes.append(scene)
+
+
+def _let_go() -> None:
+    """Drop scenes that nobody else holds: as many references as to an object held here alone."""
+    alone = [object()]
+    counts = [[sys.getrefcount(each) for each in held] for held in (alone, _scenes)]
+    _scenes[:] = [s for s, count in zip(_scenes, counts[1], strict=True) if count > counts[0][0]]
 
 
 class BackendError(RuntimeError):

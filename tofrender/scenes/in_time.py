@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -26,6 +27,49 @@ SUCCESSORS = {
     **dict.fromkeys(("volpath", "volpathmis", "prbvolpath"), "transient_volpath"),
 }
 """What takes the place of an integrator of Mitsuba when its film turns transient."""
+
+UNLIMITED = 0xFFFFFFFF
+"""How Mitsuba's integrators print a `max_depth` of -1."""
+
+
+def successor_of(integrator: Any) -> str:
+    """Plugin that follows in time the paths of one of Mitsuba's path tracers, wrapped or not.
+
+    Raises:
+        ValueError: It is none; one line.
+    """
+    printed = str(integrator)
+    if "max_depth" not in printed or not type(integrator).__module__.startswith("mitsuba"):
+        raise ValueError(_unknown(integrator))
+    return "transient_volpath" if re.search("Vol(umetric|path)", printed) else "transient_path"
+
+
+def path_tracer_of(integrator: Any) -> dict[str, Any]:
+    """As `successor_of`, with parameters, for `mi.load_dict`; they are read from its description.
+
+    Raises:
+        ValueError: It is none, or is wrapped, which does not tell all of them; one line.
+    """
+    printed = re.match(r"\w+\[\s*max_depth = (\d+)(?:,\s*rr_depth = (\d+))?", str(integrator))
+    if printed is None:
+        raise ValueError(_unknown(integrator))
+    depth, roulette = int(printed[1]), printed[2] or getattr(integrator, "rr_depth", 5)
+    return {
+        "type": plugins.own_name(successor_of(integrator)),
+        "max_depth": -1 if depth == UNLIMITED else depth,
+        "rr_depth": int(roulette),
+        "hide_emitters": getattr(integrator, "hide_emitters", False),
+    }
+
+
+def _unknown(integrator: Any) -> str:
+    """One line on an integrator whose paths are not known."""
+    is_python = type(integrator).__module__ != "mitsuba"
+    kind = type(integrator).__name__ if is_python else integrator.class_name()
+    return (
+        f"integrator = {kind}: does not tell which paths it follows; must be one like "
+        "transient_path, or a path tracer of Mitsuba's"
+    )
 
 
 def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns: bool) -> None:

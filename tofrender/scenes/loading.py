@@ -17,9 +17,10 @@ from typing import Any, Unpack
 import mitsuba as mi
 
 from ..runtime import checks, plugins
+from ..runtime.backend import hold, uncollected
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
-from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
+from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .nodes import is_kind
 from .packaged import packaged
@@ -93,7 +94,7 @@ def load_scene(
     if isinstance(source, str):
         source = find_scene(source)
     try:
-        with held_signals(), _files_beside(source):
+        with uncollected(), held_signals(), _files_beside(source):
             state = _parse(config, source, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
@@ -106,6 +107,7 @@ def load_scene(
                 config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
+            hold(scene)
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
     if not isinstance(scene, mi.Scene):
@@ -113,17 +115,17 @@ def load_scene(
     return scene
 
 
-def parse_file_of(path: Path, parameters: Mapping[str, Any]) -> Any:
-    """Mitsuba's parser state of an XML file, its references resolved.
+def parse_file_of(path: Any, parameters: Mapping[str, Any]) -> Any:
+    """Mitsuba's parser state of an XML file, a built-in name or a dict, its references resolved.
 
     Raises:
-        ValueError: The file or a parameter is wrong; one line.
+        ValueError: The scene or a parameter is wrong; one line.
         FileNotFoundError: There is no such file.
     """
     config = parser.ParserConfig(mi.variant())
     try:
-        with _files_beside(path):
-            state = _parse_file(config, path, parameters)
+        with uncollected(), _files_beside(path):
+            state = _parse(config, path, parameters)
             parser.transform_upgrade(config, state)
             parser.transform_resolve(config, state)
     except RuntimeError as error:
@@ -131,15 +133,17 @@ def parse_file_of(path: Path, parameters: Mapping[str, Any]) -> Any:
     return state
 
 
-def has_bins(path: Path, parameters: Mapping[str, Any]) -> bool:
-    """Whether a film of an XML file has time bins of its own.
+def is_steady(scene: Any, parameters: Mapping[str, Any]) -> bool:
+    """Whether no film of an XML file, a built-in name or a dict knows time.
 
     Raises:
-        ValueError: The file or a parameter is wrong; one line.
+        ValueError: The scene or a parameter is wrong; one line.
         FileNotFoundError: There is no such file.
     """
-    nodes = parse_file_of(path, parameters).nodes
-    return any(node.props.plugin_name() == TRANSIENT_FILM for node in nodes)
+    scene = find_scene(scene) if isinstance(scene, str) else scene
+    nodes = parse_file_of(scene, parameters).nodes
+    films = [node for node in nodes if is_kind(node, mi.ObjectType.Film)]
+    return all(node.props.plugin_name() == STEADY_FILM for node in films)
 
 
 def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
@@ -154,7 +158,7 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
         raise ValueError(f"{what} = {given}: must have a plugin's name as its type")
     require_readable_dict(description)
     try:
-        with held_signals():
+        with uncollected(), held_signals():
             return mi.load_dict({**description, "type": plugins.own_name(name)})
     except RuntimeError as error:
         raise ValueError(f"{what}: {_one_line(str(error))}") from None

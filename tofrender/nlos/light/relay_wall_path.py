@@ -58,6 +58,7 @@ class Scan:
         solid_angle: Solid angle of the laser's beam [sr], if its lit point counts.
         hide_emitters: Whether the sensor looks through the scene's area lights.
         held: Whether a lit point that is the same for a whole path is found only once.
+        first_opl: Length before which light of a single bounce does not count [m].
     """
 
     scene: mi.Scene
@@ -70,6 +71,7 @@ class Scan:
     solid_angle: Any = math.nan
     hide_emitters: bool = False
     held: bool = True
+    first_opl: float = 0.0
 
     def hold(self, beam: Beam, spot: Spot) -> Beam:
         """A beam that lands on the same point each time, given the first."""
@@ -113,11 +115,21 @@ class ScanPlan(Plan):
         other.scan = replace(self.scan, share=None, held=False)
         return other
 
+    def counting_from(self, first_opl: float) -> ScanPlan:
+        """The same without light of a single bounce that arrives before `first_opl` [m]."""
+        other = copy(self)
+        other.scan = replace(self.scan, first_opl=first_opl)
+        return other
+
     def lit(self, ray, origin, sampler, active):
         """The lit point, and what the camera sees of it."""
         ray = self._behind(ray)
         laser, seen = self.light(self.scan, ray, origin, sampler, active)
-        return laser, [seen] if seen is not None and self.counts_spot else []
+        if seen is None or not self.counts_spot:
+            return laser, []
+        if self.scan.first_opl > 0:
+            seen.active &= seen.opl >= self.scan.first_opl
+        return laser, [seen]
 
     def around(self, endpoint, ray, origin, sampler, measurement, active):
         """Light around the corner, by connections."""

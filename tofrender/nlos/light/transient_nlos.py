@@ -213,7 +213,7 @@ class TransientNLOSPath(RelayWallPath):
         bounces = self.filter_bounces
         if not self.laser_sampling:
             wall = scan.wall if self.use_nlos_only else None
-            more = (self.shows_spot, self.counts_legs, self.hide_emitters)
+            more = (self.shows_spot, self.counts_legs, self.hide_emitters, scan.first_opl)
             return LaserItself(scene, wall, bounces, *more), None
         emitter = find_laser(scene)
         source, forward = axis(emitter)
@@ -292,6 +292,7 @@ class LaserItself(SceneLights):
         single: Whether light of a single bounce counts.
         counts_legs: Whether the leg from the laser counts in lengths.
         hide_emitters: As in `Unseen`.
+        first_opl: Length before which light of a single bounce does not count [m].
     """
 
     def __init__(
@@ -302,10 +303,11 @@ class LaserItself(SceneLights):
         single: bool,
         counts_legs: bool,
         hide_emitters: bool,
+        first_opl: float,
     ) -> None:
         super().__init__(scene, None, hide_emitters)
         self.wall, self.bounces = wall, bounces
-        self.single, self.counts_legs = single, counts_legs
+        self.single, self.counts_legs, self.first_opl = single, counts_legs, first_opl
 
     def memory(self) -> Any:
         """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
@@ -329,6 +331,8 @@ class LaserItself(SceneLights):
             active = active & (path.depth + 1 == self.bounces)
         link = super().connect(vertex, path, sampler, active)
         link.length = link.length if self.counts_legs else mi.Float(0)
+        if self.first_opl > 0:
+            link.active &= (path.depth > 0) | (path.opl + link.length >= self.first_opl)
         return link
 
     def nearest(self, p: mi.Point3f) -> mi.Float:
