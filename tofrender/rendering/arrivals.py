@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 PATHS = 1 << 14
-BINS = 1 << 13
-FIRST_OPL, LAST_OPL = 1e-3, 1e5
+PER_DECADE, FIRST_DECADE, LAST_DECADE = 1024, -6, 12
+BINS = PER_DECADE * (LAST_DECADE - FIRST_DECADE)
+FIRST_OPL = 10.0**FIRST_DECADE
 
 
 class ArrivalHistogram:
@@ -31,7 +32,7 @@ class ArrivalHistogram:
     No dataclass, so that loops do not carry the bins as their state.
 
     Attributes:
-        energy: Array of `BINS` values; light before 1 mm is in the first, after 100 km in the last.
+        energy: Array of `BINS` values; light before 1 um is in the first, after 1e12 m in the last.
         hits: Number of contributions in each bin.
     """
 
@@ -41,8 +42,8 @@ class ArrivalHistogram:
     def add(self, contribution: Contribution) -> None:
         """Add a contribution of all channels."""
         beyond = dr.maximum(contribution.opl, FIRST_OPL) / FIRST_OPL
-        position = dr.log(beyond) / np.log(LAST_OPL / FIRST_OPL)
-        k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
+        position = dr.log(beyond) * (PER_DECADE / math.log(10))
+        k = mi.UInt32(dr.clip(position, 0, BINS - 1))
         dr.scatter_add(
             self.energy, dr.sum(intensity(contribution.spectrum)), k, contribution.active
         )
@@ -103,7 +104,7 @@ def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arriva
         camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
         histogram = ArrivalHistogram()
         plan.trace(sampler, camera.ray, camera.origin, histogram)
-    edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
+    edges = FIRST_OPL * 10 ** (np.arange(BINS + 1) / PER_DECADE)
     edges[0] = 0.0
     energy, hits = (np.array(a, dtype=np.float64) for a in (histogram.energy, histogram.hits))
     return Arrivals(edges, energy, hits)

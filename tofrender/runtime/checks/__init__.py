@@ -17,6 +17,7 @@ from .numbers import (
     metres,
     number,
     place,
+    time_axis,
     width,
 )
 
@@ -52,5 +53,6 @@ __all__ = [
     "real_array",
     "shown",
     "text",
+    "time_axis",
     "width",
 ]
