@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -24,6 +25,7 @@ from ..rendering.workers import THREADS, check_client, shared_out
 from ..runtime import atomic, backend, checks
 from ..runtime.progress import deferred_stop, held_signals, progress_bar
 from ..runtime.versions import versions
+from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
 from .layout import Layout, Plan, layout_of
@@ -193,7 +195,26 @@ def _recipe(plan: Plan) -> dict[str, Any]:
         "window": layout.window,
         "variant": mi.variant(),
         "versions": json.loads(versions()),
+        "only": plan.records,
+        "checksum of scene and files": _files_digest(plan),
     }
+
+
+def _files_digest(plan: Plan) -> str:
+    """Checksum of what identifies the first scene, and of all files that the config names."""
+    names = sorted({text for text in _texts(plan.config.given) if "." in text})
+    files = [each for name in names if (each := plan.config.folder / name).is_file()]
+    parts = [plan.layout.scene, *map(file_digest, files)]
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(each)
 
 
 def _require_room(folder: Path, plan: Plan) -> None:

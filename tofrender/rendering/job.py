@@ -116,7 +116,8 @@ class Job:
     @property
     def all_of_it(self) -> dict[str, Any]:
         """All that the result depends on: the recipe, the film's pixels, and more."""
-        return {**self.more, **self.recipe, "film": str(self.film)}
+        named = {**self.more, **self.recipe, "film": str(self.film)}
+        return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
 
     def take(self, piece: Piece, **options: Any) -> Taken:
         """Render a piece, see `pieces.take`."""

@@ -58,6 +58,12 @@ def shape_digest(shape: mi.Shape) -> str:
     return _Graph(True).digest(shape)
 
 
+def file_digest(file: Path) -> str:
+    """A hash of a file's bytes."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
 # ------------------------------------------------------------------------- what a parser has read
 
 
@@ -98,8 +104,7 @@ def _property(kind: Any, name: str, value: Any) -> str:
         untyped: Any = mi  # the stubs of this function are not callable
         file = Path(str(untyped.file_resolver().resolve(value)))
         if file.is_file():
-            with file.open("rb") as opened:
-                return hashlib.file_digest(opened, "sha256").hexdigest()
+            return file_digest(file)
     if kind == TYPE.Transform:
         return _hash(np.array(value.matrix, np.float64))
     if kind == TYPE.Spectrum:
