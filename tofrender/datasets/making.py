@@ -167,6 +167,28 @@ def make_dataset(
     return load_dataset(target)
 
 
+def require_complete(
+    config: str | os.PathLike[str] | Mapping[str, Any],
+    out: str | os.PathLike[str],
+    only: Iterable[int] | None = None,
+) -> xr.Dataset:
+    """A finished data set that is the one that the config asks for.
+
+    Raises:
+        ValueError: It is another, or of other files; one line.
+    """
+    found, plan = load_dataset(out), plan_dataset(config, only)
+    wanted = {"config": json.dumps(plan.config.plain), "variant": mi.variant()}
+    if "checksum" in found.attrs:  # Those of earlier versions have none
+        wanted["checksum"] = _files_digest(plan)
+    for name, value in wanted.items():
+        if found.attrs[name] != value:
+            raise ValueError(f"out = {out}: is there, with another {name}; must be a new folder")
+    if found["record"].values.tolist() != plan.records:
+        raise ValueError(f"out = {out}: is there, with other records; must be a new folder")
+    return found
+
+
 def under_way(out: str | os.PathLike[str]) -> Path:
     """Where a data set is until it is finished."""
     return atomic.hidden(out, ".dataset")
@@ -263,6 +285,7 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
         "seed": config.seed,
         "variant": mi.variant(),
         "versions": versions(),
+        "checksum": _files_digest(plan),
         "render_seconds": sum(receipt.seconds for receipt in receipts.values()),
     }
     if window is not None:
