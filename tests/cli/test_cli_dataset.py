@@ -113,6 +113,12 @@ def test_a_killed_run_goes_on(tmp_path, capsys, number):
     status, _, err = run(capsys, "dataset", config, "--out", out, "--resume")
     assert status == 0
     assert f"resuming from {there} of 4 records" in err
+    status, told, err = run(capsys, "dataset", config, "--out", out, "--resume")
+    assert (status, told, err) == (0, f"{out}: already complete, 4 records\n", "")
+    config.write_text(CONFIG.format(spp=16))
+    said = refused(capsys, "dataset", config, "--out", out, "--resume")
+    assert "is there, with another config; must be a new folder" in said
+    config.write_text(CONFIG.format(spp=512))
     assert run(capsys, "dataset", config, "--out", whole)[0] == 0
     one, other = load_dataset(out), load_dataset(whole)
     for name in ("transient", "depth", "turn", "render_seed"):

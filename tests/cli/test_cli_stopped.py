@@ -387,19 +387,47 @@ def stop(capsys, stopped, name, out, *options, steps: int = 3, spp: int = 0) -> 
     return err
 
 
-def test_without_resume_it_starts_anew(capsys, tmp_path, stopped, whole):
+def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped, whole):
     out, expected = tmp_path / "out", whole("gate")
     stop(capsys, stopped, "gate", out)
     assert hidden(tmp_path) == [kept(out).name]
+    before = kept(out).read_bytes()
     stopped.after(0)
     status, _, err = run(capsys, *arguments("gate", out))
-    assert status == 0
-    assert (
-        err
-        == "note: the same command with --resume goes on from where an earlier one was stopped\n"
-    )
+    assert status == 2
+    said = f"{kept(out)} is of a stopped run; the same command with --resume goes on, or remove it"
+    assert one_line(err) == f"error: --out = {out}: {said}"
+    assert kept(out).read_bytes() == before
+    kept(out).unlink()
+    assert run(capsys, *arguments("gate", out))[0] == 0
     require_equal(out, expected)
     assert os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("render", ()),
+        ("render", ("--format", "zarr")),
+        ("render", ("--errors",)),
+        ("single", ()),
+        ("exhaustive", ()),
+    ],
+)
+def test_what_is_complete_stays(capsys, tmp_path, name, options):
+    """`--resume || ...`, as for clusters, would else render all again; 0 whatever was there."""
+    out = place(tmp_path, name)
+    assert run(capsys, *arguments(name, out, *options, spp=16))[0] == 0
+    before = {file: file.stat().st_mtime_ns for file in [out, *out.rglob("*")]}
+    status, told, err = run(capsys, *arguments(name, out, "--resume", *options, spp=16))
+    assert (status, err) == (0, "")
+    assert told == f"{out}: already complete, 16 samples per pixel\n"
+    assert {file: file.stat().st_mtime_ns for file in [out, *out.rglob("*")]} == before
+    status, _, err = run(capsys, *arguments(name, out, "--resume", "--seed", 3, *options, spp=16))
+    assert status == 2
+    assert "with seed = 0; must be 3" in one_line(err)
+    assert os.listdir(tmp_path) == [out.name]
 
 
 @pytest.mark.slow
@@ -456,6 +484,7 @@ def test_a_folder_that_has_changed_since(capsys, tmp_path, stopped, whole):
     wait_for(process, kept(out))
     ended(process, signal.SIGKILL)
     rest = kept(out).read_bytes()
+    kept(out).unlink()
     assert run(capsys, *arguments("render", out, spp=64))[0] == 0
     kept(out).write_bytes(rest)
     err = goes_on(capsys, "render", out, expected)

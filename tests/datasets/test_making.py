@@ -473,6 +473,86 @@ def test_another_config_is_refused(tmp_path, monkeypatch):
     assert str(folder) in str(error.value)
 
 
+ROOM = """<scene version="3.0.0">
+  <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="4"/>
+    <integer name="height" value="4"/></film></sensor>
+  <shape type="obj"><string name="filename" value="wall.obj"/></shape>
+</scene>"""
+WALL = "v -1 -1 2\nv 1 -1 2\nv 0 1 2\nf 1 2 3\n"
+
+
+@pytest.mark.parametrize("way", ["of the scene", "of an object", "that is drawn"])
+def test_a_changed_file_is_refused(tmp_path, monkeypatch, way):
+    """Records of two meshes in one data set would not be told apart."""
+    for name in ("wall.obj", "other.obj"):
+        (tmp_path / name).write_text(WALL)
+    config = {"records": 3, "scene": plane(), "outputs": {"depth": True}}
+    wall = {"type": "obj", "filename": str(tmp_path / "wall.obj")}
+    if way == "of the scene":
+        (tmp_path / "room.xml").write_text(ROOM)
+        config["scene"] = str(tmp_path / "room.xml")
+    elif way == "of an object":
+        config["objects"] = {"more": wall}
+    else:
+        (tmp_path / "room.xml").write_text(ROOM.replace('"wall.obj"', '"$mesh"'))
+        files = [str(tmp_path / name) for name in ("other.obj", "wall.obj")]
+        mesh = {"parameter": "mesh", "distribution": "choice", "values": files}
+        config |= {"scene": str(tmp_path / "room.xml"), "vary": {"mesh": mesh}, "seed": 1}
+    out = tmp_path / "x.zarr"
+    stopped(monkeypatch, out, 1, config)
+    (tmp_path / "wall.obj").write_text(WALL.replace("2", "3", 1))
+    with pytest.raises(ValueError, match=r"^checksum of scene and files = .*: the unfinished"):
+        make(config, out)
+    (tmp_path / "wall.obj").write_text(WALL)
+    assert make(config, out).sizes["record"] == 3
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    eye = {"camera": "origin", "distribution": "uniform", "low": [0, 0, 1], "high": [0, 0, 9]}
+    config = {"records": 2, "scene": plane(), "outputs": {"depth": True, "normals": True}}
+    out = tmp_path_factory.mktemp("set") / "small.zarr"
+    return Path(make(config | {"vary": {"eye": eye}}, out).encoding["source"])
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("listed", [True, False], ids=["listed", "of an earlier version"])
+@pytest.mark.parametrize("name", ["depth/c/1/0/0", "normals/c/0/0/0/0"])
+def test_a_record_that_is_missing_is_told(small, tmp_path, name, listed):
+    """Zarr would read it as zeros."""
+    copy = Path(shutil.copytree(small, tmp_path / "copy.zarr"))
+    if not listed:
+        (copy / "files.json").unlink()
+        assert datasets.load_dataset(copy).sizes["record"] == 2
+    (copy / name).unlink()
+    with pytest.raises(ValueError, match=rf"^path = .*{name}.*; must be as .* written, copy"):
+        datasets.load_dataset(copy)
+
+
+@pytest.mark.parametrize(
+    "name", ["made_with/c/0", "eye/c/0/0", "record/c/0", "zarr.json", "depth/zarr.json"]
+)
+def test_what_is_damaged_is_named(small, tmp_path, name):
+    copy = Path(shutil.copytree(small, tmp_path / "copy.zarr"))
+    flip(copy / name)
+    with pytest.raises(ValueError, match=rf"\Apath = .*{name}.*\Z"):
+        datasets.load_dataset(copy)
+
+
+def test_a_damaged_record_is_named_when_it_is_read(small, tmp_path):
+    copy = Path(shutil.copytree(small, tmp_path / "copy.zarr"))
+    flip(copy / "depth/c/1/0/0")
+    found = datasets.load_dataset(copy)
+    assert np.isfinite(found["depth"].isel(record=0).values).all()
+    with pytest.raises(OSError, match=r"\Adata set .*copy.zarr: depth/c/1/0/0 is damaged .*\Z"):
+        np.asarray(found["depth"].isel(record=1))
+
+
 @pytest.mark.slow
 def test_what_is_there_stays(made):
     with pytest.raises(FileExistsError, match="exists; must be a new folder"):

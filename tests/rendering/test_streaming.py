@@ -567,12 +567,25 @@ def test_what_is_no_film_is_not_loaded(out, whole):
     one_line(error)
 
 
+@pytest.mark.parametrize("load", [load_zarr, tofrender.load_dataset], ids=["film", "data set"])
+@pytest.mark.parametrize("where", ["transient/zarr.json", "zarr.json"])
+def test_codecs_that_may_run_code_are_refused(out, whole, where, load):
+    """numcodecs.pickle would unpickle whatever the file holds."""
+    save_zarr(whole, out)
+    text = (out / where).read_text()
+    (out / where).write_text(text.replace('"crc32c"', '"numcodecs.pickle"', 1))
+    with pytest.raises(ValueError, match=r"\Apath = .*zarr.json has the codec .*pickle.*\Z"):
+        load(out)
+
+
 def test_metadata_that_are_cut_are_refused(out, whole):
     save_zarr(whole, out)
     text = (out / "zarr.json").read_text()
     for other in ("", text[: len(text) // 2], json.dumps({})):
         (out / "zarr.json").write_text(other)
-        with pytest.raises(ValueError, match=r"is zarr.json;|must be a finished film") as error:
+        with pytest.raises(
+            ValueError, match=r"zarr.json( is damaged)?;|must be a finished film"
+        ) as error:
             load_zarr(out)
         one_line(error)
 

@@ -44,7 +44,7 @@ def test_a_dict_is_its_file(file):
     assert sorted(s.id() for s in one.shapes()) == sorted(s.id() for s in other.shapes())
     cameras = [scene.sensors()[0] for scene in (one, other)]
     assert list(cameras[0].film().size()) == list(cameras[1].film().size())
-    assert len(fingerprint(other, cameras[1], other.integrator())) == 12
+    assert len(fingerprint(other, cameras[1], other.integrator())) == 14
 
 
 def test_what_is_shared_stays_shared(tmp_path):

@@ -55,7 +55,8 @@ def dataset(
 
     CONFIG says how many, what is varied, and what each record holds; docs/datasets.md has all its
     keys. DIR is one Zarr group, which appears when all records are there. A run that was stopped
-    or killed goes on with --resume. With --only, some records are made alone, the same as in all.
+    or killed goes on with --resume, and a DIR that is complete stays. With --only, some records are
+    made alone, the same as in all.
     """
     from tofrender.runtime import backend
 
@@ -65,7 +66,7 @@ def dataset(
     backend.require_vectorised()
     backend.require_unpolarised()
 
-    from tofrender.datasets.making import make_dataset, plan_dataset, under_way
+    from tofrender.datasets.making import make_dataset, plan_dataset, require_complete, under_way
     from tofrender.datasets.store import Store
     from tofrender.runtime.progress import ended_by_signals
 
@@ -74,6 +75,10 @@ def dataset(
         return
     assert out is not None
     if resume and not Store.planned(under_way(out)):
+        if out.exists():
+            count = require_complete(config, out, only).sizes["record"]
+            opt.say(f"{out}: already complete, {count} record{'s' * (count != 1)}")
+            return
         raise ValueError(f"--resume: no run that makes {out} was stopped; must be left out")
     with ended_by_signals(), opt.client_of(workers, scheduler) as client:
         made = make_dataset(

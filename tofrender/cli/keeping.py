@@ -41,8 +41,9 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         path = hidden(out, ".checkpoint.npz")
         for each in (out, path):
             remove_leftovers(each)
-        if path.exists() and not resume:
-            opt.note(f"note: {AGAIN} from where an earlier one was stopped")
+        left = left_work(out)
+        if left is not None and not resume:
+            raise ValueError(f"--out = {out}: {left} is of a stopped run; {AGAIN}, or remove it")
         checkpoint = None
         if seconds or (resume and path.exists()):
             checkpoint = Checkpoint(path, seconds or NEVER_S, opt.note, AGAIN, resume)
@@ -73,6 +74,17 @@ def on_disk(out: Path) -> Path:
     from tofrender.runtime.atomic import hidden
 
     return hidden(out, ".zarr")
+
+
+def left_work(out: Path) -> Path | None:
+    """What a run that was stopped or killed has done of `out`, None if it is nothing."""
+    from tofrender.runtime.atomic import hidden
+
+    film = on_disk(out)
+    folder = hidden(film, ".film")
+    if any(folder.glob("receipts/tile *")):
+        return folder
+    return next((e for e in (hidden(out, ".checkpoint.npz"), film) if e.exists()), None)
 
 
 def is_begun(*kept: Path) -> bool:

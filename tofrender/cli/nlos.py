@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..runtime.progress import EVERY_S
 from . import completion
 from .answers import Capture, Json, Reconstruct, answer
-from .keeping import AGAIN, Resume, Seconds, keeping, require_something, tell
+from .keeping import AGAIN, Resume, Seconds, keeping, left_work, require_something, tell
 from .options import (
     INTERRUPTED,
     Dpi,
@@ -34,6 +34,9 @@ from .options import (
     note,
     size,
 )
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Mode = Literal["confocal", "single", "exhaustive"]
 Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
@@ -65,7 +68,7 @@ def capture(
 
     FILE holds the transient of every point, with all geometry, as reconstruction tools read it.
     What is done is kept beside it while it renders. Ctrl-C, SIGTERM and SIGHUP write a confocal or
-    single capture as far as it is; with --resume, a stopped one goes on.
+    single capture as far as it is; with --resume, a stopped one goes on, and a whole one stays.
     """
     from tofrender.runtime import backend
 
@@ -82,6 +85,7 @@ def capture(
     from tofrender import io
     from tofrender.films.image import developed_shape
     from tofrender.nlos import capture as render_capture
+    from tofrender.nlos.capturing import require_same_capture
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
@@ -93,6 +97,14 @@ def capture(
     shape = developed_shape(loaded.sensors()[0].film())
     if shape is not None:
         check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
+    if resume and out.exists() and left_work(out) is None:
+        found = io.load_capture(out)
+        if found.attrs.get("complete", 1):
+            options: dict[str, Any] = {"spp": spp, "seed": seed, "sensor": 0, "wall": names}
+            require_same_capture(found, loaded, mode=mode, grid=None, **options)
+            line = f"{out}: already complete, {found.attrs['spp']} samples per pixel"
+            answer("capture", as_json, _facts(found, out), [line])
+            return
     with keeping(out, checkpoint, resume) as kept, client_of(workers, scheduler) as client:
         require_something(resume, kept and kept.path, out)
         captured = render_capture(
@@ -108,23 +120,10 @@ def capture(
         captured.attrs["scene"] = str(source)
         with deferred_stop() as stop:
             io.save_capture(captured, out, overwrite=resume)
-        rows, columns = captured["sensor_grid"].shape[:2]
-        bins, step = captured.sizes["opl"], captured.attrs["bin_width_opl"]
-        complete = bool(captured.attrs.get("complete", 1))
-        facts: Capture = {
-            "out": str(out),
-            "complete": complete,
-            "scene": str(source),
-            "mode": mode,
-            "columns": columns,
-            "rows": rows,
-            "bins": bins,
-            "start_opl": captured.attrs["start_opl"],
-            "bin_width": step,
-            "spp": int(captured.attrs["spp"]),
-            "seed": seed,
-        }
-        line = f"{out}: {mode}, {columns}x{rows} points, {bins} bins of {1000 * step:g} mm"
+        facts = _facts(captured, out)
+        complete, points = facts["complete"], f"{facts['columns']}x{facts['rows']} points"
+        step = f"{facts['bins']} bins of {1000 * facts['bin_width']:g} mm"
+        line = f"{out}: {mode}, {points}, {step}"
         if complete or as_json:
             answer("capture", as_json, facts, [line])
         if not complete:
@@ -132,6 +131,25 @@ def capture(
             note(f"error: interrupted after {done}")
             raise typer.Exit(INTERRUPTED)
     tell(stop)
+
+
+def _facts(captured: xr.Dataset, out: Path) -> Capture:
+    """Facts of a capture."""
+    rows, columns = captured["sensor_grid"].shape[:2]
+    attrs = captured.attrs
+    return {
+        "out": str(out),
+        "complete": bool(attrs.get("complete", 1)),
+        "scene": str(attrs["scene"]),
+        "mode": attrs["mode"],
+        "columns": columns,
+        "rows": rows,
+        "bins": captured.sizes["opl"],
+        "start_opl": attrs["start_opl"],
+        "bin_width": attrs["bin_width_opl"],
+        "spp": int(attrs["spp"]),
+        "seed": int(attrs["seed"]),
+    }
 
 
 def reconstruct(

@@ -19,6 +19,7 @@ from .keeping import (
     Seconds,
     is_begun,
     keeping,
+    left_work,
     on_disk,
     require_something,
     tell,
@@ -29,6 +30,7 @@ from .writing import write
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ..rendering.job import Job
     from ..runtime.checkpoints import Checkpoint
 
 Integrator = Literal[
@@ -117,7 +119,8 @@ def render(
     time (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
     earlier run made is replaced. What is done is kept beside DIR while it renders; Ctrl-C, SIGTERM
     and SIGHUP write it as far as it is. With --resume, a run goes on from a stopped one, or from a
-    render in DIR that has fewer samples.
+    render in DIR that has fewer samples; one that has all of them stays. Without it, what a stopped
+    run has done is never replaced.
 
     A film that does not fit into memory is rendered tile by tile on the disk, as are those with
     --format zarr and by workers.
@@ -166,6 +169,13 @@ def render(
     if checkpoint:  # which has the samples' weight of each bin, too
         opt.check_room(out, cells * channels, cells * (channels + 1))
 
+    done = _complete(out, job) if resume and left_work(out) is None else None
+    if done is not None:
+        files = sorted(path.name for path in out.iterdir())
+        lines = [f"{out}: already complete, {done.attrs['spp']} samples per pixel"]
+        answer("render", as_json, of_render(done, out, files), lines)
+        return
+
     # ---------------------------------------------------------------------- render and write
     with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
         film = on_disk(out)
@@ -186,6 +196,21 @@ def render(
             opt.note(f"error: interrupted after {done}")
             raise typer.Exit(opt.INTERRUPTED)
     tell(stop)
+
+
+def _complete(out: Path, job: Job) -> xr.Dataset | None:
+    """The render in `out` if it is what `job` would come to, None if there is more to do."""
+    from ..rendering.job import check_resume
+    from ..rendering.pieces import whole
+
+    try:
+        found = opt.load_render(out, "--resume")
+    except (ValueError, OSError):  # Is told by who goes on with it
+        return None
+    if not found.attrs["complete"] or found.attrs["spp"] != whole(job).count:
+        return None
+    check_resume(found, job)
+    return found
 
 
 def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:

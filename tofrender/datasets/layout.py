@@ -74,12 +74,14 @@ class Layout:
         axes: Coordinates of axes, by name.
         window: Start and width of the time bins [m], None where there are none.
         attrs: Attributes that all records share.
+        scene: What identifies the first scene, with the bytes of its files.
     """
 
     arrays: tuple[Array, ...]
     axes: dict[str, np.ndarray] = field(repr=False)
     window: tuple[float, float] | None
     attrs: dict[str, Any]
+    scene: str = ""
 
     @property
     def bytes(self) -> int:
@@ -156,7 +158,7 @@ def layout_of(config: Config, records: list[int]) -> Layout:
             kind = "bool" if name == "capture_on_wall" else "float32"
             arrays.append(Array(name, its, shape, kind))
             axes |= {axis: known[axis] for axis in its}
-    return Layout(tuple(arrays), axes, window, {"variant": mi.variant()})
+    return Layout(tuple(arrays), axes, window, {"variant": mi.variant()}, scene.id())
 
 
 def _of_capture(config: Config) -> dict[str, tuple[bool, tuple[str, ...]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -24,6 +25,7 @@ from ..rendering.workers import THREADS, check_client, shared_out
 from ..runtime import atomic, backend, checks
 from ..runtime.progress import deferred_stop, held_signals, progress_bar
 from ..runtime.versions import versions
+from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
 from .layout import Layout, Plan, layout_of
@@ -166,6 +168,28 @@ def make_dataset(
     return load_dataset(target)
 
 
+def require_complete(
+    config: str | os.PathLike[str] | Mapping[str, Any],
+    out: str | os.PathLike[str],
+    only: Iterable[int] | None = None,
+) -> xr.Dataset:
+    """A finished data set that is the one that the config asks for.
+
+    Raises:
+        ValueError: It is another, or of other files; one line.
+    """
+    found, plan = load_dataset(out), plan_dataset(config, only)
+    wanted = {"config": json.dumps(plan.config.plain), "variant": mi.variant()}
+    if "checksum" in found.attrs:  # Those of earlier versions have none
+        wanted["checksum"] = _files_digest(plan)
+    for name, value in wanted.items():
+        if found.attrs[name] != value:
+            raise ValueError(f"out = {out}: is there, with another {name}; must be a new folder")
+    if found["record"].values.tolist() != plan.records:
+        raise ValueError(f"out = {out}: is there, with other records; must be a new folder")
+    return found
+
+
 def under_way(out: str | os.PathLike[str]) -> Path:
     """Where a data set is until it is finished."""
     return atomic.hidden(out, ".dataset")
@@ -194,7 +218,26 @@ def _recipe(plan: Plan) -> dict[str, Any]:
         "window": layout.window,
         "variant": mi.variant(),
         "versions": json.loads(versions()),
+        "only": plan.records,
+        "checksum of scene and files": _files_digest(plan),
     }
+
+
+def _files_digest(plan: Plan) -> str:
+    """Checksum of what identifies the first scene, and of all files that the config names."""
+    names = sorted({text for text in _texts(plan.config.given) if "." in text})
+    files = [each for name in names if (each := plan.config.folder / name).is_file()]
+    parts = [plan.layout.scene, *map(file_digest, files)]
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(each)
 
 
 def _require_room(folder: Path, plan: Plan) -> None:
@@ -243,6 +286,7 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
         "seed": config.seed,
         "variant": mi.variant(),
         "versions": versions(),
+        "checksum": _files_digest(plan),
         "render_seconds": sum(receipt.seconds for receipt in receipts.values()),
     }
     if window is not None:

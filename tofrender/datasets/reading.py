@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..nlos import make_capture
-from ..rendering.films_on_disk import require_zarr
+from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
 from ..rendering.labels import labelled, labels_of
 from ..runtime import checks
 from .layout import GEOMETRY, ORIGINS
@@ -31,7 +32,8 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: It is no data set of this package; one line.
+        ValueError: It is no data set of this package, or files of it are missing, cut or damaged;
+            one line.
         ImportError: The packages zarr and dask are missing; one line.
     """
     import xarray as xr
@@ -43,12 +45,16 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     wrong = f"path = {path}: must be a finished data set that `make_dataset` wrote"
     if not (folder / "zarr.json").is_file():
         raise ValueError(wrong)
+    require_whole(folder, listed=(folder / FILES).is_file())
     try:
-        dataset = xr.open_zarr(folder, chunks={}, consolidated=True)
-    except (OSError, ValueError, KeyError, TypeError):
+        dataset = xr.open_zarr(folder, chunks={}, consolidated=True, zarr_format=3)
+        dataset = naming_files(dataset, folder, "data set")
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError):
         raise ValueError(wrong) from None
     if dataset.attrs.get("kind") != KIND:
         raise ValueError(wrong)
+    if not (folder / FILES).is_file():
+        _require_records(folder, dataset)
     texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
     dataset = labelled(dataset.assign_coords(texts))
     for name, variable in dataset.variables.items():
@@ -59,6 +65,24 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
             variable.attrs.setdefault(key, text)
     dataset.encoding["source"] = str(folder)
     return dataset
+
+
+def _require_records(folder: Path, dataset: xr.Dataset) -> None:
+    """Refuse a data set of an earlier version, which lists no files, where those of records miss.
+
+    Raises:
+        ValueError: One line that names the first.
+    """
+    for name, variable in dataset.data_vars.items():
+        chunks = variable.chunks
+        if chunks and chunks[0][0] == 1 and (variable.ndim > 2 or len(chunks[0]) > 1):
+            for record in range(variable.shape[0]):
+                file = "/".join([str(name), "c", str(record), *["0"] * (variable.ndim - 1)])
+                if not (folder / file).is_file():
+                    raise ValueError(
+                        f"path = {folder}: {file} is missing; must be as it was written, copy the "
+                        "data set again"
+                    )
 
 
 def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:

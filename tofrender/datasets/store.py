@@ -186,7 +186,7 @@ class Store:
         texts = [json.dumps(r.about | {"warnings": r.warnings}) for r in its]
         put_labels(group, "made_with", np.array(texts), ["record"])
         group.attrs.update(dict(attrs))
-        put_in_place(self.group_path, target)
+        put_in_place(self.group_path, target, [array.name for array in layout.arrays])
         atomic.remove(self.folder)
 
 

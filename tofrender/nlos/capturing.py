@@ -20,6 +20,7 @@ from ..runtime import backend, checks
 from ..runtime.backend import uncollected
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import hidden, status
+from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, make_capture, without_first_leg
 from .device.laser import axis, find_laser, kept_aim, place_of
@@ -121,6 +122,7 @@ def capture(
     geometry["sensor_origin"] = place_of(camera)
     geometry["laser_origin"] = integrator.laser_origin(scene, camera)
     attrs = {"scene": name, "spp": place.spp, "seed": seed, "variant": mi.variant()}
+    attrs["fingerprint"] = fingerprint(scene, camera, integrator)
     if mode == "exhaustive":
         with kept_aim(find_laser(scene)):
             laser = LaserPoints(place, _laser_points_again)
@@ -157,6 +159,30 @@ def capture(
     )
     one_leg = integrator.counts_legs and integrator.camera_unwarp
     return without_first_leg(data) if one_leg else data
+
+
+def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
+    """Refuse a capture that is not the one that `capture` would make.
+
+    Args:
+        found: The capture.
+        scene: As for `capture`.
+        **options: All arguments that decide it, as for `capture`, with its relay wall as `wall`.
+
+    Raises:
+        ValueError: One line that names what differs.
+    """
+    place = place_of_capture(scene, **options)
+    wanted = {"mode": place.mode, "spp": place.spp, "seed": place.seed, "variant": mi.variant()}
+    if "fingerprint" in found.attrs:  # Those of earlier versions have none
+        wanted["fingerprint"] = fingerprint(place.scene, place.camera, place.integrator)
+    for name, value in wanted.items():
+        if found.attrs.get(name) != value:
+            its = found.attrs.get(name)
+            raise ValueError(f"resume: was captured with {name} = {its!r}; must be {value!r}")
+    points = found["sensor_grid"].values
+    if points.shape != place.points[0].shape or not np.allclose(points, place.points[0]):
+        raise ValueError("resume: was captured at other points of the wall; must be at these")
 
 
 def _job(place: Place, name: str = "scene", axis: Any = None) -> Job:

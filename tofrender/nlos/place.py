@@ -15,6 +15,7 @@ from ..integrators.own_sample import brings_sample
 from ..rendering.window import windowed_film
 from ..runtime import checks, memory
 from ..scenes.checking import check_scene
+from ..scenes.fingerprint import shape_digest
 from ..scenes.loading import load_scene, require_sensor
 from .device.laser import follow_meters
 from .device.relay_wall import DEFAULT_ID as WALL, find_shapes, ids, seen_shapes
@@ -54,7 +55,8 @@ class Place:
     @property
     def more(self) -> dict[str, Any]:
         """What a result depends on besides scene, sensor and integrator."""
-        return {"mode": self.mode, "relay_wall": [shape.id() for shape in self.wall]}
+        wall = [f"{shape.id()} {shape_digest(shape)[:8]}" for shape in self.wall]
+        return {"mode": self.mode, "relay_wall": wall}
 
     def plan(self) -> Any:
         """What is done with the rays of the sensor; the lit point may arrive before the window."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,12 @@ FILES = "files.json"
 """What names all files of a film, with sizes and checksums: one that is missing reads as zeros."""
 
 READ_BYTES = 1 << 24
+
+CODECS = {
+    *("bytes", "vlen-utf8", "vlen-bytes", "transpose", "sharding_indexed"),
+    *("crc32c", "zstd", "gzip", "blosc"),
+}
+"""Codecs that are read: others, like numcodecs.pickle, may run code that is in the file."""
 
 
 def require_zarr() -> Any:
@@ -73,43 +80,59 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a film on disk")
-    zarr = require_zarr()
+    require_zarr()
     if not is_film(folder):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
-    _require_files(folder)
+    require_whole(folder)
     try:
-        dataset = xr.open_zarr(folder, chunks={}, consolidated=True)
+        dataset = xr.open_zarr(folder, chunks={}, consolidated=True, zarr_format=3)
         dataset = dataset.assign_coords(channel=list(map(str, dataset["channel"].values)))
         missing = set(DIMS) - set(dataset.data_vars)
         if missing or "start_opl" not in dataset.attrs:
             raise ValueError
-        group = zarr.open_group(folder, mode="r")
-        for name in dataset.data_vars:
-            dataset[name] = dataset[name].copy(data=_checked(group[name], folder))
-    except (OSError, ValueError, KeyError, TypeError):
+        dataset = naming_files(dataset, folder, "film")
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
     dataset = in_components(labelled(dataset))
     dataset.encoding["source"] = str(folder)
     return dataset
 
 
-def list_files(film: Path) -> None:
-    """Write down which files a finished film has; those of tiles that are zero are not there."""
-    own = tuple(f"{name}/c/" for name in DIMS | ERRORS)
+def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
+    """Write down which files a finished film has; those of tiles that are zero are not there.
+
+    Blocks of its large `arrays` have a checksum each, other files get one here.
+    """
+    own = tuple(f"{name}/c/" for name in arrays)
     files = {}
     for file in sorted(each for each in film.rglob("*") if each.is_file()):
         name = file.relative_to(film).as_posix()
-        crc = None if name.startswith(own) else checksum(file)  # Each block of tiles has its own
+        crc = None if name.startswith(own) else checksum(file)
         files[name] = file.stat().st_size, crc
     (film / FILES).write_text(json.dumps(files))
 
 
-def _require_files(film: Path) -> None:
-    """Refuse a film whose files are not those that were written.
+def require_whole(film: Path, listed: bool = True) -> None:
+    """Refuse a film whose files are not those that are `listed`, or have codecs of their own.
 
     Raises:
         ValueError: One line that names the first.
     """
+    for file in (film / "zarr.json", *sorted(film.glob("*/zarr.json"))):
+        try:
+            codecs = _codecs(json.loads(file.read_text()))
+            wrong = sorted(codecs - CODECS)
+        except (OSError, ValueError, TypeError, RecursionError):
+            raise ValueError(
+                f"path = {film}: {file.relative_to(film)} is damaged; must be as it was written"
+            ) from None
+        if wrong:
+            raise ValueError(
+                f"path = {film}: {file.relative_to(film)} has the codec {checks.shown(wrong[0])}; "
+                f"must be one of {', '.join(sorted(CODECS))}"
+            )
+    if not listed:
+        return
     try:
         files = json.loads((film / FILES).read_text())
         wrong = [name for name, known in files.items() if not _is_whole(film / name, *known)]
@@ -118,8 +141,21 @@ def _require_files(film: Path) -> None:
     if wrong:
         raise ValueError(
             f"path = {film}: {len(wrong)} of {len(files)} files are missing, cut or damaged, the "
-            f"first is {wrong[0]}; must be as they were written, copy or render the film again"
+            f"first is {wrong[0]}; must be as they were written, copy it or make it again"
         )
+
+
+def _codecs(told: Any) -> set[str]:
+    """Names of all codecs that metadata have, those within others too."""
+    if isinstance(told, list):
+        return set().union(*map(_codecs, told))
+    if not isinstance(told, dict):
+        return set()
+    found = _codecs([value for name, value in told.items() if name != "attributes"])
+    for name in ("codecs", "index_codecs", "storage_transformers", "compressor", "filters"):
+        for each in told.get(name) or ():
+            found.add(str(each.get("name") if isinstance(each, dict) else each))
+    return found
 
 
 def _is_whole(file: Path, size: int, crc: int | None) -> bool:
@@ -141,18 +177,25 @@ def checksum(path: Path) -> int:
     return value
 
 
-def _checked(array: Any, folder: Path) -> Any:
-    """A dask array of an array on disk, which says what film a damaged block is of."""
+def naming_files(dataset: xr.Dataset, folder: Path, what: str) -> xr.Dataset:
+    """The Dataset of a group, with numbers as dask arrays that say which file is damaged."""
     import dask.array
 
-    return dask.array.from_array(_Checked(array, folder), chunks=array.chunks, name=False)
+    group = require_zarr().open_group(folder, mode="r", zarr_format=3)
+    for name, variable in dataset.data_vars.items():
+        if variable.dtype.kind in "fiub":
+            array: Any = group[str(name)]
+            checked = _Checked(array, f"{what} {folder}")
+            data = dask.array.from_array(checked, chunks=array.chunks, name=False)
+            dataset[name] = variable.copy(data=data)
+    return dataset
 
 
 class _Checked:
-    """An array on disk that names its film where a block cannot be read."""
+    """An array on disk that names its file where a block cannot be read."""
 
-    def __init__(self, array: Any, folder: Path) -> None:
-        self._array, self._folder = array, folder
+    def __init__(self, array: Any, owner: str) -> None:
+        self._array, self._owner = array, owner
         self.shape, self.dtype, self.ndim = array.shape, array.dtype, array.ndim
 
     def __getitem__(self, index: Any) -> np.ndarray:
@@ -160,7 +203,10 @@ class _Checked:
             return self._array[index]
         except (OSError, RuntimeError, ValueError) as error:
             reason = str(error).split(". ")[0].splitlines()[0]
+            sizes = self._array.shards or self._array.chunks
+            starts = (int(getattr(each, "start", each) or 0) for each in index)
+            place = "/".join(str(start // n) for start, n in zip(starts, sizes, strict=False))
             raise OSError(
-                f"film {self._folder}: {self._array.basename} is damaged or cannot be read "
+                f"{self._owner}: {self._array.basename}/c/{place} is damaged or cannot be read "
                 f"({reason}); must be copied or rendered again"
             ) from None

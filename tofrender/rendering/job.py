@@ -128,7 +128,8 @@ class Job:
     @property
     def all_of_it(self) -> dict[str, Any]:
         """All that the result depends on: the recipe, the film's pixels, and more."""
-        return {**self.more, **self.recipe, "film": str(self.film)}
+        named = {**self.more, **self.recipe, "film": str(self.film)}
+        return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
 
     def take(self, piece: Piece, **options: Any) -> Taken:
         """Render a piece, see `pieces.take`."""
@@ -186,7 +187,7 @@ def carry_out(
     piece = whole(job, first)
     job.require_memory(piece.count)
     if resume is not None:
-        _check_resume(resume, job)
+        check_resume(resume, job)
     taken = take(job, piece, checkpoint=Checkpoint.of(checkpoint), resumed=first, progress=progress)
     if taken.done < piece.count:
         said = f"returning {taken.done} of {piece.count} samples per pixel"
@@ -346,8 +347,12 @@ def _samples_of(resume: Any) -> int:
         raise ValueError(f"resume: {error}") from None
 
 
-def _check_resume(resume: xr.Dataset, job: Job) -> None:
-    """Refuse to go on with a render that was made in another way."""
+def check_resume(resume: xr.Dataset, job: Job) -> None:
+    """Refuse to go on with a render that was made in another way.
+
+    Raises:
+        ValueError: One line that names what differs.
+    """
     for name, value in job.recipe.items():
         its = resume.attrs.get(name)
         if its != value:

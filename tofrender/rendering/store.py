@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -206,7 +206,7 @@ class Store:
         for name, array in group.arrays():
             array.attrs.update(labels_of(name, attrs) | dict((labels or {}).get(name, {})))
         group.attrs.update(dict(attrs))
-        put_in_place(self.film, target, listed=True)
+        put_in_place(self.film, target)
         atomic.remove(self.folder)
 
 
@@ -223,16 +223,15 @@ def put_labels(group: Any, name: str, values: np.ndarray, axes: list[str]) -> No
     array[:] = values.astype(object) if text else values
 
 
-def put_in_place(folder: Path, target: Path, listed: bool = False) -> None:
+def put_in_place(folder: Path, target: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
     """Consolidate the metadata of a group that is complete, and move it to its place.
 
-    A film has its files `listed`, so that one that is missing is found.
+    All files are listed, so that one that is missing is found; see `list_files` for `arrays`.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
         require_zarr().consolidate_metadata(folder)
-    if listed:
-        list_files(folder)
+    list_files(folder, arrays)
     atomic.to_disk(folder)
     os.rename(folder, target)
     atomic.to_disk(target.parent, deep=False)

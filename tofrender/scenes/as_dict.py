@@ -10,13 +10,11 @@ from typing import Any
 import mitsuba as mi
 
 from .loading import parse_file_of
-from .nodes import parts
+from .nodes import NAMELESS, parts
 from .parts import Dict, rgb
 
 parser: Any = mi.parser
 KIND: Any = mi.Properties.Type
-NAMELESS = "_arg_"
-"""What Mitsuba's parser calls parts that an XML file gives no name."""
 
 
 def scene_as_dict(path: Path, parameters: Mapping[str, Any] | None = None) -> Dict:

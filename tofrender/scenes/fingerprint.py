@@ -1,4 +1,8 @@
-"""Telling whether two renders are of the same scene."""
+"""What identifies a render: the scene's resolved description, its parameters, all bytes of files.
+
+A scene that the package loads remembers its description as its id, so that all properties count.
+Of one that Mitsuba has loaded, what its objects tell of themselves is all there is.
+"""
 
 from __future__ import annotations
 
@@ -6,50 +10,215 @@ import hashlib
 import re
 from functools import cached_property
 from inspect import isclass, isroutine
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .nodes import NAMELESS, is_kind
+
+RULE = "2-"
+"""What fingerprints start with; those of the first rule, without it, told fewer scenes apart."""
+
+DESCRIPTION = "description "
+NOT_COUNTED = (mi.ObjectType.Film, mi.ObjectType.Sampler, mi.ObjectType.Integrator)
+"""Whose settings a render compares by itself, or may replace."""
+
+WALL = "relay_wall"
+"""The id by which a capture finds its wall; integrators may have ids of shapes as parameters."""
+
+TYPE: Any = mi.Properties.Type
+
 
 def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
-    """A short hash of all that a picture depends on, but for film, samples and seed.
+    """A short hash of all that a picture depends on, but for the film's size, samples and seed.
 
-    All parameters of shapes, materials, lights, sensor and integrator count.
+    Materials, lights, meshes, textures, sensor, integrator and the film's filter count, and what
+    refers to what; names of parts and files do not, but for ids that the integrator refers to.
 
     Returns:
-        Twelve hexadecimal digits.
+        "2-" and twelve hexadecimal digits.
     """
-    parts = [type(integrator).__name__, sensor.class_name()]
+    described = scene.id() if scene.id().startswith(DESCRIPTION) else ""
+    graph, film = _Graph(described == ""), sensor.film()
+    parts = [described, graph.digest(scene), graph.digest(sensor)]
+    parts += [str(film.rfilter()), str(film.sample_border())]
     own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first
-    for name, value in own.items():
-        parts.append(f"integrator.{name} = {_said(getattr(integrator, name, value))}")
-    parts += [f"{shape.class_name()} {shape.bsdf().class_name()}" for shape in scene.shapes()]
-    parts += [emitter.class_name() for emitter in scene.emitters()]
-    for prefix, part in (("scene", scene), ("sensor", sensor)):
-        parameters = mi.traverse(part)
-        for name in list(parameters.keys()):
-            if "film." not in name:
-                parts.append(f"{prefix}.{name} = {_digest(name, parameters[name])}")
-    # Mitsuba loads in parallel: the order varies, and nameless parts are named by their address
-    lines = sorted(re.sub(r"object_\d+", "object", part) for part in parts)
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
+    its = (f"{name} = {_said(getattr(integrator, name, v))}" for name, v in own.items())
+    parts += [type(integrator).__name__, *sorted(its)]
+    called = {WALL, *re.findall(r"[^\s,'\[\]()]+", "\n".join(parts))}
+    parts += sorted(f"{s.id()}: {graph.digest(s)}" for s in scene.shapes() if s.id() in called)
+    return RULE + _hash("\n".join(parts))[:12]
+
+
+def shape_digest(shape: mi.Shape) -> str:
+    """A hash of a shape with its material and what else belongs to it, whatever its id."""
+    return _Graph(True).digest(shape)
+
+
+def file_digest(file: Path) -> str:
+    """A hash of a file's bytes."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+# ------------------------------------------------------------------------- what a parser has read
+
+
+def remember_description(scene: mi.Scene, description: str) -> None:
+    """Let a scene tell what it was made from; objects of Mitsuba hold nothing else of ours."""
+    scene.set_id(DESCRIPTION + description)
+
+
+def describe(state: Any) -> str:
+    """A hash of all nodes of a parsed scene, references resolved: plugins, properties, references.
+
+    Of files it is their bytes that count, wherever they lie. Film, samplers and the integrator are
+    left out: the render says these.
+    """
+    nodes, known = state.nodes, {}
+
+    def digest(index: int) -> str:
+        if index not in known:
+            node = nodes[index]
+            props = mi.Properties(node.props)  # Mitsuba tells of properties that nobody reads
+            kept, children = [props.plugin_name()], []
+            for name, value in props.items():
+                kind = props.type(name)
+                if kind != TYPE.ResolvedReference:
+                    kept.append(f"{name} = {_property(kind, name, value)}")
+                elif not any(is_kind(nodes[value.index()], each) for each in NOT_COUNTED):
+                    is_name = node.type == mi.ObjectType.Scene or name.startswith(NAMELESS)
+                    children.append(f"{'' if is_name else name}: {digest(value.index())}")
+            known[index] = _hash("\n".join([kept[0], *sorted(kept[1:]), *children]))
+        return known[index]
+
+    return digest(0)
+
+
+def _property(kind: Any, name: str, value: Any) -> str:
+    """A property of a node as text that says all of it."""
+    if kind == TYPE.String and "file" in name:
+        untyped: Any = mi  # the stubs of this function are not callable
+        file = Path(str(untyped.file_resolver().resolve(value)))
+        if file.is_file():
+            return file_digest(file)
+    if kind == TYPE.Transform:
+        return _hash(np.array(value.matrix, np.float64))
+    if kind == TYPE.Spectrum:
+        return f"{list(map(float, value.wavelengths))}: {list(map(float, value.values))}"
+    if kind in (TYPE.Color, TYPE.Vector):
+        return str([float(each) for each in value])
+    return _said(value)
+
+
+# --------------------------------------------------------------------------- what objects hold
+
+
+class _Graph:
+    """Hashes of loaded objects: their class, their parameters, and the objects that they hold.
+
+    Args:
+        in_words: Whether what objects print counts, too: flags that are no parameters.
+    """
+
+    def __init__(self, in_words: bool) -> None:
+        self.in_words = in_words
+        self._known: dict[Any, str] = {}
+        self._parameters: dict[Any, dict[str, Any]] = {}
+
+    def digest(self, root: Any) -> str:
+        """The hash of an object with all that is below it."""
+        parameters: Any = mi.traverse(root)
+        for name, (_, _, node, _) in parameters.properties.items():
+            its = self._parameters.setdefault(node, {})
+            its[name.rpartition(".")[2]] = parameters[name]
+        return self._digest(root)
+
+    def _digest(self, node: Any) -> str:
+        if node not in self._known:
+            children = _Children()
+            node.traverse(children)
+            below = [
+                (name, self._digest(each)) for name, each in children.found if not _is_apart(each)
+            ]
+            if isinstance(node, mi.Scene):  # Named by ids or addresses, and in any order
+                below = sorted(("", its) for _, its in below)
+            words = ""
+            if self.in_words and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
+                words = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
+            its = self._parameters.get(node, {})
+            if "faces" in its:
+                its = _without_order(its)
+            values = [f"{name} = {_digest(value)}" for name, value in its.items()]
+            kind = [type(node).__name__, node.class_name(), words]
+            self._known[node] = _hash("\n".join([*kind, *values, *map(str, below)]))
+        return self._known[node]
+
+
+class _Children(mi.TraversalCallback):
+    """The objects that an object holds, by name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[tuple[str, Any]] = []
+
+    def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+        """Called by Mitsuba for each parameter and object."""
+        if isinstance(value, mi.Object):
+            self.found.append((name, value))
+
+
+def _is_apart(each: Any) -> bool:
+    return isinstance(each, mi.Film | mi.Sampler | mi.Integrator)
+
+
+def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
+    """Parameters of a mesh, faces told by what is at their corners, from first to last.
+
+    Meshes that Mitsuba merges come in any order, and number their vertices by it.
+    """
+    faces = np.array(mesh["faces"]).reshape(-1, 3)
+    count = np.array(mesh["vertex_positions"]).size // 3
+    rest, rows = {}, []
+    for name, value in mesh.items():
+        whole = name.startswith(("vertex_", "face_")) and dr.is_array_v(value) and len(faces)
+        if name.startswith("vertex_") and whole:
+            at = np.array(value).reshape(count, -1)
+            rows.append(at[faces].reshape(len(faces), -1))
+        elif whole:
+            rows.append(np.array(value).reshape(len(faces), -1))
+        elif name != "faces":
+            rest[name] = value
+    if rows:
+        table = np.ascontiguousarray(np.hstack(rows), np.float32).view(np.uint32)
+        random = hashlib.shake_128(b"corners").digest(8 * table.shape[1])
+        numbers = table.astype(np.uint64) @ (np.frombuffer(random, np.uint64) | np.uint64(1))
+        rest["faces"] = _hash(np.sort(numbers))
+    return rest
 
 
 def _said(value: Any, depth: int = 5) -> str:
-    """A parameter of an integrator as text: shapes by their ids, other objects by what they hold.
+    """A parameter as text: shapes by their ids, other objects by what they hold.
 
     Of objects that print themselves, like pulses of the package, their text and what is public.
     """
     if isinstance(value, list | tuple):
         return f"[{', '.join(_said(each, depth) for each in value)}]"
     if isinstance(value, np.ndarray):
-        return _hash(value)
+        return f"{value.shape} {_hash(value)}"
     if isinstance(value, mi.Shape):
         return value.id()
+    if isinstance(value, mi.Bitmap):
+        return f"{value.pixel_format()} {value.srgb_gamma()} {_said(np.array(value))}"
+    if isinstance(value, mi.VolumeGrid):
+        return _said(np.array(value))
+    if isinstance(value, mi.Object) and type(value).__module__.startswith("mitsuba"):
+        return _Graph(True).digest(value)
     if not depth or isroutine(value) or isclass(value) or not hasattr(value, "__dict__"):
-        return _digest("", value)
+        return _digest(value)
     kind, silent = type(value), type(value).__repr__ is object.__repr__
     inside = ", ".join(
         f"{name} = {_said(each, depth - 1)}"
@@ -59,18 +228,14 @@ def _said(value: Any, depth: int = 5) -> str:
     return f"{kind.__name__ if silent else value}({inside})"
 
 
-def _digest(name: str, value: Any) -> str:
-    """A parameter as text; arrays by a hash, those of meshes by one without their order in it."""
+def _digest(value: Any) -> str:
+    """A parameter as text; arrays by a hash."""
     if not dr.is_array_v(value) or dr.is_special_v(value):
         return re.sub(r" at 0x[0-9a-fA-F]+", "", str(value))
     array = np.array(value)
-    sizes = {"vertex_positions": 3, "vertex_normals": 3, "vertex_texcoords": 2, "faces": 1}
-    size = sizes.get(name.rpartition(".")[2])
-    if size is not None:
-        rows = array.reshape(-1, size)
-        array = rows[np.lexsort(rows.T)]
-    return _hash(array)
+    return f"{array.shape} {_hash(array)}"
 
 
-def _hash(array: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
+def _hash(content: np.ndarray | str) -> str:
+    text = content.encode() if isinstance(content, str) else np.ascontiguousarray(content).tobytes()
+    return hashlib.sha256(text).hexdigest()

@@ -22,6 +22,7 @@ from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
 from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
+from .fingerprint import describe, remember_description
 from .nodes import is_kind
 from .packaged import packaged
 from .peers import use_own_names
@@ -105,6 +106,7 @@ def load_scene(
             name_shapes(state)
             if sum(is_kind(node, mi.ObjectType.Emitter) for node in state.nodes) > 1:
                 config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
+            description = describe(state)  # Of all files as they are loaded
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
             hold(scene)
@@ -112,6 +114,7 @@ def load_scene(
         raise ValueError(_one_line(str(error))) from None
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"scene: its outermost part is a {type(scene).__name__}, must be a scene")
+    remember_description(scene, description)
     return scene
 
 

@@ -11,6 +11,9 @@ from .settings import IN_TIME
 
 UNKNOWN = mi.ObjectType.Unknown
 
+NAMELESS = "_arg_"
+"""What Mitsuba's parser calls parts that an XML file gives no name."""
+
 # Python plugins in a dict have no type before they are built; their names end like this.
 ENDINGS = {
     mi.ObjectType.Film: ("film",),

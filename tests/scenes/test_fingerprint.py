@@ -1,0 +1,198 @@
+"""What identifies a render: every property, reference and file of its scene, and no name."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import tofrender
+from tofrender.scenes.fingerprint import fingerprint
+
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+FACES = [[0, 1, 2], [0, 2, 3]]
+
+
+def write_files(folder: Path, faces=FACES, texel: float = 0.5) -> None:
+    lines = ["ply", "format ascii 1.0", "element vertex 4"]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
+    lines += [" ".join(map(str, row)) for row in CORNERS]
+    lines += [" ".join(map(str, [3, *face])) for face in faces]
+    (folder / "mesh.ply").write_text("\n".join(lines) + "\n")
+    pixels = np.linspace(0, texel, 48, dtype=np.float32).reshape(4, 4, 3)
+    mi.Bitmap(pixels).write(str(folder / "texture.exr"))
+
+
+def scene_in(folder: Path) -> dict:
+    """A scene of parts without names, whose meshes and textures are files."""
+    red, blue = ({"type": "rgb", "value": v} for v in ([0.7, 0.1, 0.1], [0.1, 0.1, 0.7]))
+    texture = {"type": "bitmap", "filename": str(folder / "texture.exr"), "raw": True}
+    at = mi.ScalarTransform4f().translate
+    return tofrender.cornell_box(width=4, height=4, temporal_bins=20) | {
+        "plain": {"type": "diffuse", "reflectance": dict(red)},
+        "other": {"type": "diffuse", "reflectance": dict(blue)},
+        "metal": {"type": "roughconductor", "distribution": "beckmann", "alpha": 0.2},
+        "plastic": {"type": "roughplastic", "nonlinear": False},
+        "a": {"type": "sphere", "radius": 0.1, "bsdf": {"type": "ref", "id": "plain"}},
+        "b": {"type": "sphere", "radius": 0.2, "bsdf": {"type": "ref", "id": "other"}},
+        "c": {"type": "sphere", "radius": 0.3, "bsdf": {"type": "diffuse", "reflectance": red}},
+        "d": {"type": "sphere", "radius": 0.4, "bsdf": {"type": "diffuse", "reflectance": blue}},
+        "e": {"type": "disk", "bsdf": {"type": "diffuse", "reflectance": texture}},
+        "mesh": {"type": "ply", "filename": str(folder / "mesh.ply"), "bsdf": {"type": "plastic"}},
+        "p": {"type": "point", "position": [0, 0.1, 0], "intensity": dict(red)},
+        "q": {"type": "point", "position": [0, 0.2, 0], "intensity": dict(blue)},
+        "cube": {"type": "cube", "to_world": at([0, 0, 0.1]), "bsdf": {"type": "conductor"}},
+    }
+
+
+def of(scene: dict | Path, load=tofrender.load_scene) -> str:
+    loaded = load(scene)
+    return fingerprint(loaded, loaded.sensors()[0], loaded.integrator())
+
+
+def put(*path: str, value) -> Callable[[dict, Path], None]:
+    def edit(scene: dict, folder: Path) -> None:
+        for name in path[:-1]:
+            scene = scene[name]
+        scene[path[-1]] = value
+
+    return edit
+
+
+def swap(one: str, other: str, *path: str) -> Callable[[dict, Path], None]:
+    def edit(scene: dict, folder: Path) -> None:
+        first, second = scene[one], scene[other]
+        for name in path[:-1]:
+            first, second = first[name], second[name]
+        first[path[-1]], second[path[-1]] = second[path[-1]], first[path[-1]]
+
+    return edit
+
+
+TEXTURE = ("e", "bsdf", "reflectance")
+EDITS: dict[str, Callable[[dict, Path], None]] = {
+    "material of a shape": swap("a", "b", "bsdf"),
+    "colours of nameless shapes": swap("c", "d", "bsdf", "reflectance", "value"),
+    "colours of lamps": swap("p", "q", "intensity", "value"),
+    "distribution": put("metal", "distribution", value="ggx"),
+    "sample_visible": put("metal", "sample_visible", value=False),
+    "nonlinear": put("plastic", "nonlinear", value=True),
+    "flip_normals of a sphere": put("a", "flip_normals", value=True),
+    "flip_normals of a cube": put("cube", "flip_normals", value=True),
+    "face_normals": put("mesh", "face_normals", value=True),
+    "texture's filter": put(*TEXTURE, "filter_type", value="nearest"),
+    "texture's wrapping": put(*TEXTURE, "wrap_mode", value="clamp"),
+    "texture's bytes": lambda scene, folder: write_files(folder, texel=0.6),
+    "winding": lambda scene, folder: write_files(folder, [[0, 1, 2], [0, 3, 2]]),
+    "topology": lambda scene, folder: write_files(folder, [[0, 1, 3], [1, 2, 3]]),
+    "film's filter": put("sensor", "film", "rfilter", value={"type": "gaussian"}),
+    "width of the film's filter": put(
+        "sensor", "film", "rfilter", value={"type": "gaussian", "stddev": 0.4}
+    ),
+    "sample_border": put("sensor", "film", "sample_border", value=True),
+    "roughness": put("metal", "alpha", value=0.3),
+    "place": put("cube", "to_world", value=mi.ScalarTransform4f().translate([0, 0, 0.11])),
+    "integrator": put("integrator", "camera_unwarp", value=True),
+    "field of view": put("sensor", "fov", value=40.0),
+}
+SILENT = {
+    *("texture's filter", "texture's wrapping", "sample_visible"),
+    *("flip_normals of a sphere", "flip_normals of a cube"),
+}
+"""What objects of Mitsuba do not tell of themselves, or not all of them."""
+
+
+@pytest.mark.parametrize("load", [tofrender.load_scene, mi.load_dict], ids=["ours", "Mitsuba's"])
+@pytest.mark.parametrize("name", EDITS)
+def test_every_edit_counts(tmp_path, name, load):
+    write_files(tmp_path)
+    before, scene = of(scene_in(tmp_path), load), scene_in(tmp_path)
+    EDITS[name](scene, tmp_path)
+    if load is mi.load_dict and name in SILENT:
+        pytest.skip("docs/nothing_lost.md says so")
+    assert of(scene, load) != before
+
+
+def test_edits_all_differ(tmp_path):
+    write_files(tmp_path)
+    found = set()
+    for edit in EDITS.values():
+        scene = scene_in(tmp_path)
+        edit(scene, tmp_path)
+        found.add(of(scene))
+        write_files(tmp_path)
+    assert len(found) == len(EDITS)
+
+
+def test_names_and_places_of_files_do_not_count(tmp_path):
+    found = set()
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        write_files(tmp_path / name)
+        scene = scene_in(tmp_path / name)
+        mesh = tmp_path / name / "mesh.ply"
+        scene["mesh"]["filename"] = str(mesh.rename(mesh.with_stem(name)))
+        scene = {f"{name} {key}" if key in "abcdepq" else key: v for key, v in scene.items()}
+        found.add(of(scene))
+    assert len(found) == 1
+
+
+def test_a_shape_that_the_integrator_is_told_of_is_found_by_its_id():
+    """Else a capture of another wall of the same scene would go on."""
+
+    def walls(first: str, second: str) -> dict:
+        scene = tofrender.cornell_box(width=4, height=4, temporal_bins=20)
+        return {{"floor": first, "back": second}.get(name, name): v for name, v in scene.items()}
+
+    apart = partial(tofrender.load_scene, optimize=False)
+    names = [("relay_wall", "x"), ("x", "relay_wall"), ("y", "x"), ("x", "y")]
+    first, second, *others = (of(walls(*each), apart) for each in names)
+    assert first != second
+    assert others[0] == others[1]
+
+
+def test_parameters_that_were_set_after_loading_count():
+    scene = tofrender.load_scene("cornell_box", width=4, height=4)
+    before = fingerprint(scene, scene.sensors()[0], scene.integrator())
+    parameters = mi.traverse(scene)
+    parameters["white.reflectance.value"] = [0.1, 0.2, 0.3]
+    parameters.update()
+    assert fingerprint(scene, scene.sensors()[0], scene.integrator()) != before
+
+
+FRESH = """
+import sys, mitsuba as mi
+mi.set_variant(sys.argv[1])
+import tofrender
+from tofrender.scenes.fingerprint import fingerprint
+for source in sys.argv[2:]:
+    s = tofrender.load_scene(source)
+    print(fingerprint(s, s.sensors()[0], s.integrator()))
+s = mi.load_dict(tofrender.cornell_box())
+print(fingerprint(s, s.sensors()[0], s.integrator()))
+"""
+
+
+@pytest.mark.slow
+def test_another_process_finds_the_same():
+    file = Path(tofrender.__file__).parents[1] / "scenes" / "cornell_box.xml"
+    sources = ["cornell_box_fog", str(file)]
+    told = set()
+    for seed in ("1", "2"):
+        command = [sys.executable, "-c", FRESH, mi.variant(), *sources]
+        told.add(
+            subprocess.run(
+                command, env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True
+            ).stdout
+        )
+    assert len(told) == 1
+    here = [of(tofrender.cornell_box_fog() if n == "cornell_box_fog" else Path(n)) for n in sources]
+    assert told.pop().decode().split()[:2] == here
