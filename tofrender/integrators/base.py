@@ -16,6 +16,7 @@ from ..paths.endpoints.light_points import checked_count
 from ..paths.media import Media
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits, Path
+from ..paths.refraction import index_around
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..runtime import checks
@@ -150,12 +151,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return Plan(space, self.endpoint(scene, sensor), scattering, self.limits())
 
     def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
-        """What paths go through."""
+        """What paths go through; without a sensor, indices are over that where rays start."""
+        index = 1.0 if sensor is None else index_around(scene, sensor)
         if self.follows_media and media_of(scene, sensor):
             outside = None if sensor is None else sensor.get_medium()
             afar = beyond(scene, outside) if self.starts_at_lights else None
-            return Media(scene, outside, afar, self.hide_emitters)
-        return Vacuum(scene)
+            return Media(scene, outside, afar, self.hide_emitters, index)
+        return Vacuum(scene, index)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.

@@ -114,6 +114,7 @@ class Media:
         outside: What is around a sensor, where its rays start; None for vacuum.
         beyond: What is infinitely far away, which paths from lights must know.
         hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
+        index: Index of refraction around the sensor.
     """
 
     scatters = True
@@ -124,8 +125,9 @@ class Media:
         outside: mi.Medium | None = None,
         beyond: mi.Medium | None = None,
         hide_emitters: bool = False,
+        index: float = 1.0,
     ) -> None:
-        self.scene, self.outside, self.beyond = scene, outside, beyond
+        self.scene, self.outside, self.beyond, self.index = scene, outside, beyond, index
         self.media = media_of(scene) + ([] if outside is None else [outside])
         self.has_grids = any(not medium.is_homogeneous() for medium in self.media)
         self.boundaries = Boundaries(scene)
