@@ -92,6 +92,10 @@ TWO_LOBES = {
     "a": {"type": "hg", "g": 0.8},
     "b": {"type": "isotropic"},
 }
+FLAKES = {
+    "type": "sggx",
+    "S": volume(np.tile([0.3, 0.5, 0.9, 0.05, 0.1, 0.02], (2, 2, 2, 1)), (-40, -40, -40), 80),
+}
 SPOT = {
     "type": "spot",
     "to_world": mi.ScalarTransform4f().look_at([0.5, 0.2, 2.5], [0, 0, 0], [0, 1, 0]),

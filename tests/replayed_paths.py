@@ -149,7 +149,7 @@ class Track:
     def __init__(self, paths: Paths) -> None:
         self.paths = paths
 
-    scatters = False
+    scatters, index = False, 1.0
 
     def scattering(self, surfaces, **_):
         """What is given."""

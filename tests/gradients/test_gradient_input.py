@@ -134,6 +134,19 @@ def test_an_index_that_is_a_plain_number():
     assert dr.grad_enabled(mi.traverse(loaded)["material.eta"]) is False
 
 
+def test_the_index_around_the_camera():
+    """Behind a third face, the camera is in glass."""
+    above = {"to_world": mi.ScalarTransform4f().translate([0, 0, 2]).scale(20)}
+    case = with_described(
+        INDEX,
+        lambda d: (
+            d | {"above": d["glass"] | above, "glass": {"type": "sphere", "center": [0, 50, 0]}}
+        ),
+    )
+    for text in both(case):
+        assert "sensor: is in glass or water" in text
+
+
 @pytest.mark.parametrize("value", ["attach", "", 1, True])
 def test_unknown_kinds_of_sampling(value):
     text = refusal(lambda: attached(PLANE, spp=16, gradient_sampling=value))

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import DEPTH, HUGE, LIT, SCENES, THIN, cube, described, filled, fog, sphere
+from fogs import DEPTH, FLAKES, HUGE, LIT, SCENES, THIN, cube, described, filled, fog, sphere
 from light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
 from support import (
     agree,
@@ -56,6 +56,7 @@ MORE = {
         "milk": filled(sphere(0.8), fog(2.0, 0.98, 0.5)),
         "inside": point_light((0.1, 0.2, 0.1), 3.0),
     },
+    "flakes": LIT | {"ball": filled(sphere(0.8), fog(2.0, 0.9, phase=FLAKES))},
     "lens in a puff": LIT
     | {"puff": filled(sphere(0.6, (0.4, -3.5, 1.6)), fog(1.5, 0.9)), "around": fog(1.5, 0.9)},
 }

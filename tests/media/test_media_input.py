@@ -7,7 +7,7 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import cloud, cube, filled, fog, volume
+from fogs import FLAKES, TWO_LOBES, cloud, cube, filled, fog, volume
 
 import tofrender
 
@@ -117,3 +117,10 @@ def test_scenes_of_others_as_they_are(name):
 def test_the_plugin_has_no_limit_of_its_own():
     assert mi.load_dict({"type": "transient_volpath"}).max_depth == -1
     assert mi.load_dict({"type": "transient_volpath", "max_depth": 4}).max_depth == 4
+
+
+@pytest.mark.parametrize("kind", ["transient_light_tracer", "transient_bdpt"])
+def test_a_blend_with_flakes_for_paths_from_lights(kind):
+    smoke = fog(0.2, 0.9, phase=TWO_LOBES | {"a": FLAKES}, id="smoke")
+    text = refusal(box(smoke), integrator={"type": kind})
+    assert text.startswith("smoke.phase = blendphase: must have no sggx for paths from lights")

@@ -23,14 +23,17 @@ from support import (
     over_seeds,
     plane,
     point_light,
+    rendered,
     rotate,
     scene,
     translate,
     unit,
 )
 
+import tofrender
 from tofrender.paths.camera import ray_origin
 from tofrender.paths.endpoints import EmitterHits, SceneLights
+from tofrender.paths.refraction import index_around
 
 CAMERAS = {
     "perspective": {"fov": 80.0},
@@ -303,3 +306,100 @@ def test_near_clip_counts_in_the_sensors_own_units(scale):
     )
     ray, _ = sensor.sample_ray(0, 0, mi.Point2f(0.5), mi.Point2f(0.5))
     assert np.ravel(ray_origin(sensor, ray)) == pytest.approx([0, 0, 6], abs=1e-5)
+
+
+# ------------------------------------------------------------------- cameras in glass and water
+
+
+def glass_ball(radius: float, index: float = 1.5, outside: float = 1.0, **more) -> dict:
+    """Around (0, 0, 2)."""
+    bsdf = {"type": "dielectric", "int_ior": index, "ext_ior": outside, **more}
+    return {"type": "sphere", "center": [0, 0, 2], "radius": radius, "bsdf": bsdf}
+
+
+def room() -> dict:
+    return {"type": "cube", "to_world": translate(0, 0, 2) @ mi.ScalarTransform4f().scale(5)}
+
+
+FOG = {"type": "homogeneous", "sigma_t": 0.2, "albedo": 0.0}
+ROUGH_BALL = glass_ball(1.0, type="roughdielectric", alpha=0.3)
+MASK = {"type": "mask", "opacity": 0.3, "nested": glass_ball(1.0)["bsdf"]}
+BUBBLE = glass_ball(0.2, 1.0, 1.33) | {"center": [0, 0, 1]}
+AROUND = {
+    "air, and a ball": (1.0, {"ball": glass_ball(0.5) | {"center": [0, 0, 0.5]}}),
+    "water, and a bubble in it": (1.33, {"water": glass_ball(1.9, 1.33), "bubble": BUBBLE}),
+    "glass": (1.5, {"ball": glass_ball(1.0)}),
+    "rough glass": (1.5, {"ball": ROUGH_BALL}),
+    "masked glass": (1.5, {"ball": glass_ball(1.0) | {"bsdf": MASK}}),
+    "glass in a room": (1.5, {"ball": glass_ball(1.0), "room": room()}),
+    "water in glass": (1.33, {"glass": glass_ball(1.0), "water": glass_ball(0.5, 1.33, 1.5)}),
+    "the same told inside out": (
+        1.33,
+        {"glass": glass_ball(1.0), "hole": glass_ball(0.5, 1.5, 1.33) | {"flip_normals": True}},
+    ),
+    "half a space of water": (1.33, {"face": plane(bsdf=glass_ball(1, 1.33)["bsdf"])}),
+}
+
+
+@pytest.mark.parametrize("name", AROUND)
+def test_index_around_a_camera(name):
+    """Whichever way it looks."""
+    expected, parts = AROUND[name]
+    z = -2.0 if name.startswith("half") else 2.0
+    for target in ((0, 0, 2.5 * z), (0, 0, 0)):
+        loaded = load(scene(parts, camera((0, 0, z), target, film())))
+        assert index_around(loaded, loaded.sensors()[0]) == pytest.approx(expected, abs=1e-5)
+
+
+def seen_from_glass(ball: dict, **integrator) -> dict:
+    """A lamp of radiance 1 at 2 m, the first of them in glass."""
+    window = film(bins=500, bin_width=0.01)
+    parts = {"ball": ball, "lamp": plane(size=1.0, emitter=area_light(1.0))}
+    within = {"medium": ball["interior"]} if "interior" in ball else {}
+    eye = camera((0, 0, 2), (0, 0, 0), window, fov=40.0, **within)
+    return scene(parts, eye, **{"max_depth": 3} | integrator)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "ball"),
+    [
+        ("transient_path", glass_ball(1.0)),
+        ("transient_path", ROUGH_BALL),
+        ("transient_bdpt", ROUGH_BALL),
+        ("transient_light_tracer", ROUGH_BALL),
+        ("transient_volpath", glass_ball(1.0) | {"interior": FOG}),
+    ],
+)
+def test_a_camera_in_glass_counts_its_own_segment_with_the_index(kind, ball):
+    """All light comes after 1.5 + 1 m or more (5/3 m, were the index relative to the glass)."""
+    _, transient = rendered(seen_from_glass(ball, type=kind), 1 << 15)
+    light = transient[0, 0, :, 0]
+    assert 2.49 <= 0.01 * np.flatnonzero(light)[0] < 2.6
+    assert light[: int(2.7 / 0.01)].sum() > 0.8 * light.sum()
+
+
+def test_gates_and_phasors_of_a_camera_in_glass():
+    """Of 2.5 m."""
+    described = seen_from_glass(glass_ball(1.0))
+    loaded = load(described | {"sensor": described["sensor"] | {"fov": 1.0}})
+    sensor = loaded.sensors()[0]
+    depth = tofrender.render_amcw_phasor(loaded, sensor, 30e6, spp=64)[-1]
+    assert depth == pytest.approx(np.full(depth.shape, 1.25), abs=2e-4)
+    gate = mi.load_dict(
+        {"type": "time_gated_transient_path", "pulse_width_opl": 0.02}, parallel=False
+    )
+    seen, before = (tofrender.render_at_time(loaded, gate, sensor, t, 256) for t in (2.5, 1.6667))
+    assert seen.mean() > 10
+    assert before.mean() == 0
+
+
+def test_around_the_corner_a_camera_in_glass_is_refused():
+    parts = {"relay_wall": plane(bsdf=diffuse(0.5)), "ball": glass_ball(1.0)}
+    loaded = load(
+        scene(parts, camera((0, 0, 2), (0, 0, 0), film()), type="confocal_transient_path")
+    )
+    with pytest.raises(
+        ValueError, match=r"sensor: .* glass or water of index 1\.5; must be in air"
+    ):
+        loaded.integrator().plan(loaded, loaded.sensors()[0])

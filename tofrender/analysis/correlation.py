@@ -162,7 +162,8 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
     """Distance from a sensor to what the centre of each pixel sees.
 
     Where the light is at the camera (`cornell_box_flash`), it is what an AMCW camera without
-    multi-path light measures. Where it is elsewhere, phases tell half the path length instead.
+    multi-path light measures; in water, that is this times the index. Where the light is
+    elsewhere, phases tell half the path length instead.
 
     Args:
         scene: A loaded scene, or what `load_scene` takes.

@@ -84,7 +84,7 @@ class AMCWTransientPath(TransientPath):
         Args:
             scene: The scene.
             sampler: Random numbers.
-            ray: Camera rays.
+            ray: Camera rays; in lengths, indices of refraction are over that where they start.
             medium: Ignored.
             active: Lanes to trace.
             origin: Where lengths start, by default where the rays do.

@@ -16,6 +16,7 @@ from ..paths.endpoints.light_points import checked_count
 from ..paths.media import Media
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits, Path
+from ..paths.refraction import index_around
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..paths.surfaces import transmits
@@ -163,13 +164,14 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return Plan(space, self.endpoint(scene, sensor), scattering, self.limits())
 
     def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
-        """What paths go through."""
+        """What paths go through; without a sensor, indices are over that where rays start."""
+        index = 1.0 if sensor is None else index_around(scene, sensor)
         straight = self._passes_null(scene)
         if straight or (self.follows_media and media_of(scene, sensor)):
             outside = None if sensor is None else sensor.get_medium()
             afar = beyond(scene, outside) if self.starts_at_lights else None
-            return Media(scene, outside, afar, self.hide_emitters, straight)
-        return Vacuum(scene)
+            return Media(scene, outside, afar, self.hide_emitters, straight, index)
+        return Vacuum(scene, index)
 
     def _passes_null(self, scene: mi.Scene) -> bool:
         """Whether there are surfaces that connections go straight through, boundaries included."""

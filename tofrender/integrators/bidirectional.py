@@ -147,7 +147,7 @@ class BidirectionalPlan(Plan):
             spectrum=unpolarised(
                 mi.unpolarized_spectrum(radiance) * (arrival.density * share * arrives)
             ),
-            opl=mi.Float(0) if self.limits.unwarp else length,
+            opl=mi.Float(0) if self.limits.unwarp else length * self.space.index,
             active=active & (share > 0),
             position=arrival.position,
         )

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..films.recording import BinRecording, PhasorRecording, Recording
 from ..paths.choices import undifferentiated
+from ..paths.refraction import index_around
 from ..paths.surfaces import Boundaries, materials
 from ..runtime import checks
 from ..scenes.media import media_of
@@ -111,6 +112,8 @@ def require_derivatives(
             _require_fixed_transmission(scene)
         if moving(names):
             _require_still(scene, sensor, _shown(moving(names)), straight)
+        if any(name.endswith(".eta") for name in names) and index_around(scene, sensor) != 1:
+            raise ValueError("sensor: is in glass or water, whose index changes; must be in air")
     except ValueError as error:
         raise ValueError(f"{error} (as {_shown(names)} tracks gradients)") from None
 

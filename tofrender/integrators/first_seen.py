@@ -75,12 +75,9 @@ class FirstSeen:
     ) -> tuple[Any, Path]:
         """Find what camera rays see first."""
         plan = self.plan
-        memory, guide, place = (
-            plan.endpoint.memory(),
-            plan.scattering.guide(),
-            plan.space.place(ray),
-        )
-        path = Path.start(ray, origin, True, memory, guide, place, frame)
+        memory, guide = plan.endpoint.memory(), plan.scattering.guide()
+        place, index = plan.space.place(ray), plan.space.index
+        path = Path.start(ray, origin, True, memory, guide, place, frame, index)
         path, vertex = plan.space.next(path, sampler)
         path.active &= vertex.valid  # What is behind the scene is left to the paths
         path = meet(path, vertex, plan.endpoint, measurement, plan.limits)

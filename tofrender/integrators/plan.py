@@ -69,8 +69,9 @@ class Plan:
     ) -> Path:
         """Paths of camera rays, see `trace`."""
         memory, guide = endpoint.memory(), self.scattering.guide()
-        place = self.space.place(ray)
-        return Path.start(endpoint.begin(ray), origin, active, memory, guide, place, frame)
+        space, ray = self.space, endpoint.begin(ray)
+        place = space.place(ray)
+        return Path.start(ray, origin, active, memory, guide, place, frame, space.index)
 
     @uncollected()
     def trace(

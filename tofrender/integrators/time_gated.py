@@ -110,7 +110,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         Args:
             scene: The scene.
             sampler: Random numbers.
-            ray: Camera rays.
+            ray: Camera rays; in lengths, indices of refraction are over that where they start.
             target_time: Path length of the gate [m]; by default the stored one.
             medium: Ignored.
             active: Lanes to trace.

@@ -62,6 +62,7 @@ class Media:
         hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
         straight: Whether connections go through surfaces that let light straight through, as in
             Mitsuba's `volpath`: panes, masks, polarisers.
+        index: Index of refraction around the sensor.
     """
 
     scatters = True
@@ -73,8 +74,9 @@ class Media:
         beyond: mi.Medium | None = None,
         hide_emitters: bool = False,
         straight: bool = False,
+        index: float = 1.0,
     ) -> None:
-        self.scene, self.outside, self.beyond = scene, outside, beyond
+        self.scene, self.outside, self.beyond, self.index = scene, outside, beyond, index
         self.media = media_of(scene) + ([] if outside is None else [outside])
         self.has_grids = any(not medium.is_homogeneous() for medium in self.media)
         self.boundaries = Boundaries(scene)

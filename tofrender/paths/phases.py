@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scenes.media import RAYLEIGH
+from ..scenes.media import FLAKES, RAYLEIGH, has_flakes
 from ..signals.polarisation import depolarised, rayleigh
 from .protocols import Scattering
 from .records import Bounce, Connection, Path, Turn, Vertex
@@ -75,7 +75,14 @@ class Phases:
         self.surfaces, self.both_ways, self.connects = surfaces, both_ways, connects
         polarising = [m for m in media if m.phase_function().class_name() == RAYLEIGH]
         self.polarising = polarising if mi.is_polarized else []
-        self.importance = importance
+        self.importance, flakes = importance, [m for m in media if has_flakes(m)]
+        self.flakes = bool(flakes)
+        for medium in flakes if importance else ():
+            if medium.phase_function().class_name() != FLAKES:
+                raise ValueError(
+                    f"{medium.id() or medium.class_name()}.phase = blendphase: must have no sggx "
+                    "for paths from lights, from which it scatters otherwise"
+                )
         mode = mi.TransportMode.Importance if importance else mi.TransportMode.Radiance
         self.context = mi.PhaseFunctionContext(None, mode)
 
@@ -133,7 +140,11 @@ class Phases:
         if link is not None:
             turn = self._in_both(turn, vertex, link.direction, link.active)
         xi, u = sampler.next_1d(), sampler.next_2d()
-        wo, weight, pdf = phase.sample(self.context, mei, xi, u, active & here)
+        at = mei
+        if self.flakes:
+            at = mi.MediumInteraction3f(mei)
+            at.sh_frame = _symmetric_frame(mei.wi)
+        wo, weight, pdf = phase.sample(self.context, at, xi, u, active & here)
         ray = dr.select(here, mei.spawn_ray(wo), bounce.ray)
         back = bounce.back
         if self.both_ways:
@@ -164,3 +175,14 @@ class Phases:
         other.wi, came = wo, mei.wi
         other.sh_frame = mi.Frame3f(wo)
         return other.medium.phase_function().eval_pdf(self.context, other, came, active)[1]
+
+
+def _symmetric_frame(n: mi.Vector3f) -> mi.Frame3f:
+    """A frame around `n` whose matrix is its own transpose.
+
+    Mitsuba 3.9 turns an `sggx` by the transpose of the frame that it samples in.
+    """
+    side = dr.select(n.z < 0, mi.Float(-1), 1)
+    x, y, z = mi.Vector3f(side, 0, 0), mi.Vector3f(0, side, 0), mi.Vector3f(0, 0, side)
+    v = side * (n + z) / (1 + dr.abs(n.z))
+    return mi.Frame3f(v * n.x - x, v * n.y - y, n)

@@ -45,9 +45,11 @@ class Space(Protocol):
 
     Attributes:
         scatters: Whether vertices may be points of media.
+        index: Index of refraction around the sensor.
     """
 
     scatters: bool
+    index: float
 
     def scattering(
         self,

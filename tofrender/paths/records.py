@@ -27,7 +27,7 @@ class Path:
         depth: Vertices so far.
         β: Throughput, of type `mi.UnpolarizedSpectrum`, in polarised variants a Mueller matrix, of
             type `mi.Spectrum`; `extend` multiplies it.
-        η: Index of refraction around the ray, relative to the medium that the path started in.
+        η: Index of refraction around the ray; of paths from lights, over that around the light.
         opl: Optical length up to the last vertex [m].
         prev: The last vertex; at first the point that lengths are measured from.
         pdf: Density of the ray's direction [1/sr].
@@ -65,6 +65,7 @@ class Path:
         guide: Any = None,
         place: Any = None,
         frame: Any = None,
+        η: float = 1.0,
     ) -> Path:
         """A path that has no vertex yet.
 
@@ -76,6 +77,7 @@ class Path:
             guide: As the scattering's `guide()` gives it.
             place: As the space's `place(ray)` gives it.
             frame: Matrix that turns polarised light of the ray, None to leave it as it is.
+            η: Index of refraction around the ray, if it starts on the sensor.
         """
         lanes = dr.width(ray)
         nothing = dr.zeros(mi.Float, lanes)
@@ -88,7 +90,7 @@ class Path:
             ray=ray,
             depth=dr.zeros(mi.UInt32, lanes),
             β=_filled(unit_throughput() if frame is None else frame, nothing),
-            η=1 + nothing,
+            η=η + nothing,
             opl=mi.Float(nothing),
             prev=prev,
             pdf=1 + nothing,

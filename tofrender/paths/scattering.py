@@ -11,7 +11,7 @@ import mitsuba as mi
 from ..signals.polarisation import in_world, intensity
 from .choices import Choices
 from .records import Bounce, Connection, Path, Turn, Vertex
-from .refraction import RoughGlass
+from .refraction import Glass
 from .surfaces import leave, transmits
 
 
@@ -36,7 +36,7 @@ class Materials:
         self.material, self.importance, self.both_ways = material, importance, both_ways
         self.radiance = mi.BSDFContext()
         self.flux = mi.BSDFContext(mi.TransportMode.Importance)
-        self.glass = RoughGlass(scene) if material is None else None
+        self.glass = Glass(scene) if material is None else None
         self.choices = Choices(scene) if material is None else None
         clear = material is None and transmits(scene, mi.BSDFFlags.DeltaTransmission)
         self.refracts = clear or (self.glass is not None and self.glass.exists)

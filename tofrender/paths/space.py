@@ -15,12 +15,13 @@ class Vacuum:
 
     Args:
         scene: The scene.
+        index: Index of refraction around the sensor.
     """
 
     scatters = False
 
-    def __init__(self, scene: mi.Scene) -> None:
-        self.scene = scene
+    def __init__(self, scene: mi.Scene, index: float = 1.0) -> None:
+        self.scene, self.index = scene, index
 
     def scattering(
         self,

@@ -59,7 +59,7 @@ def walk(
 
     Unidirectional path tracing with next-event estimation and multiple importance sampling. The
     length of a path is the sum of index of refraction times distance between its vertices, taken
-    point to point. The index is relative to the medium that the paths start in.
+    point to point.
 
     Args:
         sampler: Random numbers; every vertex draws four, and what its parts draw.
@@ -123,7 +123,8 @@ def step(
         link.weight *= space.transmittance(path, vertex, link, sampler)
         link.active &= ~dr.all(intensity(link.weight) == 0)
         turn, bounce = scattering.scatter(vertex, link, sampler, active)
-        lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
+        share = endpoint.share_of_link(path, vertex, link, turn)
+        lit = _along(link, path, turn, share, endpoint, space)
         path.not_finite += deliver(measurement, lit)
         more = endpoint.more_links(path, link)
         if more is not None:
@@ -164,7 +165,7 @@ def step(
     # --------------------------- Russian roulette --------------------------
 
     # η² undoes the compression of radiance at refraction, which the throughput contains
-    compressed = mi.Float(1) if endpoint.importance else path.η * path.η
+    compressed = mi.Float(1) if endpoint.importance else dr.square(path.η / space.index)
     survival = dr.detach(dr.minimum(dr.max(intensity(path.β)) * compressed, 0.95))
     roulette = path.depth >= limits.rr_depth
     path.β = dr.select(roulette, path.β * dr.rcp(survival), path.β)
@@ -205,7 +206,8 @@ def _connect(count, first, path, vertex, space, endpoint, scattering, sampler, m
         link.weight *= space.transmittance(path, vertex, link, sampler)
         link.active &= ~dr.all(intensity(link.weight) == 0)
         turn = scattering.turn(vertex, link.direction, link.active)
-        lit = _along(link, path, turn, endpoint.share_of_link(path, vertex, link, turn), endpoint)
+        share = endpoint.share_of_link(path, vertex, link, turn)
+        lit = _along(link, path, turn, share, endpoint, space)
         not_finite += deliver(measurement, lit)
         k += 1
     return not_finite
@@ -221,7 +223,7 @@ def _look_ahead(
     ahead, vertex, link = endpoint.ahead(path, wait, space, sampler)
     link.weight *= space.transmittance(ahead, vertex, link, sampler)
     turn = scattering.turn(vertex, link.direction, link.active)
-    return deliver(measurement, _along(link, ahead, turn, mi.Float(1), endpoint))
+    return deliver(measurement, _along(link, ahead, turn, mi.Float(1), endpoint, space))
 
 
 def _look_around(
@@ -244,7 +246,7 @@ def _look_around(
 
 
 def _along(
-    link: Connection, path: Path, turn: Turn, share: mi.Float, endpoint: Endpoint
+    link: Connection, path: Path, turn: Turn, share: mi.Float, endpoint: Endpoint, space: Space
 ) -> Contribution:
     """What a connection contributes: its share of the light, its length, and where that lands."""
     throughput = extend(path.β * share, turn.f, endpoint.importance)
@@ -253,8 +255,8 @@ def _along(
     spectrum = received(throughput, link.weight)
     η = path.η * turn.η
     opl = dr.fma(η, link.length, path.opl)
-    if endpoint.importance:  # Lengths are relative to the medium of the sensor, at the far end
-        opl /= η
+    if endpoint.importance:  # The index is over that around the light; the sensor's is known
+        opl = opl / η * space.index
     return Contribution(spectrum, opl, link.active, link.position)
 
 

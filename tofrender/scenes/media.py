@@ -21,6 +21,9 @@ PLATES = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 RAYLEIGH = "RayleighPhaseFunction"
 """The phase function that polarises light."""
 
+FLAKES = "SGGXPhaseFunction"
+"""The phase function that depends on more than the angle."""
+
 PROBES = 256
 """Rays of a sensor that look what is around it."""
 
@@ -179,6 +182,11 @@ def _require_place(scene: mi.Scene, sensor: mi.Sensor) -> None:
         dr.eval(ray, active, medium)
         if not dr.any(active):
             return
+
+
+def has_flakes(medium: mi.Medium) -> bool:
+    """Whether a medium's phase function is an `sggx`, or a blend with one."""
+    return any(node.class_name() == FLAKES for node in mi.traverse(medium).hierarchy)
 
 
 def scatters(medium: mi.Medium) -> bool:

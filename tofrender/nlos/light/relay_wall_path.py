@@ -271,6 +271,11 @@ class RelayWallPath(TransientPath):
         if sensor is not None:
             up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
         space = self.space(scene, sensor)
+        if space.index != 1:
+            raise ValueError(
+                f"sensor: is in glass or water of index {space.index:g}; must be in air, lengths "
+                f"of {type(self).__name__} would be too short"
+            )
         solid = [s for s in surfaces if not is_boundary(s.bsdf())]
         scan = Scan(scene, space, wall, up, self._guided(scene, sensor, solid, wall))
         scan.hide_emitters = self.hide_emitters
