@@ -9,6 +9,7 @@ from test_cli import refused, run
 
 import tofrender
 from tofrender.cli.app import main
+from tofrender.runtime import atomic
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +23,7 @@ def captured(tmp_path_factory):
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     out = tmp_path / method
+    atomic.hidden(out, "-0a1b2c3d").mkdir()  # By one that was killed as it wrote
     for _ in range(2):  # The second time, it replaces its own folder
         status, told, err = run(capsys, "reconstruct", captured, "--method", method, "--out", out)
         assert (status, err) == (0, "")
@@ -30,6 +32,7 @@ def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     assert depth == pytest.approx(1.0, abs=0.02)
     names = {"volume.npz", "brightness.exr", "depth.exr", "volume.png"}
     assert {path.name for path in out.iterdir()} == names
+    assert [path.name for path in tmp_path.iterdir()] == [method]
     with np.load(out / "volume.npz") as volume:
         brightness = volume["intensity"].max(axis=0)
         assert brightness.shape == (24, 24)

@@ -18,7 +18,7 @@ from test_cli import refused, run
 
 import tofrender
 from tofrender.cli.keeping import on_disk
-from tofrender.runtime import memory
+from tofrender.runtime import atomic, memory
 
 TINY = ["--size", "12x9", "--bins", "40", "--bin-width", "0.3", "--spp", "16", "--no-video"]
 SETTINGS = {"width": 12, "height": 9, "temporal_bins": 40, "bin_width_opl": 0.3}
@@ -424,6 +424,11 @@ def test_merge(capsys, tmp_path, format):
         options = ["--seed", seed, "--format", "zarr" if seed else "frames"]
         done(capsys, "render", "cornell_box", "--out", folder, *TINY, *options)
     arguments = ["merge", *folders, "--out", tmp_path / "all", "--format", format, "--no-video"]
+    left = atomic.hidden(tmp_path / "all", "-0a1b2c3d")  # By one that was killed as it wrote
+    (left / "frames").mkdir(parents=True)
+    with atomic.locked(tmp_path / "all"):
+        assert "another process writes it" in refused(capsys, *arguments)
+    assert left.is_dir()
     done(capsys, *arguments)
     renders = [render("cornell_box", settings=SETTINGS, spp=16, seed=seed) for seed in range(3)]
     expected = tofrender.merge(renders)

@@ -57,6 +57,16 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         remove(on_disk(out))
 
 
+@contextmanager
+def alone(out: Path) -> Iterator[None]:
+    """Be the only one that writes `out`, without what killed runs have left beside it."""
+    from tofrender.runtime.atomic import locked, remove_leftovers
+
+    with locked(out, "--out"):
+        remove_leftovers(out)
+        yield
+
+
 def tell(stop: Stop) -> None:
     """End the command if it was stopped while its files were written."""
     if stop.requested:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from . import options as opt
+from .keeping import alone
 from .render import Format, Precision
 from .writing import write
 
@@ -45,7 +46,7 @@ def merge(
     merged = join(renders)
     height, width, bins, channels = in_channels(merged)["transient"].shape
     opt.check_out(out, (height, width, bins, channels), precision)
-    with deferred_stop():
+    with alone(out), deferred_stop():
         files = write(merged, out, format, precision, video, figure, dpi)
     names = [name for name in files if not name.startswith("frame_")]
     opt.say(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")

@@ -11,7 +11,7 @@ import typer
 from ..runtime.progress import EVERY_S
 from . import completion
 from .answers import Capture, Json, Reconstruct, answer
-from .keeping import AGAIN, Resume, Seconds, keeping, left_work, require_something, tell
+from .keeping import AGAIN, Resume, Seconds, alone, keeping, left_work, require_something, tell
 from .options import (
     INTERRUPTED,
     Dpi,
@@ -183,7 +183,7 @@ def reconstruct(
     with client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
-    with io.output_folder(out, overwrite=True) as folder:
+    with alone(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {
             str(name): volume[name].values for name in (*volume.data_vars, *volume.coords)
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from zipfile import ZipFile
 
 import typer
 
@@ -84,16 +85,18 @@ def _load(source: Path) -> xr.Dataset:
 
 def _volume(path: Path) -> xr.Dataset:
     """The arrays that `tofrender reconstruct` keeps of a volume."""
-    import numpy as np
     import xarray as xr
 
+    from tofrender.runtime.archives import read_array
+
     try:
-        with np.load(path) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        axes = {axis: arrays[axis] for axis in "zyx"}
-        volume = xr.Dataset({"intensity": (("z", "y", "x"), arrays["intensity"])}, axes)
-        if "frame_axes" in arrays:
-            volume["frame_axes"] = (("axis", "xyz"), arrays["frame_axes"])
+        with ZipFile(path) as archive:
+            axes = {axis: read_array(archive, axis) for axis in "zyx"}
+            shape = tuple(axis.size for axis in axes.values())
+            intensity = read_array(archive, "intensity", shape)
+            volume = xr.Dataset({"intensity": (("z", "y", "x"), intensity)}, axes)
+            if "frame_axes.npy" in archive.namelist():
+                volume["frame_axes"] = (("axis", "xyz"), read_array(archive, "frame_axes"))
     except MemoryError as error:
         raise MemoryError(f"DIR|FILE = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise

@@ -12,7 +12,7 @@ from ..runtime.progress import EVERY_S
 from ..signals.frequencies import check_frequency
 from . import options as opt
 from .answers import Gate, Json, Phasor, answer
-from .keeping import Resume, Seconds, keeping, require_something, tell
+from .keeping import Resume, Seconds, alone, keeping, require_something, tell
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,7 +72,7 @@ def phasor(
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
         opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
-        with deferred_stop() as stop:
+        with alone(out), deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
         loaded, sensor, samples = _load(source, spp, size, max_depth, variant)

@@ -81,6 +81,12 @@ def _are_texts(names: Any, count: int) -> bool:
     )
 
 
+def shapes_of(about: dict[str, Any]) -> dict[str, tuple[int, ...]]:
+    """Shapes of all variables and coordinates, by name."""
+    dims = {axis: (axis,) for axis in DIMS["transient"]} | DIMS | ERRORS
+    return {name: tuple(about["sizes"][axis] for axis in axes) for name, axes in dims.items()}
+
+
 def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
     """The Dataset from its description and the arrays of its variables and coordinates.
 
@@ -94,10 +100,10 @@ def restore(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Dataset:
     variables = {
         name: (dims[name], array, about["variables"][name]) for name, array in arrays.items()
     }
-    for name, (axes, array, _) in variables.items():
-        shape = tuple(about["sizes"][axis] for axis in axes)
-        if array.shape != shape:
-            raise ValueError(f"{name} with shape {array.shape}: must be {shape}, as sizes says")
+    for name, shape in shapes_of(about).items():
+        if name in arrays and arrays[name].shape != shape:
+            its = arrays[name].shape
+            raise ValueError(f"{name} with shape {its}: must be {shape}, as sizes says")
     dataset = xr.Dataset(
         {name: variables[name] for name in DIMS | ERRORS if name in variables},
         coords={name: variables[name] for name in DIMS["transient"]},

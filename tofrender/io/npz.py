@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,10 +13,11 @@ from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import ERRORS, check_dataset, in_channels
-from ..runtime import checks, memory
+from ..runtime import checks
+from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
 from ..runtime.progress import shown
-from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
+from .description import describe, parse, refuse_not_finite, restore, shapes_of, warn_of_not_finite
 from .output import check_output, stack_bytes
 
 if TYPE_CHECKING:
@@ -104,9 +104,10 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         raise FileNotFoundError(f"path = {path}: {what}; must be a file that save_npz wrote")
     try:
         with open(path, "rb") as file, ZipFile(file) as archive:
-            about = parse(_member(archive, "tofrender"))
+            about = parse(read_array(archive, "tofrender"))
             names = (*_ARRAYS, *(name for name in ERRORS if name in about["variables"]))
-            dataset = restore(about, {name: _member(archive, name) for name in names})
+            shapes = shapes_of(about)
+            dataset = restore(about, {n: read_array(archive, n, shapes[n]) for n in names})
     except MemoryError as error:
         raise MemoryError(f"path = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
@@ -114,20 +115,3 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         raise ValueError(f"path = {path}: must be a file that save_npz wrote ({said})") from None
     refuse_not_finite(path, dataset)
     return dataset
-
-
-def _member(archive: ZipFile, name: str) -> np.ndarray:
-    """An array of the archive, read to its end, where its checksum is compared."""
-    info = archive.getinfo(f"{name}.npy")
-    with archive.open(info) as stream:
-        version = npy.read_magic(stream)
-        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
-        shape, _, dtype = header(stream)
-        size = math.prod(shape) * dtype.itemsize
-        if stream.tell() + size != info.file_size:
-            raise ValueError(f"{name} with shape {shape} does not fill its part of the file")
-        memory.require_free(name, size)
-        stream.seek(0)
-        array = npy.read_array(stream, allow_pickle=False)
-        stream.read(1)
-    return array

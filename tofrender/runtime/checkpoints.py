@@ -145,6 +145,7 @@ class Checkpoint:
     def recipe(self) -> dict[str, Any]:
         """What the file says that its work is, nothing if it does not."""
         try:
+            _require_stored(self.path)
             with open(self.path, "rb") as file, np.load(file, allow_pickle=False) as archive:
                 return dict(json.loads(str(archive[_ABOUT]))["recipe"])
         except Exception:  # As in `begin`, which tells
@@ -185,6 +186,7 @@ class Checkpoint:
 
     def _load(self) -> tuple[dict[str, Any], Kept]:
         """What the file says, if all checksums are right."""
+        _require_stored(self.path)
         with ZipFile(self.path) as archive:
             if archive.testzip():  # NumPy may read less than there is, which tests nothing
                 raise BadZipFile
@@ -198,6 +200,13 @@ class Checkpoint:
             raise TypeError
         seconds = checks.number("seconds", about["seconds"], unit="seconds")
         return about, Kept(done, of, seconds, arrays)
+
+
+def _require_stored(path: Path) -> None:
+    """Refuse a file that says that it holds more bytes than it has, as compressed ones do."""
+    with ZipFile(path) as archive:
+        if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
+            raise BadZipFile
 
 
 class Within:

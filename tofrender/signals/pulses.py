@@ -27,6 +27,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.archives import read_array
 
 MIN_WIDTH = 1e-12
 """Smallest width of a pulse or a bin [m]; single precision divides by it without overflow."""
@@ -331,10 +332,9 @@ def _read_npz(path: Path) -> tuple[np.ndarray, float, float]:
     try:
         with zipfile.ZipFile(path) as archive:  # NumPy takes other kinds of file for an .npz too
             missing = [name for name in names if f"{name}.npy" not in archive.namelist()]
-        if missing:
-            raise ValueError(f"has no {missing[0]}; {allowed}")
-        with np.load(path, allow_pickle=False) as file:
-            values, start, width = (file[name] for name in names)
+            if missing:
+                raise ValueError(f"has no {missing[0]}; {allowed}")
+            values, start, width = (read_array(archive, name) for name in names)
     except (zipfile.BadZipFile, zlib.error, EOFError, KeyError):
         raise ValueError(f"is damaged or of another kind; {allowed}") from None
     for name, number in (("start_opl", start), ("bin_width_opl", width)):
