@@ -205,6 +205,32 @@ def test_many_rays_are_folded(monkeypatch):
         assert largest(a, b) < 1e-5
 
 
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("border", [False, True])
+@pytest.mark.parametrize("rfilter", ["gaussian", "tent"])
+def test_few_samples_and_wide_filters(rfilter, border):
+    """A lamp of even radiance in a corner of the film, which no weights of others make brighter.
+
+    False alarms: 1e-6 each.
+    """
+    corner = {"lamp": plane(translate(-0.5, 0.5, -2), size=0.25)}
+    corner["lamp"]["emitter"] = area_light(2.0)
+    more = {"rfilter": {"type": rfilter}, "sample_border": border}
+    described = with_integrator(with_film(view(corner, 16), **more), temporal_filter="box")
+    assert found_apart(described) is not None
+    loaded = load(described)
+
+    def estimate(seed: int) -> np.ndarray:
+        steady, transient = rendered(loaded, 1, seed)
+        return np.array([each.mean() for each in (steady[:2, :2], transient.sum(axis=2)[:2, :2])])
+
+    found = over_seeds(estimate, range(200)) / 2
+    error = found.std(axis=0, ddof=1) / np.sqrt(len(found))
+    assert (np.abs(found.mean(axis=0) - 1) < 5 * error).all()
+    assert (error < 0.01).all()
+
+
 def test_resumed_renders_are_whole_ones():
     described = SCENES["disk"]()
     whole = tofrender.render(described, spp=64, progress=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mitsuba as mi
@@ -24,3 +24,20 @@ class Contribution:
     opl: mi.Float
     active: mi.Bool
     position: Any = None
+
+
+@dataclass
+class Landing:
+    """A measurement whose contributions all land as splats, at the camera rays' own positions.
+
+    Attributes:
+        measurement: What takes them.
+        position: Where on the film [pixels].
+    """
+
+    measurement: Any
+    position: mi.Point2f
+
+    def add(self, contribution: Contribution) -> None:
+        """Add a contribution."""
+        self.measurement.add(replace(contribution, position=self.position))

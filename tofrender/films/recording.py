@@ -213,7 +213,7 @@ class Recording:
         picture: Any = mi.TensorXf(state["picture"])
         self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
         self.not_finite = int(state["not_finite"])
-        if self.splats is not None:
+        if "landed" in state:
             self._landed, self._in_picture = state["landed"] * (of / spp), state["in_picture"]
         self.reach(taken, spp)
 

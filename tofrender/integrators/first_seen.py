@@ -39,13 +39,16 @@ class FirstSeen:
         plan: What is done with camera rays.
         pixels: Numbers of the pixels, row by row in the sampled area of the film.
         rate: Rays for each sample of such a pixel.
+        splats: Whether their light lands as splats do. A film with another filter than box divides
+            by the sum of its samples' weights, which few samples leave to chance: rays that are
+            none of them would come out too bright, 5 % with a sample per pixel.
 
     Attributes:
         rest: What is left to be done with camera rays.
     """
 
-    def __init__(self, plan: Plan, pixels: np.ndarray, rate: int) -> None:
-        self.plan, self.pixels, self.rate = plan, pixels, rate
+    def __init__(self, plan: Plan, pixels: np.ndarray, rate: int, splats: bool) -> None:
+        self.plan, self.pixels, self.rate, self.splats = plan, pixels, rate, splats
         self.rest = copy(plan)
         self.rest.limits = plan.limits.without_first()
 
@@ -67,8 +70,11 @@ class FirstSeen:
         rate = min(MOST, int(SHARE * width * height / max(pixels.size, 1)))
         if tile is not None:
             pixels = _within(pixels, width, film, tile)
+        if not pixels.size or rate <= 1:
+            return None
         # A power of two suits the point set, and the same for any number of samples resumed renders
-        return cls(plan, pixels, 1 << (rate.bit_length() - 1)) if pixels.size and rate > 1 else None
+        splats = not film.rfilter().is_box_filter()
+        return cls(plan, pixels, 1 << (rate.bit_length() - 1), splats)
 
     def trace(
         self, sampler: mi.Sampler, ray: mi.Ray3f, origin: Any, measurement: Any, frame: Any = None

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..films.cells import MAX_ADDED
 from ..films.colours import colour_count
+from ..films.contribution import Landing
 from ..films.recording import Recording
 from ..paths.camera import CameraSample, Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
@@ -148,7 +149,7 @@ def expose(
     width, height = sampled_size(film)
     spp, done = sampler.sample_count(), part.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
-    record.begin(spp, private, splats)
+    record.begin(spp, private, splats or (seen is not None and seen.splats))
     if part.kept is not None:
         record.restore(part.kept.arrays, part.kept.done, part.kept.of, spp)
     lane = dr.arange(mi.UInt32, width * height * lanes)
@@ -229,9 +230,10 @@ def _looking(
     def shot(pixel: mi.UInt32) -> Shot:
         camera = sample_camera(sensor, record.film, sampler, pixel, tile)
         camera = replace(camera, weight=camera.weight / rate)
-        measurement = record.measurement(camera, spp)
-        start = camera.ray, camera.origin, measurement
-        measured, path = seen.trace(sampler, *start, frame=camera.frame)
+        measured = record.measurement(camera, spp)
+        landing = Landing(measured, camera.position) if seen.splats else measured
+        start = camera.ray, camera.origin, landing
+        _, path = seen.trace(sampler, *start, frame=camera.frame)
         channels = record.channels(camera, measured, mi.Bool(False))
         return Shot(camera.position, *channels, path.not_finite)
 
