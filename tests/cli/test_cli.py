@@ -521,3 +521,50 @@ def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):
     for option in (["--size", "8x6"], ["--spp", "4"], ["--max-depth", "2"]):
         error = refused(capsys, *arguments, *option)
         assert error == f"{' = '.join(option)}: must be left out, {folder} is rendered"
+
+
+# ------------------------------------------------------------------------------------- signals
+
+IMPORT_INTERRUPTED = """
+import signal, sys
+sys.argv[0] = "tofrender"
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "mitsuba.python":
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+from tofrender.cli.app import main
+sys.exit(main(["merge", "a", "b", "--out", "c"]))
+"""
+
+
+@pytest.mark.parametrize("where", ["command line", "command"])
+@pytest.mark.parametrize(("name", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_status_after_a_signal(capsys, monkeypatch, where, name, status):
+    def stopped(*_, **__):
+        signal.raise_signal(getattr(signal, name))
+
+    if where == "command":
+        monkeypatch.setattr("tofrender.runtime.backend.activate", stopped)
+    else:
+        monkeypatch.setattr("typer.core.TyperGroup.make_context", stopped)
+    usual = {signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+    usual |= {signal.SIGINT: signal.default_int_handler}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    try:
+        assert run(capsys, "merge", "a", "b", "--out", "c") == (status, "", "error: interrupted\n")
+        assert {number: signal.getsignal(number) for number in usual} == usual
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@pytest.mark.slow
+def test_an_interrupted_import_of_mitsuba_ends_as_ctrl_c_does():
+    command = [sys.executable, "-c", IMPORT_INTERRUPTED]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=100)
+    assert done.returncode == 130
+    assert done.stderr == "error: interrupted\n"

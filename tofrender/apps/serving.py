@@ -18,6 +18,7 @@ from contextlib import suppress
 from typing import Any
 
 from ..runtime import checks
+from ..runtime.progress import SIGNALS
 
 LOOPBACK = "127.0.0.1"
 FIRST_PORT, PORTS = 5006, 100
@@ -67,7 +68,7 @@ def serve(
     browser: bool = False,
     tell: Callable[[str], Any] = print,
 ) -> None:
-    """Serve an application until Ctrl-C, or until the process is asked to end.
+    """Serve an application until Ctrl-C, SIGTERM or SIGHUP.
 
     Args:
         make: Returns what a new reader of the page gets, an object of Panel.
@@ -96,7 +97,8 @@ def serve(
             ended.set()
             server.io_loop.add_callback_from_signal(server.io_loop.stop)
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [n for n in SIGNALS if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
+    before = {number: signal.signal(number, end) for number in heard}
     url = _url(host, server.port, token)
     tell(f"{title}: {url}  (Ctrl-C ends it)")
     sys.stdout.flush()

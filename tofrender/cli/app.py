@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.checks import printable
-from ..runtime.progress import hidden, status
+from ..runtime.progress import Terminated, ended_by_signals, hidden, status
 from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
@@ -37,8 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: What follows the command's name; by default those of the process.
 
     Returns:
-        0 on success, 2 for bad input, 1 for a failure and 130 after Ctrl-C. All but the first
-        leave one line on stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
+        0 on success, 2 for bad input, 1 for a failure, 130 after Ctrl-C or if work that can go on
+        was stopped, else 143 after SIGTERM and 129 after SIGHUP. All but the first leave one line
+        on stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
 
     Example:
         >>> main(["--version"]) == 0
@@ -48,10 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     speak_of(None, {})
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), ended_by_signals() as came:
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _warn
-            return app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
+            code = app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
+            if came and code == INTERRUPTED:  # Before the command starts; Typer says nothing
+                raise Terminated(came[0])
+            return code
     except (Exception, KeyboardInterrupt) as error:
         if os.environ.get("TOFRENDER_DEBUG", "0") not in ("", "0"):
             raise

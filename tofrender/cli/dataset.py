@@ -68,7 +68,6 @@ def dataset(
 
     from tofrender.datasets.making import make_dataset, plan_dataset, require_complete, under_way
     from tofrender.datasets.store import Store
-    from tofrender.runtime.progress import ended_by_signals
 
     if plan:
         opt.say(str(plan_dataset(config, only)))
@@ -80,7 +79,7 @@ def dataset(
             opt.say(f"{out}: already complete, {count} record{'s' * (count != 1)}")
             return
         raise ValueError(f"--resume: no run that makes {out} was stopped; must be left out")
-    with ended_by_signals(), opt.client_of(workers, scheduler) as client:
+    with opt.client_of(workers, scheduler) as client:
         made = make_dataset(
             config,
             out,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +11,7 @@ import typer
 
 from ..runtime import checks
 from .course import Name
-from .options import INTERRUPTED, integer, note, real, say
+from .options import integer, real, say
 
 if TYPE_CHECKING:
     from ..course.grade.classes import Class
@@ -102,7 +101,6 @@ def grade(
         say(f"warning: this machine cannot keep a submission from {what}", err=True)
     for name in nobodys:
         say(f"warning: --roster = {roster}: {name!a} is nobody's", err=True)
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: ends what runs
     try:
         if seed is None and submission is None and not found.rubric.seed:
             seed = classes.seed_of_before(out)  # those that are graded stay as they are
@@ -121,10 +119,7 @@ def grade(
             if feedback is not None:
                 _write_pages(class_, feedback)
     except KeyboardInterrupt:
-        note("error: interrupted; what is graded is kept")
-        raise typer.Exit(INTERRUPTED) from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
+        raise KeyboardInterrupt("interrupted; what is graded is kept") from None
 
 
 def _grade_one(grader: Grader, submission: Path, out: Path) -> None:

@@ -35,9 +35,8 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
     """
     from tofrender.runtime.atomic import DISK_FULL, hidden, locked, remove, remove_leftovers
     from tofrender.runtime.checkpoints import Checkpoint
-    from tofrender.runtime.progress import ended_by_signals
 
-    with locked(out, "--out"), ended_by_signals():
+    with locked(out, "--out"):
         path = hidden(out, ".checkpoint.npz")
         for each in (out, path):
             remove_leftovers(each)

@@ -172,14 +172,15 @@ def reconstruct(
     for name, value in (("workers", workers), ("scheduler", scheduler)):
         if value is not None and method not in ("bp", "fbp"):
             raise ValueError(f"{name} = {value}: must be left out with `method={method}`")
+    from tofrender.runtime import backend
+
+    backend.activate()
     import numpy as np
 
     from tofrender import io, nlos, vis
-    from tofrender.runtime import backend
 
     captured = io.load_capture(source)
     check_room(out, captured["transient"].size)
-    backend.activate()
     with client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)

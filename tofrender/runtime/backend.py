@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from . import checks, llvm, memory, plugins
+from .progress import held_signals
 
 START = 480 << 20
 """Address space that Python, Mitsuba, Dr.Jit and LLVM take before anything is rendered [bytes]."""
@@ -97,8 +98,9 @@ def activate(variant: str | None = None) -> str:
     """
     _require_address_space()
     _offer_llvm()
-    import drjit as dr
-    import mitsuba as mi
+    with held_signals():  # An import of theirs that is interrupted hangs or aborts later
+        import drjit as dr
+        import mitsuba as mi
 
     if dr.thread_count() < LEAST_THREADS:
         dr.set_thread_count(LEAST_THREADS)

@@ -293,18 +293,21 @@ class Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise `Terminated` where they would end the process without a word."""
+def ended_by_signals() -> Iterator[list[int]]:
+    """Let Ctrl-C, SIGTERM and SIGHUP raise `Terminated`, and list those that came."""
+    came: list[int] = []
 
     def end(number, frame):
+        came.append(number)
         raise Terminated(number)
 
+    usual = (signal.SIG_DFL, signal.default_int_handler)
     main = threading.current_thread() is threading.main_thread()
-    default = [n for n in SIGNALS if main and signal.getsignal(n) is signal.SIG_DFL]
-    for number in default:
+    before = {n: signal.getsignal(n) for n in SIGNALS if main and signal.getsignal(n) in usual}
+    for number in before:
         signal.signal(number, end)
     try:
-        yield
+        yield came
     finally:
-        for number in default:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
