@@ -16,6 +16,7 @@ import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
+from urllib.parse import urlsplit
 
 from ..runtime import checks
 from ..runtime.progress import SIGNALS
@@ -137,37 +138,38 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
             raise ValueError(f"port = {port}: must be free to listen on ({reason})")
         if reason:
             continue
-        names = {host, "localhost"} if is_loopback(host) else None
-        origins = ["*"] if names is None else [f"{name}:{free}" for name in names]
         with suppress(OSError):  # Somebody was faster
             server = get_server(
                 make,
                 port=free,
                 address=host,
                 title=title,
-                websocket_origin=origins,
+                websocket_origin="*",  # `_restrict` compares them
                 websocket_max_message_size=MAX_MESSAGE,
                 auth_provider=_by_token(title, token),
             )
-            _restrict(server, names)
+            _restrict(server, host)
             return server
     raise ValueError(f"host = {host!r}: has no free port")
 
 
-def _restrict(server: Any, names: set[str] | None) -> None:
+def _restrict(server: Any, host: str) -> None:
     """Refuse requests that no page of ours makes, before any other handler sees them.
 
     Panel imports whatever Python module an address below /components/ names. A page of another
-    site reaches a server of this machine under a name of its own (DNS rebinding): where `names`
-    are given, a request must be for one of these hosts.
+    site reaches a server of this machine under a name of its own (DNS rebinding), which then stands
+    in `Host`; pages on other ports of this machine share its cookies.
     """
     from tornado.routing import Matcher, Rule
     from tornado.web import ErrorHandler
 
     class Refused(Matcher):
         def match(self, request: Any) -> dict[str, Any] | None:
-            foreign = names is not None and request.host_name.strip("[]") not in names
-            return {} if foreign or request.path.startswith("/components/") else None
+            known = not is_loopback(host) or is_loopback(request.host_name.strip("[]"))
+            origin = request.headers.get("Origin")
+            same = origin is None or urlsplit(origin).netloc.lower() == request.host.lower()
+            taken = known and same and not request.path.startswith("/components/")
+            return None if taken else {}
 
     rule = Rule(Refused(), ErrorHandler, {"status_code": 403})
     server._tornado.default_router.rules.insert(0, rule)
