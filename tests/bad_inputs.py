@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from made_dataset import make_dataset
 
 LONGEST = 600
 """Characters of a line that can still be read at a glance."""
@@ -74,6 +75,8 @@ _ARRAYS = {"array-empty", "array", "array-nan", "array-1"}
 
 FILM = {"temporal_bins": 4, "start_opl": 3.5, "bin_width_opl": 2.0}
 
+NO_PIXELS = make_dataset(2, 3, 3).isel(x=slice(0, 0))
+
 KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     # kind: what of ANY is good for it, and more that is bad
     "integer": ({"-1", "0"}, {"2.0": 2.0}),
@@ -107,12 +110,24 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
             "no-pixels": np.ones((0, 2, 2, 3)),
             "4-channels": np.ones((2, 2, 2, 4)),
             "complex": np.ones((2, 2, 2, 3), complex),
+            "dataset without pixels": NO_PIXELS,
         },
     ),
     "stokes": (set(), {"3 components": np.ones((2, 2, 3, 1)), "no-pixels": np.ones((0, 2, 3, 1))}),
     "stokes-axis": ({"-1"}, {"2.0": 2.0, "-2**40": -(1 << 40)}),
     "picture": (set(), {"flat": np.ones(3), "complex-array": np.ones((2, 2), complex)}),
-    "dataset": (set(), {"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3))}),
+    "dataset": (
+        set(),
+        {
+            "path": Path("x.npz"),
+            "array-4": np.ones((2, 2, 2, 3)),
+            "no-pixels": NO_PIXELS,
+        },
+    ),
+    "volume": (
+        set(),
+        {"no-voxels": xr.Dataset({"intensity": (("z", "y", "x"), np.zeros((0, 2, 2)))})},
+    ),
     "scene": (set(), {"path": Path("x.xml"), "built-in": "cornell_box"}),
     "source": (set(), {"no-file": "no_such_file.xml", "misspelt": "cornel_box", "folder": Path()}),
     "mapping": ({"dict", "dict-1", "dataset"}, {"pairs": [("a", 1)], "numbers": {1: 2}}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 import mitsuba as mi
@@ -28,6 +29,14 @@ def theirs(tmp_path_factory):
     module = Module(write_warps(tmp_path_factory.mktemp("theirs")))
     yield module
     module.close()
+
+
+def test_a_module_whose_name_is_not_utf8(tmp_path):
+    path = tmp_path / os.fsdecode(b"m\xff.py")
+    path.write_text(RIGHT)
+    for each in (path, tmp_path):
+        with pytest.raises(ValueError, match=r"^module = 'm\\udcff.py': must be the name of a"):
+            Module(each)
 
 
 # ------------------------------------------------------------------------------- this package

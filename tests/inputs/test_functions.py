@@ -521,7 +521,7 @@ TABLE = [
     Row(
         "vis.reconstruction_figure",
         lambda _: {"volume": volume()},
-        {"volume": "dataset", "threshold": "fraction", "title": "label?"},
+        {"volume": "volume", "threshold": "fraction", "title": "label?"},
     ),
     Row(
         "vis.summary_figure",
@@ -610,7 +610,12 @@ TABLE = [
             "start_opl": 1.0,
             "bin_width_opl": 0.1,
         },
-        {"transient_data": "cube", "frequency_hz": "frequencies", "quantity": "choice?"} | AXIS,
+        {
+            "transient_data": "cube but dataset without pixels",
+            "frequency_hz": "frequencies",
+            "quantity": "choice?",
+        }
+        | AXIS,
     ),
     Row(
         "analysis.four_bucket",
@@ -716,16 +721,16 @@ TABLE = [
         lambda _: {"capture": captured(), "method": "phasor", "progress": False},
         {"wavelength": "positive?", "cycles": "positive?"},
     ),
-    Row("nlos.max_projection", lambda _: {"volume": volume()}, {"volume": "dataset"}),
+    Row("nlos.max_projection", lambda _: {"volume": volume()}, {"volume": "volume"}),
     Row(
         "nlos.depth_map",
         lambda _: {"volume": volume()},
-        {"volume": "dataset", "threshold": "fraction"},
+        {"volume": "volume", "threshold": "fraction"},
     ),
     Row(
         "nlos.depth_error",
         lambda _: {"volume": volume(), "truth": np.ones((4, 4))},
-        {"volume": "dataset", "truth": "picture", "threshold": "fraction"},
+        {"volume": "volume", "truth": "picture", "threshold": "fraction"},
     ),
     Row(
         "nlos.hidden_depth",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -196,6 +197,22 @@ def test_it_is_never_away(tmp_path, folder):
     bad, seen = map(int, watcher.communicate(timeout=30)[0].split())
     assert bad == 0
     assert seen > 20
+
+
+def test_a_disk_without_inodes(tmp_path, monkeypatch):
+    """ENOSPC, though there is room: it is no matter of permissions."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    counts = list(os.statvfs(tmp_path))
+    counts[5:8] = 4, 0, 0  # f_files, f_ffree, f_favail
+    monkeypatch.setattr(atomic.tempfile, "mkdtemp", full)
+    monkeypatch.setattr(os, "statvfs", lambda _: os.statvfs_result(counts))
+    said = "^path = .*/film: too little room; needs more, no inode is free for another file$"
+    with pytest.raises(OSError, match=said) as error:
+        check_writable(tmp_path / "film")
+    assert error.value.errno == errno.ENOSPC
 
 
 def test_threads_may_try_one_folder_at_once(tmp_path):

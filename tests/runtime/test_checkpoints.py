@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import time
 import warnings
@@ -66,6 +67,22 @@ def test_what_is_saved_is_found(path):
         assert kept.arrays[name].dtype == value.dtype
         np.testing.assert_array_equal(kept.arrays[name], value)
     assert names(path.parent) == [path.name]
+
+
+@pytest.mark.parametrize("wrong", [np.ones(6), np.ones((2, 3)), np.ones((1, 2, 3), np.float32)])
+def test_an_array_of_another_shape_or_type_is_damage(path, wrong):
+    with np.load(saved(path)) as archive:
+        np.savez(path, **{**archive, "light": wrong})
+    with pytest.warns(UserWarning, match="is damaged, starting anew"):
+        assert begun(path) is None
+
+
+def test_earlier_files_name_their_arrays_only(path):
+    with np.load(saved(path)) as archive:
+        about = json.loads(archive["tofrender"].item())
+        told = np.array(json.dumps(about | {"arrays": list(about["arrays"])}))
+        np.savez(path, **{**archive, "tofrender": told})
+    assert begun(path).done == 16
 
 
 def test_the_last_saving_counts(path):

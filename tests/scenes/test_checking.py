@@ -157,6 +157,15 @@ def test_a_scale_of_0(kind):
         assert "must be a transform with an inverse" in refusal(line)
 
 
+def test_an_object_without_an_id_goes_by_its_class(tmp_path):
+    flat = '<transform name="to_world"><scale x="0"/></transform>'
+    shapes = "".join(f'<shape type="rectangle">{inner}</shape>' for inner in ("", flat))
+    (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{shapes}</scene>')
+    scene = load_scene(tmp_path / "a.xml", optimize=False)
+    with pytest.raises(ValueError, match=r"^Rectangle 2\.to_world = .* with an inverse"):
+        check_scene(scene)
+
+
 def test_a_mesh_that_is_a_point():
     mesh = mi.Mesh("speck", 3, 1)
     parameters = mi.traverse(mesh)

@@ -143,7 +143,12 @@ def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
 
 
 def check_writable(path: str | os.PathLike) -> None:
-    """Refuse a place where nothing can be made, by trying (modes say nothing to root)."""
+    """Refuse a place where nothing can be made, by trying (modes say nothing to root).
+
+    Raises:
+        PermissionError: Nothing may be made there; one line.
+        OSError: There is no room for another file; one line.
+    """
     try:
         os.stat(path)
     except (FileNotFoundError, NotADirectoryError):  # Nothing there, or see below
@@ -157,6 +162,8 @@ def check_writable(path: str | os.PathLike) -> None:
     try:
         os.rmdir(tempfile.mkdtemp(".probe", TEMPORARY_PREFIX, parent))
     except OSError as error:
+        if error.errno in DISK_FULL:
+            raise disk_full(path, None) from None
         raise PermissionError(
             f"path = {path}: cannot write in {parent} ({error.strerror}); "
             "must lie in a folder that you may write to"
@@ -165,9 +172,14 @@ def check_writable(path: str | os.PathLike) -> None:
 
 def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:
     """The one-line error for a disk without room for `needed_bytes` at `path`."""
-    free = shutil.disk_usage(nearest_folder(path)).free
+    folder = nearest_folder(path)
+    free = f"{readable(shutil.disk_usage(folder).free)} is free"
+    if hasattr(os, "statvfs"):
+        disk = os.statvfs(folder)
+        if disk.f_files and not disk.f_favail:  # Some file systems count no inodes
+            free = "no inode is free for another file"
     needed = "more" if needed_bytes is None else f"up to {readable(needed_bytes)}"
-    error = OSError(f"path = {path}: too little room; needs {needed}, {readable(free)} is free")
+    error = OSError(f"path = {path}: too little room; needs {needed}, {free}")
     error.errno = errno.ENOSPC
     return error
 

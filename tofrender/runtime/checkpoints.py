@@ -165,7 +165,7 @@ class Checkpoint:
         start = time.monotonic()
         seconds = self._before + start - self._began
         told = {"recipe": self._recipe, "done": done, "of": of, "seconds": seconds}
-        about = json.dumps(told | {"arrays": list(arrays)})
+        about = json.dumps(told | {"arrays": _kinds(arrays)})
         size = sum(array.nbytes for array in arrays.values())
         try:
             with replacing(self.path, needed_bytes=size) as temporary, open(temporary, "wb") as out:
@@ -193,7 +193,8 @@ class Checkpoint:
         with open(self.path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             about = json.loads(str(archive[_ABOUT]))
             arrays = {name: archive[name] for name in archive.files if name != _ABOUT}
-        if list(arrays) != about["arrays"]:
+        named = about["arrays"]  # Of an earlier version: a list of names
+        if named != (list(arrays) if isinstance(named, list) else _kinds(arrays)):
             raise KeyError
         done, of = (checks.integer(name, about[name], 0, 1 << 62) for name in ("done", "of"))
         if not isinstance(about["recipe"], dict):
@@ -207,6 +208,11 @@ def _require_stored(path: Path) -> None:
     with ZipFile(path) as archive:
         if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
             raise BadZipFile
+
+
+def _kinds(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:
+    """Types and shapes of arrays by name, as JSON can hold them."""
+    return {name: [array.dtype.str, *array.shape] for name, array in arrays.items()}
 
 
 class Within:

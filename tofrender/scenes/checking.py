@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from typing import Any
 
 import drjit as dr
@@ -129,13 +130,28 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     for name, leaves in numbers.items():
         arrays = [np.asarray(leaf) for leaf in leaves]
         if not all(finite(each) for each in arrays) and not _may_be_infinite(values[name], arrays):
-            raise ValueError(f"{first_wrong(name, arrays, np.isfinite)}: must be finite numbers")
+            called = _called(name, scene)
+            raise ValueError(f"{first_wrong(called, arrays, np.isfinite)}: must be finite numbers")
         if is_transform(values[name]) and len(arrays) == 16:
-            _require_inverse(name, np.array([each.flat[0] for each in arrays]).reshape(4, 4))
+            matrix = np.array([each.flat[0] for each in arrays]).reshape(4, 4)
+            _require_inverse(_called(name, scene), matrix)
     for emitter in scene.emitters():
         _require_positive(emitter)
     for shape in scene.shapes():
         _require_extent(shape)
+
+
+def _called(name: str, scene: mi.Scene) -> str:
+    """A parameter's name; of an object without an id, the object's class and which one it is."""
+    address = re.match(r"object_(\d+)(?=\.)", name)
+    if address is None:
+        return name
+    counts: Counter[str] = Counter()
+    for each in [*scene.shapes(), *scene.emitters(), *scene.sensors()]:
+        counts[each.class_name()] += 1
+        if each.ptr == int(address[1]):
+            return f"{each.class_name()} {counts[each.class_name()]}{name[address.end() :]}"
+    return name
 
 
 def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:

@@ -166,6 +166,9 @@ def _require_labels(data: Any) -> None:
     axes = DIMS["transient"]
     if found.get("transient") != axes or not set(axes) <= set(data.coords):
         raise ValueError(f"data = Dataset with {found}: must hold transient {axes}")
+    if not data["transient"].size:
+        shape = data["transient"].shape
+        raise ValueError(f"data = Dataset with transient {shape}: must have a pixel and a bin")
     for name in ("quantity", "units"):
         if not isinstance(data.attrs.get(name), str):
             raise ValueError(f"data: attribute {name} = {data.attrs.get(name)!r}: must be text")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tempfile
 from collections.abc import Mapping
@@ -98,6 +99,9 @@ class Module:
             raise ValueError(f"module = {path}: must be a Python file or a folder that exists")
         if self.path.is_file() and self.path.suffix != ".py":
             raise ValueError(f"module = {path}: must be a file that ends in .py, or a folder")
+        for file in self._files():
+            if os.fsencode(file.name) != file.name.encode(errors="replace"):
+                raise ValueError(f"module = {file.name!r}: must be the name of a file in UTF-8")
         self._scratch = tempfile.TemporaryDirectory(prefix="tofrender-warptest-")
         self._worker: Worker | None = None
         self._seen: dict[str, tuple[int, int]] = {}

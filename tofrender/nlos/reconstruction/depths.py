@@ -27,6 +27,9 @@ def check_volume(volume: Any) -> np.ndarray:
         raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
     if volume["intensity"].dims != _AXES:
         raise ValueError(f"volume with axes {volume['intensity'].dims}: must be {_AXES}")
+    if not volume["intensity"].size:
+        shape = volume["intensity"].shape
+        raise ValueError(f"volume = Dataset with intensity {shape}: must have a voxel")
     return checks.finite("volume: intensity", volume["intensity"].values)
 
 
