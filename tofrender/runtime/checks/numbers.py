@@ -6,8 +6,6 @@ import math
 import operator
 from typing import Any
 
-import numpy as np
-
 from .messages import shown
 
 MAX_SPP = 1 << 24
@@ -208,7 +206,7 @@ def time_axis(count: int, start_opl: float, bin_width_opl: float) -> None:
 10001 m, which single precision rounds
     """
     reach = max(abs(start_opl), abs(start_opl + count * bin_width_opl))
-    least = STEPS_IN_BIN * float(np.spacing(np.float32(min(reach, MAX_OPL))))
+    least = STEPS_IN_BIN * math.ldexp(1.0, math.frexp(reach)[1] - 24)  # Of 24 binary digits
     if bin_width_opl < least:
         raise ValueError(
             f"bin_width_opl = {shown(bin_width_opl)}: must be at least {least:.3g} m where path "
