@@ -157,6 +157,17 @@ def test_a_scale_of_0(kind):
         assert "must be a transform with an inverse" in refusal(line)
 
 
+@pytest.mark.parametrize(("axis", "right"), [((0, 0, 2), 0), ((1, 1, 0), 0), ((0, 0.6, 0.8), 1)])
+def test_a_rotation_about_an_axis_that_is_no_unit_vector(axis, right):
+    """Mitsuba takes its transpose for its inverse: a disk lamp was 10 % too dark."""
+    far = mi.ScalarTransform4f().translate([1e5, 0, 0]).rotate(axis, 40).scale([1e-3, 1, 1e3])
+    turned = of(a={"type": "disk", "to_world": far})
+    if right:
+        check_scene(mi.load_dict(turned))
+    else:
+        assert "rotations need an axis of length 1" in refusal(turned)
+
+
 def test_an_object_without_an_id_goes_by_its_class(tmp_path):
     flat = '<transform name="to_world"><scale x="0"/></transform>'
     shapes = "".join(f'<shape type="rectangle">{inner}</shape>' for inner in ("", flat))

@@ -21,6 +21,9 @@ LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_sca
 SINGULAR = 1e-12
 """Volume of a unit cube after a transform, over that of its edges', where there is no inverse."""
 
+INVERSE = 1e-4
+"""Largest error of a transform's product with its inverse, over what rounding acts on."""
+
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
@@ -133,8 +136,7 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
             called = _called(name, scene)
             raise ValueError(f"{first_wrong(called, arrays, np.isfinite)}: must be finite numbers")
         if is_transform(values[name]) and len(arrays) == 16:
-            matrix = np.array([each.flat[0] for each in arrays]).reshape(4, 4)
-            _require_inverse(_called(name, scene), matrix)
+            _require_inverse(_called(name, scene), values[name])
     for emitter in scene.emitters():
         _require_positive(emitter)
     for shape in scene.shapes():
@@ -160,12 +162,20 @@ def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
     return bool(coefficients and not np.isnan(arrays).any())
 
 
-def _require_inverse(name: str, matrix: np.ndarray) -> None:
-    edges = np.linalg.norm(matrix[:3, :3].astype(float), axis=0)
-    volume = abs(np.linalg.det(matrix[:3, :3].astype(float)))
-    if not volume > SINGULAR * math.prod(edges):
-        shown = np.round(matrix.astype(float), 6).tolist()
+def _require_inverse(name: str, transform: Any) -> None:
+    matrix, inverse = (
+        np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3]
+        for each in (transform, transform.inverse())
+    )
+    shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
+    if not abs(np.linalg.det(matrix)) > SINGULAR * math.prod(np.linalg.norm(matrix, axis=0)):
         raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
+    off = np.abs(matrix @ inverse - np.eye(3)).max()
+    if not off <= INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():
+        raise ValueError(
+            f"{name} = {shown}: must be a transform whose inverse is right; rotations need an axis "
+            "of length 1"
+        )
 
 
 def _require_positive(emitter: mi.Emitter) -> None:
