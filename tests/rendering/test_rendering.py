@@ -15,7 +15,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import area_light, camera, diffuse, film, grey, plane, point_light, scene, translate
+from support import area_light, camera, film, grey, plane, point_light, scene, translate
 
 import tofrender
 from tofrender.integrators import passes as base
@@ -356,26 +356,6 @@ def test_auto_window_holds_99_9_percent(change):
     energy = dataset.transient.sum(("y", "x", "channel")).values
     assert energy[:10].sum() > 0  # It starts where the light does
     assert dataset.sizes["opl"] == 300
-
-
-def far_wall(distance: float) -> dict:
-    """A wall that fills the view, lit from beside the camera."""
-    eye = camera((0, 0, 0), (0, 0, -1), film(), far_clip=1e9)
-    wall = plane(translate(0, 0, -distance), size=distance, bsdf=diffuse(0.5))
-    return scene({"wall": wall, "lamp": point_light((0, 0, -0.1), 1e6)}, eye)
-
-
-@pytest.mark.parametrize("distance", [10.0, 2e5, 3e6])
-def test_arrivals_from_far_away_have_a_window(distance):
-    dataset = render(far_wall(distance), spp=16, window="auto", temporal_bins=50)
-    assert outside(dataset) < 0.002
-    assert dataset.attrs["start_opl"] == pytest.approx(2 * distance, rel=0.02)
-
-
-def test_bins_that_single_precision_cannot_tell_apart_are_refused(no_work):
-    text = r"bin_width_opl = 0.01: must be at least 0.0156 m where path lengths reach 20010 m"
-    with pytest.raises(ValueError, match=text):
-        render(far_wall(1e4), window=(2e4, 2.001e4), temporal_bins=1000)
 
 
 @pytest.mark.statistical

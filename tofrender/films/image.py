@@ -28,12 +28,7 @@ def stokes_channels() -> list[str]:
 def transient_film(
     film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float
 ) -> Any:
-    """A new `transient_hdr_film` of the same size, crop and filter, with the given bins [m].
-
-    Raises:
-        ValueError: The bins are too narrow for single precision; one line.
-    """
-    checks.time_axis(temporal_bins, start_opl, bin_width_opl)
+    """A new `transient_hdr_film` of the same size, crop and filter, with the given bins [m]."""
     bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
     plugin = plugins.own_name("transient_hdr_film")
     return mi.load_dict({"type": plugin} | pixels_of(film) | bins)

@@ -97,7 +97,6 @@ class TransientHDRFilm(mi.Film):
         self.temporal_bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
         self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
         self.start_opl = checks.metres("start_opl", start)
-        checks.time_axis(self.temporal_bins, self.start_opl, self.bin_width_opl)
         self._steady: Any = None
         self._bins: Any = None
         self._splats: Any = None

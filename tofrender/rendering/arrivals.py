@@ -13,6 +13,7 @@ import numpy as np
 from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
+from ..runtime import checks
 from ..runtime.backend import uncollected
 from ..runtime.progress import shown
 from ..signals.polarisation import intensity
@@ -21,9 +22,8 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 PATHS = 1 << 14
-PER_DECADE, FIRST_DECADE, LAST_DECADE = 1024, -6, 12
-BINS = PER_DECADE * (LAST_DECADE - FIRST_DECADE)
-FIRST_OPL = 10.0**FIRST_DECADE
+FIRST_OPL, LAST_OPL = 1e-6, checks.MAX_OPL
+BINS = 18 << 10  # 1024 for each power of ten
 
 
 class ArrivalHistogram:
@@ -32,7 +32,7 @@ class ArrivalHistogram:
     No dataclass, so that loops do not carry the bins as their state.
 
     Attributes:
-        energy: Array of `BINS` values; light before 1 um is in the first, after 1e12 m in the last.
+        energy: Array of `BINS` values; the first and the last have all before and after.
         hits: Number of contributions in each bin.
     """
 
@@ -42,8 +42,8 @@ class ArrivalHistogram:
     def add(self, contribution: Contribution) -> None:
         """Add a contribution of all channels."""
         beyond = dr.maximum(contribution.opl, FIRST_OPL) / FIRST_OPL
-        position = dr.log(beyond) * (PER_DECADE / math.log(10))
-        k = mi.UInt32(dr.clip(position, 0, BINS - 1))
+        position = dr.log(beyond) / np.log(LAST_OPL / FIRST_OPL)
+        k = mi.UInt32(dr.clip(position * BINS, 0, BINS - 1))
         dr.scatter_add(
             self.energy, dr.sum(intensity(contribution.spectrum)), k, contribution.active
         )
@@ -104,7 +104,7 @@ def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arriva
         camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
         histogram = ArrivalHistogram()
         plan.trace(sampler, camera.ray, camera.origin, histogram)
-    edges = FIRST_OPL * 10 ** (np.arange(BINS + 1) / PER_DECADE)
+    edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)
     edges[0] = 0.0
     energy, hits = (np.array(a, dtype=np.float64) for a in (histogram.energy, histogram.hits))
     return Arrivals(edges, energy, hits)

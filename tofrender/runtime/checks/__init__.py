@@ -17,7 +17,6 @@ from .numbers import (
     metres,
     number,
     place,
-    time_axis,
     width,
 )
 
@@ -53,6 +52,5 @@ __all__ = [
     "real_array",
     "shown",
     "text",
-    "time_axis",
     "width",
 ]

@@ -14,9 +14,6 @@ MAX_BINS = 1 << 20
 MAX_DEPTH = 1 << 16
 MAX_SEED = (1 << 32) - 1
 MAX_OPL = 1e12
-STEPS_IN_BIN = 8
-"""Lengths that single precision tells apart within a time bin, at least; a bin then holds all light
-of its length to an eighth."""
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
@@ -191,24 +188,3 @@ def place(name: str, value: Any, count: int = 3) -> list[float]:
     if isinstance(value, str) or len(numbers) != count:
         raise ValueError(f"{name} = {shown(value)}: must be {count} finite numbers of metres")
     return numbers
-
-
-def time_axis(count: int, start_opl: float, bin_width_opl: float) -> None:
-    """Refuse time bins that are too narrow for the path lengths that they hold [m].
-
-    Raises:
-        ValueError: One line with the width and what is allowed.
-
-    Example:
-        >>> time_axis(1000, 1e4, 1e-3)
-        Traceback (most recent call last):
-        ValueError: bin_width_opl = 0.001: must be at least 0.00781 m where path lengths reach \
-10001 m, which single precision rounds
-    """
-    reach = max(abs(start_opl), abs(start_opl + count * bin_width_opl))
-    least = STEPS_IN_BIN * math.ldexp(1.0, math.frexp(reach)[1] - 24)  # Of 24 binary digits
-    if bin_width_opl < least:
-        raise ValueError(
-            f"bin_width_opl = {shown(bin_width_opl)}: must be at least {least:.3g} m where path "
-            f"lengths reach {reach:g} m, which single precision rounds"
-        )
