@@ -24,6 +24,13 @@ SINGULAR = 1e-12
 INVERSE = 1e-4
 """Largest error of a transform's product with its inverse, over what rounding acts on."""
 
+GAP = 1500 * 2.0**-24
+"""How far off a surface rays start, over 1 m and the largest coordinate (Mitsuba's RayEpsilon)."""
+
+EXTENT = 0.03
+"""Least diagonal of a scene, over 1 m and the largest coordinate: light and lengths are then right
+to .5 %, measured in a diffuse sphere and the Cornell box by all integrators."""
+
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
@@ -40,8 +47,8 @@ def check_scene(
     participating media are followed, `polarisation` that polarised light is.
 
     Raises:
-        ValueError: As `require_modelled`, `require_sound` and `require_sound_media`; one line that
-            names the object.
+        ValueError: As `require_modelled`, `require_sound`, `require_extent` and
+            `require_sound_media`; one line that names the object.
 
     Example:
         >>> lamp = {"type": "point", "intensity": {"type": "rgb", "value": [1, -2, 1]}}
@@ -51,6 +58,7 @@ def check_scene(
     """
     require_modelled(scene, sensor, media=media, polarisation=polarisation)
     require_sound(scene, sensor)
+    require_extent(scene)
     if media:
         require_sound_media(scene, sensor)
 
@@ -154,6 +162,28 @@ def _called(name: str, scene: mi.Scene) -> str:
         if each.ptr == int(address[1]):
             return f"{each.class_name()} {counts[each.class_name()]}{name[address.end() :]}"
     return name
+
+
+def require_extent(scene: mi.Scene) -> None:
+    """Refuse a scene that is so small, or so far from the origin, that gaps beside rays show.
+
+    Mitsuba starts rays off surfaces by 9e-5 (1 m + the largest coordinate), however small all is.
+
+    Raises:
+        ValueError: One line with the extent and what is allowed.
+    """
+    box: Any = scene.bbox()
+    low, high = np.ravel(box.min).astype(float), np.ravel(box.max).astype(float)
+    if not (np.isfinite([low, high]).all() and (low <= high).all()):
+        return
+    extent, far = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
+    least = EXTENT * (1 + far)
+    if extent < least:
+        raise ValueError(
+            f"scene: its shapes span {extent:.3g} m, up to {far:.3g} m from the origin; must span "
+            f"at least {least:.3g} m there, where rays start {GAP * (1 + far):.2g} m off surfaces; "
+            "scale it up"
+        )
 
 
 def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
