@@ -129,6 +129,7 @@ def test_scenes(capsys):
         (["--window", "all"], "--window = 'all': must be auto, scene, or start,stop in metres"),
         (["--window", "3"], "--window = 3: must be auto, scene, or start,stop in metres"),
         (["--window", "9,3"], "--window = 9,3: must end after it starts"),
+        (["--window", "9999,10000", "--bins", "1000"], "bin_width_opl = 0.001: must be at least "),
         (["--window", "3,nan"], "--window = nan: must be a finite number of metres"),
         (["--window", "0,1"], "--window = 0 m to 1 m: no light arrives in it; must overlap"),
         (["--sensor", "1"], "--sensor = 1: must be an integer from 0 to 0"),

@@ -359,6 +359,26 @@ def test_auto_window_holds_99_9_percent(change):
 
 
 @pytest.mark.statistical
+@pytest.mark.usefixtures("no_work")
+def test_bins_that_lengths_are_too_coarse_for(monkeypatch):
+    """Half of the millimetres after 10 km are no lengths in single precision."""
+    refused = (
+        r"^bin_width_opl = 0\.001: must be at least 0\.00789 m, as lengths of 10000 m round to"
+    )
+    far = with_film_of(box(), start_opl=9999.0, bin_width_opl=0.001, temporal_bins=1000)
+    for work in (
+        lambda: render(far),
+        lambda: render(box(), window=(9999.0, 10000.0), temporal_bins=1000),
+        lambda: tofrender.TransientPath(mi.Properties()).render(mi.load_dict(far)),
+    ):
+        with pytest.raises(ValueError, match=refused):
+            work()
+    gate = mi.load_dict({"type": "time_gated_transient_path", "pulse_width_opl": 0.001})
+    loaded = mi.load_dict(box())
+    with pytest.raises(ValueError, match=r"^pulse_width_opl = 0\.001: must be at least 0\.00789 m"):
+        tofrender.render_at_time(loaded, gate, loaded.sensors()[0], 10000.0)
+
+
 def test_auto_window_of_a_pulse_starts_before_the_light():
     plain, pulsed = (render(change(box()), window="auto") for change in (_plain, _pulse))
     first, second = plain.attrs["start_opl"], pulsed.attrs["start_opl"]

@@ -68,6 +68,18 @@ def time_bins(film: Any) -> tuple[int, float, float] | None:
     return int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
 
 
+def require_resolved(film: Any) -> None:
+    """Refuse time bins that are too narrow for the lengths in them, see `checks.resolved`.
+
+    Raises:
+        ValueError: One line with the width and what is allowed.
+    """
+    axis = time_bins(film)
+    if axis is not None:
+        bins, start, width = axis
+        checks.resolved("bin_width_opl", width, start, start + bins * width)
+
+
 def developed_shape(film: Any) -> tuple[int, int, int, int] | None:
     """Shape (height, width, temporal_bins, channels) of what a film's bins develop to, or None."""
     return getattr(film, "shape", None)

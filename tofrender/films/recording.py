@@ -25,7 +25,7 @@ from .cells import MAX_ADDED
 from .colours import channels_of, colour_count, kept, to_rgb
 from .deposit import FilmDeposit, open_gates, spread
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile
-from .image import stokes_channels
+from .image import require_resolved, stokes_channels
 from .phasor_sum import PhasorSum
 from .splats import Splats
 from .sums import Land, Radiance, Weighted
@@ -251,6 +251,7 @@ class BinRecording(Recording):
 
     def __init__(self, film: Any, exposure: Exposure) -> None:
         super().__init__(film, exposure)
+        require_resolved(film)
         if mi.is_polarized and not hasattr(film, "expect_splats"):
             kind = type(film)
             raise TypeError(

@@ -135,6 +135,9 @@ class TimeGatedTransientPath(TransientIntegrator):
         if target_time is None:
             raise ValueError(NO_TARGET)
         is_array = isinstance(target_time, mi.Float)
+        width = getattr(self.pulse, "width_opl", None)
+        if width is not None and not is_array:
+            checks.resolved("pulse_width_opl", float(width), target_time)
         return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
 
     def exposure(self, target_time: Any = None) -> Exposure:

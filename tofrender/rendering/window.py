@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING, Any
 
-from ..films.image import time_bins, transient_film
+from ..films.image import require_resolved, time_bins, transient_film
 from .arrivals import PATHS, Arrivals
 from .asked import is_auto, start_and_width
 from .dataset import LOST_ENERGY
@@ -49,7 +49,9 @@ def windowed_film(
         )
     if window is not None and not is_auto(window):
         axis[1:] = start_and_width(window, axis[0])
-    return transient_film(film, *axis)
+    windowed = transient_film(film, *axis)
+    require_resolved(windowed)
+    return windowed
 
 
 def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:

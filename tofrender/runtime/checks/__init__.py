@@ -17,6 +17,7 @@ from .numbers import (
     metres,
     number,
     place,
+    resolved,
     width,
 )
 
@@ -50,6 +51,7 @@ __all__ = [
     "place",
     "printable",
     "real_array",
+    "resolved",
     "shown",
     "text",
     "width",

@@ -14,6 +14,7 @@ MAX_BINS = 1 << 20
 MAX_DEPTH = 1 << 16
 MAX_SEED = (1 << 32) - 1
 MAX_OPL = 1e12
+STEPS = 8
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
@@ -168,6 +169,27 @@ def width(name: str, value: Any) -> float:
     """
     metres(name, value, positive=True)
     return number(name, value, unit="metres", low=1 / MAX_OPL, high=MAX_OPL)
+
+
+def resolved(name: str, width: float, *lengths: float) -> None:
+    """Refuse a width of less than `STEPS` steps of single precision at path lengths, in metres.
+
+    A bin of k steps holds floor(k) or ceil(k) of the lengths that there are: 8 keep what is in it
+    right within 6 % (rms), and none is empty.
+
+    Raises:
+        ValueError: One line with name, value and what is allowed.
+
+    Example:
+        >>> resolved("bin_width_opl", 0.1, 0.0, 1e7)
+        Traceback (most recent call last):
+        ValueError: bin_width_opl = 0.1: must be at least 8.08 m, as lengths of 1e+07 m round to 1 m
+    """
+    farthest = max(abs(each) for each in lengths)
+    step = math.ldexp(1.0, math.frexp(farthest)[1] - 24)
+    if width < STEPS * step:
+        least, rounded = 1.01 * STEPS * step, f"lengths of {farthest:g} m round to {step:.2g} m"
+        raise ValueError(f"{name} = {width:g}: must be at least {least:.3g} m, as {rounded}")
 
 
 def place(name: str, value: Any, count: int = 3) -> list[float]:
