@@ -359,6 +359,20 @@ def test_auto_window_holds_99_9_percent(change):
 
 
 @pytest.mark.statistical
+@pytest.mark.parametrize("distance", [1e4, 3e5, 1e9])
+def test_windows_far_away(distance):
+    """A far wall that a lamp lights: `auto` finds it, and the window that holds it is right."""
+    wall = plane(translate(0, 0, -distance), size=distance)
+    lamp = point_light((0, 0, 0), distance**2)
+    eye = camera((0, 0, 0), (0, 0, -1), film(4, 4), fov=2, far_clip=9 * distance)
+    described = scene({"wall": wall, "lamp": lamp}, eye, max_depth=2)
+    for window in ("auto", (1.9 * distance, 2.1 * distance)):
+        dataset = render(described, window=window, temporal_bins=50)
+        assert outside(dataset) < 1e-3
+        assert float(dataset.transient.sum()) > 0
+        assert 1.9 * distance < dataset.opl[0] < 2.1 * distance
+
+
 @pytest.mark.usefixtures("no_work")
 def test_bins_that_lengths_are_too_coarse_for(monkeypatch):
     """Half of the millimetres after 10 km are no lengths in single precision."""

@@ -24,7 +24,7 @@ from ..runtime.checkpoints import Checkpoint
 from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
-from .arrivals import Arrivals, find_arrivals
+from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .asked import Asked, is_auto
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import parts_of
@@ -311,6 +311,9 @@ def film_of_light(
     if is_auto(asked.window):
         if not arrivals.any:
             raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
+        if arrivals.energy[-1] > 0:
+            said = f"light arrives after more than {LAST_OPL:g} m, which no window holds"
+            raise ValueError(f"window = 'auto': {said}; must be (start, stop) in metres")
         film = windowed_film(camera.film(), arrivals.window(tracer.pulse), asked.bins)
         profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
         film = windowed_film(camera.film(), arrivals.window(profile), asked.bins)
