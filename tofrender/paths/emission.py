@@ -72,6 +72,10 @@ class Emitted:
     active: mi.Bool
 
 
+SMOOTH = 1e-3
+"""Sine of the angle from a face's normal to its corners' from which on a mesh is smooth."""
+
+
 class Emission:
     """The emitters of a scene as the start of paths.
 
@@ -106,6 +110,8 @@ class Emission:
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
         shining = [e for e in emitters if e.class_name() in SHAPES]
         self.shapes = [emitter.get_shape() for emitter in shining]
+        for shape in self.shapes:
+            _require_flat(shape)
         self.among_shapes = _places(shining)
         dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes)
         dr.make_opaque(self.cross_section)
@@ -267,6 +273,25 @@ class Emission:
         """Apex, axis and height of an emitter's cone."""
         row = _number(emitter) * 7
         return [dr.gather(mi.Float, self.cones, row + k, active) for k in range(7)]
+
+
+def _require_flat(shape: Any) -> None:
+    """Refuse an emitter's mesh with smooth normals, by which Mitsuba's densities are not right."""
+    mesh = mi.traverse(shape)
+    if "vertex_normals" not in mesh or not dr.width(mesh["vertex_normals"]):
+        return
+    corners = np.array(mesh["vertex_positions"], float).reshape(-1, 3)
+    normals = np.array(mesh["vertex_normals"], float).reshape(-1, 3)
+    faces = np.array(mesh["faces"]).reshape(-1, 3)
+    a, b, c = corners[faces].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-30)
+    off = np.linalg.norm(np.cross(normals[faces], across[:, None]), axis=-1)
+    if off.max(initial=0) > SMOOTH:
+        raise ValueError(
+            f"{shape.id() or shape.class_name()}: is an emitter with smooth normals, from which "
+            "light cannot be followed; must have face_normals = true, or take transient_path"
+        )
 
 
 def _cones(emitters: list[mi.Emitter]) -> mi.Float:
