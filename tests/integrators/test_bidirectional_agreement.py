@@ -39,6 +39,7 @@ from support import (
     camera,
     diffuse,
     film,
+    grey,
     load,
     over_seeds,
     plane,
@@ -150,7 +151,7 @@ def rough_face(side: int) -> dict:
     """A lamp on the other side of a rough face, with the camera in air (1) or in the glass (-1)."""
     turned = rotate((0, 1, 0), 0 if side > 0 else 180)
     lit = plane(turned @ translate(0.2, 0.1, -1), size=0.8, emitter=area_light(1.0))
-    eye = camera((0.5 * side, 0, 1.5 * side), (0, 0, 0), window(2.0, 3.8), fov=50)
+    eye = camera((0.5 * side, 0, 1.5 * side), (0, 0, 0), window(2.0, 4.4), fov=50)
     return scene({"face": plane(bsdf=rough(0.4)), "lamp": lit}, eye, max_depth=2)
 
 
@@ -218,6 +219,14 @@ def clipped() -> dict:
     return scene(parts, eye, max_depth=3)
 
 
+def never_chosen() -> dict:
+    """A lamp in view and a sky that connections never choose, and a point light that they do."""
+    lit = facing_down("rectangle", 1.2, 0.6, 4.0)["lamp"]
+    lit["emitter"] |= {"sampling_weight": 0.0}
+    sky = {"type": "constant", "radiance": grey(0.5), "sampling_weight": 0.0}
+    return desk({"lit": lit, "sky": sky} | lamp((0.6, -0.4, 1.0), 2.0))
+
+
 class World(NamedTuple):
     """A scene; samples per pixel of the path tracer, and of each that is compared with it."""
 
@@ -253,6 +262,7 @@ WORLDS = {
     "normals of a mesh": World(rounded, 64, everyone()),
     "hidden lamp in view": World(lamp_in_view, 128, everyone()),
     "clipped": World(clipped, 32, everyone()),
+    "lamps of no sampling weight": World(never_chosen, 1024, everyone(512, 256)),
 }
 EACH = [(name, technique) for name in WORLDS for technique in WORLDS[name].spp]
 

@@ -133,7 +133,11 @@ class BidirectionalPlan(Plan):
             return measurement, mi.UInt32(0)
         at: Any = dr.zeros(mi.Interaction3f, dr.width(ray))
         at.p, at.time, at.wavelengths = mi.Point3f(origin), ray.time, ray.wavelengths
-        ds, radiance = self.scene.sample_emitter_direction(at, sampler.next_2d(), False)
+        u = sampler.next_2d()
+        if self.sharing.exponent:  # Of which hits know the density
+            ds, radiance = self.scene.sample_emitter_direction(at, u, False)
+        else:
+            ds, radiance = self.emission.sample_direction(at, u)
         distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
         arrival = self.lens.arrive(ds.p, at.p, distant)
         active = mi.Bool(active) & arrival.seen & (ds.pdf > 0) & ~ds.delta

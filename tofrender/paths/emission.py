@@ -2,7 +2,8 @@
 # pyright: reportOperatorIssue=false, reportReturnType=false
 """Where light starts: rays from emitters, and the densities with which they are chosen.
 
-An emitter is chosen as next-event estimation chooses it. Light starts
+An emitter is chosen as next-event estimation chooses it, and those of `sampling_weight` 0 too that
+paths can run into. Light starts
 
 | emitter | at | towards |
 |---|---|---|
@@ -108,19 +109,25 @@ class Emission:
         )
         self.cones, self.by_area = _cones(emitters), _by_area(emitters)
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
+        self.own, self.rarer, self.alone = _chances(emitters)
         shining = [e for e in emitters if e.class_name() in SHAPES]
         self.shapes = [emitter.get_shape() for emitter in shining]
         for shape in self.shapes:
             _require_flat(shape)
         self.among_shapes = _places(shining)
-        dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes)
+        dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes, self.rarer, self.alone)
         dr.make_opaque(self.cross_section)
 
     # -------------------------------------------------------------------------- sampling
 
     def sample(self, sampler: mi.Sampler, ray: mi.Ray3f) -> Emitted:
         """Light of the wavelengths and the time of a camera's ray."""
-        index, chance, _ = self.scene.sample_emitter(sampler.next_1d())
+        xi = sampler.next_1d()
+        if self.own is None:
+            index, chance, _ = self.scene.sample_emitter(xi)
+        else:
+            index, chosen = self.own.sample_pmf(xi)
+            chance = dr.rcp(chosen)
         u_point, u_direction = sampler.next_2d(), sampler.next_2d()
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
         flags = emitter.flags()
@@ -141,6 +148,16 @@ class Emission:
         start.density = start.density / chance
         start.active = dr.isfinite(start.density) & dr.any(start.weight > 0)
         return start
+
+    def sample_direction(self, at: mi.Interaction3f, u: mi.Point2f) -> tuple[Any, Any]:
+        """A connection from a point to any emitter that light starts at."""
+        if self.own is None:
+            return self.scene.sample_emitter_direction(at, u, False)
+        index, x, chance = self.own.sample_reuse_pmf(u.x)
+        emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
+        ds, radiance = emitter.sample_direction(at, mi.Point2f(x, u.y), True)
+        ds.pdf *= chance
+        return ds, radiance / chance
 
     def _from_cone(self, emitter, u_point, u, like, active) -> Emitted:
         """Light of a point: its intensity in a direction that is even in the cone."""
@@ -267,7 +284,28 @@ class Emission:
         if self.has_distant:
             here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
             ratio = dr.select(here, self.cross_section, ratio)
+        if self.own is not None:
+            ratio *= dr.gather(mi.Float, self.rarer, _number(emitter))
         return ratio
+
+    def density(
+        self, ref: mi.Interaction3f, ds: Any, pdf: mi.Float, distance: mi.Float
+    ) -> mi.Float:
+        """How often light starts at a point that a ray from `ref` has run into.
+
+        It is p_e over distance^2, see `ratio` for the arguments; for distant light p_e.
+        """
+        ratio = self.ratio(ds.emitter, ds, pdf, distance)
+        density = dr.select(ratio > 0, pdf / ratio, 0)
+        if self.own is not None:
+            number = _number(ds.emitter)
+            alone = dr.gather(mi.Float, self.alone, number)
+            surface = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Surface)
+            by_area = dr.gather(mi.Float, self.by_area, number, surface) * dr.inv_pi
+            by_direction = ds.emitter.pdf_direction(ref, ds, ~surface) / self.cross_section
+            only = alone * dr.select(surface, by_area, by_direction)
+            density = dr.select(alone > 0, only, density)
+        return density
 
     def _cone(self, emitter: Any, active: mi.Bool) -> list[mi.Float]:
         """Apex, axis and height of an emitter's cone."""
@@ -292,6 +330,25 @@ def _require_flat(shape: Any) -> None:
             f"{shape.id() or shape.class_name()}: is an emitter with smooth normals, from which "
             "light cannot be followed; must have face_normals = true, or take transient_path"
         )
+
+
+def _chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
+    """How emitters are chosen, None if by their weights alone.
+
+    Also the chance by weight over that chance, and that chance where the weight is 0: both by the
+    emitter's number.
+    """
+    weights = np.array([float(emitter.sampling_weight()) for emitter in emitters])
+    hit = [not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in emitters]
+    lost = (weights == 0) & hit
+    if not lost.any():
+        return None, mi.Float(1), mi.Float(0)
+    own = np.where(lost, weights.sum() / max(np.count_nonzero(weights), 1) or 1, weights)
+    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    rarer, alone = np.zeros((2, max(numbers) + 1), np.float32)
+    rarer[numbers] = own.sum() / (weights.sum() or 1) * (weights > 0)
+    alone[numbers] = lost * own / own.sum()
+    return mi.DiscreteDistribution(mi.Float(own)), mi.Float(rarer), mi.Float(alone)
 
 
 def _cones(emitters: list[mi.Emitter]) -> mi.Float:

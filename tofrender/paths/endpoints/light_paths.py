@@ -82,8 +82,7 @@ class LightPaths(SceneLights):
         if self.sharing.exponent:
             si = vertex.si
             ds = mi.DirectionSample3f(self.scene, si=si, ref=path.prev)
-            ratio = self.emission.ratio(ds.emitter, ds, hit.pdf, vertex.length)
-            emitted = dr.select(ratio > 0, hit.pdf / ratio, 0)
+            emitted = self.emission.density(path.prev, ds, hit.pdf, vertex.length)
             x = power(hit.pdf) * path.memory.a + power(emitted) * path.memory.b
         return self.sharing.share(x, 0, path.depth + 2)
 
