@@ -24,6 +24,7 @@ from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..runtime.progress import shown
 from ..signals.colour import luminance
+from . import hdf5_fields
 from .description import refuse_not_finite, warn_of_not_finite
 from .output import check_file, check_room, check_writable
 from .seals import require_unbroken, seal_file
@@ -35,7 +36,6 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUFFIXES = (".h5", ".hdf5")
 _GRIDS = ("grid_xyz", "grid_normals", "grid_format")
 _H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
-_GRID_AXES = {1: "N_3", 2: "X_Y_3"}
 _NAMES = (
     *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"),
     *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
@@ -260,8 +260,8 @@ def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
 def _restore(fields: dict[str, Any]) -> xr.Dataset:
     if "H" not in fields and {"data", "data_t"} & set(fields):
         raise ValueError("holds another layout of y-tal's; must be converted with tal.io first")
-    axes = _code(fields, "H_format", _H_AXES)
-    transient = _array(fields, "H")
+    axes = hdf5_fields.code(fields, "H_format", _H_AXES)
+    transient = hdf5_fields.array(fields, "H")
     if transient.ndim != len(axes.split("_")):
         raise ValueError(f"H with shape {transient.shape}: must be {axes}, as H_format says")
     if axes == "T_Si":
@@ -270,7 +270,7 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         transient = transient[:, :, None, :, None]
     exhaustive = transient.ndim == 5
     about, foreign = _scene_info(fields.get("scene_info"))
-    grids = {name: _grid(fields, name) for name in DEVICES}
+    grids = {name: hdf5_fields.grid(fields, name) for name in DEVICES}
     mode = "exhaustive" if exhaustive else _mode(grids, about.get("mode"))
     channels = about.get("channel") or ["L"]
     if not isinstance(channels, list) or not all(isinstance(name, str) for name in channels):
@@ -281,11 +281,11 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
     capture = make_capture(
         _in_colour(transient, fields[_COLOURS], channels),
         mode=mode,
-        start_opl=_number(fields, "t_start"),
-        bin_width_opl=_number(fields, "delta_t"),
-        sensor_origin=_origin(fields, "sensor_xyz"),
-        laser_origin=_origin(fields, "laser_xyz"),
-        counts_first_and_last_legs=_truth(fields, "t_accounts_first_and_last_bounces"),
+        start_opl=hdf5_fields.number(fields, "t_start"),
+        bin_width_opl=hdf5_fields.number(fields, "delta_t"),
+        sensor_origin=hdf5_fields.origin(fields, "sensor_xyz"),
+        laser_origin=hdf5_fields.origin(fields, "laser_xyz"),
+        counts_first_and_last_legs=hdf5_fields.truth(fields, "t_accounts_first_and_last_bounces"),
         on_wall=_runs(about.get(ON_WALL), given["sensor_grid"].shape[:2]),
         attrs=foreign | about.get("attrs", {}),
         **given,
@@ -331,74 +331,6 @@ def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
             f"{ON_WALL} = {checks.shown(runs)}: must be runs of {math.prod(shape)} pixels"
         )
     return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape)
-
-
-def _code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
-    code = _number(fields, name)
-    if code not in known:
-        allowed = ", ".join(f"{number} ({axes})" for number, axes in known.items())
-        raise ValueError(f"{name} = {code:g}: must be one of {allowed}")
-    return known[int(code)]
-
-
-def _field(fields: dict[str, Any], name: str) -> Any:
-    if fields.get(name) is None:
-        what = "lacks" if name not in fields else "has nothing in"
-        raise ValueError(f"{what} the field {name}; must have it, as y-tal does")
-    return fields[name]
-
-
-def _array(fields: dict[str, Any], name: str) -> np.ndarray:
-    values = np.asarray(_field(fields, name))
-    if values.dtype.kind not in "fiu":
-        raise ValueError(f"{name} of type {values.dtype}: must hold real numbers")
-    return values.astype(np.float32, copy=False)
-
-
-def _number(fields: dict[str, Any], name: str) -> float:
-    value = np.asarray(_field(fields, name))
-    if value.size != 1 or value.dtype.kind not in "fiub":
-        raise ValueError(f"{name} with shape {value.shape}: must be one number")
-    return float(value.reshape(-1)[0])
-
-
-def _truth(fields: dict[str, Any], name: str) -> bool:
-    number = _number(fields, name)
-    if number not in (0, 1):
-        raise ValueError(f"{name} = {number:g}: must be 0 or 1")
-    return number == 1
-
-
-def _origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
-    if fields.get(name) is None:
-        return None
-    values = _array(fields, name)
-    if values.size != 3:
-        raise ValueError(f"{name} with shape {values.shape}: must be (3,)")
-    return values.reshape(3)
-
-
-def _grid(fields: dict[str, Any], device: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals, (rows, columns, 3), of the sensor or the laser."""
-    axes = _code(fields, f"{device}_grid_format", _GRID_AXES)
-    name = f"{device}_grid_normals"
-    points = _array(fields, f"{device}_grid_xyz")
-    normals = _array(fields, name) if fields.get(name) is not None else _default_normals(points)
-    for what, values in ((f"{device}_grid_xyz", points), (name, normals)):
-        if values.ndim != len(axes.split("_")) or values.shape[-1] != 3:
-            raise ValueError(f"{what} with shape {values.shape}: must be {axes}")
-        if not np.isfinite(values).all():
-            raise ValueError(f"{what}: must hold finite numbers only")
-    if axes == "N_3":
-        points, normals = points[:, None], normals[:, None]
-    return points.swapaxes(0, 1), normals.swapaxes(0, 1)
-
-
-def _default_normals(points: np.ndarray) -> np.ndarray:
-    depth = points[..., 2]
-    if np.ptp(depth) > 1e-4:
-        raise ValueError("has no normals, and points at several z; must have both or one z")
-    return np.broadcast_to(np.array([0, 0, 1], np.float32), points.shape)
 
 
 def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:

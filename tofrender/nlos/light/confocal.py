@@ -15,7 +15,8 @@ from ...runtime import checks
 from ...signals.illuminants import white
 from .laser_in_media import require_clear_way
 from .laser_spot import Spot
-from .relay_wall_path import RelayWallPath, Scan
+from .relay_wall_path import RelayWallPath
+from .scan import Scan
 
 MAX_SIGMA = 0.75
 """Widest beam: standard deviation of its direction [rad]. Eight tangents fit into a projector."""

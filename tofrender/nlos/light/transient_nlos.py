@@ -29,7 +29,8 @@ from ..device.laser import (
 from ..device.relay_wall import first_hits, is_on_relay_wall
 from .laser_in_media import require_clear_way
 from .laser_spot import Spot
-from .relay_wall_path import RelayWallPath, Scan, ScanPlan
+from .relay_wall_path import RelayWallPath
+from .scan import Scan, ScanPlan
 
 CAPTURE_TYPES = ("single", "confocal", "exhaustive")
 MOST = 0.9
