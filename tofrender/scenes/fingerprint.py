@@ -148,7 +148,8 @@ class _Graph:
                 below = sorted(("", its) for _, its in below)
             words = ""
             if self.in_words and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
-                words = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
+                with suppress(RuntimeError):  # Python plugins need not describe themselves
+                    words = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
             its = self._parameters.get(node, {})
             if "faces" in its:
                 its = _without_order(its)
