@@ -20,6 +20,9 @@ LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_sca
 SINGULAR = 1e-12
 """Volume of a unit cube after a transform, over that of its edges', where there is no inverse."""
 
+UNEQUAL = 1e-4, 1e-5
+"""How far a transform times its inverse may be from 1, at least and for each of its condition."""
+
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
@@ -125,13 +128,22 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         sources.append(mi.traverse(sensor))
     values = {name: source[name] for source in sources for name in source.keys()}  # noqa: SIM118
     numbers = {name: list(floats_of(value)) for name, value in values.items()}
-    dr.eval(numbers)
+    places: dict[str, Any] = {
+        k: v for k, v in values.items() if is_transform(v) and len(numbers[k]) == 16
+    }
+    inverses = {name: list(floats_of(value.inverse())) for name, value in places.items()}
+    dr.eval(numbers, inverses)
     for name, leaves in numbers.items():
         arrays = [np.asarray(leaf) for leaf in leaves]
         if not all(finite(each) for each in arrays) and not _may_be_infinite(values[name], arrays):
             raise ValueError(f"{first_wrong(name, arrays, np.isfinite)}: must be finite numbers")
-        if is_transform(values[name]) and len(arrays) == 16:
-            _require_inverse(name, np.array([each.flat[0] for each in arrays]).reshape(4, 4))
+        if name in places:
+            matrix, inverse = (
+                np.array([np.asarray(each).flat[0] for each in one[name]], float).reshape(4, 4)
+                for one in (numbers, inverses)
+            )
+            _require_inverse(name, matrix)
+            require_own_inverse(name, matrix, inverse)
     for emitter in scene.emitters():
         _require_positive(emitter)
     for shape in scene.shapes():
@@ -145,11 +157,31 @@ def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
 
 
 def _require_inverse(name: str, matrix: np.ndarray) -> None:
-    edges = np.linalg.norm(matrix[:3, :3].astype(float), axis=0)
-    volume = abs(np.linalg.det(matrix[:3, :3].astype(float)))
+    edges = np.linalg.norm(matrix[:3, :3], axis=0)
+    volume = abs(np.linalg.det(matrix[:3, :3]))
     if not volume > SINGULAR * math.prod(edges):
-        shown = np.round(matrix.astype(float), 6).tolist()
+        shown = np.round(matrix, 6).tolist()
         raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
+
+
+def require_own_inverse(name: str, matrix: np.ndarray, inverse: np.ndarray) -> None:
+    """Refuse a transform whose inverse is another's, as a rotation's about a long axis is.
+
+    Raises:
+        ValueError: One line with its name.
+    """
+    edges = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not np.isfinite([matrix, inverse]).all() or not edges.all():
+        return  # Refused otherwise
+    turned, back = matrix[:3, :3] / edges, edges[:, None] * inverse[:3, :3]
+    lengths = np.linalg.norm(turned, axis=1)[:, None] * np.linalg.norm(back, axis=0)
+    least, slope = UNEQUAL
+    most = (least + slope * np.linalg.cond(turned)) * lengths
+    if np.any(np.abs(turned @ back - np.eye(3)) > most):
+        raise ValueError(
+            f"{name}: has a wrong inverse; must be rotated about axes of length 1 only, as "
+            "[0.6, 0.8, 0] for [3, 4, 0]"
+        )
 
 
 def _require_positive(emitter: mi.Emitter) -> None:

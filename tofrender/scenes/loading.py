@@ -15,13 +15,16 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import mitsuba as mi
+import numpy as np
 
 from ..runtime import checks, plugins
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
+from .checking import require_own_inverse
 from .editing import TRANSIENT_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .nodes import is_kind
+from .numbers import is_transform
 from .packaged import packaged
 from .peers import use_own_names
 from .settings import Settings, check_settings
@@ -99,6 +102,7 @@ def load_scene(
             change(state, given)
             use_own_plugins(state)
             _require_meshes(state)
+            _require_transforms(state)
             name_shapes(state)
             if sum(is_kind(node, mi.ObjectType.Emitter) for node in state.nodes) > 1:
                 config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
@@ -283,6 +287,18 @@ def _require_meshes(state: Any) -> None:
         props = node.props
         if props.plugin_name() == "ply" and "filename" in props:
             require_indices(str(props["filename"]))
+
+
+def _require_transforms(state: Any) -> None:
+    """Refuse rotations that would leave meshes askew, which keep no transform once loaded."""
+    for node in state.nodes:
+        props = node.props
+        place = props.get("to_world", None)
+        props.mark_queried("to_world", False)  # Plugins that do not know it are still told of
+        if is_transform(place):
+            matrix, inverse = (np.array(each.matrix) for each in (place, place.inverse()))
+            name = props.id() or props.plugin_name()
+            require_own_inverse(f"{name}.to_world", matrix, inverse)
 
 
 def _defaults(path: Path) -> list[str]:
