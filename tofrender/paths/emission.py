@@ -29,6 +29,7 @@ import mitsuba as mi
 import numpy as np
 
 from .endpoints.wavefronts import Wavefronts
+from .surfaces import LampNormals, number_of
 
 CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
 SHAPES = {"AreaLight": "area"}
@@ -96,7 +97,7 @@ class Emission:
                     f"emitter {emitter.id()!r}: is a {KINDS.get(kind, kind)}, whose light cannot "
                     f"be followed here; must be {', '.join(allowed.values())}"
                 )
-        self.scene = scene
+        self.scene, self.normals = scene, LampNormals(scene)
         self.sphere = Wavefronts.around(scene, sensor)
         self.cross_section = dr.pi * self.sphere.radius * self.sphere.radius
         self.pointers = scene.emitters_dr()
@@ -146,10 +147,11 @@ class Emission:
     def sample_direction(self, at: mi.Interaction3f, u: mi.Point2f) -> tuple[Any, Any]:
         """A connection from a point to any emitter that light starts at."""
         if self.own is None:
-            return self.scene.sample_emitter_direction(at, u, False)
+            return self.normals.sample_direction(at, u)
         index, x, chance = self.own.sample_reuse_pmf(u.x)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
-        ds, radiance = emitter.sample_direction(at, mi.Point2f(x, u.y), True)
+        u = mi.Point2f(x, u.y)
+        ds, radiance = self.normals.by_area(*emitter.sample_direction(at, u, True), u)
         ds.pdf *= chance
         return ds, radiance / chance
 
@@ -183,14 +185,18 @@ class Emission:
         ps = self._point_on(emitter, like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
         si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
-        si.p, si.n, si.uv, si.shape = ps.p, ps.n, ps.uv, shape
-        si.sh_frame, si.wi = mi.Frame3f(ps.n), local
+        n = mi.Normal3f(ps.n)
+        if self.normals.exist:
+            n, _ = self.normals.at(emitter, like.time, u_point, ps.n, active)
+            active &= dr.dot(ps.n, mi.Frame3f(n).to_world(local)) > 0  # Else it is dark there
+        si.p, si.n, si.uv, si.shape = ps.p, n, ps.uv, shape
+        si.sh_frame, si.wi = mi.Frame3f(n), local
         si.time, si.wavelengths = like.time, like.wavelengths
         radiance = mi.unpolarized_spectrum(emitter.eval(si, active))
         return Emitted(
             ray=si.spawn_ray(si.to_world(local)),
             origin=ps.p,
-            normal=ps.n,
+            normal=n,
             uv=ps.uv,
             emitter=emitter,
             weight=radiance * dr.select(ps.pdf > 0, dr.pi / ps.pdf, 0),
@@ -209,7 +215,7 @@ class Emission:
         ways = [each.sample_position for each in self.shapes]
         if len(ways) == 1:
             return ways[0](time, u, active)
-        which = dr.gather(mi.UInt32, self.among_shapes, _number(emitter), active)
+        which = dr.gather(mi.UInt32, self.among_shapes, number_of(emitter), active)
         return dr.switch(which, ways, time, u, active)
 
     def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
@@ -273,13 +279,13 @@ class Emission:
         if self.has_shapes:
             here = mi.has_flag(flags, mi.EmitterFlags.Surface)
             chance = emitter.sampling_weight() / self.total
-            by_area = chance * dr.gather(mi.Float, self.by_area, _number(emitter), here)
+            by_area = chance * dr.gather(mi.Float, self.by_area, number_of(emitter), here)
             ratio = dr.select(here & (by_area > 0), dr.pi * pdf / by_area, ratio)
         if self.has_distant:
             here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
             ratio = dr.select(here, self.cross_section, ratio)
         if self.own is not None:
-            ratio *= dr.gather(mi.Float, self.rarer, _number(emitter))
+            ratio *= dr.gather(mi.Float, self.rarer, number_of(emitter))
         return ratio
 
     def density(
@@ -292,7 +298,7 @@ class Emission:
         ratio = self.ratio(ds.emitter, ds, pdf, distance)
         density = dr.select(ratio > 0, pdf / ratio, 0)
         if self.own is not None:
-            number = _number(ds.emitter)
+            number = number_of(ds.emitter)
             alone = dr.gather(mi.Float, self.alone, number)
             surface = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Surface)
             by_area = dr.gather(mi.Float, self.by_area, number, surface) * dr.inv_pi
@@ -303,7 +309,7 @@ class Emission:
 
     def _cone(self, emitter: Any, active: mi.Bool) -> list[mi.Float]:
         """Apex, axis and height of an emitter's cone."""
-        row = _number(emitter) * 7
+        row = number_of(emitter) * 7
         return [dr.gather(mi.Float, self.cones, row + k, active) for k in range(7)]
 
 
@@ -319,7 +325,7 @@ def _chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
     if not lost.any():
         return None, mi.Float(1), mi.Float(0)
     own = np.where(lost, weights.sum() / max(np.count_nonzero(weights), 1) or 1, weights)
-    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     rarer, alone = np.zeros((2, max(numbers) + 1), np.float32)
     rarer[numbers] = own.sum() / (weights.sum() or 1) * (weights > 0)
     alone[numbers] = lost * own / own.sum()
@@ -328,7 +334,7 @@ def _chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
 
 def _cones(emitters: list[mi.Emitter]) -> mi.Float:
     """Apex, axis and height over a unit sphere's base of each cone, by the emitter's number."""
-    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros((max(numbers) + 1, 7), dtype=np.float32)
     for number, emitter in zip(numbers, emitters, strict=True):
         if emitter.class_name() in CONES:
@@ -346,7 +352,7 @@ def _by_area(emitters: list[mi.Emitter]) -> mi.Float:
 
     That is `pdf_position` of its shape, which would ask all living shapes; some have none.
     """
-    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros(max(numbers) + 1, dtype=np.float32)
     for number, emitter in zip(numbers, emitters, strict=True):
         shape: Any = emitter.get_shape()
@@ -357,7 +363,7 @@ def _by_area(emitters: list[mi.Emitter]) -> mi.Float:
 
 def _places(emitters: list[mi.Emitter]) -> mi.UInt32:
     """The place of each emitter among these, by its number."""
-    numbers = [int(_number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros(max(numbers, default=0) + 1, dtype=np.uint32)
     table[numbers] = range(len(numbers))
     return mi.UInt32(table)
@@ -376,11 +382,6 @@ def _half_angle(emitter: mi.Emitter) -> float:
         parameters["irradiance.data"].shape[:2] if "irradiance.data" in parameters else (1, 1)
     )
     return math.atan(wide * math.hypot(1, height / width))
-
-
-def _number(emitter: Any) -> mi.UInt32:
-    """The number by which Dr.Jit knows an emitter."""
-    return dr.reinterpret_array(mi.UInt32, emitter)
 
 
 def _interaction(p: mi.Point3f, like: mi.Ray3f) -> Any:
