@@ -208,3 +208,20 @@ def test_discrete_parameters():
     faces = mi.traverse(cube)["faces"]
     dr.enable_grad(faces)  # Without effect
     assert not dr.grad_enabled(faces)
+
+
+def test_the_corners_of_a_lamp_with_smooth_normals():
+    props = mi.Properties()
+    props["emitter"] = mi.load_dict({"type": "area"})
+    mesh = mi.Mesh("lit", 3, 1, has_vertex_normals=True, props=props)
+    corners = mi.traverse(mesh)
+    corners["vertex_positions"] = [0, 0, 1, 1, 0, 1, 0, 1, 1]
+    corners["vertex_normals"] = [-0.6, 0, 0.8, 0.6, 0, 0.8, 0, 0.6, 0.8]
+    corners["faces"] = [0, 1, 2]
+    corners.update()
+    loaded = mi.load_dict(PLANE.describe() | {"lit": mesh}, optimize=False)
+    parameters = mi.traverse(loaded)
+    key = next(name for name in parameters.keys() if name.endswith("lit.vertex_positions"))  # noqa: SIM118
+    dr.enable_grad(parameters[key])
+    text = refusal(lambda: mi.render(loaded, params=parameters, spp=1))
+    assert text.startswith("lit.vertex_positions: has no derivative, the lamp's normals are smooth")

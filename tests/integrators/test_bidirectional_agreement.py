@@ -219,6 +219,22 @@ def clipped() -> dict:
     return scene(parts, eye, max_depth=3)
 
 
+def rounded_lamp() -> dict:
+    """A cube with the normals of a ball, which Mitsuba samples with: .6 to 1 times its cosines."""
+    props = mi.Properties()
+    props["emitter"], props["bsdf"] = load(area_light(5.0)), load(diffuse(0.0))
+    mesh = mi.Mesh("lit", 8, 12, has_vertex_normals=True, props=props)
+    parameters = mi.traverse(mesh)
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    parameters["vertex_positions"] = (0.3 * corners + [0, 0, 1.0]).astype(np.float32).ravel()
+    parameters["vertex_normals"] = (corners / np.sqrt(3)).ravel()
+    parameters["faces"] = np.array([(a, *two) for a, *r in sides for two in (r[:2], r[1:])]).ravel()
+    parameters.update()
+    ground = {"ball": ball((0.5, -0.3, 0.2), 0.2, bsdf=diffuse(0.6))}
+    return with_integrator(desk({"lit": mesh} | ground), discard_direct_light=True)
+
+
 def never_chosen() -> dict:
     """A lamp in view and a sky that connections never choose, and a point light that they do."""
     lit = facing_down("rectangle", 1.2, 0.6, 4.0)["lamp"]
@@ -262,6 +278,7 @@ WORLDS = {
     "normals of a mesh": World(rounded, 64, everyone()),
     "hidden lamp in view": World(lamp_in_view, 128, everyone()),
     "clipped": World(clipped, 32, everyone()),
+    "lamp with smooth normals": World(rounded_lamp, 256, everyone()),
     "lamps of no sampling weight": World(never_chosen, 1024, everyone(512, 256)),
 }
 EACH = [(name, technique) for name in WORLDS for technique in WORLDS[name].spp]
@@ -284,6 +301,13 @@ def of_tracer(name: str, technique: str) -> Seen:
 @pytest.mark.parametrize(("name", "technique"), EACH)
 def test_all_agree(name, technique):
     assert same(of_tracer(name, technique), of_path(name))
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_connections_to_a_lamp_with_smooth_normals_find_what_paths_run_into():
+    hits = seen(rounded_lamp(), PATH, 2048, OTHER_SEEDS, emitter_sampling=False)
+    assert same(seen(rounded_lamp(), PATH, 256, SEEDS), hits)
 
 
 @pytest.mark.slow

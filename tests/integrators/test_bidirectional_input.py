@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
-from support import area_light, camera, film, load, scene, translate
+from support import camera, film, load, scene, translate
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -239,20 +239,3 @@ def test_a_lamp_that_lights_nothing(technique):
     del away["floor"]
     steady, transient = (np.array(each) for each in mi.render(load(away), spp=16))
     assert steady.max() == transient.max() == 0
-
-
-@pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT])
-def test_smooth_normals_of_a_lamp(technique, tmp_path):
-    """Mitsuba samples them by densities that are not theirs; flat ones pass."""
-    lit = mi.Mesh("lit", 3, 1, has_vertex_normals=True)
-    parameters = mi.traverse(lit)
-    parameters["vertex_positions"] = [0.0, 0, 2, 0, 1, 2, 1, 0, 2]
-    parameters["vertex_normals"] = [0.0, 0.6, -0.8, 0, 0, -1, 0, 0, -1]
-    parameters["faces"] = [0, 1, 2]
-    parameters.update()
-    lit.write_ply(str(tmp_path / "lit.ply"))
-    shape = {"type": "ply", "filename": str(tmp_path / "lit.ply"), "emitter": area_light(1.0)}
-    smooth = load(described(technique, floor() | {"lit": shape}))
-    assert "lit: is an emitter with smooth normals" in refusal(lambda: render(smooth))
-    flat = load(described(technique, floor() | {"lit": shape | {"face_normals": True}}))
-    assert np.array(mi.render(flat, spp=64)[0]).max() > 0

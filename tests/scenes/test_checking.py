@@ -187,6 +187,19 @@ def test_an_object_without_an_id_goes_by_its_class(tmp_path):
         check_scene(scene)
 
 
+def test_a_rotation_about_a_long_axis_in_a_file_or_a_dict(tmp_path):
+    """Of a mesh, which keeps no transform; XML has the same rotation."""
+    text = r"^a.to_world = .* axis of length 1"
+    turned = mi.ScalarTransform4f().rotate([1, 1, 0], 40)
+    with pytest.raises(ValueError, match=text):
+        load_scene({"type": "scene", "a": {"type": "cube", "to_world": turned}})
+    rotation = '<transform name="to_world"><rotate x="1" y="1" angle="40"/></transform>'
+    path = tmp_path / "askew.xml"
+    path.write_text(f'<scene version="3.0.0"><shape type="cube" id="a">{rotation}</shape></scene>')
+    with pytest.raises(ValueError, match=text):
+        load_scene(path)
+
+
 def test_a_mesh_that_is_a_point():
     mesh = mi.Mesh("speck", 3, 1)
     parameters = mi.traverse(mesh)

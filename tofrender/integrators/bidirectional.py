@@ -135,7 +135,7 @@ class BidirectionalPlan(Plan):
         at.p, at.time, at.wavelengths = mi.Point3f(origin), ray.time, ray.wavelengths
         u = sampler.next_2d()
         if self.sharing.exponent:  # Of which hits know the density
-            ds, radiance = self.scene.sample_emitter_direction(at, u, False)
+            ds, radiance = self.emission.normals.sample_direction(at, u)
         else:
             ds, radiance = self.emission.sample_direction(at, u)
         distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)

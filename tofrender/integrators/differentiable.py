@@ -15,7 +15,7 @@ import numpy as np
 from ..films.recording import BinRecording, PhasorRecording, Recording
 from ..paths.choices import undifferentiated
 from ..paths.refraction import index_around
-from ..paths.surfaces import Boundaries, materials
+from ..paths.surfaces import Boundaries, flat_twin, materials
 from ..runtime import checks
 from ..scenes.media import media_of
 from ..signals.pulses import GaussianPulse
@@ -111,7 +111,7 @@ def require_derivatives(
         if straight:
             _require_fixed_transmission(scene)
         if moving(names):
-            _require_still(scene, sensor, _shown(moving(names)), straight)
+            _require_still(scene, sensor, moving(names), straight)
         if any(name.endswith(".eta") for name in names) and index_around(scene, sensor) != 1:
             raise ValueError("sensor: is in glass or water, whose index changes; must be in air")
     except ValueError as error:
@@ -121,23 +121,33 @@ def require_derivatives(
 # ------------------------------------------------------------------------------- the scene
 
 
-def _require_still(scene: mi.Scene, sensor: mi.Sensor, names: str, straight: bool) -> None:
+def _require_still(
+    scene: mi.Scene, sensor: mi.Sensor, names: Sequence[str], straight: bool
+) -> None:
     """Refuse that things move where their derivatives are not whole."""
+    shown = _shown(names)
     if straight:
         raise ValueError(
-            f"params = {names}: have no derivatives by transient_volpath where surfaces let light "
+            f"params = {shown}: have no derivatives by transient_volpath where surfaces let light "
             "straight through; must be coefficients, materials or power, or by transient_path"
         )
     media = media_of(scene, sensor)
     if media and (Boundaries(scene).exist or not all(m.is_homogeneous() for m in media)):
         raise ValueError(
-            f"params = {names}: have no derivatives in a scene with media that are grids or have "
+            f"params = {shown}: have no derivatives in a scene with media that are grids or have "
             "boundaries of equal index; must be coefficients, materials or power"
         )
+    for shape in scene.shapes():
+        corners = f"{shape.id()}.vertex_positions"
+        if shape.is_emitter() and corners in names and flat_twin(shape) is not None:
+            raise ValueError(
+                f"{corners}: has no derivative, the lamp's normals are smooth; must be a mesh with "
+                "face_normals"
+            )
     afar = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite)]
     if afar:
         raise ValueError(
-            f"params = {names}: have no derivatives under {afar[0].class_name()}, whose light "
+            f"params = {shown}: have no derivatives under {afar[0].class_name()}, whose light "
             "starts at a sphere around all that moves; must be materials or power, or light must "
             "be near"
         )

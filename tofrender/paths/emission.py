@@ -34,11 +34,10 @@ from .emitter_tables import (
     by_area,
     chances,
     cones,
-    number,
     places,
-    require_flat,
 )
 from .endpoints.wavefronts import Wavefronts
+from .surfaces import LampNormals, number_of
 
 
 @dataclass
@@ -93,7 +92,7 @@ class Emission:
                     f"emitter {emitter.id()!r}: is a {KINDS.get(kind, kind)}, whose light cannot "
                     f"be followed here; must be {', '.join(allowed.values())}"
                 )
-        self.scene = scene
+        self.scene, self.normals = scene, LampNormals(scene)
         self.sphere = Wavefronts.around(scene, sensor)
         self.cross_section = dr.pi * self.sphere.radius * self.sphere.radius
         self.pointers = scene.emitters_dr()
@@ -105,8 +104,6 @@ class Emission:
         self.own, self.rarer, self.alone = chances(emitters)
         shining = [e for e in emitters if e.class_name() in SHAPES]
         self.shapes = [emitter.get_shape() for emitter in shining]
-        for shape in self.shapes:
-            require_flat(shape)
         self.among_shapes = places(shining)
         dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes, self.rarer, self.alone)
         dr.make_opaque(self.cross_section)
@@ -145,10 +142,11 @@ class Emission:
     def sample_direction(self, at: mi.Interaction3f, u: mi.Point2f) -> tuple[Any, Any]:
         """A connection from a point to any emitter that light starts at."""
         if self.own is None:
-            return self.scene.sample_emitter_direction(at, u, False)
+            return self.normals.sample_direction(at, u)
         index, x, chance = self.own.sample_reuse_pmf(u.x)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
-        ds, radiance = emitter.sample_direction(at, mi.Point2f(x, u.y), True)
+        u = mi.Point2f(x, u.y)
+        ds, radiance = self.normals.by_area(*emitter.sample_direction(at, u, True), u)
         ds.pdf *= chance
         return ds, radiance / chance
 
@@ -182,14 +180,18 @@ class Emission:
         ps = self._point_on(emitter, like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
         si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
-        si.p, si.n, si.uv, si.shape = ps.p, ps.n, ps.uv, shape
-        si.sh_frame, si.wi = mi.Frame3f(ps.n), local
+        n = mi.Normal3f(ps.n)
+        if self.normals.exist:
+            n, _ = self.normals.at(emitter, like.time, u_point, ps.n, active)
+            active &= dr.dot(ps.n, mi.Frame3f(n).to_world(local)) > 0  # Else it is dark there
+        si.p, si.n, si.uv, si.shape = ps.p, n, ps.uv, shape
+        si.sh_frame, si.wi = mi.Frame3f(n), local
         si.time, si.wavelengths = like.time, like.wavelengths
         radiance = mi.unpolarized_spectrum(emitter.eval(si, active))
         return Emitted(
             ray=si.spawn_ray(si.to_world(local)),
             origin=ps.p,
-            normal=ps.n,
+            normal=n,
             uv=ps.uv,
             emitter=emitter,
             weight=radiance * dr.select(ps.pdf > 0, dr.pi / ps.pdf, 0),
@@ -208,7 +210,7 @@ class Emission:
         ways = [each.sample_position for each in self.shapes]
         if len(ways) == 1:
             return ways[0](time, u, active)
-        which = dr.gather(mi.UInt32, self.among_shapes, number(emitter), active)
+        which = dr.gather(mi.UInt32, self.among_shapes, number_of(emitter), active)
         return dr.switch(which, ways, time, u, active)
 
     def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
@@ -272,13 +274,13 @@ class Emission:
         if self.has_shapes:
             here = mi.has_flag(flags, mi.EmitterFlags.Surface)
             chance = emitter.sampling_weight() / self.total
-            by_area = chance * dr.gather(mi.Float, self.by_area, number(emitter), here)
+            by_area = chance * dr.gather(mi.Float, self.by_area, number_of(emitter), here)
             ratio = dr.select(here & (by_area > 0), dr.pi * pdf / by_area, ratio)
         if self.has_distant:
             here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
             ratio = dr.select(here, self.cross_section, ratio)
         if self.own is not None:
-            ratio *= dr.gather(mi.Float, self.rarer, number(emitter))
+            ratio *= dr.gather(mi.Float, self.rarer, number_of(emitter))
         return ratio
 
     def density(
@@ -291,7 +293,7 @@ class Emission:
         ratio = self.ratio(ds.emitter, ds, pdf, distance)
         density = dr.select(ratio > 0, pdf / ratio, 0)
         if self.own is not None:
-            row = number(ds.emitter)
+            row = number_of(ds.emitter)
             alone = dr.gather(mi.Float, self.alone, row)
             surface = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Surface)
             by_area = dr.gather(mi.Float, self.by_area, row, surface) * dr.inv_pi
@@ -302,7 +304,7 @@ class Emission:
 
     def _cone(self, emitter: Any, active: mi.Bool) -> list[mi.Float]:
         """Apex, axis and height of an emitter's cone."""
-        row = number(emitter) * 7
+        row = number_of(emitter) * 7
         return [dr.gather(mi.Float, self.cones, row + k, active) for k in range(7)]
 
 

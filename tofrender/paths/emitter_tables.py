@@ -7,9 +7,10 @@ import math
 import re
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from .surfaces import number_of
 
 CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
 SHAPES = {"AreaLight": "area"}
@@ -24,28 +25,6 @@ DISTANT = {
 KINDS = CONES | SHAPES | BEAMS | DISTANT
 """Emitters that light can be followed from: names of their classes, and their plugins'."""
 
-SMOOTH = 1e-3
-"""Sine of the angle from a face's normal to its corners' from which on a mesh is smooth."""
-
-
-def require_flat(shape: Any) -> None:
-    """Refuse an emitter's mesh with smooth normals, by which Mitsuba's densities are not right."""
-    mesh = mi.traverse(shape)
-    if "vertex_normals" not in mesh or not dr.width(mesh["vertex_normals"]):
-        return
-    corners = np.array(mesh["vertex_positions"], float).reshape(-1, 3)
-    normals = np.array(mesh["vertex_normals"], float).reshape(-1, 3)
-    faces = np.array(mesh["faces"]).reshape(-1, 3)
-    a, b, c = corners[faces].transpose(1, 0, 2)
-    across = np.cross(b - a, c - a)
-    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-30)
-    off = np.linalg.norm(np.cross(normals[faces], across[:, None]), axis=-1)
-    if off.max(initial=0) > SMOOTH:
-        raise ValueError(
-            f"{shape.id() or shape.class_name()}: is an emitter with smooth normals, from which "
-            "light cannot be followed; must have face_normals = true, or take transient_path"
-        )
-
 
 def chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
     """How emitters are chosen, None if by their weights alone.
@@ -59,7 +38,7 @@ def chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
     if not lost.any():
         return None, mi.Float(1), mi.Float(0)
     own = np.where(lost, weights.sum() / max(np.count_nonzero(weights), 1) or 1, weights)
-    numbers = [int(number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     rarer, alone = np.zeros((2, max(numbers) + 1), np.float32)
     rarer[numbers] = own.sum() / (weights.sum() or 1) * (weights > 0)
     alone[numbers] = lost * own / own.sum()
@@ -68,7 +47,7 @@ def chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
 
 def cones(emitters: list[mi.Emitter]) -> mi.Float:
     """Apex, axis and height over a unit sphere's base of each cone, by the emitter's number."""
-    numbers = [int(number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros((max(numbers) + 1, 7), dtype=np.float32)
     for row, emitter in zip(numbers, emitters, strict=True):
         if emitter.class_name() in CONES:
@@ -86,7 +65,7 @@ def by_area(emitters: list[mi.Emitter]) -> mi.Float:
 
     That is `pdf_position` of its shape, which would ask all living shapes; some have none.
     """
-    numbers = [int(number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros(max(numbers) + 1, dtype=np.float32)
     for row, emitter in zip(numbers, emitters, strict=True):
         shape: Any = emitter.get_shape()
@@ -97,7 +76,7 @@ def by_area(emitters: list[mi.Emitter]) -> mi.Float:
 
 def places(emitters: list[mi.Emitter]) -> mi.UInt32:
     """The place of each emitter among these, by its number."""
-    numbers = [int(number(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+    numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
     table = np.zeros(max(numbers, default=0) + 1, dtype=np.uint32)
     table[numbers] = range(len(numbers))
     return mi.UInt32(table)
@@ -116,8 +95,3 @@ def _half_angle(emitter: mi.Emitter) -> float:
         parameters["irradiance.data"].shape[:2] if "irradiance.data" in parameters else (1, 1)
     )
     return math.atan(wide * math.hypot(1, height / width))
-
-
-def number(emitter: Any) -> mi.UInt32:
-    """The number by which Dr.Jit knows an emitter."""
-    return dr.reinterpret_array(mi.UInt32, emitter)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..runtime import backend
 from ..scenes.media import CROSSINGS, LEAKS, PROBES, STEPS
-from .surfaces import leave, materials, transmits
+from .surfaces import leave, materials, number_of, transmits
 
 ROUGH = mi.BSDFFlags.GlossyTransmission
 WAYS = (ROUGH, mi.BSDFFlags.DeltaTransmission)
@@ -49,7 +49,7 @@ class Glass:
         ways: tuple[mi.BSDFFlags, ...] = (ROUGH,),
     ) -> None:
         found = {
-            int(_number(mi.BSDFPtr(bsdf))[0]): (index_of or _index)(bsdf)
+            int(number_of(mi.BSDFPtr(bsdf))[0]): (index_of or _index)(bsdf)
             for bsdf in dict.fromkeys(materials(scene))
             if any(mi.has_flag(bsdf.flags(), way) for way in ways)
         }
@@ -63,15 +63,10 @@ class Glass:
         self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
         """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`."""
-        number = _number(bsdf)
+        number = number_of(bsdf)
         crossing = active & (si.wi.z * wo.z < 0) & (number < dr.width(self.table))
         η = dr.gather(mi.Float, self.table, number, crossing)
         return dr.select(crossing, dr.select(si.wi.z > 0, η, dr.rcp(η)), 1)
-
-
-def _number(bsdf: Any) -> mi.UInt32:
-    """The number by which Dr.Jit knows a material."""
-    return dr.reinterpret_array(mi.UInt32, bsdf)
 
 
 def _index(bsdf: mi.BSDF) -> Any:

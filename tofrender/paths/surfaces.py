@@ -1,4 +1,5 @@
 # pyright: reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false, reportReturnType=false
 """Telling on which shapes surface points are, and which surfaces let light through."""
 
 from __future__ import annotations
@@ -8,8 +9,12 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..scenes.media import BOUNDARY, PLATES
+
+LEANING = 1e-6
+"""1 less the cosine between normals that count as the same."""
 
 
 def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
@@ -29,6 +34,11 @@ def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
     for shape in shapes:
         found |= si.shape == mi.ShapePtr(shape)
     return found & si.is_valid()
+
+
+def number_of(pointer: Any) -> mi.UInt32:
+    """The number by which Dr.Jit knows an emitter or a material."""
+    return dr.reinterpret_array(mi.UInt32, pointer)
 
 
 def materials(scene: mi.Scene) -> list[mi.BSDF]:
@@ -150,6 +160,89 @@ def stretched(
         found = scene.ray_intersect_preliminary(ray, active=active)
     at = found.compute_surface_interaction(ray, mi.RayFlags.All | mi.RayFlags.FollowShape, active)
     return changing(element(at), active & is_on(at, shapes))
+
+
+class LampNormals:
+    """Geometric normals at points of lamps, where Mitsuba gives those of a mesh's vertices.
+
+    What a lamp sends through an area is by the geometric cosine. A mesh with smooth normals has a
+    twin without, on which the same two numbers stand for the same point.
+
+    Args:
+        scene: The scene.
+
+    Attributes:
+        exist: Whether there are lamps whose normals differ.
+    """
+
+    def __init__(self, scene: mi.Scene) -> None:
+        self.scene, emitters = scene, scene.emitters()
+        twins = [flat_twin(emitter.get_shape()) for emitter in emitters]
+        self.twins = [twin for twin in twins if twin is not None]
+        self.exist = bool(self.twins)
+        if not self.exist:
+            return
+        numbers = [int(number_of(mi.EmitterPtr(emitter))[0]) for emitter in emitters]
+        which = np.zeros(max(numbers) + 1, np.uint32)
+        of_twins = [number for number, twin in zip(numbers, twins, strict=True) if twin is not None]
+        which[of_twins] = np.arange(1, len(of_twins) + 1)
+        self.which = mi.UInt32(which)
+        dr.eval(self.which)
+
+    def at(
+        self, emitter: Any, time: mi.Float, u: mi.Point2f, n: mi.Normal3f, active: Any
+    ) -> tuple[mi.Normal3f, mi.Bool]:
+        """The normal at the point that `u` stands for, `n` by the vertices; lanes that have one."""
+        which = dr.gather(mi.UInt32, self.which, number_of(emitter), active)
+        here = active & (which > 0)
+        ways = [twin.sample_position for twin in self.twins]
+        found = (
+            ways[0](time, u, here)
+            if len(ways) == 1
+            else dr.switch(dr.maximum(which, 1) - 1, ways, time, u, here)
+        ).n
+        return dr.select(here, found * dr.sign(dr.dot(found, n)), n), here
+
+    def sample_direction(
+        self, at: mi.Interaction3f, u: mi.Point2f, active: Any = True
+    ) -> tuple[Any, Any]:
+        """As of the scene: a direction to a point on an emitter, and its radiance over density."""
+        ds, weight = self.scene.sample_emitter_direction(at, u, False, active)
+        if not self.exist:
+            return ds, weight
+        return self.by_area(ds, weight, mi.Point2f(self.scene.sample_emitter(u.x)[2], u.y), active)
+
+    def by_area(self, ds: Any, weight: Any, u: mi.Point2f, active: Any = True) -> tuple[Any, Any]:
+        """A direction that an emitter has sampled by `u`, with the geometric cosine."""
+        if not self.exist:
+            return ds, weight
+        textured = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
+        n, here = self.at(ds.emitter, ds.time, u, ds.n, mi.Bool(active) & ~textured)
+        cos, smooth = -dr.dot(ds.d, n), -dr.dot(ds.d, ds.n)
+        ratio = dr.select(here, dr.select((cos > 0) & (smooth > 0), cos / smooth, 0), 1)
+        ds.n, ds.pdf = n, dr.select(ratio > 0, ds.pdf / ratio, 0)
+        return ds, weight * ratio
+
+
+def flat_twin(shape: mi.Shape | None) -> mi.Mesh | None:
+    """A mesh without the vertex normals of a shape; None if those are the geometric ones."""
+    if shape is None or not shape.is_mesh():
+        return None
+    own: Any = mi.traverse(shape)
+    normals = np.array(own["vertex_normals"]).reshape(-1, 3) if "vertex_normals" in own else []
+    if not len(normals):
+        return None
+    places, faces = (np.array(own[name]).reshape(-1, 3) for name in ("vertex_positions", "faces"))
+    a, b, c = places[faces.T]
+    flat = np.cross(b - a, c - a)
+    flat /= np.maximum(np.linalg.norm(flat, axis=1), 1e-30)[:, None]
+    if np.allclose(np.abs(np.einsum("fkx,fx->fk", normals[faces], flat)), 1, atol=LEANING):
+        return None
+    twin = mi.Mesh("twin", len(places), len(faces))
+    parameters: Any = mi.traverse(twin)
+    parameters["vertex_positions"], parameters["faces"] = own["vertex_positions"], own["faces"]
+    parameters.update()
+    return twin
 
 
 def changing(value: mi.Float, active: mi.Bool) -> mi.Float:

@@ -193,15 +193,27 @@ def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
 
 
 def _require_inverse(name: str, transform: Any) -> None:
+    matrix = np.array(transform.matrix, dtype=float).reshape(4, 4)
+    edges = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not abs(np.linalg.det(matrix[:3, :3])) > SINGULAR * math.prod(edges):
+        shown = np.round(matrix, 6).tolist()
+        raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
+    require_right_inverse(name, transform)
+
+
+def require_right_inverse(name: str, transform: Any) -> None:
+    """Refuse a transform that keeps a wrong inverse, as a rotation about a long axis does.
+
+    Raises:
+        ValueError: One line with its name and its matrix.
+    """
     matrix, inverse = (
         np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3]
         for each in (transform, transform.inverse())
     )
-    shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
-    if not abs(np.linalg.det(matrix)) > SINGULAR * math.prod(np.linalg.norm(matrix, axis=0)):
-        raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
     off = np.abs(matrix @ inverse - np.eye(3)).max()
-    if not off <= INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():
+    if off > INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():  # NaN is refused elsewhere
+        shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
         raise ValueError(
             f"{name} = {shown}: must be a transform whose inverse is right; rotations need an axis "
             "of length 1"

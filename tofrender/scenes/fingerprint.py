@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from contextlib import suppress
 from functools import cached_property
 from inspect import isclass, isroutine
 from pathlib import Path

@@ -20,10 +20,12 @@ from ..runtime import checks, plugins
 from ..runtime.backend import hold, uncollected
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
+from .checking import require_right_inverse
 from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
 from .nodes import is_kind
+from .numbers import is_transform
 from .packaged import packaged
 from .peers import use_own_names
 from .settings import Settings, check_settings
@@ -297,10 +299,14 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
 
 
 def _require_safe(state: Any) -> None:
-    """Refuse plugins that are not Mitsuba's or Python's, and PLY files that end the process."""
+    """Refuse foreign native plugins, wrong inverses, and PLY files that end the process."""
     for node in state.nodes:
         props = node.props
         plugins.require_safe_type(props.plugin_name())
+        placed = props.get("to_world", None)
+        props.mark_queried("to_world", False)  # Plugins that do not know it are still told of
+        if is_transform(placed):  # Meshes keep none, once loaded
+            require_right_inverse(f"{props.id() or props.plugin_name()}.to_world", placed)
         if props.plugin_name() == "ply" and "filename" in props:
             require_indices(str(props["filename"]))
 

@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from ...runtime import checks
 from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
-from ..surfaces import stretched
+from ..surfaces import LampNormals, stretched
 from .light_points import LightPoints, checked_count, points_that_pay
 from .unseen import Unseen
 from .wavefronts import Wavefronts
@@ -49,6 +49,7 @@ class SceneLights(Unseen):
         checks.instance("sensor", sensor, mi.Sensor | None, "a sensor or None")
         self.discard_direct_light = checks.boolean("discard_direct_light", discard_direct_light)
         self.light_samples = checked_count(light_samples)
+        self.normals = LampNormals(scene)
         self.points = LightPoints(1 if isinstance(light_samples, str) else light_samples)
         infinite = mi.EmitterFlags.Infinite
         self.has_distant = any(mi.has_flag(e.flags(), infinite) for e in scene.emitters())
@@ -120,7 +121,7 @@ class SceneLights(Unseen):
 
     def choose(self, vertex: Vertex, sample: mi.Point2f, active: mi.Bool) -> Connection:
         """The point on an emitter that two random numbers stand for."""
-        ds, weight = self.scene.sample_emitter_direction(vertex.si, sample, False, active)
+        ds, weight = self.normals.sample_direction(vertex.si, sample, active)
         if self.meshes:
             shining = active & (ds.pdf != 0)
             stretch: Any = stretched(self.scene, self.meshes, vertex.si, ds.p, shining)
@@ -150,6 +151,8 @@ class SceneLights(Unseen):
         si, prev, active = vertex.si, path.prev, path.active
         ds = mi.DirectionSample3f(self.scene, si=si, ref=prev)
         radiance = mi.unpolarized_spectrum(ds.emitter.eval(si, active))
+        if self.normals.exist:
+            ds.n = si.n
         pdf = self.scene.pdf_emitter_direction(prev, ds, active)
         length = vertex.length
         if self.has_distant:
