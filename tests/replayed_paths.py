@@ -244,10 +244,7 @@ def shares(
         vertex, paths.end, lit, active & paths.complete
     )
     plan.lens.sample = lambda sampler: paths.lens
-    plan.scene = SimpleNamespace(
-        sample_emitter_direction=lambda *_: (paths.end, lit),
-        pdf_emitter_direction=scene.pdf_emitter_direction,
-    )
+    plan.emission.normals = SimpleNamespace(sample_direction=lambda *_: (paths.end, lit))
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(0, paths.lanes)
     ray = mi.Ray3f(paths.lens, paths.at(paths.d, mi.UInt32(0)))
