@@ -170,7 +170,7 @@ def test_a_scale_of_0(kind):
 @pytest.mark.parametrize(("axis", "right"), [((0, 0, 2), 0), ((1, 1, 0), 0), ((0, 0.6, 0.8), 1)])
 def test_a_rotation_about_an_axis_that_is_no_unit_vector(axis, right):
     """Mitsuba takes its transpose for its inverse: a disk lamp was 10 % too dark."""
-    far = mi.ScalarTransform4f().translate([1e5, 0, 0]).rotate(axis, 40).scale([1e-3, 1, 1e3])
+    far = mi.ScalarTransform4f().translate([9, 0, 0]).rotate(axis, 40).scale([1, 1, 1e-3])
     turned = of(a={"type": "disk", "to_world": far})
     if right:
         check_scene(turned)

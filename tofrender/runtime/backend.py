@@ -63,8 +63,9 @@ atexit.register(_scenes.clear)
 
 
 def hold(scene: Any) -> None:
-    """Let a scene live until nobody else holds it and no kernel is traced."""
-    _scenes.append(scene)
+    """Let a scene that a thread beside the main one has loaded live until no kernel is traced."""
+    if threading.current_thread() is not threading.main_thread():
+        _scenes.append(scene)
 
 
 def _let_go() -> None:

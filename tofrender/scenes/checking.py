@@ -211,8 +211,10 @@ def require_right_inverse(name: str, transform: Any) -> None:
         np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3]
         for each in (transform, transform.inverse())
     )
+    if not np.isfinite([matrix, inverse]).all():
+        return  # Refused elsewhere
     off = np.abs(matrix @ inverse - np.eye(3)).max()
-    if off > INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():  # NaN is refused elsewhere
+    if off > INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():
         shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
         raise ValueError(
             f"{name} = {shown}: must be a transform whose inverse is right; rotations need an axis "
