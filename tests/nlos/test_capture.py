@@ -30,7 +30,12 @@ DEVICE = (-0.6, 0.3, 1.2)
 LASER = (-0.8, -0.5, 0.6)
 LIT = (-0.3, 0.25, 0.0)
 PATCH = Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
-MOVED = mi.ScalarTransform4f().translate([0.5, -2, 3]).rotate([0.48, 0.64, 0.6], 70).scale([1.5, 0.5, 1])
+MOVED = (
+    mi.ScalarTransform4f()
+    .translate([0.5, -2, 3])
+    .rotate([0.48, 0.64, 0.6], 70)
+    .scale([1.5, 0.5, 1])
+)
 
 
 def matrix(to_world) -> np.ndarray:

@@ -31,8 +31,9 @@ STATUS = "{desc} ... {elapsed}"
 
 def is_watched() -> bool:
     """Whether somebody looks at stderr: it is a terminal, or a notebook's, and not a worker's."""
-    processes = sys.modules.get("multiprocessing.process")
-    if processes is not None and processes.parent_process() is not None:
+    from multiprocessing import parent_process  # Waits where another thread is importing it
+
+    if parent_process() is not None:
         return False
     return sys.stderr.isatty() or is_notebook()
 
