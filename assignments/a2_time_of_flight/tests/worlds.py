@@ -153,7 +153,8 @@ def camera(origin, target, fov=0.01, near_clip=1e-4, size=(1, 1), bins=None, up=
 
 def load(parts):
     """A scene whose shapes stay apart."""
-    scene = {"type": "scene", "integrator": {"type": "path"}} | parts
+    # As deep as integrators are by default: `render_amcw_phasor` may take the scene's own
+    scene = {"type": "scene", "integrator": {"type": "path", "max_depth": 8}} | parts
     return mi.load_dict(scene, parallel=False, optimize=False)
 
 
