@@ -86,7 +86,7 @@ def on_disk(out: Path) -> Path:
 
 
 def left_work(out: Path) -> Path | None:
-    """What a run that was stopped or killed has done of `out`, None if it is nothing."""
+    """Checkpoint or tiles that a stopped or killed run has left of `out`, None without."""
     from tofrender.runtime.atomic import hidden
 
     film = on_disk(out)

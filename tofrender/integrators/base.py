@@ -164,7 +164,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return Plan(space, self.endpoint(scene, sensor), scattering, self.limits())
 
     def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
-        """What paths go through; without a sensor, indices are over that where rays start."""
+        """Vacuum or media of a scene; without a sensor, indices are relative to the rays' start."""
         index = 1.0 if sensor is None else index_around(scene, sensor)
         straight = self._passes_null(scene)
         if straight or (self.follows_media and media_of(scene, sensor)):

@@ -10,7 +10,7 @@ _GRID_AXES = {1: "N_3", 2: "X_Y_3"}
 
 
 def code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
-    """The meaning of a code, which is one of those that are known."""
+    """Return the meaning of a code, which must be one of those that are known."""
     found = number(fields, name)
     if found not in known:
         allowed = ", ".join(f"{key} ({axes})" for key, axes in known.items())
@@ -19,7 +19,7 @@ def code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
 
 
 def _field(fields: dict[str, Any], name: str) -> Any:
-    """A field that must be there."""
+    """Return a field, which must be there."""
     if fields.get(name) is None:
         what = "lacks" if name not in fields else "has nothing in"
         raise ValueError(f"{what} the field {name}; must have it, as y-tal does")
@@ -27,7 +27,7 @@ def _field(fields: dict[str, Any], name: str) -> Any:
 
 
 def array(fields: dict[str, Any], name: str) -> np.ndarray:
-    """Real numbers, as float32."""
+    """Return a field that must hold real numbers, as float32."""
     values = np.asarray(_field(fields, name))
     if values.dtype.kind not in "fiu":
         raise ValueError(f"{name} of type {values.dtype}: must hold real numbers")
@@ -35,7 +35,7 @@ def array(fields: dict[str, Any], name: str) -> np.ndarray:
 
 
 def number(fields: dict[str, Any], name: str) -> float:
-    """One number."""
+    """Return a field that must be one number."""
     value = np.asarray(_field(fields, name))
     if value.size != 1 or value.dtype.kind not in "fiub":
         raise ValueError(f"{name} with shape {value.shape}: must be one number")
@@ -43,7 +43,7 @@ def number(fields: dict[str, Any], name: str) -> float:
 
 
 def truth(fields: dict[str, Any], name: str) -> bool:
-    """0 or 1."""
+    """Return a field that must be 0 or 1, as a bool."""
     value = number(fields, name)
     if value not in (0, 1):
         raise ValueError(f"{name} = {value:g}: must be 0 or 1")
@@ -51,7 +51,7 @@ def truth(fields: dict[str, Any], name: str) -> bool:
 
 
 def origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
-    """A point, None if there is none."""
+    """Return a field that must be a point (3,) [m], None if it is missing."""
     if fields.get(name) is None:
         return None
     values = array(fields, name)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 MEND = "temporal_bins, start_opl and bin_width_opl of its film"
-"""What decides where the window of a capture is."""
+"""Settings that decide where the window of a capture is, for warnings."""
 
 KEPT = ("pulse", "spp", "energy_outside_window", "complete")
 """What of the attributes of a render a capture has."""

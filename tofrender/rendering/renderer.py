@@ -313,7 +313,7 @@ def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:
 
 
 def suited(asked: Asked) -> Asked:
-    """The same, with bins and a pulse that suit the light of a steady scene, if nobody says any.
+    """Add bins and a pulse that suit the light of a steady scene, if none are given.
 
     Nothing is found yet: they are "auto".
     """

@@ -20,7 +20,7 @@ BINS = 300
 """Bins of a scene that has none."""
 
 MEND = "`window='auto'`"
-"""What finds a better window."""
+"""Setting that finds a better window, for warnings."""
 
 PULSES = 128
 """Standard deviations of the pulse that is chosen for a window, in that window."""

@@ -346,7 +346,7 @@ except Exception as error:
 if refused is not None:  # Its own error cannot be sent: the package could not be imported
     raise RuntimeError(refused)
 """
-"""What a worker here does first.
+"""Preload script of a local worker.
 
 It has the `sys.argv` of the process that started it: if that is the command, an import of
 tofrender alone activates no variant.

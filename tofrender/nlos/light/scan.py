@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
-"""What a laser scans, and the plan of it: what is lit depends on each camera ray."""
+"""Description and plan of a laser scan, whose laser spot may depend on each camera ray."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Beam = Callable[[mi.Sampler, mi.Bool], Spot]
 
 @dataclass
 class Scan:
-    """What a laser scans, and how paths find what it lights.
+    """Description of a laser scan: its geometry, and how paths find the lit points.
 
     Attributes:
         scene: The scene.
@@ -82,11 +82,11 @@ class ScanPlan(Plan):
         return ()
 
     def resolving(self, width_opl):
-        """The same: what is lit is a point."""
+        """Return the plan itself, since a laser spot has no extent that bins could resolve."""
         return self
 
     def attached(self):
-        """The same with a spot that moves, by paths alone."""
+        """Plan for derivatives: the laser spot moves, and paths alone find its light."""
         other = copy(self)
         if self.space.scatters:
             raise ValueError(
@@ -96,7 +96,7 @@ class ScanPlan(Plan):
         return other
 
     def counting_from(self, first_opl: float) -> ScanPlan:
-        """The same without light of a single bounce that arrives before `first_opl` [m]."""
+        """Plan that leaves out light of a single bounce arriving before `first_opl` [m]."""
         other = copy(self)
         other.scan = replace(self.scan, first_opl=first_opl)
         return other

@@ -210,7 +210,7 @@ class LightsStraightAhead(SceneLights):
     """
 
     def memory(self) -> Any:
-        """None yet: it is not asked for before there is one."""
+        """Return None: there is no vertex before the first."""
         return dr.zeros(mi.Interaction3f)
 
     def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> Any:
