@@ -418,6 +418,7 @@ def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
     assert not agrees(found(), [1.39117, 5.36277])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [FLAKES, TWO_LOBES | {"a": FLAKES}], ids=["sggx", "blendphase"])
 @pytest.mark.parametrize("wi", [(0, 0, 1), (0.6, 0, 0.8), (-0.36, 0.48, -0.8)])
 def test_flakes_scatter_by_their_density(phase, wi):
