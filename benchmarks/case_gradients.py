@@ -59,14 +59,14 @@ def _table() -> Any:
     folder = str(Path(__file__).parents[1] / "tests")
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    from gradient_cases import TABLE
+    from helpers.gradient_cases import TABLE
 
     return TABLE
 
 
 def _rows(case: Any, seeds: range) -> list[tuple[str, list[str], float]]:
     """For each measure of a case: its name, cells of the table, deviation of forward mode [%]."""
-    from gradient_of import differences, forward, reverse
+    from helpers.gradient_of import differences, forward, reverse
 
     _, change = case.expected()
     weights = case.weights()
@@ -170,9 +170,9 @@ def _mitransient(case: Any, seed: int) -> np.ndarray:
 def _their_scene(described: dict[str, Any]) -> mi.Scene:
     """A scene with mitransient's plugins, whose names then mean this package's again."""
     import mitransient  # noqa: F401 (must be whole before its parts)
+    from helpers.peer_scenes import give_names_back
     from mitransient.films.transient_hdr_film import TransientHDRFilm
     from mitransient.integrators.transientpath import TransientPath
-    from peer_scenes import give_names_back
 
     mi.register_integrator("transient_path", lambda props: TransientPath(props))
     mi.register_film("transient_hdr_film", lambda props: TransientHDRFilm(props))

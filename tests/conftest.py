@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import browser
-import durations
 import mitsuba as mi
 import pytest
-import workers
+from helpers import browser, durations, workers
 
 import tofrender  # Picks the variant and registers the plugins
 

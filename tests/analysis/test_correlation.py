@@ -7,7 +7,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import (
+from helpers.support import (
     area_light,
     camera,
     diffuse,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from browser import page
+from helpers.browser import page
+from helpers.served import is_free, served
 from PIL import Image
-from served import is_free, served
 
 from tofrender.apps.compare import pictures
 from tofrender.apps.compare.pictures import Picture, difference, opened, rendered, techniques

@@ -7,8 +7,8 @@ import re
 
 import numpy as np
 import pytest
-from hidden_scenes import Wall, capture_of, rectangle
-from made_dataset import make_dataset
+from helpers.hidden_scenes import Wall, capture_of, rectangle
+from helpers.made_dataset import make_dataset
 
 import tofrender
 from tofrender.apps.explorer.codes import Scale

@@ -15,10 +15,10 @@ import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
 
-import browser
 import numpy as np
 import pytest
-from made_dataset import make_dataset
+from helpers import browser
+from helpers.made_dataset import make_dataset
 
 import tofrender
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 
-import browser
 import numpy as np
 import pytest
-from hidden_scenes import Wall, capture_of, rectangle
-from made_dataset import START, WIDTH, make_dataset
+from helpers import browser
+from helpers.hidden_scenes import Wall, capture_of, rectangle
+from helpers.made_dataset import START, WIDTH, make_dataset
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT

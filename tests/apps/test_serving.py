@@ -9,7 +9,7 @@ import urllib.error
 import urllib.request
 
 import pytest
-from served import is_free, served
+from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 

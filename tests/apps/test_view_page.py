@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from browser import page
-from made_dataset import make_dataset
-from served import is_free, served
+from helpers.browser import page
+from helpers.made_dataset import make_dataset
+from helpers.served import is_free, served
 
 import tofrender
 from tofrender import io

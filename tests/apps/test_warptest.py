@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import psutil
 import pytest
-from student_warps import HOSTILE, RIGHT, WRONG, write_warps
+from helpers.student_warps import HOSTILE, RIGHT, WRONG, write_warps
 
 from tofrender import sampling
 from tofrender.apps.warptest import engine, subjects

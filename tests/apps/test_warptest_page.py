@@ -8,10 +8,10 @@ from contextlib import contextmanager
 import mitsuba as mi
 import numpy as np
 import pytest
-from browser import page
+from helpers.browser import page
+from helpers.served import is_free, served
+from helpers.student_warps import write_warps
 from PIL import Image
-from served import is_free, served
-from student_warps import write_warps
 
 from tofrender.sampling import warp_case
 

@@ -14,8 +14,8 @@ from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddic
 
 import numpy as np
 import pytest
-from films_in_parts import in_small_steps
-from hidden_scenes import small_capture as captured
+from helpers.films_in_parts import in_small_steps
+from helpers.hidden_scenes import small_capture as captured
 from PIL import Image
 from test_cli import COMMAND, ROOT, TINY, names, refused, run
 

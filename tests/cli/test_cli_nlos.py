@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import peer_scenes
 import pytest
+from helpers import peer_scenes
 from test_cli import refused, run
 
 import tofrender

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from support import largest
+from helpers.support import largest
 from test_cli import run
 
 import tofrender

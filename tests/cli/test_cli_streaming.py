@@ -13,7 +13,7 @@ from pathlib import Path
 import distributed
 import numpy as np
 import pytest
-from films_in_parts import check_same, differences, end, in_tiles, names, render, script
+from helpers.films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from test_cli import refused, run
 
 import tofrender
@@ -247,7 +247,7 @@ def test_reconstructions_by_workers(capsys, tmp_path, address):
 _KILLED = """
 import sys, time
 import pytest
-from films_in_parts import in_tiles
+from helpers.films_in_parts import in_tiles
 import tofrender
 from tofrender.cli.app import main
 from tofrender.rendering import store
@@ -328,7 +328,7 @@ def test_a_killed_run_by_workers_goes_on(capsys, out, address, whole):
 _WAITS = """
 import sys
 import pytest
-from films_in_parts import in_tiles
+from helpers.films_in_parts import in_tiles
 from tofrender.cli.app import main
 from tofrender.rendering import workers
 if __name__ == "__main__":

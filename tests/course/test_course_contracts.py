@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import course_assignment
 import pytest
+from helpers import course_assignment
 
 from tofrender.course.author import contracts
 

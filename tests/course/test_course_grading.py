@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-import tiny_assignment
-from tiny_assignment import RIGHT
+from helpers import tiny_assignment
+from helpers.tiny_assignment import RIGHT
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 

@@ -21,12 +21,11 @@ import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
-import hostile
 import numpy as np
 import psutil
 import pytest
-import tiny_assignment
-from judged_pulse import PULSE, write_assignment, write_submission
+from helpers import hostile, tiny_assignment
+from helpers.judged_pulse import PULSE, write_assignment, write_submission
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 

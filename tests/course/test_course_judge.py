@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import psutil
 import pytest
-from judged_pulse import PULSE, RUBRIC, SQUARE, write_assignment, write_submission
+from helpers.judged_pulse import PULSE, RUBRIC, SQUARE, write_assignment, write_submission
 
 from tofrender.course import rubric
 from tofrender.course.judge import expect, plugin, processes, wire, worker

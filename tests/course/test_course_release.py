@@ -12,10 +12,10 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-import course_assignment
 import mitsuba as mi
 import pytest
 import typer
+from helpers import course_assignment
 
 import tofrender
 from tofrender.cli import app as cli, course as cli_course

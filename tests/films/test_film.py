@@ -5,10 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from gallery import SCENES, emitter_grid
-from support import (
+from helpers.gallery import SCENES, emitter_grid
+from helpers.support import (
     area_light,
     beam,
     camera,
@@ -23,6 +22,7 @@ from support import (
     with_film,
     with_integrator,
 )
+from oracles import films as oracles
 
 from tofrender.films.contribution import Contribution
 from tofrender.films.deposit import FilmDeposit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import film, load
+from helpers.support import film, load
 
 WIDTH, HEIGHT = 8, 6
 TILES = [(0, 0, 5, 6), (5, 0, 3, 6)]

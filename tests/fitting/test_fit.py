@@ -9,8 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from lamp_above_floor import INTENSITY, POSITION, scene
-from made_dataset import make_dataset
+from helpers.made_dataset import make_dataset
+from oracles.lamp_above_floor import INTENSITY, POSITION, scene
 
 import tofrender
 from tofrender.rendering.labels import labelled

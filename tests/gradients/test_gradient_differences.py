@@ -13,9 +13,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gradient_cases import eye, flat_film, moved
-from gradient_forms import Bins, View
-from support import agree, area_light, diffuse, over_seeds, plane, point_light, scene
+from helpers.gradient_cases import eye, flat_film, moved
+from helpers.support import agree, area_light, diffuse, over_seeds, plane, point_light, scene
+from oracles.gradients import Bins, View
 
 import tofrender
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import oracles
 import pytest
-from gradient_cases import (
+from helpers.gradient_cases import (
     CASES,
     DEPTH,
     DEPTH_2,
@@ -18,7 +17,8 @@ from gradient_cases import (
     SETUP,
     SINGLE,
 )
-from gradient_forms import (
+from oracles import films as oracles
+from oracles.gradients import (
     Arrived,
     Bins,
     Gate,
@@ -34,7 +34,7 @@ from gradient_forms import (
     slab,
     sphere_light,
 )
-from nlos_oracles import three_bounces
+from oracles.nlos import three_bounces
 
 Z = np.array([0.0, 0.0, 1.0])
 LAMP = (0.5, 0.0, 2.0)

@@ -11,15 +11,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gradient_cases import (
+from helpers.gradient_cases import (
     GATED_PLANE,
     INDEX,
     MIRROR_2,
     PLANE,
     picture_film,
 )
-from gradient_of import attached, forward, reverse
-from support import with_film
+from helpers.gradient_of import attached, forward, reverse
+from helpers.support import with_film
 
 import tofrender
 

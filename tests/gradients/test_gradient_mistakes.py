@@ -16,7 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gradient_cases import (
+from helpers.gradient_cases import (
     CORRIDOR,
     DEPTH,
     INDEX_2,
@@ -29,9 +29,9 @@ from gradient_cases import (
     RADIUS_2,
     floor_scene,
 )
-from gradient_forms import Bins
-from gradient_of import Case, forward, reverse
-from support import area_light, over_seeds
+from helpers.gradient_of import Case, forward, reverse
+from helpers.support import area_light, over_seeds
+from oracles.gradients import Bins
 
 SEEDS = range(6)
 HALF_PERCENT = 5e-3

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from gradient_cases import TABLE
+from helpers.gradient_cases import TABLE
 
 from benchmarks.misuka_sphere import FREQUENCIES, closed_form
 from tofrender.integrators.derivatives import MOST_KEPT

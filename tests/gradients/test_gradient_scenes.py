@@ -9,10 +9,10 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from gradient_cases import CASES
-from gradient_forms import Phasor, derived
-from gradient_of import differences, render
-from support import over_seeds
+from helpers.gradient_cases import CASES
+from helpers.gradient_of import differences, render
+from helpers.support import over_seeds
+from oracles.gradients import Phasor, derived
 
 SEEDS = range(1, 5)
 NOISY = {"index": 0.2}

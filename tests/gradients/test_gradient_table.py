@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gradient_cases import (
+from helpers.gradient_cases import (
     CASES,
     CORRIDOR,
     DEPTH,
@@ -27,9 +27,9 @@ from gradient_cases import (
     RADIUS,
     RADIUS_2,
 )
-from gradient_forms import Bins
-from gradient_of import attached, differences, forward, reverse
-from support import agree, over_seeds
+from helpers.gradient_of import attached, differences, forward, reverse
+from helpers.support import agree, over_seeds
+from oracles.gradients import Bins
 
 from tofrender.integrators import passes
 

@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gradient_cases import ALBEDO_2, MIRROR_2, PLANE
-from gradient_of import attached
+from helpers.gradient_cases import ALBEDO_2, MIRROR_2, PLANE
+from helpers.gradient_of import attached
 
 VARIANTS = (
     "llvm_ad_mono",

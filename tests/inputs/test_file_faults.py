@@ -16,11 +16,11 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
-from bad_inputs import listing, one_clear_line
-from hidden_scenes import Wall, capture_of, rectangle
+from helpers.bad_inputs import listing, one_clear_line
+from helpers.hidden_scenes import Wall, capture_of, rectangle
+from helpers.limited import write_film
+from helpers.made_dataset import make_dataset
 from hypothesis import HealthCheck, given, settings, strategies as st
-from limited import write_film
-from made_dataset import make_dataset
 
 import tofrender
 from tofrender import io

@@ -11,14 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import lamp_above_floor
 import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
-from bad_inputs import listing, outcome, sample
-from hidden_scenes import Wall, capture_of, rectangle
-from made_dataset import make_dataset
+from helpers.bad_inputs import listing, outcome, sample
+from helpers.hidden_scenes import Wall, capture_of, rectangle
+from helpers.made_dataset import make_dataset
+from oracles import lamp_above_floor
 
 import tofrender
 from tofrender import sampling

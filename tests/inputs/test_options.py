@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 import typer
-from bad_inputs import listing, one_clear_line
-from hidden_scenes import small_capture as captured
-from made_dataset import make_dataset
+from helpers.bad_inputs import listing, one_clear_line
+from helpers.hidden_scenes import small_capture as captured
+from helpers.made_dataset import make_dataset
 
 from tofrender import io
 from tofrender.cli.app import app, main

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import mitsuba as mi
 import numpy as np
 import pytest
-from bad_inputs import ANY, outcome
+from helpers.bad_inputs import ANY, outcome
 
 import tofrender
 from tofrender.integrators import passes

@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from bad_inputs import listing, one_clear_line
+from helpers.bad_inputs import listing, one_clear_line
 
 import tofrender
 from tofrender.integrators import passes

@@ -14,9 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gallery import SCENES
-from light_path_oracles import reflectance
-from light_paths import (
+from helpers.gallery import SCENES
+from helpers.light_paths import (
     BDPT,
     GLASS,
     LIGHT_TRACER,
@@ -33,7 +32,7 @@ from light_paths import (
     summary,
     through,
 )
-from support import (
+from helpers.support import (
     agree,
     area_light,
     camera,
@@ -51,6 +50,7 @@ from support import (
     with_film,
     with_integrator,
 )
+from oracles.light_paths import reflectance
 
 import tofrender
 

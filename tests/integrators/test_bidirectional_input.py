@@ -8,8 +8,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
-from support import camera, film, load, scene, translate
+from helpers.light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
+from helpers.support import camera, film, load, scene, translate
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint

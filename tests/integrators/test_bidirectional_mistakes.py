@@ -13,8 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from light_path_oracles import View, out_of_glass, under_a_point, window_area
-from light_paths import (
+from helpers.light_paths import (
     ALBEDO,
     GLASS,
     LIGHT_TRACER,
@@ -24,7 +23,7 @@ from light_paths import (
     spot,
     through,
 )
-from support import (
+from helpers.support import (
     area_light,
     camera,
     diffuse,
@@ -35,6 +34,7 @@ from support import (
     scene,
     translate,
 )
+from oracles.light_paths import View, out_of_glass, under_a_point, window_area
 
 from tofrender.films.splats import Splats, footprint
 from tofrender.paths.lens import Lens

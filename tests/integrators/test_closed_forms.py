@@ -6,9 +6,8 @@ import math
 
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from support import (
+from helpers.support import (
     agree,
     area_light,
     beam,
@@ -26,6 +25,7 @@ from support import (
     translate,
     unit,
 )
+from oracles import films as oracles
 
 from tofrender.paths.endpoints import EmitterHits, SceneLights
 from tofrender.scenes import cornell_box

@@ -10,8 +10,8 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from gallery import SCENES, emitter_grid
-from support import (
+from helpers.gallery import SCENES, emitter_grid
+from helpers.support import (
     agree,
     camera,
     diffuse,

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import (
+from helpers.support import (
     agree,
     area_light,
     camera,

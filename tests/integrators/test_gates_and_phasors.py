@@ -9,7 +9,7 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import (
+from helpers.support import (
     area_light,
     camera,
     diffuse,

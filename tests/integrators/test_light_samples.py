@@ -7,10 +7,9 @@ import math
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from gallery import SCENES as GALLERY
-from support import (
+from helpers.gallery import SCENES as GALLERY
+from helpers.support import (
     agree,
     area_light,
     beam,
@@ -29,6 +28,7 @@ from support import (
     with_integrator,
     with_sampler,
 )
+from oracles import films as oracles
 
 import tofrender
 from tofrender.films.recording import recording

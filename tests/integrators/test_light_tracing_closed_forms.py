@@ -13,26 +13,8 @@ from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from light_path_oracles import (
-    Caustic,
-    Light,
-    View,
-    ball_in_a_lens,
-    out_of_glass,
-    reflectance,
-    through_a_ball,
-    through_a_slab,
-    under_a_ball,
-    under_a_disk,
-    under_a_point,
-    under_a_rectangle,
-    under_a_sky,
-    under_a_sun,
-    window_area,
-)
-from light_paths import (
+from helpers.light_paths import (
     ALBEDO,
     BDPT,
     GLASS,
@@ -49,7 +31,7 @@ from light_paths import (
     spot,
     through,
 )
-from support import (
+from helpers.support import (
     agree,
     area_light,
     camera,
@@ -66,6 +48,24 @@ from support import (
     translate,
     unit,
     with_integrator,
+)
+from oracles import films as oracles
+from oracles.light_paths import (
+    Caustic,
+    Light,
+    View,
+    ball_in_a_lens,
+    out_of_glass,
+    reflectance,
+    through_a_ball,
+    through_a_slab,
+    under_a_ball,
+    under_a_disk,
+    under_a_point,
+    under_a_rectangle,
+    under_a_sky,
+    under_a_sun,
+    window_area,
 )
 
 import tofrender

@@ -9,8 +9,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from peer_scenes import give_names_back
-from support import largest, with_sampler
+from helpers.peer_scenes import give_names_back
+from helpers.support import largest, with_sampler
 
 import tofrender
 from tofrender.runtime import plugins

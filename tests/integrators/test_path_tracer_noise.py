@@ -7,19 +7,19 @@ import math
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from support import (
+from helpers.support import (
     agree,
     load,
 )
-from tracers import (
+from helpers.tracers import (
     COURSE,
     TRACERS,
     course,
     paths,
     through_pixels,
 )
+from oracles import films as oracles
 
 from tofrender.scenes.light_transport import VEACH_LIGHTS, VEACH_PLATES
 

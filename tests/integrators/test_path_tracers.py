@@ -10,8 +10,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gallery import SCENES
-from support import (
+from helpers.gallery import SCENES
+from helpers.support import (
     agree,
     area_light,
     camera,
@@ -27,7 +27,7 @@ from support import (
     scene,
     translate,
 )
-from tracers import (
+from helpers.tracers import (
     ALBEDO,
     COURSE,
     DARK,

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import oracles
 import pytest
-from gallery import SCENES
-from support import (
+from helpers.gallery import SCENES
+from helpers.support import (
     agree,
     camera,
     film,
@@ -18,7 +17,7 @@ from support import (
     rendered,
     with_film,
 )
-from tracers import (
+from helpers.tracers import (
     ALBEDO,
     GLOW,
     TRACERS,
@@ -29,6 +28,7 @@ from tracers import (
     steady,
     traced,
 )
+from oracles import films as oracles
 
 
 @pytest.mark.statistical

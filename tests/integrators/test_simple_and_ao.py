@@ -7,10 +7,8 @@ import math
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from lit_ball import CENTRE, ENERGY, EYE, POSITION, RADIUS, formula, meets_ball, occluded, spread
-from support import (
+from helpers.support import (
     agree,
     area_light,
     camera,
@@ -26,7 +24,19 @@ from support import (
     translate,
     unit,
 )
-from tracers import paths, steady
+from helpers.tracers import paths, steady
+from oracles import films as oracles
+from oracles.ball import (
+    CENTRE,
+    ENERGY,
+    EYE,
+    POSITION,
+    RADIUS,
+    formula,
+    meets_ball,
+    occluded,
+    spread,
+)
 
 import tofrender
 from tofrender.scenes import BUILT_IN

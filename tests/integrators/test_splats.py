@@ -13,9 +13,9 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from light_path_oracles import View, window_area
-from light_paths import ALBEDO, LIGHT_TRACER, SEEDS, by, looking_down, spot
-from support import agree, load, over_seeds, rendered, with_film, with_sampler
+from helpers.light_paths import ALBEDO, LIGHT_TRACER, SEEDS, by, looking_down, spot
+from helpers.support import agree, load, over_seeds, rendered, with_film, with_sampler
+from oracles.light_paths import View, window_area
 
 import tofrender
 from tofrender.integrators import passes

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import area_light, camera, film, load, plane, scene
+from helpers.support import area_light, camera, film, load, plane, scene
 
 import tofrender
 

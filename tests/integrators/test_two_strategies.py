@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import light_path_oracles as oracles
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import camera, diffuse, film, load
+from helpers.support import camera, diffuse, film, load
+from oracles import light_paths as oracles
 
 from tofrender.integrators.two_strategies import TransientTwoStrategies
 

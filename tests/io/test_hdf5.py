@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
-from made_dataset import assert_same
+from helpers.hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
+from helpers.made_dataset import assert_same
 
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct

@@ -18,8 +18,8 @@ import imageio_ffmpeg
 import numpy as np
 import OpenEXR
 import pytest
-from hidden_scenes import Wall, capture_of, letter_z
-from made_dataset import START, WIDTH, assert_same, make_dataset
+from helpers.hidden_scenes import Wall, capture_of, letter_z
+from helpers.made_dataset import START, WIDTH, assert_same, make_dataset
 from PIL import Image, ImageSequence
 
 from tofrender import io

@@ -7,8 +7,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import cube, filled, fog
-from support import (
+from helpers.fogs import cube, filled, fog
+from helpers.support import (
     TIME,
     agree,
     area_light,

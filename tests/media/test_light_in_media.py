@@ -8,9 +8,21 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import DEPTH, FLAKES, HUGE, LIT, SCENES, THIN, cube, described, filled, fog, sphere
-from light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
-from support import (
+from helpers.fogs import (
+    DEPTH,
+    FLAKES,
+    HUGE,
+    LIT,
+    SCENES,
+    THIN,
+    cube,
+    described,
+    filled,
+    fog,
+    sphere,
+)
+from helpers.light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
+from helpers.support import (
     agree,
     area_light,
     camera,

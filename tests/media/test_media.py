@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import FLAKES, TWO_LOBES, fog
+from helpers.fogs import FLAKES, TWO_LOBES, fog
 
 from tofrender.integrators.plan import Plan
 from tofrender.paths import media as media_module

@@ -11,8 +11,8 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import DEPTH, SCENES, described
-from support import agree, load, over_seeds, steady_twin
+from helpers.fogs import DEPTH, SCENES, described
+from helpers.support import agree, load, over_seeds, steady_twin
 
 pytestmark = pytest.mark.statistical
 SEEDS = range(8)

@@ -7,7 +7,7 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import FLAKES, TWO_LOBES, cloud, cube, filled, fog, volume
+from helpers.fogs import FLAKES, TWO_LOBES, cloud, cube, filled, fog, volume
 
 import tofrender
 

@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import BALL, DEPTH, FLOOR, LIT, SKY, THIN, sphere
-from support import (
+from helpers.fogs import BALL, DEPTH, FLOOR, LIT, SKY, THIN, sphere
+from helpers.support import (
     agree,
     area_light,
     camera,

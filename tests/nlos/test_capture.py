@@ -7,7 +7,8 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import (
+from helpers.support import agree, camera, film, over_seeds
+from oracles.nlos import (
     Grid,
     Rectangle,
     Setup,
@@ -20,7 +21,6 @@ from nlos_oracles import (
     three_bounces,
     total,
 )
-from support import agree, camera, film, over_seeds
 
 from tofrender.nlos import capture, check_capture, focus_laser
 from tofrender.nlos.device.relay_wall import find_relay_wall

@@ -5,8 +5,8 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import Grid, Rectangle, Setup, confocal, load_nlos, single
-from support import camera, film
+from helpers.support import camera, film
+from oracles.nlos import Grid, Rectangle, Setup, confocal, load_nlos, single
 
 import tofrender
 from tofrender.nlos import without_first_and_last_legs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
-from hidden_scenes import Wall, capture_of, sphere, turned
+from helpers.hidden_scenes import Wall, capture_of, sphere, turned
 
 from tofrender.nlos import check_capture, make_capture, without_first_and_last_legs
 from tofrender.nlos.captures import first_and_last_legs

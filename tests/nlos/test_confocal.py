@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import oracles
 import pytest
-from nlos_oracles import (
+from helpers.support import agree, camera, diffuse, film, over_seeds, rendered
+from oracles import films as oracles
+from oracles.nlos import (
     Grid,
     Groove,
     Nodes,
@@ -24,7 +25,6 @@ from nlos_oracles import (
     three_bounces,
     total,
 )
-from support import agree, camera, diffuse, film, over_seeds, rendered
 
 SEEDS = range(16)
 GRID = Grid(2, 2)

@@ -7,7 +7,8 @@ import functools
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import (
+from helpers.support import agree, diffuse, film, over_seeds, rendered
+from oracles.nlos import (
     Groove,
     Nodes,
     Rectangle,
@@ -18,7 +19,6 @@ from nlos_oracles import (
     sphere_nodes,
     spot,
 )
-from support import agree, diffuse, film, over_seeds, rendered
 from test_confocal import (
     LASER,
     LIT,

@@ -8,8 +8,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from fogs import cube, filled, fog
-from support import agree, diffuse, film, load, over_seeds, plane, rotate, scene, translate
+from helpers.fogs import cube, filled, fog
+from helpers.support import agree, diffuse, film, load, over_seeds, plane, rotate, scene, translate
 
 import tofrender
 from tofrender.nlos.light.laser_in_media import LaserInMedia

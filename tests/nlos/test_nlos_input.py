@@ -8,7 +8,8 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import (
+from helpers.support import agree, camera, diffuse, film, over_seeds, point_light, rendered
+from oracles.nlos import (
     Grid,
     Rectangle,
     Setup,
@@ -19,7 +20,6 @@ from nlos_oracles import (
     spot,
     total,
 )
-from support import agree, camera, diffuse, film, over_seeds, point_light, rendered
 from test_projector import lit_by, projector, spots
 
 import tofrender

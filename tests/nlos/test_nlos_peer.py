@@ -9,8 +9,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import Rectangle, Setup, estimates, load_nlos, relay_wall
-from support import agree, film, grey, over_seeds
+from helpers.support import agree, film, grey, over_seeds
+from oracles.nlos import Rectangle, Setup, estimates, load_nlos, relay_wall
 
 SEEDS = range(12)
 DEVICE = (-0.5, 0.0, 0.25)

@@ -13,8 +13,8 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import Grid, Rectangle, Setup, load_nlos, single, total
-from support import diffuse, film, grey, plane, rotate, translate
+from helpers.support import diffuse, film, grey, plane, rotate, translate
+from oracles.nlos import Grid, Rectangle, Setup, load_nlos, single, total
 
 import tofrender
 

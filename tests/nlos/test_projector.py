@@ -7,9 +7,10 @@ import math
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from nlos_oracles import (
+from helpers.support import agree, film, load, over_seeds, rendered, with_sampler
+from oracles import films as oracles
+from oracles.nlos import (
     Grid,
     Rectangle,
     Setup,
@@ -21,7 +22,6 @@ from nlos_oracles import (
     three_bounces,
     total,
 )
-from support import agree, film, load, over_seeds, rendered, with_sampler
 
 from tofrender.scenes import cornell_box
 

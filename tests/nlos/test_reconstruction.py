@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 import numpy as np
 import pytest
 import xarray as xr
-from hidden_scenes import (
+from helpers.hidden_scenes import (
     STRAIGHT,
     Patches,
     Wall,

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_support import register_retroreflector
+from helpers.nlos import register_retroreflector
 
 from tofrender.sampling import bsdf_case, chi_square_suite
 

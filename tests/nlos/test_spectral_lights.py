@@ -9,8 +9,8 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_oracles import Rectangle, Setup, confocal, load_nlos, single
-from support import camera, diffuse, film, load, plane, rendered, scene
+from helpers.support import camera, diffuse, film, load, plane, rendered, scene
+from oracles.nlos import Rectangle, Setup, confocal, load_nlos, single
 
 SPECTRAL = "llvm_ad_spectral"
 DEVICE, LASER, LIT = (-0.6, 0.3, 1.2), (-0.8, -0.5, 0.6), (-0.3, 0.25, 0.0)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
-from hidden_scenes import capture_of, rectangle, turned
+from helpers.hidden_scenes import capture_of, rectangle, turned
 
 import tofrender
 from tofrender.nlos import hidden_depth

@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from gallery import SCENES
-from support import agree, over_seeds, with_sampler
+from helpers.gallery import SCENES
+from helpers.support import agree, over_seeds, with_sampler
 
 import tofrender
 from tofrender.paths.endpoints import GatedLights, SceneLights

@@ -13,8 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from light_paths import GLASS
-from support import diffuse, load, plane, point_light
+from helpers.light_paths import GLASS
+from helpers.support import diffuse, load, plane, point_light
 
 from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from support import (
+from helpers.support import (
     agree,
     area_light,
     beam,
@@ -29,6 +28,7 @@ from support import (
     translate,
     unit,
 )
+from oracles import films as oracles
 
 import tofrender
 from tofrender.paths.camera import ray_origin

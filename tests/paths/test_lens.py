@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import camera, film, load, unit
+from helpers.support import camera, film, load, unit
 
 from tofrender.paths.camera import pixel_corner, ray_origin, sampled_size
 from tofrender.paths.lens import Lens

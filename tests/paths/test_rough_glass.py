@@ -8,7 +8,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import (
+from helpers.support import (
     agree,
     area_light,
     camera,

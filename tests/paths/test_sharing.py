@@ -18,10 +18,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from light_path_oracles import window_area
-from light_paths import GLASS, MIRROR, ball, facing_down, spot
-from replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
-from support import (
+from helpers.light_paths import GLASS, MIRROR, ball, facing_down, spot
+from helpers.support import (
     area_light,
     camera,
     diffuse,
@@ -35,6 +33,8 @@ from support import (
     translate,
     unit,
 )
+from oracles.light_paths import window_area
+from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
 
 from tofrender.paths.emission import Emission
 from tofrender.paths.endpoints.camera import Camera

@@ -9,8 +9,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import browser
 import pytest
+from helpers import browser
 
 import tofrender
 from tofrender.runtime.lazy import public_names

@@ -9,10 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import durations
 import pytest
-import workers
 import yaml
+from helpers import durations, workers
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,7 +43,9 @@ def test_quick():
 def run_pytest(folder: Path, *options: str, ci: str = "") -> tuple[int, list[str]]:
     """Exit status and lines of a run with a limit of 0.2 s, without this project's settings."""
     folder.joinpath("test_times.py").write_text(TIMES)
-    plugin = "from durations import *\nimport durations\ndurations.LIMIT_S = 0.2\n"
+    plugin = (
+        "from helpers.durations import *\nfrom helpers import durations\ndurations.LIMIT_S = 0.2\n"
+    )
     folder.joinpath("limited.py").write_text(plugin)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "limited", "-p", "no:cacheprovider"]
     paths = os.pathsep.join([str(folder), str(ROOT / "tests")])

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from films_in_parts import ROOT, box, check_same
+from helpers.films_in_parts import ROOT, box, check_same
 
 import tofrender
 from tofrender import cornell_box, cornell_box_steady_state, render

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from hidden_scenes import Wall, capture_of, letter_z
-from limited import at_most, write_film
-from made_dataset import make_dataset
+from helpers.hidden_scenes import Wall, capture_of, letter_z
+from helpers.limited import at_most, write_film
+from helpers.made_dataset import make_dataset
 
 import tofrender
 from tofrender import io, nlos, vis
@@ -362,8 +362,8 @@ MEASURED = """
 import sys
 from pathlib import Path
 import numpy as np
-from made_dataset import make_dataset
-from limited import write_film
+from helpers.made_dataset import make_dataset
+from helpers.limited import write_film
 from tofrender import io, vis
 from tofrender.analysis import transient_to_phasor
 from tofrender.rendering.cubes import Cube

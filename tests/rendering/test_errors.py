@@ -8,11 +8,11 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from films_in_parts import box, differences, in_small_steps, one_line, render
-from noise_oracles import paths, sphere, truth
-from oracles import disk_light_masses
+from helpers.films_in_parts import box, differences, in_small_steps, one_line, render
+from helpers.support import area_light, camera, diffuse, film, plane, rotate, scene, translate
+from oracles.films import disk_light_masses
+from oracles.noise import paths, sphere, truth
 from scipy.stats import t as student
-from support import area_light, camera, diffuse, film, plane, rotate, scene, translate
 
 import tofrender
 from tofrender.rendering import pieces

@@ -19,7 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import agree, largest
+from helpers.support import agree, largest
 
 import tofrender
 from tofrender import nlos

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from hidden_scenes import Wall, capture_of, rectangle
+from helpers.hidden_scenes import Wall, capture_of, rectangle
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT

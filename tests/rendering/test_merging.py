@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
-from films_in_parts import box, crop, differences, one_line, render, with_film
-from noise_oracles import paths, sphere, truth
-from support import with_integrator
+from helpers.films_in_parts import box, crop, differences, one_line, render, with_film
+from helpers.support import with_integrator
+from oracles.noise import paths, sphere, truth
 from test_errors import bins_of, covered, is_calibrated
 
 from tofrender import load_zarr, merge, save_zarr

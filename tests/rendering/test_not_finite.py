@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import camera, diffuse, film, load, plane, point_light, scene
+from helpers.support import camera, diffuse, film, load, plane, point_light, scene
 
 import tofrender
 

@@ -7,9 +7,9 @@ import dataclasses
 import mitsuba as mi
 import numpy as np
 import pytest
-from films_in_parts import ROUNDING, box, crop, with_film
-from nlos_support import builder
-from support import agree, with_integrator
+from helpers.films_in_parts import ROUNDING, box, crop, with_film
+from helpers.nlos import builder
+from helpers.support import agree, with_integrator
 
 from tofrender.rendering.asked import Asked
 from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole

@@ -15,7 +15,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import area_light, camera, film, grey, plane, point_light, scene, translate
+from helpers.support import area_light, camera, film, grey, plane, point_light, scene, translate
 
 import tofrender
 from tofrender.integrators import passes as base

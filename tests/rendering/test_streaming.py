@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
-from films_in_parts import (
+from helpers.films_in_parts import (
     box,
     check_same,
     crop,
@@ -29,8 +29,8 @@ from films_in_parts import (
     script,
     with_film,
 )
-from nlos_support import builder
-from support import with_integrator
+from helpers.nlos import builder
+from helpers.support import with_integrator
 
 import tofrender
 from tofrender import load_zarr, save_zarr
@@ -269,7 +269,7 @@ def test_stopped_again_and_again(out, monkeypatch, whole):
 
 _PAUSED = """
 import sys, time
-from films_in_parts import box, in_small_steps, in_tiles
+from helpers.films_in_parts import box, in_small_steps, in_tiles
 import pytest, tofrender
 from tofrender.rendering import pieces
 from tofrender.rendering.store import Store

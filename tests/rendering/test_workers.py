@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from dask.utils import parse_timedelta
-from films_in_parts import (
+from helpers.films_in_parts import (
     box,
     check_same,
     crop,
@@ -437,7 +437,7 @@ def test_an_address_where_nobody_answers(monkeypatch, place):
 _SENDS = """
 import sys
 import pytest
-from films_in_parts import box, in_tiles
+from helpers.films_in_parts import box, in_tiles
 import tofrender
 from tofrender.rendering import job, workers
 from tofrender.runtime.checkpoints import Checkpoint

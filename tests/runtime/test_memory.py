@@ -10,7 +10,7 @@ import sys
 import mitsuba as mi
 import psutil
 import pytest
-from support import film
+from helpers.support import film
 
 from tofrender.runtime import memory
 

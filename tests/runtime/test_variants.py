@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from gallery import SCENES
-from support import camera, diffuse, film, path_image, plane, point_light, rendered, scene
+from helpers.gallery import SCENES
+from helpers.support import camera, diffuse, film, path_image, plane, point_light, rendered, scene
+from oracles import films as oracles
 
 import tofrender
 

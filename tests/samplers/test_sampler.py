@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import agree, load, over_seeds, rendered, with_sampler
+from helpers.support import agree, load, over_seeds, rendered, with_sampler
 
 import tofrender
 from tofrender.integrators import passes as base

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import ALPHA, COMPARISONS, area_light
+from helpers.support import ALPHA, COMPARISONS, area_light
 
 from tofrender.sampling import bsdf_case, chi_square_suite, chi_square_test, light_case, warp_case
 from tofrender.sampling.domains import DOMAINS, find

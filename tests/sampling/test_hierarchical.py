@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import ALPHA, COMPARISONS, agree, largest
+from helpers.support import ALPHA, COMPARISONS, agree, largest
 
 from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
 from tofrender.sampling.histograms import pearson

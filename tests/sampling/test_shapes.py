@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import COMPARISONS, agree, over_seeds, rotate, translate, unit
+from helpers.support import COMPARISONS, agree, over_seeds, rotate, translate, unit
 
 from tofrender.sampling import (
     Quad,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import ALPHA, COMPARISONS, agree
+from helpers.support import ALPHA, COMPARISONS, agree
 
 from tofrender.sampling.statistics import p_values, smallest_allowed, student_tail
 

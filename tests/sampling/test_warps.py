@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import ALPHA, COMPARISONS
+from helpers.support import ALPHA, COMPARISONS
 
 import tofrender
 from tofrender.sampling import WARPS, warp_case

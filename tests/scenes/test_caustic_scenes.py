@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.support import parsed, require_equal, with_film, with_integrator
 from scipy import ndimage
-from support import parsed, require_equal, with_film, with_integrator
 
 import tofrender
 from tofrender.scenes import BUILT_IN, describe

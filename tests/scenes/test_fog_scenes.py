@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import agree, over_seeds, parsed, require_equal, with_film, with_integrator
+from helpers.support import agree, over_seeds, parsed, require_equal, with_film, with_integrator
 
 import tofrender
 from tofrender.scenes import BUILT_IN, describe, fog

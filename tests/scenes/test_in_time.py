@@ -7,7 +7,7 @@ import warnings
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import area_light, diffuse, film
+from helpers.support import area_light, diffuse, film
 
 import tofrender
 from tofrender.scenes import cornell_box_steady_state

@@ -370,6 +370,8 @@ def test_mitsubas_plugins_come_from_its_own_folder(tmp_path):
         (tmp_path / "plugins" / f"{name}.so").write_bytes(b"no library: opening it fails")
     (tmp_path / "scene.xml").write_bytes(XML.read_bytes())
     size = ["--size", "4x4", "--spp", "1", "--window", "4,16", "--bins", "4", "--no-video"]
-    command = [sys.executable, "-P", "-m", "tofrender", "render", "scene.xml", "--out", "out", *size]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    command = [sys.executable, "-P", "-m", "tofrender", "render", "scene.xml"]
+    done = subprocess.run(
+        [*command, "--out", "out", *size], cwd=tmp_path, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr

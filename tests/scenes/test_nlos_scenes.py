@@ -8,8 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba import parser
-from nlos_support import (
+from helpers.nlos import (
     ALL,
     BOXES,
     CONFOCAL,
@@ -20,6 +19,7 @@ from nlos_support import (
     register_retroreflector,
     stands_alone,
 )
+from mitsuba import parser
 
 import tofrender
 from tofrender.scenes import describe

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-import peer_scenes
 import pytest
-from nlos_oracles import Nodes, Setup, total
-from support import agree, over_seeds
+from helpers import peer_scenes
+from helpers.support import agree, over_seeds
+from oracles.nlos import Nodes, Setup, total
 
 import tofrender
 from tofrender.nlos.device.laser import axis

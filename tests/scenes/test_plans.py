@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from nlos_support import ALL, WALLS, WITH_WALL, builder, register_retroreflector, stands_alone
+from helpers.nlos import ALL, WALLS, WITH_WALL, builder, register_retroreflector, stands_alone
 
 import tofrender
 from tofrender.vis.plans import plan_figure

@@ -8,7 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import parsed, require_equal, with_film
+from helpers.support import parsed, require_equal, with_film
 
 import tofrender
 from tofrender.scenes import BUILT_IN, describe, polarised

@@ -8,7 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from support import parsed, require_equal
+from helpers.support import parsed, require_equal
 
 import tofrender  # noqa: F401  (picks the variant, registers the plugins)
 from tofrender.scenes import (

@@ -7,9 +7,9 @@ import math
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import oracles
 import pytest
-from support import ALPHA, COMPARISONS
+from helpers.support import ALPHA, COMPARISONS
+from oracles import films as oracles
 
 from tofrender.sampling.statistics import smallest_allowed
 from tofrender.signals.pulses import BoxPulse, GaussianPulse, SampledPulse, convolve

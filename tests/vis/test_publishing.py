@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import xarray as xr
-from made_dataset import make_dataset
+from helpers.made_dataset import make_dataset
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image

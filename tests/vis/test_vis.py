@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_dataset import make_dataset
+from helpers.made_dataset import make_dataset
 from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation
 

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from made_dataset import START, WIDTH, make_dataset
+from helpers.made_dataset import START, WIDTH, make_dataset
 from matplotlib import pyplot as plt
 from test_vis import drawn
 

@@ -10,7 +10,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from gradient_forms import Arrived, Bins, Gate, Phasor, derived
+from oracles.gradients import Arrived, Bins, Gate, Phasor, derived
 
 import tofrender
 from tofrender.runtime.plugins import own_name

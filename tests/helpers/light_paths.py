@@ -6,8 +6,9 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from light_path_oracles import View
-from support import (
+from oracles.light_paths import View
+
+from helpers.support import (
     agree,
     area_light,
     camera,

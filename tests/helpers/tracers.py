@@ -5,8 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from support import agree, area_light, camera, diffuse, film, load, scene, steady_twin
 
+from helpers.support import agree, area_light, camera, diffuse, film, load, scene, steady_twin
 from tofrender.scenes import BUILT_IN
 
 TRACERS = {

@@ -17,7 +17,7 @@ import tofrender
 from tofrender.integrators import passes
 from tofrender.rendering import job, pieces, store, streaming
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 ROUNDING = 1e-5
 """What adding in another order may change, relative to the brightest value."""
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from gradient_forms import (
+from oracles.gradients import (
     Bins,
     Correlation,
     Gate,
@@ -25,9 +25,10 @@ from gradient_forms import (
     slab,
     sphere_light,
 )
-from gradient_of import PULSE_KEY, Case
-from nlos_oracles import Rectangle, Setup, confocal, single
-from support import area_light, camera, diffuse, film, plane, point_light, scene
+from oracles.nlos import Rectangle, Setup, confocal, single
+
+from helpers.gradient_of import PULSE_KEY, Case
+from helpers.support import area_light, camera, diffuse, film, plane, point_light, scene
 
 Z = np.array([0.0, 0.0, 1.0])
 SINGLE_PATH = {"light_samples": 1}

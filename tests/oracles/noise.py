@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from oracles import sphere_bounce_masses, sphere_bounce_total
-from support import camera, diffuse, film, point_light, scene
+from helpers.support import camera, diffuse, film, point_light, scene
+
+from oracles.films import sphere_bounce_masses, sphere_bounce_total
 
 RADIUS, ALBEDO, INTENSITY, BOUNCES = 1.0, 0.8, 1.0, 4
 BINS, START, WIDTH = 32, 1.9, 0.2

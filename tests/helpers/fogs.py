@@ -9,7 +9,8 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from support import (
+
+from helpers.support import (
     area_light,
     camera,
     diffuse,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import tiny_assignment
+from helpers import tiny_assignment
 
 RUBRIC = """
 [assignment]

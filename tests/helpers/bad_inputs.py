@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from made_dataset import make_dataset
+
+from helpers.made_dataset import make_dataset
 
 LONGEST = 600
 """Characters of a line that can still be read at a glance."""

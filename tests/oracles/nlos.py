@@ -20,8 +20,8 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from helpers.support import diffuse, film, grey, unit
 from numpy.polynomial.legendre import leggauss
-from support import diffuse, film, grey, unit
 
 import tofrender
 

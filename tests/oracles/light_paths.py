@@ -15,8 +15,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import oracles
 from numpy.polynomial.legendre import leggauss
+
+from oracles import films as oracles
 
 C = 299_792_458.0
 

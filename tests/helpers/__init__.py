@@ -1,0 +1,1 @@
+"""Scenes, inputs, processes and comparisons that tests of several packages share."""

@@ -1,0 +1,1 @@
+"""Closed forms and independent estimators that tests compare renders with; NumPy alone."""
