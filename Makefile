@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-kills test-inputs verify lint bench bench-full bench-lost clean
+.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost clean
 
 OUT ?= out/cornell_box
 
@@ -19,8 +19,17 @@ notebook: setup ## open the notebooks in JupyterLab; running them leaves the fil
 docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks
 	.venv/bin/python docs/build.py $(ARGS)
 
-test: setup ## run all tests, on all cores; ARGS='-m "not slow and not statistical"' runs the fast ones
-	.venv/bin/python -m pytest -n auto --dist worksteal $(ARGS)
+test: setup ## test every part, in under eight minutes; ARGS='-m "not slow and not statistical"' in one
+	.venv/bin/python -m pytest -n auto --dist worksteal --brief $(ARGS)
+
+test-all: setup ## run all tests, in half an hour; SHARD=3/8 runs the third of eight parts
+	.venv/bin/python -m pytest -n auto --dist worksteal $(if $(SHARD),--shard $(SHARD)) $(ARGS)
+
+durations: setup ## run all tests and store what each takes, by which make test and shards are chosen
+	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --store-durations $(ARGS)
+
+mutants: setup ## plant a hundred bugs, one at a time, and see that the tests find each
+	.venv/bin/python -m tests.mutants $(ARGS)
 
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes
 	TOFRENDER_KILLS=20 .venv/bin/python -m pytest -k random_moment tests/cli/test_cli_stopped.py $(ARGS)

@@ -1,4 +1,4 @@
-"""Build the documentation: `make docs`, or `python docs/build.py [--quick]`.
+"""Build the documentation: `make docs`, or `python docs/build.py [--quick | --since COMMIT]`.
 
 Pages come from docs/, notebooks/, scenes/README.md, assignments/README.md, CHANGELOG.md and
 CONTRIBUTING.md. All that is made is in build/docs: `source` is what Sphinx reads, `html` the site.
@@ -13,6 +13,7 @@ import hashlib
 import os
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -206,7 +207,16 @@ def faults() -> list[str]:
     return wrong
 
 
-def build(quick: bool = False) -> int:
+def changed(since: str) -> set[str]:
+    """Names of notebooks and examples that have changed since a commit."""
+    command = ["git", "diff", "--name-only", since, "--", "notebooks", "docs/gallery"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"--since {since}: must be a commit of this repository")
+    return {Path(line).name for line in done.stdout.splitlines()}
+
+
+def build(quick: bool = False, since: str | None = None) -> int:
     """Build the site; returns Sphinx's exit status, or 1 if a link is dead."""
     from sphinx.cmd.build import build_main
 
@@ -227,6 +237,8 @@ def build(quick: bool = False) -> int:
     options = ["-W", "--keep-going", "-q", "-d", str(BUILD / "doctrees")]
     if quick:
         options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=False"]
+    elif since is not None:
+        os.environ["DOCS_ONLY"] = " ".join(changed(since))
     status = build_main([*options, "-b", "html", str(SOURCE), str(HTML)])
     if status:
         return status
@@ -240,6 +252,10 @@ def build(quick: bool = False) -> int:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Build the documentation in build/docs/html.")
-    parser.add_argument("--quick", action="store_true", help="run no notebooks and no examples")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--quick", action="store_true", help="run no notebooks and no examples")
+    which.add_argument(
+        "--since", metavar="COMMIT", help="run the notebooks and examples changed since a commit"
+    )
     sys.path.insert(0, str(ROOT))
-    sys.exit(build(parser.parse_args().quick))
+    sys.exit(build(**vars(parser.parse_args())))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -37,6 +38,12 @@ myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_block", "attrs_inl
 myst_heading_anchors = 4
 suppress_warnings = ["config.cache"]  # The gallery's scraper is a function
 
+run_only = os.environ.get("DOCS_ONLY")  # Names of notebooks and examples; unset: all
+nb_execution_excludepatterns = [
+    f"*{path.name}"
+    for path in (HERE / "notebooks").glob("*.ipynb")
+    if run_only is not None and path.name not in run_only.split()
+]
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE.parent / "notebooks")
 nb_execution_timeout = 600
@@ -60,7 +67,9 @@ add_module_names = False
 sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parent / "examples"),
     "gallery_dirs": "gallery",
-    "filename_pattern": r"\.py$",
+    "filename_pattern": r"\.py$"
+    if run_only is None
+    else "|".join(map(re.escape, run_only.split())) or "(?!)",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (figures.scrape, "matplotlib"),
     "reset_modules": ("matplotlib", figures.strict),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 import pytest
-from helpers import browser, durations, workers
+from helpers import browser, durations, selection, workers
 
 import tofrender  # Picks the variant and registers the plugins
 
@@ -13,6 +13,7 @@ VARIANT = "llvm_ad_rgb"
 
 def pytest_addoption(parser):
     durations.pytest_addoption(parser)
+    selection.pytest_addoption(parser)
     parser.addoption(
         "--all-inputs",
         action="store_true",
@@ -23,13 +24,17 @@ def pytest_addoption(parser):
 pytest_configure = durations.pytest_configure
 
 
-def pytest_collection_modifyitems(items):
-    """Run tests of pages in a browser once more if they fail: a busy machine can be too slow."""
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Select; run tests of pages in a browser once more if they fail: a machine may be busy."""
+    selection.pytest_collection_modifyitems(config, items)
     for item in filter(lambda each: isinstance(each, pytest.Function), items):
         if any(each is browser or each is browser.page for each in vars(item.module).values()):
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 
+pytest_testnodedown = selection.pytest_testnodedown
+pytest_unconfigure = selection.pytest_unconfigure
 pytest_sessionstart = workers.pytest_sessionstart
 pytest_xdist_auto_num_workers = workers.pytest_xdist_auto_num_workers
 

@@ -1,83 +1,153 @@
-"""A test that is slow and does not say so fails the session, where durations are strict."""
+"""Processor time of each test: measured, stored in `tests/durations.json`, and watched in CI."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections import defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-SLOW_S = 0.5
-"""From here on a test needs the mark `slow`, all its cases together, on a quiet machine."""
+FILE = Path(__file__).parents[1] / "durations.json"
+"""Seconds of a case of each test function by file; those of fixtures for a module have an @."""
 
-NOISE = 12.0
-"""What several threads and the kernels that a first test compiles may make of that."""
+STORED_S = 0.05
+"""Less, for all cases of a test together, is not stored and counts as 0."""
 
-LIMIT_S = SLOW_S * NOISE
-
-
-SPENT = "processor_s"
+LIMIT_S = 12.0
+"""What `make test` runs may take this long, as several threads and compilation add to it."""
 
 
 def processor_s() -> float:
     """Time of all processors [s], with that of children that have ended.
 
-    It is the same on a busy machine, where the clock says more.
+    It hardly differs on a busy machine, unlike time by the clock.
     """
     return sum(os.times()[:4])
 
 
+def split(nodeid: str) -> tuple[str, str]:
+    """The file and the name of the test function of a node id.
+
+    >>> split("tests/films/test_film.py::test_bins[3-4]")
+    ('tests/films/test_film.py', 'test_bins')
+    """
+    file, _, test = nodeid.partition("[")[0].partition("::")
+    return file, test
+
+
+def load() -> dict[str, dict[str, float]]:
+    """The stored durations, file by file."""
+    return json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+
+
 class Durations:
-    """Adds up what the cases of each test computed, and fails the session over those too slow."""
+    """Measures what each test computes, with its own fixtures, in the process that runs it."""
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = defaultdict(float)
-
-    def too_slow(self) -> dict[str, float]:
-        """Seconds of the tests that need the mark and do not have it."""
-        return {test: s for test, s in self.seconds.items() if s > LIMIT_S}
+    def __init__(self, strict: bool = False) -> None:
+        self.strict = strict
+        self.cases: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self.fixtures: dict[tuple[str, str], float] = {}
+        self.own, self.shared = 0.0, {}
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        """Measure a test's own time, in the process that runs it; fixtures' is nobody's."""
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef) -> Iterator[None]:
+        """Measure a fixture: one for a single test belongs to that, one for many to none."""
         before = processor_s()
         try:
             return (yield)
         finally:
-            item.user_properties.append((SPENT, processor_s() - before))
+            spent = processor_s() - before
+            if fixturedef.scope == "function":
+                self.own += spent
+            else:
+                self.shared[fixturedef.argname] = spent
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        """Measure a test."""
+        before = processor_s()
+        try:
+            return (yield)
+        finally:
+            spent = self.own + processor_s() - before
+            item.user_properties += [("processor_s", spent), ("fixtures_s", self.shared)]
+            self.own, self.shared = 0.0, {}
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Count it."""
-        if report.when == "call" and "slow" not in report.keywords:
-            spent = dict(report.user_properties).get(SPENT, 0.0)
-            self.seconds[report.nodeid.partition("[")[0]] += float(str(spent))
+        """Collect the measurements in the process that reports."""
+        found: dict[str, Any] = dict(report.user_properties)
+        if report.when == "call" and "processor_s" in found:
+            file, test = split(report.nodeid)
+            self.cases[file, test].append(found["processor_s"])
+            for name, spent in found["fixtures_s"].items():
+                self.fixtures[file, f"@{name}"] = max(
+                    spent, self.fixtures.get((file, f"@{name}"), 0)
+                )
+
+    def too_slow(self) -> dict[str, float]:
+        """Seconds of the tests that took longer than a test of `make test` may."""
+        sums = {"::".join(key): sum(cases) for key, cases in self.cases.items()}
+        return {test: spent for test, spent in sums.items() if self.strict and spent > LIMIT_S}
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """Fail."""
+        """Fail if a test was too slow."""
         if self.too_slow() and session.exitstatus == pytest.ExitCode.OK:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
-        """Name them, a line each."""
-        for test, seconds in self.too_slow().items():
-            line = f"{test}: computed for {seconds:.1f} s; must be marked slow, or take {SLOW_S} s"
+        """Name the tests that were too slow, a line each."""
+        for test, spent in self.too_slow().items():
+            line = f"{test}: computed for {spent:.1f} s, more than {LIMIT_S:g} s: make durations"
             terminalreporter.write_line(line, red=True)
 
 
+class Store(Durations):
+    """Writes the measurements of the files that ran to `tests/durations.json`."""
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """Write the file: a line for each test file."""
+        if hasattr(session.config, "workerinput"):
+            return
+        stored = load()
+        for file in {file for file, _ in self.cases}:
+            stored[file] = {}
+        for (file, test), cases in self.cases.items():
+            if sum(cases) >= STORED_S:
+                stored[file][test] = float(f"{sum(cases) / len(cases):.2g}")
+        for (file, name), spent in self.fixtures.items():
+            if spent >= STORED_S:
+                stored[file][name] = float(f"{spent:.2g}")
+        rows = [
+            f"{json.dumps(file)}: {json.dumps(stored[file], sort_keys=True)}"
+            for file in sorted(stored)
+            if stored[file] and (FILE.parents[1] / file).is_file()
+        ]
+        FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --strict-durations."""
+    """Add --store-durations and --strict-durations."""
+    parser.addoption(
+        "--store-durations",
+        action="store_true",
+        help=f"write the processor time of each test that runs to tests/{FILE.name}",
+    )
     parser.addoption(
         "--strict-durations",
         action="store_true",
         default=os.environ.get("CI", "") not in ("", "0", "false"),
-        help=f"fail if a test without the mark slow computes over {LIMIT_S:g} s (default under CI)",
+        help=f"with --brief, fail if a test computes over {LIMIT_S:g} s (default under CI)",
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch, if asked to."""
-    if config.getoption("strict_durations"):
-        config.pluginmanager.register(Durations(), "durations")
+    """Measure, if asked to."""
+    if config.getoption("store_durations"):
+        config.pluginmanager.register(Store(), "durations")
+    elif config.getoption("strict_durations") and config.getoption("brief"):
+        config.pluginmanager.register(Durations(strict=True), "durations")

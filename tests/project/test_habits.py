@@ -8,10 +8,11 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
-from helpers import durations, workers
+from helpers import selection, workers
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,55 +25,116 @@ def compute(seconds):
     while time.process_time() < end:
         pass
 
-@pytest.mark.parametrize("k", range(3))
-def test_together(k):
-    compute(0.1)
+@pytest.fixture(scope="module")
+def shared():
+    compute(0.2)
 
-@pytest.mark.slow
-def test_marked():
-    compute(0.25)
+@pytest.mark.parametrize("a", range(4))
+@pytest.mark.parametrize("b", range(3))
+def test_many_cases(a, b):
+    compute(0.04)
+
+def test_long():
+    compute(0.7)
+
+@pytest.mark.essential
+def test_essential():
+    compute(0.7)
+
+def test_fixture_is_charged_to_its_users(shared):
+    pass
 
 def test_waiting():
-    time.sleep(0.25)
+    time.sleep(0.3)
 
 def test_quick():
     pass
 """
 
+CONFTEST = """
+from pathlib import Path
+from helpers import durations, selection
+from helpers.selection import pytest_collection_modifyitems, pytest_testnodedown, pytest_unconfigure
 
-def run_pytest(folder: Path, *options: str, ci: str = "") -> tuple[int, list[str]]:
-    """Exit status and lines of a run with a limit of 0.2 s, without this project's settings."""
-    folder.joinpath("test_times.py").write_text(TIMES)
-    plugin = (
-        "from helpers.durations import *\nfrom helpers import durations\ndurations.LIMIT_S = 0.2\n"
-    )
-    folder.joinpath("limited.py").write_text(plugin)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "limited", "-p", "no:cacheprovider"]
-    paths = os.pathsep.join([str(folder), str(ROOT / "tests")])
-    done = subprocess.run(
-        [*command, "-c", os.devnull, *options, "test_times.py"],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": paths, "CI": ci, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
-        capture_output=True,
-        text=True,
-    )
-    return done.returncode, done.stdout.splitlines()
+durations.FILE = Path(__file__).parent / "tests" / "durations.json"
+durations.LIMIT_S = 0.6
+selection.FAST_S, selection.CASES_S, selection.CASE_S = 0.06, 0.18, 0.6
+pytest_configure = durations.pytest_configure
+
+def pytest_addoption(parser):
+    durations.pytest_addoption(parser)
+    selection.pytest_addoption(parser)
+"""
 
 
-@pytest.mark.slow
-def test_a_slow_test_without_its_mark_fails(tmp_path):
-    said = "test_times.py::test_together: computed for "
-    side_by_side = ["-p", "xdist", "-n", "2", "--dist", "worksteal"]
-    for options, ci in ((["--strict-durations"], ""), ([], "true"), (side_by_side, "true")):
-        status, lines = run_pytest(tmp_path, *options, ci=ci)
-        assert status == 1
-        told = [line for line in lines if ": computed for " in line]
-        assert len(told) == 1, lines
-        assert told[0].startswith(said)
-        assert told[0].endswith(" s; must be marked slow, or take 0.5 s")
-    status, lines = run_pytest(tmp_path)
+@pytest.fixture
+def run(tmp_path):
+    """Run pytest on a file of its own, without this project's settings: its status and lines."""
+    tmp_path.joinpath("tests").mkdir()
+    tmp_path.joinpath("test_times.py").write_text(TIMES)
+    tmp_path.joinpath("conftest.py").write_text(CONFTEST)
+    paths = os.pathsep.join([str(tmp_path), str(ROOT / "tests")])
+    settings = {"PYTHONPATH": paths, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+
+    def run(*options: str, ci: str = "") -> tuple[int, list[str]]:
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull]
+        done = subprocess.run(
+            [*command, *options, "test_times.py"],
+            cwd=tmp_path,
+            env=os.environ | settings | {"CI": ci},
+            capture_output=True,
+            text=True,
+        )
+        return done.returncode, done.stdout.splitlines()
+
+    return run
+
+
+def test_make_test_runs_what_durations_say(run, tmp_path):
+    assert run("--store-durations")[0] == 0
+    stored = json.loads((tmp_path / "tests" / "durations.json").read_text())["test_times.py"]
+    near = {"test_many_cases": 0.04, "test_long": 0.7, "test_essential": 0.7, "@shared": 0.2}
+    assert stored == pytest.approx(near, rel=0.2)
+    for processes in ([], ["-p", "xdist", "-n", "2"]):
+        status, lines = run("--brief", *processes)
+        assert status == 0, lines
+        assert any(line.startswith("8 passed") for line in lines), lines
+        assert "of 17 cases, among them 1 of 6 tests whole" in lines[-1]
+    status, lines = run("-m", "not slow")
     assert status == 0, lines
-    assert not any(said in line for line in lines)
+    assert lines[-1].startswith("2 passed")
+    assert sorted(run("--shard", f"{k}/2")[0] for k in (1, 2)) == [0, 5]  # 5: there are no tests
+    assert run("--shard", "3/2")[0] == 4
+    status, lines = run("--brief", ci="true")
+    assert status == 1, lines
+    told = "test_times.py::test_essential: computed for 0.7 s"
+    assert len([line for line in lines if line.startswith(told)]) == 1, lines
+
+
+class Case:
+    """A case of a test, as pytest describes it."""
+
+    def __init__(self, name: str, **indices: int) -> None:
+        self.nodeid = name
+        self.callspec = SimpleNamespace(indices=indices)
+
+
+def test_cases_are_chosen_so_that_each_value_occurs():
+    cases = [Case("t", a=a, b=b, c=c) for a in range(4) for b in range(3) for c in range(2)]
+    chosen = selection.covering(cases, 4)
+    for name, count in (("a", 4), ("b", 3), ("c", 2)):
+        assert {case.callspec.indices[name] for case in chosen} == set(range(count))
+    assert selection.covering(cases, 99) == cases
+
+
+def test_shards_have_each_file_once_and_take_as_long():
+    found = [selection.Test([Case(f"{k}.py::t")] * 2, 1 + k % 3, 0) for k in range(40)]
+    shards = [selection.shard(found, k, 8) for k in range(1, 9)]
+    assert sorted(case.nodeid for part in shards for case in part) == sorted(
+        case.nodeid for test in found for case in test.cases
+    )
+    sums = [sum(1 + int(case.nodeid.split(".")[0]) % 3 for case in part) for part in shards]
+    assert max(sums) < 1.3 * min(sums)
 
 
 def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
@@ -80,12 +142,6 @@ def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
         monkeypatch.setattr(workers, "cores", lambda cores=cores: cores)
         monkeypatch.setattr(workers.memory, "free_on_host", lambda memory=memory: memory << 30)
         assert workers.pytest_xdist_auto_num_workers() == processes
-
-
-def test_this_session_is_watched_under_ci(request):
-    strict = request.config.getoption("strict_durations")
-    watch = request.config.pluginmanager.get_plugin("durations")
-    assert isinstance(watch, durations.Durations) == bool(strict)
 
 
 def test_commits_are_checked_by_what_make_lint_runs():

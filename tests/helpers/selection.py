@@ -1,0 +1,155 @@
+"""Which tests run: those of `make test`, by their durations, or a shard of all, `--shard 3/8`."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from typing import Any
+
+import pytest
+
+from helpers import durations
+
+FAST_S = 0.2
+"""A test whose cases compute longer than this together gets the mark `slow`."""
+
+CASES_S = 0.5
+"""`make test` runs as many cases of a test as fit into this time, and at least one."""
+
+CASE_S = 2.0
+"""A test with a case that computes longer is left to `make test-all`, unless it is `essential`."""
+
+LEFT = pytest.StashKey[str]()
+
+
+class Test:
+    """The cases of a test function, and what they compute."""
+
+    __test__ = False
+
+    def __init__(self, cases: list[pytest.Item], case_s: float, fixtures_s: float) -> None:
+        self.cases, self.case_s, self.fixtures_s = cases, case_s, fixtures_s
+
+    @property
+    def all_s(self) -> float:
+        """Processor time of all cases and of the test's part of shared fixtures [s]."""
+        return self.fixtures_s + self.case_s * len(self.cases)
+
+    def brief(self) -> list[pytest.Item]:
+        """The cases that `make test` runs."""
+        if any(case.get_closest_marker("essential") for case in self.cases):
+            return self.cases
+        if self.fixtures_s + self.case_s > CASE_S:
+            return []
+        fit = int(CASES_S / self.case_s) if self.case_s else len(self.cases)
+        return covering(self.cases, max(fit, 1))
+
+
+def covering(cases: list[pytest.Item], count: int) -> list[pytest.Item]:
+    """So many cases, chosen so that each value of each parameter occurs early.
+
+    One after the other, the case with most values that no case before it has is chosen.
+    """
+    if count >= len(cases):
+        return cases
+    values = [set(case.callspec.indices.items()) for case in cases]
+    seen: Counter[Any] = Counter()
+    chosen: list[int] = []
+    for _ in range(count):
+        left = [k for k in range(len(cases)) if k not in chosen]
+        chosen.append(min(left, key=lambda k: (sum(seen[value] for value in values[k]), k)))
+        seen.update(values[chosen[-1]])
+    return [cases[k] for k in sorted(chosen)]
+
+
+def tests(items: list[pytest.Item], stored: dict[str, dict[str, float]]) -> list[Test]:
+    """The test functions of a collection, with their stored durations."""
+    cases: dict[tuple[str, str], list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        cases[durations.split(item.nodeid)].append(item)
+    users: Counter[tuple[str, str]] = Counter()
+    fixtures = {}
+    for (file, test), its in cases.items():
+        known = stored.get(file, {})
+        names = [f"@{name}" for name in getattr(its[0], "fixturenames", ())]
+        fixtures[file, test] = [name for name in names if name in known]
+        users.update((file, name) for name in fixtures[file, test])
+    return [
+        Test(
+            its,
+            stored.get(file, {}).get(test, 0.0),
+            sum(stored[file][name] / users[file, name] for name in fixtures[file, test]),
+        )
+        for (file, test), its in cases.items()
+    ]
+
+
+def shard(found: list[Test], index: int, count: int) -> list[pytest.Item]:
+    """The items of one of `count` parts that take about equally long; files stay whole."""
+    seconds: Counter[str] = Counter()
+    for test in found:
+        seconds[durations.split(test.cases[0].nodeid)[0]] += test.all_s + 0.01 * len(test.cases)
+    sums, parts = [0.0] * count, {}
+    for file, spent in sorted(seconds.items(), key=lambda each: (-each[1], each[0])):
+        parts[file] = sums.index(min(sums))
+        sums[parts[file]] += spent
+    its = [test for test in found if parts[durations.split(test.cases[0].nodeid)[0]] == index - 1]
+    return [case for test in its for case in test.cases]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add --brief and --shard."""
+    parser.addoption(
+        "--brief",
+        action="store_true",
+        help="leave long tests, and further cases of slow ones, to make test-all",
+    )
+    parser.addoption(
+        "--shard", type=_shard, metavar="K/N", help="run the K-th of N parts of about equal length"
+    )
+
+
+def _shard(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not found or not 1 <= int(found[1]) <= int(found[2]):
+        raise pytest.UsageError(f"--shard {text}: must be K/N with K from 1 to N, such as 3/8")
+    return int(found[1]), int(found[2])
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark slow tests, then deselect what this run leaves out."""
+    found = tests(items, durations.load())
+    for test in found:
+        if test.all_s > FAST_S:
+            for case in test.cases:
+                case.add_marker(pytest.mark.slow)
+    kept = set(items)
+    if config.getoption("shard"):
+        kept = set(shard(found, *config.getoption("shard")))
+    elif config.getoption("brief"):
+        briefs = [test.brief() for test in found]
+        kept = {case for brief in briefs for case in brief}
+        line = (
+            f"left to make test-all: {len(items) - len(kept)} of {len(items)} cases, "
+            f"among them {briefs.count([])} of {len(found)} tests whole"
+        )
+        if hasattr(config, "workeroutput"):
+            config.workeroutput["left"] = line  # pyright: ignore
+        config.stash[LEFT] = line
+    if len(kept) < len(items):
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = [item for item in items if item in kept]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Hear from a worker what was left."""
+    if "left" in getattr(node, "workeroutput", {}):
+        node.config.stash[LEFT] = node.workeroutput["left"]
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Say what was left, in the last line."""
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if reporter and LEFT in config.stash and not hasattr(config, "workeroutput"):
+        reporter.write_line(config.stash[LEFT])
