@@ -34,7 +34,7 @@ mutants: setup ## plant a hundred bugs, one at a time, and see that the tests fi
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes
 	TOFRENDER_KILLS=20 .venv/bin/python -m pytest -k random_moment tests/cli/test_cli_stopped.py $(ARGS)
 
-test-inputs: setup ## try every bad input and thousands of damaged files; make test tries a sample
+test-inputs: setup ## try every bad input and thousands of damaged files; make test-all tries a sample
 	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
 
 verify: setup ## check all assignments with all of their wrong solutions

@@ -36,6 +36,7 @@ def pytest_collection_modifyitems(config, items):
 pytest_testnodedown = selection.pytest_testnodedown
 pytest_unconfigure = selection.pytest_unconfigure
 pytest_sessionstart = workers.pytest_sessionstart
+pytest_collection_finish = workers.pytest_collection_finish
 pytest_xdist_auto_num_workers = workers.pytest_xdist_auto_num_workers
 
 
