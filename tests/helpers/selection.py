@@ -17,7 +17,7 @@ CASES_S = 0.5
 """`make test` runs as many cases of a test as fit into this time, and at least one."""
 
 CASE_S = 2.0
-"""A test with a case that computes longer is left to `make test-all`, unless it is `essential`."""
+"""A test whose cases compute longer is left to `make test-all`; if `essential`, all but a case."""
 
 LEFT = pytest.StashKey[str]()
 
@@ -37,9 +37,8 @@ class Test:
 
     def brief(self) -> list[pytest.Item]:
         """The cases that `make test` runs."""
-        if any(case.get_closest_marker("essential") for case in self.cases):
-            return self.cases
-        if self.fixtures_s + self.case_s > CASE_S:
+        essential = any(case.get_closest_marker("essential") for case in self.cases)
+        if self.fixtures_s + self.case_s > CASE_S and not essential:
             return []
         fit = int(CASES_S / self.case_s) if self.case_s else len(self.cases)
         return covering(self.cases, max(fit, 1))
