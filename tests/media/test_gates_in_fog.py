@@ -90,7 +90,6 @@ def test_single_scattering_is_exact(kind):
     assert agree(samples, np.array(wanted), rounding=2e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["even", "dense corner", "box"])
 @pytest.mark.parametrize("lamp", LAMPS)
 def test_it_sees_what_plain_paths_do(lamp, kind, plain):
@@ -107,7 +106,6 @@ def test_it_sees_what_plain_paths_do(lamp, kind, plain):
     assert agree(samples, reference, rounding=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("lamp", LAMPS)
 def test_it_has_less_noise(lamp, plain):
     """In thin fog a pixel's variance is half of that of plain paths or less, for most pixels."""

@@ -44,7 +44,7 @@ from tofrender.paths.media import Media, Place
 from tofrender.paths.phases import Phases
 from tofrender.paths.records import Vertex
 
-pytestmark = [pytest.mark.statistical, pytest.mark.slow]
+pytestmark = pytest.mark.statistical
 SEEDS, OTHER_SEEDS = range(8), range(1000, 1008)
 MANY_SEEDS = range(32)
 SPP = 512

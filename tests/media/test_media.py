@@ -110,7 +110,6 @@ def wandered(scene: Any, medium: Any, length: float, count: int, seed: int) -> n
     return reached.numpy().T
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["even", "dense corner"])
 @pytest.mark.parametrize(
     ("g", "mu_s", "length", "z", "r2"),
@@ -150,7 +149,6 @@ def inwards(seed: int, count: int) -> mi.Ray3f:
     return mi.Ray3f(mi.Point3f(0, 0, 1) + dr.zeros(mi.Float, count), mi.Vector3f(d.x, d.y, -d.z))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["even", "grid", "dense corner"])
 @pytest.mark.parametrize(("mu_s", "g"), [(0.0, 0.0), (3.0, 0.8), (10.0, 0.0)])
 def test_mean_path_does_not_know_the_density(kind, mu_s, g):
@@ -163,7 +161,6 @@ def test_mean_path_does_not_know_the_density(kind, mu_s, g):
     assert agrees(found, [1, 4 / 3])
 
 
-@pytest.mark.slow
 def test_absorption_separates():
     """Every length l is darker by exp(-mu_a l) than without it."""
     scene, mu_s, mu_a = mi.load_dict(shell()), 4.0, 0.7
@@ -181,7 +178,6 @@ def test_absorption_separates():
     assert agrees(dim - bright * np.exp(-mu_a * 1.21), 0.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["even", "grid", "dense corner"])
 def test_single_scattering(kind):
     """A point light beside the line of sight, fog from x = 1 on; camera in front of it."""
@@ -278,7 +274,6 @@ def test_colours_are_right_where_they_differ_much():
     assert agrees(found, np.exp(-2 * np.array([0.05, 1.0, 4.0])))
 
 
-@pytest.mark.slow
 def test_half_space_under_even_light():
     """What comes back from a half-space, by length: S(x) = exp(-x/2) (I0(x/2) + I1(x/2)) / 2.
 
@@ -300,7 +295,6 @@ def test_half_space_under_even_light():
         assert agrees(found, wanted)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("cosine", "wanted"), [(None, 0.5194939), (1.0, 0.41495), (0.6, 0.48585)])
 def test_half_space_that_absorbs(cosine, wanted):
     """At the albedo a: (1 - sqrt(1 - a))² / a in all, 1 - sqrt(1 - a) H(mu) in one direction.
@@ -350,7 +344,6 @@ def lengths_in_glass(scene: mi.Scene, seed: int, count: int) -> np.ndarray:
     return np.array([dr.mean(left)[0], dr.mean(left * path.opl)[0]])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("mu_s", "g"), [(0.5, 0.0), (2.0, 0.8)])
 def test_mean_path_in_glass(mu_s, g):
     """n² 4 V / S long, and n times that optically, of all light that arrives on a sphere."""
@@ -397,7 +390,6 @@ def turned_round(right):
     return wrong
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("owner", "name", "mistake", "kind"),
     [
@@ -418,7 +410,6 @@ def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
     assert not agrees(found(), [1.39117, 5.36277])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("phase", [FLAKES, TWO_LOBES | {"a": FLAKES}], ids=["sggx", "blendphase"])
 @pytest.mark.parametrize("wi", [(0, 0, 1), (0.6, 0, 0.8), (-0.36, 0.48, -0.8)])
 def test_flakes_scatter_by_their_density(phase, wi):

@@ -22,7 +22,6 @@ SPP = 1024
 ONE_SAMPLE = {"type": "path_tracer_mis", "technique": "one_sample"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "integrator"), [*((name, {}) for name in SCENES), ("cloud under a sky", ONE_SAMPLE)]
 )

@@ -92,7 +92,6 @@ SCENES: dict[str, tuple[dict, dict]] = {
 
 
 @pytest.mark.statistical
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_energy_is_that_of_volpath(name):
     parts, more = SCENES[name]
@@ -104,7 +103,6 @@ def test_energy_is_that_of_volpath(name):
 
 
 @pytest.mark.statistical
-@pytest.mark.slow
 def test_shares_with_hits_are_those_of_the_last_turn(monkeypatch):
     """A sheet that lets all through changes nothing, unless its own connections had a share."""
     bare = seen(described(LIT), OTHER_SEEDS)
@@ -115,7 +113,6 @@ def test_shares_with_hits_are_those_of_the_last_turn(monkeypatch):
 
 
 @pytest.mark.statistical
-@pytest.mark.slow
 def test_lamps_behind_are_hidden():
     """As if what lets all light through were not there."""
     bare, behind = (
@@ -188,7 +185,6 @@ def test_scenes_without_such_surfaces_are_as_by_transient_path():
     np.testing.assert_array_equal(*pictures)
 
 
-@pytest.mark.slow
 def test_polarised_light_is_that_of_volpath():
     """Through a polariser and a quarter-wave plate, off metal."""
     mi.set_variant("llvm_ad_mono_polarized")

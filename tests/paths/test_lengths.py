@@ -48,7 +48,6 @@ def directions(ray) -> np.ndarray:
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 25.0], ids=["4m", "100m"])
 @pytest.mark.parametrize("near_clip", [0.001, 0.5])
 @pytest.mark.parametrize("kind", CAMERAS)
@@ -360,7 +359,6 @@ def seen_from_glass(ball: dict, **integrator) -> dict:
     return scene(parts, eye, **{"max_depth": 3} | integrator)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "ball"),
     [

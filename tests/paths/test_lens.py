@@ -96,7 +96,6 @@ def test_importance_is_density_over_the_cosine_and_the_lens(name):
     np.testing.assert_allclose(np.array(lens.importance(d)), wanted, rtol=1e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("aperture", APERTURES)
 @EACH
 def test_importance_integrates_to_1(name, aperture, monkeypatch):
@@ -149,7 +148,6 @@ def test_mitsubas_importance_is_the_same(name):
 # ------------------------------------------------------------------------------- what it sees
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("aperture", APERTURES)
 @EACH
 def test_points_land_where_their_ray_comes_from(name, aperture):

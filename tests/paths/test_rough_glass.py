@@ -109,7 +109,6 @@ def mean_length(transient: np.ndarray) -> float:
     return float((transient[0, 0, :, 1] * centres).sum() / transient[0, 0, :, 1].sum())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("make", CASES)
 def test_a_connection_has_the_length_of_its_side(make):
     """One connection to a point light: |eye| + n |lamp|, from within the glass n |eye| + |lamp|.
@@ -158,7 +157,6 @@ def through(parts: dict, side: float = 1.0, **integrator) -> dict:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", NESTED)
 def test_connected_or_hit_it_arrives_at_the_same_time(name):
@@ -224,7 +222,6 @@ def test_an_instance_is_its_shape_to_a_gate():
     assert other == pytest.approx(plain, rel=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_gates_sum_to_the_steady_picture():
     """From within an instance of glass: no gate ends the paths that would reach it."""

@@ -282,7 +282,6 @@ def agrees(found: np.ndarray, reference: np.ndarray, other: np.ndarray) -> np.nd
     return rms(found - reference[..., :shown]) < 2 * rms((other - reference)[..., :shown])
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("variant", [MONO, SPECTRAL])
 def test_bins_add_up_to_mitsubas_stokes(variant):
@@ -454,7 +453,6 @@ def matte(**film) -> dict:
     return scene
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_paths_from_both_ends_find_the_same():
     one, other = (ours(matte(), 2048, seed) for seed in (0, 1))
@@ -466,7 +464,6 @@ def test_paths_from_both_ends_find_the_same():
         assert rms(found)[3] > 3 * rms(first - second)[3]
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("strategy", ["1,3", "2,2", "3,1"])
 def test_each_strategy_finds_all_of_three_segments(strategy):

@@ -46,7 +46,6 @@ def render(capsys, out: Path, *more: object, variant: str = MONO) -> xr.Dataset:
 # ------------------------------------------------------------------------------------- files
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", [MONO, SPECTRAL])
 @pytest.mark.parametrize("errors", [False, True])
 def test_files_keep_stokes_vectors(variant, errors, tmp_path):
@@ -72,7 +71,6 @@ def test_files_keep_stokes_vectors(variant, errors, tmp_path):
         np.testing.assert_array_equal(shown, kept["steady"].values[:, :, k, 0])
 
 
-@pytest.mark.slow
 def test_films_stream_to_the_disk(tmp_path):
     mi.set_variant(SPECTRAL)
     film, whole = rendered(out=tmp_path / "a.zarr"), rendered()
@@ -107,7 +105,6 @@ def test_other_channels_are_refused(tmp_path):
 # ------------------------------------------------------------------------------- the command
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["frames", "multipart", "npz", "zarr"])
 @pytest.mark.parametrize("variant", [MONO, SPECTRAL])
 def test_render_writes_what_is_read_back(capsys, tmp_path, kind, variant):
@@ -120,7 +117,6 @@ def test_render_writes_what_is_read_back(capsys, tmp_path, kind, variant):
     assert (tmp_path / "a" / "polarisation.png").stat().st_size > 1000
 
 
-@pytest.mark.slow
 def test_pictures_are_of_the_intensity(capsys, tmp_path):
     arguments = ["render", "brewster_window", "--out", tmp_path / "a", *TINY[:-1], "--spp", 4]
     status, err = run(capsys, *arguments, "--variant", MONO, "--format", "png")
@@ -129,7 +125,6 @@ def test_pictures_are_of_the_intensity(capsys, tmp_path):
     assert {"video.mp4", "summary.png", "polarisation.png", "steady.png"} <= names
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["frames", "npz"])
 def test_resume_goes_on(capsys, tmp_path, kind):
     """With the same bytes as the same run in two parts, and the samples of both."""
@@ -144,7 +139,6 @@ def test_resume_goes_on(capsys, tmp_path, kind):
     assert all(each["transient"].equals(read[0]["transient"]) for each in read)
 
 
-@pytest.mark.slow
 def test_renders_are_merged_reported_and_converted(capsys, tmp_path):
     one = render(capsys, tmp_path / "a", "--spp", 4)
     two = render(capsys, tmp_path / "b", "--spp", 4, "--seed", 1)

@@ -36,7 +36,6 @@ def values(scene: mi.Scene) -> list[str]:
     return sorted(re.sub(r"object_\d+", "object", text) for text in texts)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("file", FILES, ids=lambda path: path.stem)
 def test_a_dict_is_its_file(file):
     one, other = (load_scene(s, optimize=False) for s in (file, scene_as_dict(file)))

@@ -74,7 +74,6 @@ def test_first_line_of_the_file_is_the_description(name):
     assert len(describe(name)) <= 72
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"])
 def test_every_scene_renders_under_every_variant(variant):
     mi.set_variant(variant)
@@ -88,7 +87,6 @@ def test_every_scene_renders_under_every_variant(variant):
             assert steady.max() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("integrator", WITH_DEPTH)
 @pytest.mark.parametrize("name", ALL)
 def test_integrators_have_the_depth_that_is_given(name, integrator):
@@ -100,7 +98,6 @@ def test_integrators_have_the_depth_that_is_given(name, integrator):
 # ---------------------------------------------------------------------------- gaps and leaks
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", GLASS)
 def test_glass_is_a_closed_sphere_away_from_all_else(name):
     """The nearest that is seen from the sphere's surface, straight away from its center."""
@@ -118,7 +115,6 @@ def test_glass_is_a_closed_sphere_away_from_all_else(name):
     assert not dr.any(scene.ray_test(inwards))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ROOMS)
 def test_rooms_are_closed_and_their_surfaces_face_in(name):
     """From the camera on, by way of what is hit, to points all over the room.
@@ -143,7 +139,6 @@ def test_rooms_are_closed_and_their_surfaces_face_in(name):
     assert backs <= 3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("width", [0.05, 0.2, MAX_HOLE_WIDTH])
 def test_light_comes_through_the_hole_only(width):
     described = BUILT_IN["light_through_hole"](hole_width=width)
@@ -154,7 +149,6 @@ def test_light_comes_through_the_hole_only(width):
     assert from_the_lamp(closed).max() == 0
 
 
-@pytest.mark.slow
 def test_light_leaves_the_fixture_at_its_top_only():
     """But for the few paths whose vertex is on an edge, where rounding puts it outside."""
     described = BUILT_IN["lamp_in_fixture"]()
@@ -170,7 +164,6 @@ def test_light_leaves_the_fixture_at_its_top_only():
 # ----------------------------------------------------------------------------------- windows
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -191,7 +184,6 @@ def test_windows_start_a_little_before_the_first_light(name, options):
     assert bins_of(with_film(described, **bins), spp=256)[0] > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_windows_end_when_most_light_has_come(name):
     """Of the light that is not the lamp itself, as seen by the camera, or in glass."""
@@ -217,7 +209,6 @@ def bright_floor(described: dict) -> np.ndarray:
     return light > 4 * np.median(light[light > 0])
 
 
-@pytest.mark.slow
 def test_the_camera_sees_the_caustic():
     """All of it, in the shadow before the sphere; without the sphere it is not there."""
     described = BUILT_IN["caustic"]()
@@ -232,7 +223,6 @@ def test_the_camera_sees_the_caustic():
     assert not (bright_floor(described) & spot).any()
 
 
-@pytest.mark.slow
 def test_the_mirror_makes_a_second_caustic():
     described = BUILT_IN["mirror_and_glass"]()
     assert ndimage.label(bright_floor(described), np.ones((3, 3)))[1] == 2
@@ -240,7 +230,6 @@ def test_the_mirror_makes_a_second_caustic():
     assert ndimage.label(bright_floor(described), np.ones((3, 3)))[1] == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("lamp_in_fixture", 0.7), ("light_through_hole", 0.9)])
 def test_most_of_the_picture_has_indirect_light_only(name, share):
     described = BUILT_IN[name]()

@@ -45,7 +45,6 @@ def scaled(x: float, y: float, z: float):
 # ------------------------------------------------------------------------------- all is well
 
 
-@pytest.mark.slow
 def test_built_in_scenes_are_sound():
     for name in BUILT_IN:
         check_scene(load_scene(name, optimize=False), media=True)
@@ -74,7 +73,6 @@ def bitmap(value: float) -> dict:
     return {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(pixels)}
 
 
-@pytest.mark.slow
 def test_a_large_mesh_takes_milliseconds():
     count = 1_000_000
     mesh = mi.Mesh("large", count, 10)
@@ -220,7 +218,6 @@ def test_scenes_must_be_larger_than_gaps_beside_rays(radius, x, right):
         assert refusal(loaded).startswith("scene: its shapes span ")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("radius", [1.0, 0.009, 0.001])
 @pytest.mark.parametrize("technique", ["transient_path", "transient_bdpt"])
 def test_the_smallest_scenes_are_right(technique, radius, monkeypatch):

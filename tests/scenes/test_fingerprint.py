@@ -181,7 +181,6 @@ print(fingerprint(s, s.sensors()[0], s.integrator()))
 """
 
 
-@pytest.mark.slow
 def test_another_process_finds_the_same():
     file = Path(tofrender.__file__).parents[1] / "scenes" / "cornell_box.xml"
     sources = ["cornell_box_fog", str(file)]

@@ -75,7 +75,6 @@ def test_first_line_of_the_file_is_the_description(name):
     assert len(describe(name)) <= 72
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"])
 def test_every_scene_renders_under_every_variant(variant):
     mi.set_variant(variant)
@@ -89,7 +88,6 @@ def test_every_scene_renders_under_every_variant(variant):
             assert steady.max() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("integrator", FOLLOWING)
 @pytest.mark.parametrize("name", ALL)
 def test_integrators_have_the_depth_that_is_given(name, integrator):
@@ -108,7 +106,6 @@ def test_a_grid_goes_to_another_process():
 # ----------------------------------------------------------------------------------- windows
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_windows_hold_the_light(name):
     """A warning would fail the test."""
@@ -116,7 +113,6 @@ def test_windows_hold_the_light(name):
     assert found.attrs["energy_outside_window"] < 0.01
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_windows_start_before_the_first_light(name):
     described = BUILT_IN[name](width=32, height=32)
@@ -143,7 +139,6 @@ def random_rays(center: list[float], lanes: int = 1 << 18) -> mi.Ray3f:
     return mi.Ray3f(mi.Point3f(center) + dr.zeros(mi.Float, lanes), direction)
 
 
-@pytest.mark.slow
 def test_milk_has_a_closed_surface():
     """Seen from inside, all around, and nothing of the scene is in it but the lamp."""
     described = BUILT_IN["lamp_in_milk"]()
@@ -157,7 +152,6 @@ def test_milk_has_a_closed_surface():
         assert dr.all(dr.dot(hit.n, hit.to_world(hit.wi)) < 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("z", [0.5, 5.0, 9.7])
 def test_the_corridor_is_closed(z):
     described = BUILT_IN["smoke_corridor"]()
@@ -170,7 +164,6 @@ def test_the_corridor_is_closed(z):
 # --------------------------------------------------------------------------------- the media
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ALL)
 def test_no_density_is_clear_air(name):
@@ -188,7 +181,6 @@ def test_no_density_is_clear_air(name):
     assert agree(thin[:, kept] - clear[:, kept] + mean, mean)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ALL)
 def test_light_of_all_time_is_that_of_volpath(name):
@@ -272,7 +264,6 @@ def contrast(light: np.ndarray, target: np.ndarray, around: np.ndarray) -> float
     return float((a - b) / (a + b))
 
 
-@pytest.mark.slow
 def test_a_gate_shows_the_sign_that_fog_hides():
     """Contrast of the sign with a ring around it: 0.8 in the gate, 0.05 in the light of all time.
 

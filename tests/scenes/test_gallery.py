@@ -58,7 +58,6 @@ def test_pictures_kept_are_of_these_panels(name):
         assert kept.width == len(panels) * (gallery.PANEL_WIDTH + 2) - 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", gallery.PICTURES)
 def test_pictures_are_made(name, tmp_path, monkeypatch):
     panels = tuple(small(panel) for panel in gallery.PICTURES[name])
@@ -76,7 +75,6 @@ def test_pictures_are_made(name, tmp_path, monkeypatch):
     assert np.abs(again - image).max() <= 1  # the same but for the rounding of sums
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", gallery.PLANS)
 def test_plans_are_drawn(name, tmp_path, monkeypatch):
     """A row of them; the file that is kept has a place for each."""

@@ -60,7 +60,6 @@ def white_box(integrator: dict) -> dict:
     }
 
 
-@pytest.mark.slow
 @QUIET
 @pytest.mark.parametrize("wrapper", [None, "aov"])
 def test_a_closed_white_box_is_as_bright_as_mitsubas(wrapper):
@@ -152,7 +151,6 @@ def in_a_file(integrator: str, folder) -> str:
     return str(path)
 
 
-@pytest.mark.slow
 @QUIET
 @pytest.mark.parametrize("name", [*WRAPPERS, *OTHERS])
 def test_an_override_renders_any_file(name, tmp_path):

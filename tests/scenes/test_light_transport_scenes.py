@@ -87,7 +87,6 @@ def test_every_scene_has_a_file():
     assert {path.stem for path in (FOLDER / "a1").glob("*.xml")} == {*BUSTS, *PATH_TRACED}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [*BUSTS, *PATH_TRACED])
 def test_xml_is_the_dict(name):
     described = load(BUILT_IN[name](**SMALL))
@@ -126,7 +125,6 @@ def test_xml_of_the_small_box_knows_both_kinds_of_spheres():
     assert abs(pictures[0] - other).max() > 0.1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_every_scene_loads_under_other_variants(variant):
     mi.set_variant(variant)
@@ -134,7 +132,6 @@ def test_every_scene_loads_under_other_variants(variant):
         assert np.isfinite(picture(load(BUILT_IN[name](**SMALL)), spp=1)).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [*BUSTS, *PATH_TRACED])
 def test_every_scene_loads_with_its_own_integrator(name):
     assert {each.name for each in plugins.PLUGINS.values()} >= OWN_INTEGRATORS
@@ -286,7 +283,6 @@ def reflection(scene: mi.Scene, plate: str, light: str) -> np.ndarray:
     return np.array(seen).reshape(128, 192)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_veach_separates_the_ways_to_sample():
     """Noise of Mitsuba's `direct` with either or both ways, where mirror and light are extremes.
@@ -364,7 +360,6 @@ def test_sphere_lights_light_floor_and_wall_as_a_point_of_their_power_would():
     np.testing.assert_allclose(means, means[0], rtol=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_quad_and_two_triangles_give_the_same_picture():
     """Means over 4 x 4 pixels of 8 seeds: no block may be off by 6 of its standard errors.

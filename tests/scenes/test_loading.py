@@ -363,7 +363,6 @@ def test_native_code_beside_a_scene_is_refused(tmp_path, monkeypatch, kind, text
         load_scene("cornell_box", integrator={"type": "aov", "inner": {"type": kind}})
 
 
-@pytest.mark.slow
 def test_mitsubas_plugins_come_from_its_own_folder(tmp_path):
     (tmp_path / "plugins").mkdir()
     for name in ("area", "d65", "diffuse", "hdrfilm", "path", "scene"):

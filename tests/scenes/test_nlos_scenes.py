@@ -231,7 +231,6 @@ def test_window_starts_before_the_first_hidden_light(name):
     assert 0.1 < 2 * nearest - film["start_opl"] < 0.2
 
 
-@pytest.mark.slow
 def test_camera_scenes_render():
     """A point light at the camera in place of the projector: the wall is lit, nothing is NaN."""
     for name in CONFOCAL:

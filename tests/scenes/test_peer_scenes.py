@@ -68,7 +68,6 @@ def test_files_are_rendered_as_they_are(write, tmp_path):
     assert loaded.sensors()[0].sampler().sample_count() == 1
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("write", [peer_scenes.z_simple, peer_scenes.z_room])
 def test_hidden_geometry_sampling_of_what_the_camera_does_not_see(write, tmp_path):
@@ -83,7 +82,6 @@ def test_hidden_geometry_sampling_of_what_the_camera_does_not_see(write, tmp_pat
         assert sampled[:, 0].std() < 0.3 * plain[:, 0].std()
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_a_merged_file_is_right_and_says_so(tmp_path):
     """One shape that is wall and letter: the light is the same, and a line tells of the noise."""
@@ -137,7 +135,6 @@ def of_mitransient(path: Path, save: Path) -> np.ndarray:
     return np.load(save)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_mitransient_renders_the_simple_file_alike(tmp_path):
     path = peer_scenes.z_simple(tmp_path, size=4)
@@ -148,7 +145,6 @@ def test_mitransient_renders_the_simple_file_alike(tmp_path):
     assert not agree(np.roll(ours, 1, axis=1), theirs, rounding=1e-3)
 
 
-@pytest.mark.slow
 @QUIET
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_captures_of_a_camera_know_the_wall(mode, tmp_path):
@@ -165,7 +161,6 @@ def test_captures_of_a_camera_know_the_wall(mode, tmp_path):
     assert np.all(dark == 0)
 
 
-@pytest.mark.slow
 def test_captures_of_rooms_are_told_the_wall(tmp_path):
     path = peer_scenes.z_room(tmp_path)
     text = path.read_text(encoding="utf-8").replace('value="40"', 'value="110"')
@@ -202,7 +197,6 @@ def letter(steps: int = 24) -> Nodes:
     return Nodes(joined, np.broadcast_to([0.0, 0, -1], joined.shape), np.concatenate(areas))
 
 
-@pytest.mark.slow
 @QUIET
 @pytest.mark.parametrize("size", [64, 9])
 def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
@@ -220,7 +214,6 @@ def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
             assert lit == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.slow
 @QUIET
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", ["single", "confocal"])
@@ -246,7 +239,6 @@ def test_the_letter_before_the_meter_is_its_formula(mode, tmp_path):
     assert found == pytest.approx(expected, rel=3e-3, abs=1e-3 * expected.max())
 
 
-@pytest.mark.slow
 @QUIET
 def test_the_power_is_that_of_a_laser_that_was_turned_by_hand(tmp_path):
     path = peer_scenes.nlos_z(tmp_path, size=4, lookat=AIM)
@@ -280,7 +272,6 @@ def warned(write, *arguments, **options) -> tuple[mi.Scene, list[str]]:
     return loaded, texts
 
 
-@pytest.mark.slow
 def test_what_has_no_effect_is_told(tmp_path):
     """Each once, and nothing else."""
     _, told = warned(peer_scenes.nlos_z, tmp_path, size=4, lookat=AIM)
@@ -303,7 +294,6 @@ def test_what_has_no_effect_is_told(tmp_path):
     assert "confocal = False: has no effect; capture_type is 'confocal'" in told
 
 
-@pytest.mark.slow
 @QUIET
 def test_filter_depth_is_one_more_than_bounces(tmp_path):
     def filtered(line: str) -> mi.Scene:
@@ -323,7 +313,6 @@ ONE = '<point name="laser_lookat_pixel" x="1" y="1" z="0"/>'
 DEPTHS = ("depth", "bounces")
 
 
-@pytest.mark.slow
 @QUIET
 def test_a_confocal_meter(tmp_path):
     path = peer_scenes.nlos_z(tmp_path, size=3, lookat="")
@@ -335,7 +324,6 @@ def test_a_confocal_meter(tmp_path):
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-6 * expected.max())
 
 
-@pytest.mark.slow
 @QUIET
 @pytest.mark.parametrize("point", ["0.3 -0.2 0", "-0.9 0.9 0"])
 def test_a_laser_at_a_point(point, tmp_path):
@@ -348,7 +336,6 @@ def test_a_laser_at_a_point(point, tmp_path):
     assert data["laser_grid"].values.ravel() == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.slow
 @QUIET
 def test_a_film_of_one_pixel_looks_at_the_lit_point(tmp_path):
     """As tools do that capture point by point: pixel (2, 1) of 4 x 3."""
@@ -422,7 +409,6 @@ def gated(**integrator) -> dict:
     }
 
 
-@pytest.mark.slow
 def test_timegated_transient_path():
     """Its gates fill the bins: the histogram that our integrator puts there."""
     described = gated(type="timegated_transient_path", time_sampling="random")
@@ -464,7 +450,6 @@ def test_angulararea():
 # --------------------------------------------------------------------------- Cornell boxes
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("kind", ["diffuse", "mirror"])
 def test_cornell_boxes(kind, tmp_path):
@@ -491,7 +476,6 @@ def test_cornell_boxes(kind, tmp_path):
     assert 0.95 * np.sum(ours) < np.sum(summed_bins) < 1.0001 * np.sum(ours)
 
 
-@pytest.mark.slow
 def test_cornell_box_of_phasors(tmp_path):
     loaded = tofrender.load_scene(peer_scenes.cornell(tmp_path, "freq"), parameters={"res": 8})
     _, phasors = mi.render(loaded, spp=4)

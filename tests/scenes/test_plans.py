@@ -17,7 +17,6 @@ def _registered():
     register_retroreflector()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("view", ["above", "side"])
 @pytest.mark.parametrize("name", ALL)
 def test_plans_show_wall_hidden_shapes_and_laser(name, view):

@@ -56,7 +56,6 @@ def test_first_line_of_the_file_is_the_description(name):
     assert len(describe(name)) <= 72
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "variant", ["llvm_ad_rgb", "llvm_ad_mono", POLARISED, "llvm_ad_spectral_polarized"]
 )
@@ -71,7 +70,6 @@ def test_every_scene_renders_under_every_variant(variant):
             assert steady[..., 0].max() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_windows_hold_the_light(name):
     """A warning would fail the test; nothing comes before the window."""
@@ -119,7 +117,6 @@ def test_reflected_light_is_polarised_wholly():
     np.testing.assert_allclose(np.array(rest) / s0, [-1, 0, 0], atol=2e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_light_from_the_room_lacks_what_is_reflected():
     """S1 / S0 = R, with R = ((n² - 1) / (n² + 1))² of one face.
@@ -143,7 +140,6 @@ def through_the_sheet(angle: float) -> np.ndarray:
     return transient[10:22, 6:14, :, 0].mean(axis=(0, 1))
 
 
-@pytest.mark.slow
 def test_a_polariser_takes_the_reflection_away():
     mi.set_variant(POLARISED)
     (crossed, room), (kept, room_as_well) = through_the_sheet(0.0), through_the_sheet(90.0)
