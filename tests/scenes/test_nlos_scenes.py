@@ -1,4 +1,4 @@
-"""The scenes of non-line-of-sight captures: identities, sight, facts."""
+"""The scenes of non-line-of-sight captures: identities, and who sees whom."""
 
 from __future__ import annotations
 
@@ -6,15 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.nlos import (
-    ALL,
-    BOXES,
-    CONFOCAL,
-    WALLS,
-    WITH_WALL,
-    builder,
-    stands_alone,
-)
+from helpers.nlos import BOXES, CONFOCAL, WALLS, WITH_WALL, builder, stands_alone
 
 import tofrender
 
@@ -134,6 +126,3 @@ def test_camera_scenes_render():
         assert rows[:6].min() > 0.02
         if name in BOXES:  # below is the box, which is almost black but retroreflects
             assert (steady[8:, :, 1:] < 1e-3).mean() > 0.5 or name == "wall_box_hi_nlos"
-
-
-# ----------------------------------------------------------------------------------- shapes

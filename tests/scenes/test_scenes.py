@@ -189,6 +189,32 @@ def test_root_package_hands_the_builders_on(monkeypatch):
     assert set(scenes.__all__) == set(BUILT_IN)
 
 
+def outline(part):
+    """A description without its objects."""
+    if isinstance(part, dict):
+        return {key: outline(value) for key, value in part.items()}
+    if isinstance(part, list):
+        return [outline(value) for value in part]
+    return part if isinstance(part, str | int | float) else type(part).__name__
+
+
+def clear(part) -> None:
+    for inner in part.values() if isinstance(part, dict) else part:
+        if isinstance(inner, dict | list):
+            clear(inner)
+    part.clear()
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_changing_a_scene_changes_no_later_one(name):
+    described = BUILT_IN[name]()
+    before = outline(described)
+    materials = [p["bsdf"] for p in described.values() if isinstance(p, dict) and "bsdf" in p]
+    assert len({id(each) for each in materials}) == len(materials)
+    clear(described)
+    assert outline(BUILT_IN[name]()) == before
+
+
 # ------------------------------------------------------------------ variants and integrators
 
 PLAIN = ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"]
