@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ from helpers.gallery import SCENES
 from helpers.support import agree, over_seeds, with_sampler
 
 import tofrender
+from tofrender.paths.endpoints import GatedLights, SceneLights
+from tofrender.paths.records import Path, Vertex
+from tofrender.paths.space import Vacuum
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
@@ -50,6 +54,44 @@ def test_single_gates_agree_with_all_gates(name):
 
     reference = over_seeds(all_gates, range(100, 124))
     assert agree(over_seeds(each_gate, range(24)), reference)
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "rough glass"])
+def test_connections_agree_and_are_as_long_as_the_bound(name):
+    """Irradiance through a gate from each light, and `nearest` below every length."""
+    loaded = tofrender.load_scene(SCENES[name]())
+    gate = tofrender.GaussianPulse(0.2)
+    opl, η, lanes = mi.Float(3.0), mi.Float(1.25), 4096
+    looking, plain = (
+        GatedLights(loaded, None, lambda length: gate.eval(5.0 - length)),
+        SceneLights(loaded),
+    )
+
+    def irradiance(lights, seed):
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed, lanes)
+        si = dr.zeros(mi.SurfaceInteraction3f, lanes)
+        si.p = mi.Point3f(0.1, -0.9, 0.8) + 0.1 * mi.Point3f(
+            sampler.next_1d(), sampler.next_1d(), sampler.next_1d()
+        )
+        si.n = mi.Normal3f(0, 1, 0)
+        si.sh_frame = mi.Frame3f(si.n)
+        path = Path.start(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, -1, 0)))
+        path.opl, path.η = opl, η
+        vertex = Vertex(si, mi.Float(0), mi.Bool(True))
+        em = lights.connect(vertex, path, sampler, mi.Bool(True))
+        em.weight *= Vacuum(loaded).transmittance(path, vertex, em, sampler)
+        assert dr.all(~em.active | (em.length >= lights.nearest(si.p) - 1e-5))
+        cos = dr.maximum(dr.dot(em.direction, si.n), 0)
+        value = dr.mean(em.weight) * cos * gate.eval(5.0 - dr.fma(η, em.length, opl))
+        return np.array(dr.mean(dr.select(em.active, value, 0)))
+
+    reference = over_seeds(lambda seed: irradiance(plain, seed), range(50, 82))
+    values = over_seeds(lambda seed: irradiance(looking, seed), range(32))
+    if np.any(reference):
+        assert agree(values, reference)
+    else:
+        assert not np.any(values)
 
 
 @pytest.mark.parametrize(("opl", "less"), [(5.2, 4.0), (5.9, 2.0), (6.7, 1.5)])

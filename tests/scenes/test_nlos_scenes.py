@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from helpers.nlos import BOXES, CONFOCAL, WALLS, WITH_WALL, builder, stands_alone
 
-import tofrender
-
 SMALL = {"width": 16, "height": 12, "spp": 4}
 DEVICES = dict.fromkeys(WALLS, (-0.5, 0, 0.25)) | dict.fromkeys(BOXES, (0, 0, 0))
 
@@ -28,25 +26,6 @@ def test_shapes_keep_their_identity(name, optimize):
     wall = next(shape for shape in scene.shapes() if shape.id() == "relay_wall")
     half = 1 if name in WALLS else 2
     assert list(np.array(wall.bbox().max - wall.bbox().min).ravel()) == [2 * half, 2 * half, 0]
-
-
-def test_what_a_default_load_does_to_equal_materials():
-    """Rectangles and cubes of equal material are merged, ids of materials or not; sensors help."""
-    grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.5, 0.5, 0.5]}}
-    far = mi.ScalarTransform4f().translate([0, 0, 5])
-    parts = {
-        "relay_wall": {"type": "rectangle", "bsdf": grey},
-        "hidden_cube": {"type": "cube", "to_world": far, "bsdf": grey | {"id": "own"}},
-        "hidden_ball": {"type": "sphere", "center": [0, 0, 9], "bsdf": grey},
-    }
-    scene = tofrender.load_scene({"type": "scene", **parts})
-    assert sorted(shape.id() for shape in scene.shapes()) == ["", "hidden_ball"]
-    meter = {"type": "irradiancemeter", "film": {"type": "hdrfilm", "rfilter": {"type": "box"}}}
-    parts["relay_wall"] = parts["relay_wall"] | {"sensor": meter}
-    scene = tofrender.load_scene({"type": "scene", **parts})
-    assert {shape.id() for shape in scene.shapes()} == set(parts)
-    scene = tofrender.load_scene({"type": "scene", **parts}, optimize=False)
-    assert {shape.id() for shape in scene.shapes()} == set(parts)
 
 
 # ------------------------------------------------------------------------------------- sight
