@@ -133,9 +133,10 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 
 
-def described(name: str) -> dict:
-    parts = dict(SCENES[name])
-    around = parts.pop("around", None)
-    more = {} if around is None else {"medium": around}
-    view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1), **more)
-    return scene(parts, view, type="transient_volpath", max_depth=DEPTH, rr_depth=20)
+def looked_at(parts: dict, **integrator: Any) -> dict:
+    """A scene from aside; what is "around" all is the camera's medium."""
+    parts = dict(parts)
+    around = {"medium": parts.pop("around")} if "around" in parts else {}
+    view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1), **around)
+    options = {"type": "transient_volpath", "max_depth": DEPTH, "rr_depth": 20}
+    return scene(parts, view) | {"integrator": options | integrator}

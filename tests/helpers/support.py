@@ -154,7 +154,7 @@ def steady_twin(description: dict, **changes: Any) -> dict:
 
 NAMELESS = (
     *("integrator", "sensor", "film", "rfilter", "sampler", "emitter", "bsdf", "phase", "sigma_t"),
-    *("theta", "delta"),
+    *("theta", "delta", "side"),
 )
 """Keys of a dict for parts that have no id in an XML file."""
 
@@ -200,7 +200,7 @@ def parsed(source: dict | Path, **parameters: Any) -> dict:
     return nodes
 
 
-def require_equal(nodes: dict, others: dict) -> None:
+def require_equal(nodes: dict, others: dict, atol: float = 1e-6) -> None:
     """Two scenes, as from `parsed`, have the same parts, numbers up to rounding in text."""
     assert nodes.keys() == others.keys()
     for name, (plugin, plain, parts) in nodes.items():
@@ -213,7 +213,7 @@ def require_equal(nodes: dict, others: dict) -> None:
                 assert found == value, (name, key)
             else:
                 both = np.array(found, dtype=float), np.array(value, dtype=float)
-                np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-6, err_msg=f"{name}.{key}")
+                np.testing.assert_allclose(*both, rtol=1e-5, atol=atol, err_msg=f"{name}.{key}")
 
 
 # ---------------------------------------------------------------------------------- rendering

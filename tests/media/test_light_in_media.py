@@ -16,9 +16,9 @@ from helpers.fogs import (
     SCENES,
     THIN,
     cube,
-    described,
     filled,
     fog,
+    looked_at,
     sphere,
 )
 from helpers.light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
@@ -44,7 +44,7 @@ from tofrender.paths.media import Media, Place
 from tofrender.paths.phases import Phases
 from tofrender.paths.records import Vertex
 
-pytestmark = [pytest.mark.statistical, pytest.mark.slow]
+pytestmark = pytest.mark.statistical
 SEEDS, OTHER_SEEDS = range(8), range(1000, 1008)
 MANY_SEEDS = range(32)
 SPP = 512
@@ -74,16 +74,9 @@ MORE = {
 }
 
 
-def through(name: str, technique: str, **more) -> dict:
-    if name in SCENES:
-        found = described(name)
-    else:
-        parts = dict(MORE[name])
-        around = parts.pop("around", None)
-        medium = {} if around is None else {"medium": around}
-        view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1), **medium)
-        found = scene(parts, view)
-    return found | {"integrator": by(technique, DEPTH, rr_depth=20, **more)}
+def through(name: str, technique: str) -> dict:
+    found = looked_at((SCENES | MORE)[name])
+    return found | {"integrator": by(technique, DEPTH, rr_depth=20)}
 
 
 def seen(described: dict, spp: int, seeds) -> tuple[np.ndarray, np.ndarray]:
@@ -127,11 +120,10 @@ def test_a_lamp_seen_through_absorbing_fog(technique, boxed):
 
 def lamp_in_slab(sigma_t: float | None, technique: str, **more) -> dict:
     """A lamp in the camera's view, in a slab of fog; None is no slab."""
-    view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1))
     parts = LIT | {"hanging": ball((0.2, -0.2, 0.8), 0.25, emitter=area_light(6.0))}
     if sigma_t is not None:
         parts["slab"] = filled(cube((9, 9, 0.4), (0, 0, 0.8)), fog(sigma_t, 0.9, 0.5))
-    return scene(parts, view) | {"integrator": by(technique, DEPTH, rr_depth=20, **more)}
+    return looked_at(parts) | {"integrator": by(technique, DEPTH, rr_depth=20, **more)}
 
 
 @pytest.mark.parametrize("technique", [PATH, LIGHT_TRACER, BDPT])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.fogs import DEPTH, SCENES, described
+from helpers.fogs import DEPTH, SCENES, looked_at
 from helpers.support import agree, load, over_seeds, steady_twin
 
 pytestmark = pytest.mark.statistical
@@ -22,13 +22,11 @@ SPP = 1024
 ONE_SAMPLE = {"type": "path_tracer_mis", "technique": "one_sample"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "integrator"), [*((name, {}) for name in SCENES), ("cloud under a sky", ONE_SAMPLE)]
 )
 def test_energy_is_that_of_volpath(name, integrator):
-    description = described(name)
-    description["integrator"] |= integrator
+    description = looked_at(SCENES[name], **integrator)
     ours, theirs = load(description), load(steady_twin(description))
     volpath = mi.load_dict({"type": "volpath", "max_depth": DEPTH, "rr_depth": 20})
 

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.fogs import BALL, DEPTH, FLOOR, LIT, SKY, THIN, sphere
+from helpers.fogs import BALL, FLOOR, LIT, SKY, THIN, looked_at, sphere
 from helpers.support import (
     agree,
     area_light,
@@ -52,15 +52,6 @@ def sheet(material: dict, size: float = 1.5, z: float = 0.5) -> dict:
     return {"sheet": plane(translate(0, 0, z), size, bsdf=material)}
 
 
-def described(parts: dict, kind: str = "transient_volpath", **more: Any) -> dict:
-    parts = dict(parts)
-    around = {"medium": parts.pop("around")} if "around" in parts else {}
-    view = camera((0.4, -3.5, 1.6), (0, 0, 0), film(4, 4, 20, 0.0, 2.0), up=(0, 0, 1), **around)
-    return scene(parts, view) | {
-        "integrator": {"type": kind, "max_depth": DEPTH, "rr_depth": 20} | more
-    }
-
-
 def seen(description: dict, seeds=SEEDS, spp: int = SPP, by: Any = None) -> np.ndarray:
     """The picture's mean for each seed."""
     loaded = load(description)
@@ -92,11 +83,10 @@ SCENES: dict[str, tuple[dict, dict]] = {
 
 
 @pytest.mark.statistical
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_energy_is_that_of_volpath(name):
     parts, more = SCENES[name]
-    description = described(parts, **more)
+    description = looked_at(parts, **more)
     depth = description["integrator"]["max_depth"]
     volpath = mi.load_dict({"type": "volpath", "max_depth": depth, "rr_depth": 20})
     expected = seen(steady_twin(description), OTHER_SEEDS, by=volpath)
@@ -104,25 +94,22 @@ def test_energy_is_that_of_volpath(name):
 
 
 @pytest.mark.statistical
-@pytest.mark.slow
 def test_shares_with_hits_are_those_of_the_last_turn(monkeypatch):
-    """A sheet that lets all through changes nothing, unless its own connections had a share."""
-    bare = seen(described(LIT), OTHER_SEEDS)
-    before_lamp = described(LIT | sheet(CLEAR, 3.0, 2.5))
+    """What lets all through changes nothing, unless its own connections had a share.
+
+    Lamps behind it are hidden as without it.
+    """
+    hidden = LIT | GLOW, LIT | GLOW | ball(CLEAR)
+    bare, behind = (
+        seen(looked_at(parts, hide_emitters=True), seeds)
+        for parts, seeds in zip(hidden, (SEEDS, OTHER_SEEDS), strict=True)
+    )
+    assert agree(behind, bare, rounding=2e-3)
+    bare = seen(looked_at(LIT), OTHER_SEEDS)
+    before_lamp = looked_at(LIT | sheet(CLEAR, 3.0, 2.5))
     assert agree(seen(before_lamp), bare, rounding=2e-3)
     monkeypatch.setattr(LightsStraightAhead, "hit", SceneLights.hit)
     assert not agree(seen(before_lamp), bare, rounding=2e-3)
-
-
-@pytest.mark.statistical
-@pytest.mark.slow
-def test_lamps_behind_are_hidden():
-    """As if what lets all light through were not there."""
-    bare, behind = (
-        seen(described(LIT | GLOW | more, hide_emitters=True), seeds)
-        for more, seeds in (({}, SEEDS), (ball(CLEAR), OTHER_SEEDS))
-    )
-    assert agree(behind, bare, rounding=2e-3)
 
 
 # ------------------------------------------------------------------------------- closed forms
@@ -188,7 +175,6 @@ def test_scenes_without_such_surfaces_are_as_by_transient_path():
     np.testing.assert_array_equal(*pictures)
 
 
-@pytest.mark.slow
 def test_polarised_light_is_that_of_volpath():
     """Through a polariser and a quarter-wave plate, off metal."""
     mi.set_variant("llvm_ad_mono_polarized")

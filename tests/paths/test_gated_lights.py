@@ -34,7 +34,6 @@ def quarters(image: np.ndarray) -> np.ndarray:
     return image.reshape(2, height // 2, 2, width // 2, channels).mean(axis=(1, 3))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_single_gates_agree_with_all_gates(name):
     """`render_transient` connects without looking at lengths."""
@@ -57,7 +56,6 @@ def test_single_gates_agree_with_all_gates(name):
     assert agree(over_seeds(each_gate, range(24)), reference)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "rough glass"])
 def test_connections_agree_and_are_as_long_as_the_bound(name):
     """Irradiance through a gate from each light, and `nearest` below every length."""
@@ -96,7 +94,6 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         assert not np.any(values)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("opl", "less"), [(5.2, 4.0), (5.9, 2.0), (6.7, 1.5)])
 def test_less_noise_at_equal_samples(opl, less):
     """The variance of one gate's picture against the same gate of a trace for all gates."""

@@ -66,7 +66,6 @@ def scattered(material: dict, cos: float) -> tuple[np.ndarray, np.ndarray, np.nd
     return own, mitsubas, integrand
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cos", COSINES)
 @pytest.mark.parametrize("name", RECIPROCAL)
 def test_importance_is_mitsubas(name, cos):

@@ -1,4 +1,4 @@
-"""The lens as what light arrives at: its importance is 1 in all, and it sees what its rays meet."""
+"""The lens as what light arrives at: it sees what its rays meet, with their density."""
 
 from __future__ import annotations
 
@@ -59,64 +59,20 @@ def points(count: int = 4096, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(0.01, 0.99, (2, count))
 
 
-def on_lens(sensor: mi.Sensor, aperture) -> mi.Point3f:
-    """The lens point that a random number stands for."""
-    ray, _ = film_rays(sensor, np.full((2, 1), 0.5), aperture)
-    return ray_origin(sensor, ray)
+BOTH_POINTS = pytest.mark.parametrize("aperture", [(0.5, 0.5), (0.1, 0.8)])
+"""Random numbers of two points on the lens."""
 
 
-APERTURES = [(0.5, 0.5), (0.1, 0.8)]
+# -------------------------------------------------------------------------------- its density
 
 
-# ----------------------------------------------------------------------------- its importance
-
-
-def whole(sensor: mi.Sensor, lens: Lens, at: mi.Point3f, n: int = 1200) -> float:
-    """The integral of the density over all directions from a lens point: We cos, lens area apart.
-
-    By the midpoints of n x n parts of the half sphere, even in solid angle.
-    """
-    height, φ = (np.arange(n) + 0.5) / n, 2 * np.pi * (np.arange(n) + 0.5) / n
-    z, φ = (each.ravel() for each in np.meshgrid(height, φ))
-    r = np.sqrt(1 - z**2)
-    d = mi.Frame3f(mi.Vector3f(*AXIS.tolist())).to_world(
-        mi.Vector3f(r * np.cos(φ), r * np.sin(φ), z)
-    )
-    return float(dr.mean(lens.arrive(at + d, at, True).density)[0]) * 2 * np.pi
-
-
-@pytest.mark.parametrize("name", ["plain", "offset, crop and border", "lens"])
-def test_importance_is_density_over_the_cosine_and_the_lens(name):
-    sensor = eye(name)
-    lens = Lens(sensor)
-    d = film_rays(sensor, points(64))[0].d
-    cos = np.abs(np.array(dr.dot(d, lens.axis)))
-    area = np.pi * THIN["aperture_radius"] ** 2 if name == "lens" else 1.0
-    wanted = np.array(lens.density(d)) / (cos * area)
-    np.testing.assert_allclose(np.array(lens.importance(d)), wanted, rtol=1e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("aperture", APERTURES)
-@EACH
-def test_importance_integrates_to_1(name, aperture, monkeypatch):
-    sensor = eye(name)
-    lens, at = Lens(sensor), on_lens(sensor, aperture)
-    assert whole(sensor, lens, at) == pytest.approx(1, abs=2e-3)
-    density = Lens.density
-    for power in (-1, 1):
-
-        def wrong(self, d, power=power):
-            return density(self, d) * dr.dot(d, self.axis) ** power
-
-        monkeypatch.setattr(Lens, "density", wrong)
-        assert whole(sensor, lens, at) != pytest.approx(1, abs=0.02)
-
-
-@pytest.mark.parametrize("aperture", APERTURES)
+@BOTH_POINTS
 @EACH
 def test_density_is_that_of_rays_through_an_even_film(name, aperture):
-    """One over the solid angle of a piece of film, whose edges are central differences."""
+    """One over the solid angle of a piece of film, whose edges are central differences.
+
+    So its integral over the film is 1. Its importance is that over the cosine and the lens's area.
+    """
     sensor, u, step = eye(name), points(), 5e-3
     moved = {}
     for sign in (-1, 1):
@@ -127,8 +83,12 @@ def test_density_is_that_of_rays_through_an_even_film(name, aperture):
     across, down = ((moved[1, axis] - moved[-1, axis]) / (2 * step) for axis in (0, 1))
     solid_angle = np.linalg.norm(np.cross(across.T, down.T), axis=1)
     ray, _ = film_rays(sensor, u, aperture)
-    found = np.array(Lens(sensor).density(ray.d), float)
+    lens = Lens(sensor)
+    found = np.array(lens.density(ray.d), float)
     assert found == pytest.approx(1 / solid_angle, rel=1e-3)
+    cos = np.abs(np.array(dr.dot(ray.d, lens.axis)))
+    area = np.pi * THIN["aperture_radius"] ** 2 if "lens" in name else 1.0
+    np.testing.assert_allclose(np.array(lens.importance(ray.d)), found / (cos * area), rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["plain", "lens"])
@@ -149,8 +109,7 @@ def test_mitsubas_importance_is_the_same(name):
 # ------------------------------------------------------------------------------- what it sees
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("aperture", APERTURES)
+@BOTH_POINTS
 @EACH
 def test_points_land_where_their_ray_comes_from(name, aperture):
     sensor, u = eye(name), points()
@@ -195,23 +154,16 @@ def test_clips_and_what_is_behind(name):
         assert dr.all(arrival.density == 0)
 
 
-def test_points_on_a_thin_lens_are_even():
-    """On its disk: r² is even up to R², and all is in the plane across the axis."""
-    sensor = eye("lens")
-    lens, sampler = Lens(sensor), mi.load_dict({"type": "independent"})
-    sampler.seed(0, 1 << 16)
-    offset = np.array(lens.sample(sampler)).T - ORIGIN
+def test_points_on_the_lens():
+    """Even on a disk: r² is even up to R², and all is in the plane across the axis; or a point."""
+    sampler, other = (mi.load_dict({"type": "independent"}) for _ in range(2))
+    for each in (sampler, other):
+        each.seed(0, 1 << 16)
+    pinhole = np.array(Lens(eye("plain")).sample(sampler)).T
+    assert pinhole == pytest.approx(np.broadcast_to(ORIGIN, pinhole.shape))
+    assert dr.all(sampler.next_1d() == other.next_1d())  # None was drawn
+    offset = np.array(Lens(eye("lens")).sample(sampler)).T - ORIGIN
     assert np.abs(offset @ AXIS).max() < 1e-6
     inside = np.sort((offset**2).sum(axis=1)) / THIN["aperture_radius"] ** 2
     assert inside == pytest.approx((np.arange(inside.size) + 0.5) / inside.size, abs=0.01)
     assert offset.mean(axis=0) == pytest.approx(np.zeros(3), abs=2e-3)
-
-
-def test_a_pinhole_is_a_point():
-    sensor = eye("plain")
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, 4)
-    assert np.array(Lens(sensor).sample(sampler)).ravel() == pytest.approx(ORIGIN)
-    other = mi.load_dict({"type": "independent"})
-    other.seed(0, 4)
-    assert dr.all(sampler.next_1d() == other.next_1d())

@@ -141,13 +141,11 @@ def test_shares_in_a_plain_room():
     assert are_plain(it)
 
 
-@pytest.mark.slow
 @CASES
 def test_shares_of_each_path_sum_to_1(view, exponent, camera_connections):
     assert sum_to_1(case(view, exponent, camera_connections))
 
 
-@pytest.mark.slow
 @CASES
 def test_shares_are_the_plain_definition(view, exponent, camera_connections):
     it = case(view, exponent, camera_connections)
@@ -339,7 +337,6 @@ MISTAKES: list[tuple[Any, str, Callable]] = [
 IN_ALL_ALIKE = {"cos²": cosine_to_the(2), "cos⁴": cosine_to_the(4), "no area": no_area}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("owner", "name", "mistake"), MISTAKES)
 def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
     monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
@@ -348,7 +345,6 @@ def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
     assert not are_plain(it)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mistake", IN_ALL_ALIKE)
 def test_a_wrong_density_of_the_lens_is_found(mistake, monkeypatch):
     """All strategies take the same, so that shares still sum to 1: the definition tells."""

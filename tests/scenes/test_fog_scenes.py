@@ -1,35 +1,21 @@
-"""Scenes with fog, milk and smoke: files, windows, clear air, light as Mitsuba finds it."""
+"""Scenes with fog, milk and smoke: no leaks, clear air, light as Mitsuba finds it."""
 
 from __future__ import annotations
-
-import pickle
-from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import agree, over_seeds, parsed, require_equal, with_film, with_integrator
+from helpers.scenes import load, random_rays, seen
+from helpers.support import agree, over_seeds, with_film, with_integrator
 
-import tofrender
-from tofrender.scenes import BUILT_IN, describe, fog
-from tofrender.scenes.packing import packed, unpacked
+from tofrender.scenes import BUILT_IN, fog
 
-FOLDER = Path(__file__).parents[2] / "scenes" / "fog"
-ALL = ["cornell_box_fog", "lamp_in_milk", "smoke_corridor", "headlight_in_fog"]
-FOLLOWING = ("transient_volpath", "transient_path", "path_tracer_mis")
+ALL = pytest.mark.parametrize(
+    "name", ["cornell_box_fog", "lamp_in_milk", "smoke_corridor", "headlight_in_fog"]
+)
 MEDIUM = {"fog", "milk", "smoke"}
-MOST = {
-    "cornell_box_fog": fog.MAX_FOG,
-    "lamp_in_milk": fog.MAX_MILK,
-    "smoke_corridor": fog.MAX_SMOKE,
-    "headlight_in_fog": fog.MAX_ROAD_FOG,
-}
 SEEDS = range(8)
-
-
-def load(described: dict) -> mi.Scene:
-    return tofrender.load_scene(described, optimize=False)
 
 
 def without_medium(described: dict) -> dict:
@@ -45,86 +31,7 @@ def without_medium(described: dict) -> dict:
     return kept
 
 
-# ------------------------------------------------------------------------------------- files
-
-
-def test_every_scene_has_a_file():
-    assert {path.stem for path in FOLDER.glob("*.xml")} == set(ALL)
-
-
-@pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize(
-    "changes",
-    [{}, {"width": 7, "spp": 3, "start_opl": 1.5, "integrator": "path_tracer_nee", "sigma_t": 0.4}],
-)
-def test_xml_is_the_dict(name, changes):
-    file, described = parsed(FOLDER / f"{name}.xml", **changes), parsed(BUILT_IN[name](**changes))
-    if name == "smoke_corridor":
-        path = file["gridvolume"][1].pop("filename")
-        grid = described["gridvolume"][1].pop("grid")
-        assert path == "smoke.vol"
-        kept = mi.VolumeGrid(str(FOLDER / path))
-        np.testing.assert_allclose(np.array(kept), np.array(grid), atol=1e-7)
-    require_equal(file, described)
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_first_line_of_the_file_is_the_description(name):
-    lines = (FOLDER / f"{name}.xml").read_text(encoding="utf-8").splitlines()
-    assert lines[2].strip() == describe(name)
-    assert len(describe(name)) <= 72
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"])
-def test_every_scene_renders_under_every_variant(variant):
-    mi.set_variant(variant)
-    for name in ALL:
-        for source in (name, FOLDER / f"{name}.xml"):
-            scene = tofrender.load_scene(source, width=8, height=8, temporal_bins=4)
-            assert len(scene.emitters()) == 1
-            steady, transient = (np.array(each) for each in mi.render(scene, spp=16))
-            assert np.isfinite(steady).all()
-            assert np.isfinite(transient).all()
-            assert steady.max() > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("integrator", FOLLOWING)
-@pytest.mark.parametrize("name", ALL)
-def test_integrators_have_the_depth_that_is_given(name, integrator):
-    scene = load(BUILT_IN[name](integrator=integrator, max_depth=3, width=4, height=4))
-    assert scene.integrator().max_depth == 3
-    assert np.isfinite(np.array(mi.render(scene, spp=1)[0])).all()
-
-
-def test_a_grid_goes_to_another_process():
-    described = BUILT_IN["smoke_corridor"]()
-    sent = pickle.loads(pickle.dumps(packed("scene", described)))
-    grids = [np.array(each["smoke"]["sigma_t"]["grid"]) for each in (unpacked(sent), described)]
-    np.testing.assert_array_equal(*grids)
-
-
 # ----------------------------------------------------------------------------------- windows
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ALL)
-def test_windows_hold_the_light(name):
-    """A warning would fail the test."""
-    found = tofrender.render(BUILT_IN[name](width=32, height=32), spp=64)
-    assert found.attrs["energy_outside_window"] < 0.01
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ALL)
-def test_windows_start_before_the_first_light(name):
-    described = BUILT_IN[name](width=32, height=32)
-    start = described["sensor"]["film"]["start_opl"]
-    bins = {"temporal_bins": 2, "start_opl": start - 10, "bin_width_opl": 10.0}
-    before, after = light_in_bins(load(with_film(described, **bins)), spp=256).sum(axis=-1)
-    assert before == 0
-    assert after > 0
 
 
 def light_in_bins(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
@@ -136,14 +43,6 @@ def light_in_bins(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
 # ---------------------------------------------------------------------------- gaps and leaks
 
 
-def random_rays(center: list[float], lanes: int = 1 << 18) -> mi.Ray3f:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, lanes)
-    direction = mi.warp.square_to_uniform_sphere(sampler.next_2d())
-    return mi.Ray3f(mi.Point3f(center) + dr.zeros(mi.Float, lanes), direction)
-
-
-@pytest.mark.slow
 def test_milk_has_a_closed_surface():
     """Seen from inside, all around, and nothing of the scene is in it but the lamp."""
     described = BUILT_IN["lamp_in_milk"]()
@@ -157,7 +56,6 @@ def test_milk_has_a_closed_surface():
         assert dr.all(dr.dot(hit.n, hit.to_world(hit.wi)) < 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("z", [0.5, 5.0, 9.7])
 def test_the_corridor_is_closed(z):
     described = BUILT_IN["smoke_corridor"]()
@@ -170,9 +68,8 @@ def test_the_corridor_is_closed(z):
 # --------------------------------------------------------------------------------- the media
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", ALL)
+@ALL
 def test_no_density_is_clear_air(name):
     """In every tenth of the window."""
     described = BUILT_IN[name](width=16, height=16, sigma_t=0, max_depth=6)
@@ -188,9 +85,8 @@ def test_no_density_is_clear_air(name):
     assert agree(thin[:, kept] - clear[:, kept] + mean, mean)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", ALL)
+@ALL
 def test_light_of_all_time_is_that_of_volpath(name):
     """Of the whole picture and its quarters.
 
@@ -253,33 +149,19 @@ def test_smoke_is_as_its_formula():
 # ------------------------------------------------------------------------------ seen by a gate
 
 
-def seen(described: dict, *names: str) -> np.ndarray:
-    """Which pixels see one of these shapes at their center."""
-    scene = load(described)
-    film = described["sensor"]["film"]
-    w, h = film["width"], film["height"]
-    index = dr.arange(mi.UInt32, w * h)
-    at = mi.Point2f((index % w + 0.5) / w, (index // w + 0.5) / h)
-    ray, _ = scene.sensors()[0].sample_ray(0, 0.5, at, 0.5)
-    shape = scene.ray_intersect(ray).shape
-    found = [shape == mi.ShapePtr(each) for each in scene.shapes() if each.id() in names]
-    return np.any(np.array(found), axis=0).reshape(h, w)
-
-
 def contrast(light: np.ndarray, target: np.ndarray, around: np.ndarray) -> float:
     """(target - around) / (target + around), of mean light."""
     a, b = light[target].mean(), light[around].mean()
     return float((a - b) / (a + b))
 
 
-@pytest.mark.slow
 def test_a_gate_shows_the_sign_that_fog_hides():
     """Contrast of the sign with a ring around it: 0.8 in the gate, 0.05 in the light of all time.
 
     Noise of the second is 0.05. Nine tenths of the light arrive before the gate, by half its time.
     """
     described = BUILT_IN["headlight_in_fog"](width=48, height=48)
-    target = seen(described, "sign", "bar")
+    target = seen(described, 48, "sign", "bar")
     rows, columns = np.nonzero(target)
     y, x = np.mgrid[:48, :48]
     away = np.hypot(y - rows.mean(), x - columns.mean()) - np.ptp(rows) / 2
@@ -293,36 +175,3 @@ def test_a_gate_shows_the_sign_that_fog_hides():
     assert gated[target].mean() < 0.05 * steady[target].mean()
     assert 0.85 < light[..., :150].sum() / light.sum() < 0.95
     assert 0.4 < light[..., :63].sum() / light.sum() < 0.6
-
-
-# --------------------------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        ({"width": 0}, "width = 0: must be an integer from 1 to 65536"),
-        ({"height": 2.5}, "height = 2.5: must be an integer"),
-        ({"temporal_bins": 0}, "temporal_bins = 0: must be an integer from 1"),
-        ({"start_opl": float("nan")}, "start_opl = nan: must be a finite number of metres"),
-        ({"bin_width_opl": 0}, "bin_width_opl = 0: must be a finite number of metres above 0"),
-        ({"spp": 0}, "spp = 0: must be an integer from 1 to 16777216"),
-        ({"max_depth": 0}, r"max_depth = 0: must be -1 \(no limit\) or an integer"),
-        ({"integrator": "transient_volpat"}, "did you mean 'transient_volpath'?"),
-        ({"integrator": "volpath"}, "integrator = 'volpath': must be one of transient_path"),
-        ({"integrator": "ao"}, "integrator = 'ao': must be one of transient_path"),
-    ],
-)
-def test_bad_arguments_are_one_line(name, arguments, text):
-    with pytest.raises(ValueError, match=text) as error:
-        BUILT_IN[name](**arguments)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("value", [-0.1, 2000, float("nan"), float("inf"), "thick", None, True])
-@pytest.mark.parametrize("name", ALL)
-def test_bad_densities_are_one_line(name, value):
-    allowed = f"must be a finite number of 1/m from 0 to {MOST[name]:g}"
-    with pytest.raises(ValueError, match=rf"\Asigma_t = .*: {allowed}\Z"):
-        BUILT_IN[name](sigma_t=value)

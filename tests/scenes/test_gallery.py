@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scenes import refusal
 from PIL import Image
 
 from scenes import gallery
@@ -24,10 +25,6 @@ ONLY_IN_TIME = {
     if builder.__module__.rpartition(".")[2] in ("nlos", "confocal")
 }
 """Scenes whose steady picture shows nothing of what is hidden."""
-
-
-def small(panel: gallery.Panel) -> gallery.Panel:
-    return replace(panel, spp=2)
 
 
 def test_every_scene_has_a_line_and_a_picture():
@@ -52,16 +49,10 @@ def test_the_page_shows_the_pictures_that_there_are():
 
 
 @pytest.mark.parametrize("name", gallery.PICTURES)
-def test_pictures_kept_are_of_these_panels(name):
-    panels = gallery.PICTURES[name]
+def test_pictures_are_made(name, tmp_path, monkeypatch):
+    panels = tuple(replace(panel, spp=2) for panel in gallery.PICTURES[name])
     with Image.open(gallery.FOLDER / f"{name}.png") as kept:
         assert kept.width == len(panels) * (gallery.PANEL_WIDTH + 2) - 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", gallery.PICTURES)
-def test_pictures_are_made(name, tmp_path, monkeypatch):
-    panels = tuple(small(panel) for panel in gallery.PICTURES[name])
     monkeypatch.setitem(gallery.PICTURES, name, panels)
     (path,) = gallery.write(tmp_path / "new", [name], width=32)
     assert path == tmp_path / "new" / f"{name}.png"
@@ -76,7 +67,6 @@ def test_pictures_are_made(name, tmp_path, monkeypatch):
     assert np.abs(again - image).max() <= 1  # the same but for the rounding of sums
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", gallery.PLANS)
 def test_plans_are_drawn(name, tmp_path, monkeypatch):
     """A row of them; the file that is kept has a place for each."""
@@ -111,9 +101,8 @@ def test_labels_are_legible():
 
 
 def test_other_names_are_one_line(tmp_path, monkeypatch, capsys):
-    with pytest.raises(ValueError, match=r"NAME = 'veech': did you mean 'veach'\?") as error:
-        gallery.write(tmp_path / "new", ["veech"])
-    assert "\n" not in str(error.value)
+    said = refusal(gallery.write, tmp_path / "new", ["veech"])
+    assert said.startswith("NAME = 'veech': did you mean 'veach'?")
     assert not (tmp_path / "new").exists()
     monkeypatch.setattr("sys.argv", ["gallery", "veech"])
     with pytest.raises(SystemExit) as stop:
