@@ -293,7 +293,6 @@ def keys(table: dict, where: str = "") -> Iterator[str]:
             yield from keys(value, f"{where}{name}.")
 
 
-@pytest.mark.slow
 def test_whatever_stands_there_is_taken_or_refused_in_a_line():
     said = []
     for key in keys(GOOD):

@@ -85,7 +85,6 @@ def made(tmp_path_factory):
 # ------------------------------------------------------------------------------ contents
 
 
-@pytest.mark.slow
 def test_a_record_is_what_render_gives(made):
     dataset, _ = made
     config = datasets.read_config(CONFIG)
@@ -118,7 +117,6 @@ def test_a_record_is_what_render_gives(made):
             np.testing.assert_allclose(dataset[name][record], truth, rtol=1e-6, err_msg=name)
 
 
-@pytest.mark.slow
 def test_noise_is_independent(made):
     """A denoiser must not find the clean picture's own noise in the noisy one."""
     dataset, _ = made
@@ -129,7 +127,6 @@ def test_noise_is_independent(made):
     assert 0.1 < error < 1.5
 
 
-@pytest.mark.slow
 def test_xarray_opens_it_lazily(made):
     dataset, _ = made
     opened = xr.open_zarr(dataset.encoding["source"], consolidated=True)
@@ -155,7 +152,6 @@ def test_xarray_opens_it_lazily(made):
         assert table["eye"].values[record].tolist() == drawn["eye"]
 
 
-@pytest.mark.slow
 def test_each_record_has_a_file_with_all_of_it(made):
     dataset, _ = made
     folder = Path(dataset.encoding["source"])
@@ -165,7 +161,6 @@ def test_each_record_has_a_file_with_all_of_it(made):
     assert not list(folder.parent.glob(".tofrender-*"))
 
 
-@pytest.mark.slow
 def test_the_plan_is_told_first(made):
     _, lines = made
     assert lines[0].startswith("3 records of cornell_box; varied: turn, eye, paint, boxes\n")
@@ -175,7 +170,6 @@ def test_the_plan_is_told_first(made):
     assert "; the others take about " in lines[1]
 
 
-@pytest.mark.slow
 def test_any_record_can_be_made_alone(made, tmp_path):
     dataset, _ = made
     alone = make(CONFIG, tmp_path / "one.zarr", only=[2])
@@ -197,7 +191,6 @@ def plane(width: int = 5, height: int = 4) -> dict:
     }
 
 
-@pytest.mark.slow
 def test_depth_and_normals_of_a_plane(tmp_path):
     """Distance d of the camera: a pixel at the angle θ is d / cos θ away."""
     eye = {"camera": "origin", "distribution": "uniform", "low": [0, 0, 1], "high": [0, 0, 9]}
@@ -212,7 +205,6 @@ def test_depth_and_normals_of_a_plane(tmp_path):
     np.testing.assert_allclose(found["normals"].values - [0, 0, 1], 0, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
     """As deep as its own integrator, whatever that is."""
     config = {
@@ -234,7 +226,6 @@ def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
     np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], I, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.slow
 def test_another_variant(tmp_path):
     mi.set_variant("llvm_ad_mono")
     config = CONFIG | {"records": 1, "vary": {"turn": CONFIG["vary"]["turn"]}}
@@ -244,7 +235,6 @@ def test_another_variant(tmp_path):
     assert found.attrs["variant"] == told(found)["variant"] == "llvm_ad_mono"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["boxes", "hidden", "room"])
 def test_examples_work(name, tmp_path):
     """In small, with their windows: 4 records without a warning or another draw."""
@@ -285,7 +275,6 @@ HIDDEN = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["confocal", "single", "exhaustive"])
 def test_captures_are_those_of_capture(tmp_path, mode):
     config = deepcopy(HIDDEN)
@@ -308,7 +297,6 @@ def test_captures_are_those_of_capture(tmp_path, mode):
         assert tofrender.reconstruct(one, "lct").sizes
 
 
-@pytest.mark.slow
 def test_time_bins_must_be_those_of_all(tmp_path):
     config = deepcopy(HIDDEN)
     config["render"] = {"spp": 4}
@@ -343,7 +331,6 @@ def inside(share: float) -> dict:
     return config
 
 
-@pytest.mark.slow
 def test_what_cannot_be_rendered_ends_with_a_line(tmp_path):
     with pytest.raises(ValueError, match=r"^record 0 cannot be made: ") as error:
         make(inside(1.0), tmp_path / "x.zarr")
@@ -354,7 +341,6 @@ def test_what_cannot_be_rendered_ends_with_a_line(tmp_path):
         make(inside(1.0) | {"retry": 2}, tmp_path / "y.zarr")
 
 
-@pytest.mark.slow
 def test_what_cannot_be_rendered_is_drawn_again(tmp_path):
     config = inside(0.5) | {"records": 4, "retry": 20}
     found = make(config, tmp_path / "x.zarr")
@@ -389,7 +375,6 @@ def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
     return making.under_way(out)
 
 
-@pytest.mark.slow
 def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
     put = making.Store.put
 
@@ -405,7 +390,6 @@ def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_p
     assert len(list(receipts.glob("record *.json"))) == 2
 
 
-@pytest.mark.slow
 def test_a_run_is_finished_once_all_records_are_there(tmp_path, monkeypatch):
     finish = making.Store.finish
 
@@ -420,7 +404,6 @@ def test_a_run_is_finished_once_all_records_are_there(tmp_path, monkeypatch):
     assert not making.under_way(tmp_path / "x.zarr").exists()
 
 
-@pytest.mark.slow
 def test_a_stopped_run_goes_on(made, tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 2)
@@ -436,7 +419,6 @@ def test_a_stopped_run_goes_on(made, tmp_path, monkeypatch):
         np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
 
 
-@pytest.mark.slow
 def test_a_damaged_record_is_made_again(made, tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 2)
@@ -452,7 +434,6 @@ def test_a_damaged_record_is_made_again(made, tmp_path, monkeypatch):
         np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
 
 
-@pytest.mark.slow
 def test_another_config_is_refused(tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 1)
@@ -553,7 +534,6 @@ def test_a_damaged_record_is_named_when_it_is_read(small, tmp_path):
         np.asarray(found["depth"].isel(record=1))
 
 
-@pytest.mark.slow
 def test_what_is_there_stays(made):
     with pytest.raises(FileExistsError, match="exists; must be a new folder"):
         make(CONFIG, made[0].encoding["source"])
@@ -561,7 +541,6 @@ def test_what_is_there_stays(made):
         make(CONFIG, "boxes")
 
 
-@pytest.mark.slow
 def test_a_run_that_was_killed_as_it_finished_is_no_run(tmp_path):
     """Its receipts are left, without the data set, which has moved away."""
     out = tmp_path / "x.zarr"
@@ -583,7 +562,6 @@ def test_a_small_disk_is_refused_before_work(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 def test_warnings_are_told_once(tmp_path):
     config = deepcopy(SMALL)
     config["render"]["window"] = [3, 7]
@@ -599,7 +577,6 @@ def test_warnings_are_told_once(tmp_path):
 # ------------------------------------------------------------------------------ workers
 
 
-@pytest.mark.slow
 def test_two_workers_make_the_same(made, tmp_path):
     with tofrender.local_workers(2) as client:
         found = make(CONFIG, tmp_path / "x.zarr", client=client)

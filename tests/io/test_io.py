@@ -144,7 +144,6 @@ def test_frame_names_have_four_digits_or_more():
     assert names == {20: "frame_0012", 10_000: "frame_0012", 10_001: "frame_00012"}
 
 
-@pytest.mark.slow
 def test_frame_names_sort_where_they_have_more_digits(tmp_path, monkeypatch):
     monkeypatch.setattr(exr, "LEAST_DIGITS", 3)  # With 4, it takes more than 10 000 frames
     dataset = make_dataset(height=1, width=1, bins=1_101, channels="L")
@@ -189,7 +188,6 @@ def test_display_window_reaches_the_crop_if_the_film_is_unknown(tmp_path):
     assert [list(corner) for corner in header["displayWindow"]] == [[0, 0], [14, 12]]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["half", "float"])
 def test_mitsuba_reads_the_same_values(tmp_path, precision):
     color = make_dataset(height=37, x0=5, y0=7)
@@ -439,7 +437,6 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(f): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("earlier", [False, True])
 @pytest.mark.parametrize(

@@ -105,14 +105,12 @@ def test_steady_scenes_turn_transient():
     assert one.attrs["integrator"] == "TransientPath"
 
 
-@pytest.mark.slow
 def test_an_xml_file_has_parameters():
     file = ROOT / "scenes" / "cornell_box.xml"
     dataset = render(file, spp=1, size=(4, 4), define={"max_depth": 2})
     assert dataset.attrs["max_depth"] == 2
 
 
-@pytest.mark.slow
 def test_workers_here():
     scene = cornell_box(width=8, height=8, temporal_bins=40, bin_width_opl=0.3)
     both = [

@@ -39,7 +39,6 @@ def film(channels: str = "RGB", **attrs):
 # ------------------------------------------------------------------------------------- the class
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("chunks", [None, CHUNKS, {"y": 13, "x": 11, "opl": 17}, {"x": 1}])
 @pytest.mark.parametrize("piece_bytes", [1, 700, 5000, 1 << 20])
 def test_pieces_rows_and_frames_are_the_whole(monkeypatch, chunks, piece_bytes):
@@ -189,7 +188,6 @@ def one_thread(monkeypatch):
     monkeypatch.setattr(parallel.os, "cpu_count", lambda: 1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("channels", ["RGB", "L"])
 @pytest.mark.parametrize("reader", READERS)
 def test_readers_see_what_is_in_memory_and_keep_little(
@@ -259,7 +257,6 @@ METHODS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "method"), [(mode, method) for mode, them in METHODS.items() for method in them]
 )
@@ -315,7 +312,6 @@ def rendered(tmp_path_factory):
             return tofrender.render(scene, spp=8, out=folder, progress=False)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("reader", READERS)
 def test_films_of_renders_read_as_in_memory(tmp_path, one_thread, rendered, reader):
     assert len(rendered["transient"].chunks[0]) > 1
@@ -328,7 +324,6 @@ def test_films_of_renders_read_as_in_memory(tmp_path, one_thread, rendered, read
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("harm", ["a bit", "half"])
 @pytest.mark.parametrize("reader", [*READERS, "values", "unwarp"])
 def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
@@ -395,7 +390,6 @@ print(by_pieces, peak() - before)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory as Linux counts it")
 def test_a_large_film_is_read_in_little_memory(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "BLOCK_BYTES", 1 << 20)

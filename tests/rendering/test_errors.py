@@ -65,7 +65,6 @@ def test_students_shares():
     assert two == pytest.approx(0.936, abs=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_where_many_paths_reach(films):
     """Bins of 10 contributions or more, in 1024 pixels.
@@ -86,7 +85,6 @@ def test_where_many_paths_reach(films):
     assert not is_calibrated(covered(1.05 * values, errors, expected))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_where_few_paths_reach(films):
     """A bound for bins of few contributions, λ expected ones.
@@ -128,7 +126,6 @@ EYE = (2.0, 0.0, 0.9)
 """Looks below the light."""
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_of_an_area_light():
     """dE/dr of a disk, and E = π Le R² / (h² + R²), by closed form; false alarms as above.
@@ -157,7 +154,6 @@ def test_of_an_area_light():
     assert not is_calibrated(covered(values, 0.8 * errors, expected))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_that_are_resumed():
     """Two renders with 15 degrees of freedom each; false alarms as above."""
@@ -227,7 +223,6 @@ def test_scatter_is_the_standard_error():
     assert Scatter.restored({}) is None
 
 
-@pytest.mark.slow
 def test_the_mean_is_that_of_the_parts():
     """Each part is a render of its own, and the errors are theirs by NumPy."""
     whole = render(box(), spp=16, errors=True)
@@ -247,7 +242,6 @@ def test_the_mean_is_that_of_the_parts():
 # ------------------------------------------------------------------ as it is carried out
 
 
-@pytest.mark.slow
 def test_shapes_and_attributes():
     plain, found = render(box(), spp=16), render(box(), spp=16, errors=True)
     for name in ("transient", "steady"):
@@ -260,7 +254,6 @@ def test_shapes_and_attributes():
     assert "transient_error" not in plain
 
 
-@pytest.mark.slow
 def test_errors_shrink_with_samples():
     few, many = (render(box(), spp=spp, errors=True) for spp in (16, 256))
     ratio = float(many["steady_error"].mean() / few["steady_error"].mean())
@@ -283,7 +276,6 @@ def stopped(monkeypatch, part: int, **options):
         return render(box(), errors=True, **options)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spp", [32, 64])
 def test_ctrl_c_returns_the_parts_that_are_finished(monkeypatch, spp):
     """Of one step each, or stopped in the middle of one of two steps."""
@@ -297,14 +289,12 @@ def test_ctrl_c_returns_the_parts_that_are_finished(monkeypatch, spp):
     assert float(found["steady_error"].mean()) > float(whole["steady_error"].mean())
 
 
-@pytest.mark.slow
 def test_one_part_has_no_errors(monkeypatch):
     with pytest.raises(KeyboardInterrupt, match="1 of 16 parts") as error:
         stopped(monkeypatch, 0, spp=32)
     one_line(error)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("spp", "part"), [(32, 0), (32, 7), (64, 0), (64, 7)])
 def test_a_checkpoint_goes_on(monkeypatch, tmp_path, capsys, spp, part):
     """Between parts and within one; the result is that of a render in one go."""
@@ -325,7 +315,6 @@ def test_a_checkpoint_goes_on(monkeypatch, tmp_path, capsys, spp, part):
     one_line(error)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors", [False, True])
 def test_only_alike_goes_on(errors):
     """Errors of a part only would be wrong."""
@@ -335,7 +324,6 @@ def test_only_alike_goes_on(errors):
     one_line(error)
 
 
-@pytest.mark.slow
 def test_error_bars_of_light_that_lands_anywhere():
     options = {"integrator": "transient_bdpt", "errors": True}
     found, other = (render(box(), spp=64, seed=seed, **options) for seed in (0, 1))
@@ -345,7 +333,6 @@ def test_error_bars_of_light_that_lands_anywhere():
     assert 0.5 < float((off <= error).where(lit).mean()) < 0.85
 
 
-@pytest.mark.slow
 def test_error_bars_need_memory(monkeypatch):
     """What fits without them may not fit with them."""
     size = memory.film_bytes(9, 12, 40, 3)

@@ -256,19 +256,16 @@ def test_the_lamp_is_in_view():
     assert 0 < lamp.sum() < 0.1 * lamp.size
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", WORKS)
 def test_parts_are_the_whole(path, small_steps, name):
     is_the_whole(WORKS[name](), path, small_steps, 1 if name == "crop" else 3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("after", [1, 5, 7])
 def test_wherever_it_is_cut(path, small_steps, after):
     is_the_whole(rendered(box()), path, small_steps, after, 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["llvm_ad_mono", "llvm_ad_spectral"])
 @pytest.mark.parametrize("work", [lambda: rendered(box()), phasors])
 def test_other_variants(path, small_steps, name, work):
@@ -276,7 +273,6 @@ def test_other_variants(path, small_steps, name, work):
     is_the_whole(work(), path, small_steps)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("after", [1, 3])
 @pytest.mark.parametrize("name", ["transient_path", "transient_bdpt", "gates"])
 def test_more_samples_than_float32_adds(path, small_steps, monkeypatch, name, after):
@@ -290,7 +286,6 @@ def test_more_samples_than_float32_adds(path, small_steps, monkeypatch, name, af
     assert difference(result, whole) < ROUNDING
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", GRIDS)
 @pytest.mark.parametrize("after", [1, 3])
 def test_captures(path, small_steps, mode, after):
@@ -299,7 +294,6 @@ def test_captures(path, small_steps, mode, after):
     is_the_whole(captured(mode), path, small_steps, after, 3, samples=points * 256)
 
 
-@pytest.mark.slow
 def test_more_samples_the_second_time(path, small_steps):
     """From a part, then from what is complete."""
     whole = rendered(box(), spp=2 * SPP)(None)
@@ -320,7 +314,6 @@ def test_what_is_complete_is_not_done_again(path, small_steps):
     assert again.told == [f"resuming from {SPP} of {SPP} samples per pixel"]
 
 
-@pytest.mark.slow
 def test_on_top_of_an_earlier_render(path, small_steps):
     """`resume` and a checkpoint of what came after it; then of that one's result."""
     whole = rendered(box(), spp=3 * SPP)(None)
@@ -335,7 +328,6 @@ def test_on_top_of_an_earlier_render(path, small_steps):
     assert result.attrs["spp"] == 3 * SPP
 
 
-@pytest.mark.slow
 def test_a_partial_result_is_gone_on_with(path, small_steps):
     """Without the checkpoint: what Ctrl-C returns is a render of fewer samples."""
     whole = rendered(box())(None)
@@ -347,7 +339,6 @@ def test_a_partial_result_is_gone_on_with(path, small_steps):
     assert difference(result, whole) < ROUNDING
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("sampler", ["independent", "multijitter"])
 def test_other_samplers(tmp_path, small_steps, sampler):
@@ -410,7 +401,6 @@ def test_a_stopped_capture(path, small_steps, mode):
     assert difference(part, captured(mode, 512)(None)) < ROUNDING
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("by", ENDINGS)
 @pytest.mark.parametrize("name", ["gate", "gates", "phasors", "correlation", "own_sample"])
 def test_arrays_are_whole_or_an_error(path, small_steps, name, by):
@@ -498,7 +488,6 @@ def test_in_another_thread(path, small_steps):
     assert found[0].attrs["complete"] == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["many", "slow"])
 def test_steps_take_about_a_second(path, name):
     """A stop takes that long; also where a sample takes long. Of the processor, on two cores."""
@@ -558,7 +547,6 @@ REFUSED = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", REFUSED)
 def test_another_render_is_refused(path, small_steps, name):
     small_steps()
@@ -571,7 +559,6 @@ def test_another_render_is_refused(path, small_steps, name):
     assert path.read_bytes() == before
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "change"),
     [
@@ -613,7 +600,6 @@ def test_a_students_pulse_counts(path, small_steps):
         gate(OwnSample(0.1))(path)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "other"),
     [
@@ -639,7 +625,6 @@ KINDS = {"render": lambda: rendered(box()), "gate": gate, "gates": gates, "phaso
 KINDS |= {"correlation": correlation}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("first", KINDS)
 def test_another_kind_of_work_is_refused(path, small_steps, first):
     small_steps()

@@ -83,7 +83,6 @@ KINDS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_everything_has_a_name_and_a_unit(tmp_path, kind):
     dataset = KINDS[kind](tmp_path)
@@ -95,7 +94,6 @@ def test_everything_has_a_name_and_a_unit(tmp_path, kind):
 TIMED = [kind for kind in KINDS if kind not in ("reconstruction", "depth", "projection")]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", TIMED)
 def test_time_is_a_coordinate(tmp_path, kind):
     dataset = KINDS[kind](tmp_path)

@@ -99,7 +99,6 @@ def test_unfinished_renders_count_as_far_as_they_are(parts):
     assert merged.attrs["spp"] == 24
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_it_is_one_render_with_all_samples():
     """In a sphere, by closed form: four of 64 are one of 256, noise included.
@@ -159,7 +158,6 @@ def test_fewer_without_error_bars_have_none(parts, noisy):
     assert set(merge([noisy[0], other]).data_vars) == {"transient", "steady"}
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_the_scatter_is_calibrated():
     """Of eight renders with different samples, in 1024 pixels; false alarms 1.4e-5.
@@ -198,7 +196,6 @@ def test_the_same_seed_twice(parts):
     one_line(error)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options", "text"),
     [
@@ -249,7 +246,6 @@ def test_what_is_not_finite(parts, bad):
 # ------------------------------------------------------------------------------- films on disk
 
 
-@pytest.mark.slow
 def test_films_on_disk_stay_there(parts, tmp_path):
     films = [save_zarr(each, tmp_path / f"{number}.zarr") for number, each in enumerate(parts)]
     merged = merge(films)

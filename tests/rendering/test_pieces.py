@@ -100,7 +100,6 @@ def test_a_piece_finds_its_pixels():
 # ------------------------------------------------------------------------- that it is the whole
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cropped", [{}, crop(3, 2, 7, 6)])
 @pytest.mark.parametrize(
     ("rfilter", "border"), [("box", False), ("gaussian", False), ("gaussian", True)]
@@ -116,7 +115,6 @@ def test_tiles_of_single_pixels():
     check_tiles(box(3, 2), (1, 1), spp=11)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_tiles_of_other_variants(variant):
     mi.set_variant(variant)
@@ -124,7 +122,6 @@ def test_tiles_of_other_variants(variant):
     assert expected["transient"].shape == (9, 12, 40, 1 if variant.endswith("mono") else 3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "options"),
     [
@@ -137,7 +134,6 @@ def test_tiles_of_other_light(integrator, options):
     check_tiles(with_integrator(box(temporal_bins=40), **integrator), (5, 12), **options)
 
 
-@pytest.mark.slow
 def test_tiles_with_the_lamp_in_view():
     """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
     described = box()
@@ -147,12 +143,10 @@ def test_tiles_with_the_lamp_in_view():
     check_tiles(described, (3, 4))
 
 
-@pytest.mark.slow
 def test_tiles_of_a_capture():
     check_tiles(builder("nlos_z", width=5, height=4), (2, 3), spp=64)
 
 
-@pytest.mark.slow
 def test_tiles_have_the_error_bars_of_the_whole():
     """Those are small differences of large numbers: rounding is a larger part of them."""
     job = job_of(box(), spp=32, errors=True)
@@ -163,7 +157,6 @@ def test_tiles_have_the_error_bars_of_the_whole():
         assert np.abs(found[name] - values).max() <= 1e-4 * values.max(), name
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["transient_path", "transient_bdpt"])
 def test_ranges_are_the_whole(integrator):
     """The mean of ranges, by their samples: the only pieces where light lands anywhere."""
@@ -179,7 +172,6 @@ def test_ranges_are_the_whole(integrator):
 # ------------------------------------------------------------------------------ other samplers
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("sampler", ["independent", "multijitter"])
 def test_tiles_of_other_samplers(sampler):
@@ -205,7 +197,6 @@ def test_tiles_of_other_samplers(sampler):
     assert not agree(1.3 * bins, expected)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "padded_sobol"])
 def test_no_two_tiles_have_the_same_points(sampler):
     """The same points would show as a pattern that repeats."""

@@ -690,7 +690,6 @@ print(json.dumps(dict(dataset.attrs) | sums))
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to one process")
 def test_ctrl_c_returns_what_is_finished():
     """A real SIGINT in the middle: as bright as a whole render, with noise of fewer samples."""
@@ -736,7 +735,6 @@ def interrupting(monkeypatch, times: int) -> None:
     monkeypatch.setattr(pieces, "steps", interrupted)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 def test_the_first_ctrl_c_ends_after_a_step(monkeypatch, rfilter):
     before = signal.getsignal(signal.SIGINT)
@@ -783,7 +781,6 @@ def test_in_another_thread():
     np.testing.assert_allclose(results[0].transient, expected.transient, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_the_default_sampler_is_the_better_one():
     """What its choice rests on: less noise than Mitsuba's default, at equal samples."""
     assert padded_sobol.PaddedSobolSampler.__name__ == render(box()).attrs["sampler"]

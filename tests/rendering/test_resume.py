@@ -22,7 +22,6 @@ def render(scene, **options):
     return tofrender.render(scene, progress=False, **options)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spp", [8, 24, 50])
 def test_two_parts_are_one_render(spp):
     """The points go on where they stopped."""
@@ -51,7 +50,6 @@ def test_a_saved_render_goes_on(tmp_path):
     np.testing.assert_allclose(again.transient, whole.transient, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "options", "text"),
     [

@@ -140,14 +140,12 @@ def test_a_film_is_the_render(out, whole):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rows", [0.3, 1, 4, 50])
 def test_however_it_is_cut(tmp_path, monkeypatch, whole, rows):
     in_tiles(monkeypatch, rows)
     check_same(render(box(), out=tmp_path / "film.zarr"), whole)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options"),
     [
@@ -166,14 +164,12 @@ def test_films_of_other_light(out, described, options):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_films_of_other_variants(out, variant):
     mi.set_variant(variant)
     check_same(render(box(), out=out), render(box()))
 
 
-@pytest.mark.slow
 def test_a_film_with_error_bars(out):
     whole = render(box(), spp=32, errors=True)
     film = render(box(), spp=32, errors=True, out=out)
@@ -222,7 +218,6 @@ def test_a_film_appears_when_all_is_done(out, monkeypatch):
 # ----------------------------------------------------------------------------------- going on
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tiles", [0, 1, 4])
 def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
     text = stopped(monkeypatch, out, tiles)
@@ -235,7 +230,6 @@ def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors", [False, True])
 def test_a_tile_under_way_goes_on(out, monkeypatch, errors):
     """What was taken of it when the signal came is not taken again."""
@@ -259,7 +253,6 @@ def test_a_tile_under_way_goes_on(out, monkeypatch, errors):
     check_same(film, render(box(), **options), 1e-4)
 
 
-@pytest.mark.slow
 def test_stopped_again_and_again(out, monkeypatch, whole):
     for tiles in (1, 1, 2):
         stopped(monkeypatch, out, tiles)
@@ -294,7 +287,6 @@ stream(job, sys.argv[1], seconds=1e-9, progress=False)
 """
 
 
-@pytest.mark.slow
 def test_two_processes_and_a_killed_one(out, monkeypatch, capsys, whole):
     """The second is refused; after SIGKILL, it goes on with all tiles and a part of the third."""
     process = script(_PAUSED, out)
@@ -317,7 +309,6 @@ def test_two_processes_and_a_killed_one(out, monkeypatch, capsys, whole):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options", "text"),
     [
@@ -346,7 +337,6 @@ def test_another_render_is_refused(begun, described, options, text):
     assert kept == before
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("place", [0.0, 0.3, 0.6, 0.99999])
 @pytest.mark.parametrize("number", [0, 2])
 def test_a_damaged_tile_is_rendered_again(begun, capsys, whole, place, number):
@@ -363,7 +353,6 @@ def test_a_damaged_tile_is_rendered_again(begun, capsys, whole, place, number):
     check_same(film, whole)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "harm", ["cut", "gone", "longer", "receipt", "empty receipt", "receipt gone"]
 )
@@ -389,7 +378,6 @@ def test_other_damage(begun, whole, harm):
     check_same(film, whole)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("place", [0.001, 0.5, 0.95])
 @pytest.mark.parametrize("array", ["transient", "steady"])
 def test_a_changed_byte_of_a_finished_film_is_found(out, array, place):
@@ -458,7 +446,6 @@ print(film["transient"].nbytes >> 20, float(film["transient"].sum() / film["stea
 """
 
 
-@pytest.mark.slow
 def test_a_film_larger_than_memory(out):
     """`ulimit -v` in earnest: the process holds a tile, not the film."""
     process = script(_SHORT, out)

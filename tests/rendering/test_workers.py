@@ -84,7 +84,6 @@ def with_takes(client, wrapper, where=None) -> None:
 # -------------------------------------------------------------------------- that it is the render
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options"),
     [
@@ -100,26 +99,22 @@ def test_workers_render_the_same(client, described, options):
     check_same(render(described(), client=client, **options), render(described(), **options))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_spectral"])
 def test_workers_take_the_variant(client, variant):
     mi.set_variant(variant)
     check_same(render(box(), client=client), render(box()))
 
 
-@pytest.mark.slow
 def test_workers_share_samples_of_light_that_lands_anywhere(client):
     options = {"integrator": "transient_bdpt", "spp": 50}
     check_same(render(box(), client=client, **options), render(box(), **options), 1e-4)
 
 
-@pytest.mark.slow
 def test_error_bars_by_workers(client):
     options = {"spp": 32, "errors": True}
     check_same(render(box(), client=client, **options), render(box(), **options), 1e-4)
 
 
-@pytest.mark.slow
 def test_workers_write_tiles(client, tmp_path, monkeypatch):
     in_tiles(monkeypatch, 2)
     film = render(box(), client=client, out=tmp_path / "film.zarr")
@@ -136,7 +131,6 @@ def test_numbers_of_threads_change_nothing(client):
         client.run(os.environ.__setitem__, workers.THREADS, "1", workers=[first])
 
 
-@pytest.mark.slow
 def test_renders_of_workers_and_of_one_process_go_together(client):
     """Scenes reach workers as they are: their fingerprint is the same, so they can be merged."""
     merged = tofrender.merge([render(box(), seed=1), render(box(), seed=2, client=client)])
@@ -169,7 +163,6 @@ def test_scenes_pack_as_they_are(variant):
 # ----------------------------------------------------------------------------- what goes wrong
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("streamed", [False, True])
 def test_a_killed_worker_costs_its_piece(client, tmp_path, monkeypatch, streamed):
     """One dies in its first piece; another process takes that, and nobody notices."""
@@ -200,7 +193,6 @@ def test_a_killed_worker_costs_its_piece(client, tmp_path, monkeypatch, streamed
     with_takes(client, None)
 
 
-@pytest.mark.slow
 def test_a_worker_that_hangs_is_given_up(client, monkeypatch):
     """Its piece goes to another, long before it would wake."""
     in_tiles(monkeypatch, 1)
@@ -225,7 +217,6 @@ def test_a_worker_that_hangs_is_given_up(client, monkeypatch):
         time.sleep(0.5)
 
 
-@pytest.mark.slow
 def test_a_piece_that_kills_everybody_is_an_error(client):
     """Not an endless row of workers."""
 
@@ -348,7 +339,6 @@ def test_light_that_lands_anywhere_is_not_streamed_by_workers(client, tmp_path):
     assert names(tmp_path) == set()
 
 
-@pytest.mark.slow
 def test_strangers_cannot_reach_workers(client):
     """Neither without a certificate nor with another one; nor are there pages."""
     cluster = client.cluster
@@ -370,7 +360,6 @@ BROKEN = {"DRJIT_LIBLLVM_PATH": __file__}
 """Environment in which no worker can start."""
 
 
-@pytest.mark.slow
 def test_workers_that_cannot_start(monkeypatch):
     monkeypatch.setenv(*next(iter(BROKEN.items())))
     started = time.monotonic()
@@ -381,7 +370,6 @@ def test_workers_that_cannot_start(monkeypatch):
     assert time.monotonic() - started < 20
 
 
-@pytest.mark.slow
 def test_workers_that_cannot_start_again(tmp_path):
     def die(take, job, piece):
         import os
@@ -397,7 +385,6 @@ def test_workers_that_cannot_start_again(tmp_path):
     one_line(error)
 
 
-@pytest.mark.slow
 def test_workers_beside_others(client):
     """A second scheduler on the machine takes no port that the first has."""
     with local_workers(1) as other:
@@ -467,7 +454,6 @@ def certificate(client, folder) -> dict[str, str]:
     return found
 
 
-@pytest.mark.slow
 def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
     """Pieces that workers had sent back are not taken again."""
     in_tiles(monkeypatch, 2)
@@ -499,7 +485,6 @@ def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
     check_same(render(box(), client=client, checkpoint=path), whole)
 
 
-@pytest.mark.slow
 def test_ctrl_c_stops_workers(client, tmp_path, monkeypatch, capsys):
     """One line, and a checkpoint that goes on."""
     in_tiles(monkeypatch, 2)
@@ -524,7 +509,6 @@ def test_ctrl_c_stops_workers(client, tmp_path, monkeypatch, capsys):
 # ----------------------------------------------------------------------- around the corner
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["confocal", "single", "exhaustive"])
 def test_captures_by_workers(client, mode):
     options = {"mode": mode, "grid": (3, 2), "spp": 16, "progress": False}
@@ -542,7 +526,6 @@ def test_captures_by_workers(client, mode):
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.slow
 def test_an_exhaustive_capture_by_workers_goes_on(client, tmp_path, monkeypatch, capsys):
     options = {"mode": "exhaustive", "grid": (3, 2), "spp": 16, "progress": False}
     following, calls = workers._next, []
