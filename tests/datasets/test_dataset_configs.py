@@ -9,6 +9,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
+from helpers.refusals import refused
 
 from tofrender.cli.app import main
 from tofrender.datasets.config import read_config
@@ -261,9 +262,8 @@ def changed(key: str, value: object) -> dict:
 
 
 def one_line(key: str, value: object, act=read_config) -> str:
-    with pytest.raises((ValueError, FileNotFoundError)) as error:
+    with refused("", (ValueError, FileNotFoundError)) as error:
         act(changed(key, value))
-    assert "\n" not in str(error.value)
     return str(error.value)
 
 
@@ -336,9 +336,8 @@ IN_SCENE = [
 def test_what_the_scene_has_not_is_refused(key, value, text):
     """Before anything is rendered."""
     config = changed(key, value) | {"retry": 0}
-    with pytest.raises(ValueError, match=text.replace("?", r"\?")) as error:
+    with refused(text.replace("?", r"\?")):
         plan_dataset(config)
-    assert "\n" not in str(error.value)
 
 
 def test_a_camera_that_looks_along_up_is_refused():

@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
+from helpers.refusals import refused
 
 import tofrender
 from tofrender import datasets
@@ -444,9 +445,8 @@ def test_another_config_is_refused(tmp_path, monkeypatch):
         ({"render": CONFIG["render"] | {"spp": 8}}, "render.spp = 8: the unfinished data set was"),
         ({"vary": {}}, "without vary.turn|vary = {}: the unfinished data set was begun"),
     ):
-        with pytest.raises(ValueError, match=text) as error:
+        with refused(text):
             make(SMALL | change, out)
-        assert "\n" not in str(error.value)
     with pytest.raises(ValueError, match=r"^only = .*: the unfinished data set was begun with"):
         make(SMALL, out, only=[0, 1])
     with pytest.raises(FileExistsError, match="an unfinished data set is beside it") as error:

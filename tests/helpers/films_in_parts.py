@@ -96,14 +96,6 @@ def check_same(film: Any, whole: Any, rounding: float = ROUNDING) -> None:
     assert max(found.values()) <= rounding, found
 
 
-def one_line(error: Any) -> str:
-    """The text of an error, which is one line."""
-    text = str(error.value)
-    assert text
-    assert "\n" not in text
-    return text
-
-
 def names(folder: Path) -> set[str]:
     """All that stands in a folder, hidden too."""
     return set(os.listdir(folder))

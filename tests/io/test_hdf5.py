@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from helpers.hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
 from helpers.made_dataset import assert_same
+from helpers.refusals import refused
 
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
@@ -58,9 +59,8 @@ def test_light_that_is_not_finite_is_not_read(tmp_path, mode, bad):
     said = rf"transient: {count} of {values.size} values are not finite, the first is {bad:g} at "
     with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
         save_capture(capture, path)
-    with pytest.raises(ValueError, match=f"^path = .*: {said}") as error:
+    with refused(f"^path = .*: {said}"):
         load_capture(path)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -249,10 +249,9 @@ def test_foreign_scene_info_and_missing_normals(tmp_path):
 )
 def test_broken_files_in_one_line(tmp_path, changes, message):
     path = rewritten(save_capture(example(), tmp_path / "c.h5"), **changes)
-    with pytest.raises(ValueError, match=message) as caught:
+    with refused(message) as caught:
         load_capture(path)
     assert str(caught.value).startswith(f"path = {path}: ")
-    assert "\n" not in str(caught.value)
 
 
 def test_not_a_whole_file(tmp_path):

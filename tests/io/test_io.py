@@ -20,6 +20,7 @@ import OpenEXR
 import pytest
 from helpers.hidden_scenes import Wall, capture_of, letter_z
 from helpers.made_dataset import START, WIDTH, assert_same, make_dataset
+from helpers.refusals import refused
 from PIL import Image, ImageSequence
 
 from tofrender import io
@@ -75,9 +76,8 @@ def test_data_that_are_not_finite_are_not_read(tmp_path, layout, name, bad):
     said += re.escape(str(place))
     with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
         save(dataset, path, layout)
-    with pytest.raises(ValueError, match=f"^path = .*: {said}") as error:
+    with refused(f"^path = .*: {said}"):
         load(path, layout)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("path", [3, 0, None, b"file.npz", 1.5, True, ""])
@@ -100,9 +100,8 @@ def test_data_that_are_not_finite_are_not_read(tmp_path, layout, name, bad):
 def test_only_names_of_files_are_taken(function, path):
     """A number would be taken for an open file, and that file closed."""
     before = os.listdir("/proc/self/fd") if sys.platform == "linux" else []
-    with pytest.raises(ValueError, match=r"^path = .*: must be text or an os.PathLike") as error:
+    with refused(r"^path = .*: must be text or an os.PathLike"):
         function(path)
-    assert "\n" not in str(error.value)
     assert (os.listdir("/proc/self/fd") if sys.platform == "linux" else []) == before
 
 
@@ -263,9 +262,8 @@ def test_load_refuses_in_one_line(tmp_path):
 )
 @layouts
 def test_other_datasets_are_refused(tmp_path, layout, change, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with refused(message):
         save(change(make_dataset()), target(tmp_path, layout), layout)
-    assert "\n" not in str(caught.value)
     assert not os.listdir(tmp_path)
 
 
@@ -494,9 +492,8 @@ def test_interrupt_while_taking_the_place(tmp_path, monkeypatch):
 
 def test_broken_ffmpeg_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setitem(pictures._FORMATS, ".mp4", ["-c:v", "nonsense"])
-    with pytest.raises(RuntimeError, match=r"ffmpeg failed with status .*nonsense") as caught:
+    with refused(r"ffmpeg failed with status .*nonsense", RuntimeError):
         io.save_video(make_dataset(), tmp_path / "v.mp4")
-    assert "\n" not in str(caught.value)
     assert not os.listdir(tmp_path)
 
 

@@ -15,6 +15,7 @@ import xarray as xr
 from helpers.hidden_scenes import Wall, capture_of, letter_z
 from helpers.limited import at_most, write_film
 from helpers.made_dataset import make_dataset
+from helpers.refusals import refused
 
 import tofrender
 from tofrender import io, nlos, vis
@@ -227,10 +228,9 @@ def test_unwarping_needs_room_for_its_result_alone(monkeypatch):
         same(unwarped(lazy), expected)
     with (
         at_most(SIZE, monkeypatch),
-        pytest.raises(MemoryError, match=r"^dataset: takes .* must be at most .*") as caught,
+        refused(r"^dataset: takes .* must be at most .*", MemoryError),
     ):
         unwarped(lazy)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_file_of_npz_is_the_one_that_numpy_writes(tmp_path):
@@ -281,10 +281,9 @@ def test_backprojection_keeps_rows_and_others_say_what_they_need(monkeypatch):
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
     with (
         at_most(size, monkeypatch),
-        pytest.raises(MemoryError, match=r"takes .* GiB") as caught,
+        refused(r"takes .* GiB", MemoryError),
     ):
         nlos.reconstruct(lazy, "fk", progress=False)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
@@ -338,9 +337,8 @@ def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
         "unwarp": lambda d, _: unwarped(d),
     }
     vis.plot_pixel_transient(lazy, 4, 1)
-    with pytest.raises(OSError, match=r"box\.zarr: transient/c/[\d/]+ is damaged") as caught:
+    with refused(r"box\.zarr: transient/c/[\d/]+ is damaged", OSError) as caught:
         read[reader](lazy, tmp_path)
-    assert "\n" not in str(caught.value)
     assert str(tmp_path / "box.zarr") in str(caught.value)
 
 

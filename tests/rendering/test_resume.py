@@ -5,6 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -64,9 +65,8 @@ def test_a_saved_render_goes_on(tmp_path):
 )
 def test_another_render_is_refused(scene, options, text):
     earlier = render(box(), spp=16)
-    with pytest.raises(ValueError, match=text) as error:
+    with refused(text):
         render(scene, **{"spp": 32, **options}, resume=earlier)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("change", ["camera_unwarp", "hide_emitters", "discard_direct_light"])

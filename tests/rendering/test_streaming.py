@@ -24,12 +24,12 @@ from helpers.films_in_parts import (
     in_small_steps,
     in_tiles,
     names,
-    one_line,
     render,
     script,
     with_film,
 )
 from helpers.nlos import builder
+from helpers.refusals import one_line, refused
 from helpers.support import with_integrator
 
 import tofrender
@@ -465,27 +465,24 @@ def test_a_film_larger_than_memory(out):
 @pytest.mark.parametrize("place", ["film", "film.npz", 3, ""])
 def test_a_place_that_is_no_film(tmp_path, monkeypatch, place):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=r"^out = ") as error:
+    with refused(r"^out = "):
         render(box(), out=place)
-    one_line(error)
     assert names(tmp_path) == set()
 
 
 def test_what_is_there_stays(out):
     out.mkdir()
     (out / "precious").write_text("data")
-    with pytest.raises(FileExistsError, match=r"out = .*film.zarr: exists") as error:
+    with refused(r"out = .*film.zarr: exists", FileExistsError):
         render(box(), out=out)
-    one_line(error)
     assert names(out) == {"precious"}
 
 
 @pytest.mark.parametrize("name", ["checkpoint", "resume"])
 def test_what_does_not_go_together(out, tmp_path, whole, name):
     value = {"checkpoint": tmp_path / "x.npz", "resume": whole}[name]
-    with pytest.raises(ValueError, match=f"^{name}: must be left out with `out`") as error:
+    with refused(f"^{name}: must be left out with `out`"):
         render(box(), spp=16, out=out, **{name: value})
-    one_line(error)
     assert names(tmp_path) == set()
 
 
@@ -532,26 +529,22 @@ def test_what_is_no_render_is_not_saved(out, whole, change, text):
 
 def test_a_film_is_not_saved_over_another(out, whole):
     save_zarr(whole, out)
-    with pytest.raises(FileExistsError, match="exists; must be a new folder") as error:
+    with refused("exists; must be a new folder", FileExistsError):
         save_zarr(whole, out)
-    one_line(error)
     check_same(load_zarr(out), whole, 0)
 
 
 def test_what_is_no_film_is_not_loaded(out, whole):
-    with pytest.raises(FileNotFoundError, match="does not exist") as error:
+    with refused("does not exist", FileNotFoundError) as error:
         load_zarr(out)
-    one_line(error)
     out.mkdir()
-    with pytest.raises(ValueError, match="must be a finished film") as error:
+    with refused("must be a finished film") as error:
         load_zarr(out)
-    one_line(error)
     xr.Dataset({"a": ("x", np.arange(3))}).to_zarr(
         out.with_name("other.zarr"), zarr_format=3, consolidated=False
     )
-    with pytest.raises(ValueError, match="must be a finished film") as error:
+    with refused("must be a finished film"):
         load_zarr(out.with_name("other.zarr"))
-    one_line(error)
 
 
 @pytest.mark.parametrize("load", [load_zarr, tofrender.load_dataset], ids=["film", "data set"])
@@ -570,11 +563,8 @@ def test_metadata_that_are_cut_are_refused(out, whole):
     text = (out / "zarr.json").read_text()
     for other in ("", text[: len(text) // 2], json.dumps({})):
         (out / "zarr.json").write_text(other)
-        with pytest.raises(
-            ValueError, match=r"zarr.json( is damaged)?;|must be a finished film"
-        ) as error:
+        with refused(r"zarr.json( is damaged)?;|must be a finished film"):
             load_zarr(out)
-        one_line(error)
 
 
 def test_a_film_under_way_is_none_yet(begun):
@@ -597,9 +587,8 @@ def test_read_only_places(out):
         pytest.skip("root may write anywhere")
     out.parent.chmod(0o500)
     try:
-        with pytest.raises(PermissionError) as error:
+        with refused("", PermissionError):
             render(box(), out=out)
-        one_line(error)
     finally:
         out.parent.chmod(0o700)
 
