@@ -7,10 +7,8 @@ import errno
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
-from collections import namedtuple
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,14 +16,12 @@ import imageio_ffmpeg
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.hidden_scenes import Wall, capture_of, letter_z
 from helpers.made_dataset import START, WIDTH, assert_same, make_dataset
 from helpers.refusals import refused
 from PIL import Image, ImageSequence
 
 from tofrender import io
 from tofrender.io import exr, npz, pictures
-from tofrender.io.layers import save_exr_layers
 from tofrender.runtime import atomic
 
 
@@ -46,8 +42,6 @@ def load(path, layout):
 layouts = pytest.mark.parametrize("layout", ["frames", "multipart", "npz"])
 exr_layouts = pytest.mark.parametrize("layout", ["frames", "multipart"])
 
-# -------------------------------------------------------------------------------- round trip
-
 
 @layouts
 @pytest.mark.parametrize("channels", ["RGB", "L"])
@@ -62,77 +56,60 @@ def test_round_trip_is_exact(tmp_path, layout, channels):
 
 
 @layouts
-@pytest.mark.parametrize("name", ["transient", "steady"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("name", "bad"), [("transient", np.nan), ("steady", -np.inf)])
 def test_data_that_are_not_finite_are_not_read(tmp_path, layout, name, bad):
     """They are written all the same, so that work is not lost, with a warning."""
-    dataset = make_dataset()
+    dataset, path = make_dataset(), target(tmp_path, layout)
     values = dataset[name].values
     values[3, 4], values[5, 9] = bad, np.nan
-    count, size = values[3:, 4:].size - np.isfinite(values[3:, 4:]).sum(), values.size
-    path = target(tmp_path, layout)
-    place = [3, 4, *[0] * (values.ndim - 2)]
-    said = rf"{name}: {count} of {size} values are not finite, the first is {bad:g} at "
-    said += re.escape(str(place))
+    count = values.size - np.isfinite(values).sum()
+    place = re.escape(str([3, 4, *[0] * (values.ndim - 2)]))
+    said = (
+        f"{name}: {count} of {values.size} values are not finite, the first is {bad:g} at {place}"
+    )
     with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
         save(dataset, path, layout)
     with refused(f"^path = .*: {said}"):
         load(path, layout)
 
 
-@pytest.mark.parametrize("path", [3, 0, None, b"file.npz", 1.5, True, ""])
-@pytest.mark.parametrize(
-    "function",
-    [
-        io.load_npz,
-        io.load_exr_stack,
-        io.load_capture,
-        lambda path: io.save_npz(make_dataset(), path),
-        lambda path: io.save_exr_stack(make_dataset(), path),
-        lambda path: io.save_exr_stack(make_dataset(), path, layout="multipart"),
-        lambda path: io.save_png_frames(make_dataset(), path),
-        lambda path: io.save_video(make_dataset(), path),
-        lambda path: save_exr_layers(path, {"": np.zeros((2, 2, 3))}),
-        lambda path: io.save_capture(capture_of(letter_z(), Wall(2), bins=4), path),
-        io.check_output,
-    ],
-)
-def test_only_names_of_files_are_taken(function, path):
-    """A number would be taken for an open file, and that file closed."""
-    before = os.listdir("/proc/self/fd") if sys.platform == "linux" else []
-    with refused(r"^path = .*: must be text or an os.PathLike"):
-        function(path)
-    assert (os.listdir("/proc/self/fd") if sys.platform == "linux" else []) == before
-
-
 def test_a_descriptor_stays_open(tmp_path):
+    """A number would be taken for an open file, and that file closed."""
     save(make_dataset(), tmp_path / "a.npz", "npz")
     with open(tmp_path / "a.npz", "rb") as file:
-        with pytest.raises(ValueError, match=f"^path = {file.fileno()}: must be text"):
-            io.load_npz(file.fileno())
+        for load in (io.load_npz, io.load_exr_stack, io.load_capture):
+            with refused(f"^path = {file.fileno()}: must be text"):
+                load(file.fileno())
         os.fstat(file.fileno())
 
 
-@exr_layouts
-def test_half_rounds_to_11_bits(tmp_path, layout):
-    dataset = make_dataset()
-    io.save_exr_stack(dataset, target(tmp_path, layout), layout=layout, precision="half")
-    loaded = io.load_exr_stack(target(tmp_path, layout))
-    assert loaded["transient"].dtype == np.float32
-    np.testing.assert_allclose(loaded["transient"], dataset["transient"], rtol=2**-11, atol=2**-25)
-    assert loaded.attrs == dataset.attrs
+def test_images_of_others_are_refused(tmp_path):
+    foreign = tmp_path / "foreign.exr"
+    OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
+    with refused(r"foreign.exr: holds other EXR images"):
+        io.load_exr_stack(foreign)
+
+
+def test_bad_video_names(tmp_path):
+    with refused(r"v.avi: must be a file name that ends in .mp4 or .gif"):
+        io.save_video(make_dataset(), tmp_path / "v.avi")
+    with refused(r"fps = 60: .*at most 50"):
+        io.save_video(make_dataset(), tmp_path / "v.gif", fps=60)
 
 
 @exr_layouts
-def test_half_refuses_what_would_become_infinite(tmp_path, layout):
-    dataset = make_dataset()
+def test_half_rounds_to_11_bits_and_refuses_what_would_become_infinite(tmp_path, layout):
+    dataset, path = make_dataset(), target(tmp_path, layout)
     dataset["transient"].values[1, 2, 4, 0] = 7e4
-    path = target(tmp_path, layout)
-    with pytest.raises(ValueError, match=r"^precision = 'half': 70000 .*must be 'float'"):
+    with refused(r"^precision = 'half': 70000 .*must be 'float'"):
         io.save_exr_stack(dataset, path, layout=layout, precision="half")
     assert not os.listdir(tmp_path)
     dataset["transient"].values[1, 2, 4, 0] = 65504
     io.save_exr_stack(dataset, path, layout=layout, precision="half")
+    loaded = io.load_exr_stack(path)
+    assert loaded["transient"].dtype == np.float32
+    np.testing.assert_allclose(loaded["transient"], dataset["transient"], rtol=2**-11, atol=2**-25)
+    assert loaded.attrs == dataset.attrs
 
 
 def test_frame_names_have_four_digits_or_more():
@@ -151,9 +128,6 @@ def test_frame_names_sort_where_they_have_more_digits(tmp_path, monkeypatch):
     assert names[0] == "frame_0000.exr"
     assert names[999:1_001] == ["frame_0999.exr", "frame_1000.exr"]
     assert_same(io.load_exr_stack(tmp_path / "stack"), dataset)
-
-
-# ----------------------------------------------------------------- headers and other readers
 
 
 @exr_layouts
@@ -211,41 +185,14 @@ def test_mitsuba_reads_the_same_values(tmp_path, precision):
 
 
 def test_npz_opens_with_plain_numpy(tmp_path):
+    """It is the file that numpy would write."""
     dataset = make_dataset()
-    io.save_npz(dataset, tmp_path / "stack.npz")
-    with np.load(tmp_path / "stack.npz") as archive:  # no pickles
+    path = io.save_npz(dataset, tmp_path / "stack.npz")
+    with np.load(path) as archive:  # no pickles
         np.testing.assert_array_equal(archive["transient"], dataset["transient"])
         assert json.loads(str(archive["tofrender"]))["attrs"] == dataset.attrs
-
-
-# ------------------------------------------------------------------------------- bad loading
-
-
-def test_load_refuses_in_one_line(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nothing: does not exist"):
-        io.load_exr_stack(tmp_path / "nothing")
-    with pytest.raises(ValueError, match=r"no steady\.exr"):
-        io.load_exr_stack(tmp_path)
-    foreign = tmp_path / "foreign.exr"
-    OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
-    with pytest.raises(ValueError, match=r"foreign.exr: holds other EXR images"):
-        io.load_exr_stack(foreign)
-    stack = io.save_exr_stack(make_dataset(), tmp_path / "stack")
-    frame = stack / "frame_0003.exr"
-    content = frame.read_bytes()
-    frame.write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match=r"frame_0003.exr: not a readable EXR file"):
-        io.load_exr_stack(stack)
-    shutil.copy(stack / "frame_0002.exr", frame)
-    with pytest.raises(ValueError, match="same bin_index"):
-        io.load_exr_stack(stack)
-    frame.unlink()
-    with pytest.raises(ValueError, match="4 frames of 5"):
-        io.load_exr_stack(stack)
-    for content in (b"", b"text", b"PK\x03\x04"):
-        (tmp_path / "bad.npz").write_bytes(content)
-        with pytest.raises(ValueError, match=r"bad.npz: must be a file that save_npz wrote"):
-            io.load_npz(tmp_path / "bad.npz")
+        np.savez(tmp_path / "numpys.npz", **archive)
+    assert path.read_bytes() == (tmp_path / "numpys.npz").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -265,9 +212,6 @@ def test_other_datasets_are_refused(tmp_path, layout, change, message):
     with refused(message):
         save(change(make_dataset()), target(tmp_path, layout), layout)
     assert not os.listdir(tmp_path)
-
-
-# ------------------------------------------------------------------------- what is replaced
 
 
 @layouts
@@ -357,17 +301,6 @@ def test_content_that_appears_meanwhile_is_kept(tmp_path):
     assert os.listdir(tmp_path) == ["out"]
 
 
-# ---------------------------------------------------------------------------- check_output
-
-
-def test_check_output_sees_a_small_disk(tmp_path, monkeypatch):
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(9, 9, 1000))
-    io.check_output(tmp_path / "out")
-    with pytest.raises(OSError, match=r"out: too little room; needs up to .*, 1000 bytes is free"):
-        io.check_output(tmp_path / "out", (6, 10, 5, 3))
-
-
 @exr_layouts
 def test_estimate_is_an_upper_bound(tmp_path, layout):
     dataset = make_dataset(height=64, width=64)
@@ -378,20 +311,6 @@ def test_estimate_is_an_upper_bound(tmp_path, layout):
     size = sum(file.stat().st_size for file in files)
     bound = io.output.stack_bytes(dataset["transient"].shape)
     assert 0.5 * bound < size <= bound
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"layout": "zip"}, "layout = 'zip': must be one of frames, multipart, npz"),
-        ({"precision": "double"}, "precision = 'double': must be one of half, float"),
-        ({"layout": "multipart"}, "must be a file name that ends in .exr"),
-        ({"layout": "npz"}, "must be a file name that ends in .npz"),
-    ],
-)
-def test_check_output_refuses_options(tmp_path, options, message):
-    with pytest.raises(ValueError, match=message):
-        io.check_output(tmp_path / "out", **options)
 
 
 @contextlib.contextmanager
@@ -416,8 +335,6 @@ def test_unwritable_places(tmp_path):
     with as_an_ordinary_user(), refused:
         io.check_output(tmp_path / "locked" / "out")
 
-
-# -------------------------------------------------------------------------- failing writes
 
 WRITERS = {
     "frames": lambda dataset, folder: io.save_exr_stack(dataset, folder / "s", overwrite=True),
@@ -497,9 +414,6 @@ def test_broken_ffmpeg_is_one_line(tmp_path, monkeypatch):
     assert not os.listdir(tmp_path)
 
 
-# -------------------------------------------------------------------------------- pictures
-
-
 def decode(path: Path) -> np.ndarray:
     if path.suffix == ".gif":
         with Image.open(path) as image:
@@ -571,25 +485,3 @@ def test_png_frames(tmp_path):
     with pytest.raises(FileExistsError, match="overwrite=True"):
         io.save_png_frames(dataset, path)
     io.save_png_frames(dataset, path, overwrite=True)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"fps": 0}, "fps = 0: must be a finite number above 0"),
-        ({"fps": float("nan")}, "fps = nan"),
-        ({"exposure": -1.0}, "exposure = -1.0: must be a finite number above 0"),
-        ({"min_size": 0}, "min_size = 0: must be an integer from 1"),
-    ],
-)
-def test_bad_video_options(tmp_path, options, message):
-    with pytest.raises(ValueError, match=message):
-        io.save_video(make_dataset(), tmp_path / "v.mp4", **options)
-    assert not os.listdir(tmp_path)
-
-
-def test_bad_video_names(tmp_path):
-    with pytest.raises(ValueError, match=r"v.avi: must be a file name that ends in .mp4 or .gif"):
-        io.save_video(make_dataset(), tmp_path / "v.avi")
-    with pytest.raises(ValueError, match=r"fps = 60: .*at most 50"):
-        io.save_video(make_dataset(), tmp_path / "v.gif", fps=60)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from helpers.limited import at_most, write_film
 from helpers.made_dataset import make_dataset
 from helpers.refusals import refused
 
-import tofrender
 from tofrender import io, nlos, vis
 from tofrender.analysis import transient_to_phasor
 from tofrender.rendering import cubes, store
@@ -35,9 +33,6 @@ SIZE = 5000  # bytes that may be read at once, of 29 kB (RGB)
 
 def film(channels: str = "RGB", **attrs):
     return make_dataset(13, 11, 17, channels, energy_outside_window=0.0, **attrs)
-
-
-# ------------------------------------------------------------------------------------- the class
 
 
 @pytest.mark.parametrize("chunks", [None, CHUNKS, {"y": 13, "x": 11, "opl": 17}, {"x": 1}])
@@ -120,9 +115,6 @@ def test_threads_that_draw_frames_decode_each_chunk_once():
     assert len(reads) == lazy.npartitions
 
 
-# ------------------------------------------------------------------- what reads films and captures
-
-
 def figure(drawn) -> list[np.ndarray]:
     """Pictures and lines of a figure."""
     found = [image.get_array().filled(-1) for axes in drawn.axes for image in axes.images]
@@ -183,7 +175,6 @@ def same(found: list[np.ndarray], expected: list[np.ndarray]) -> None:
 
 @pytest.fixture
 def one_thread(monkeypatch):
-    """Frames are written in order, so that files are equal byte by byte."""
     from tofrender.io import parallel
 
     monkeypatch.setattr(parallel.os, "cpu_count", lambda: 1)
@@ -231,14 +222,6 @@ def test_unwarping_needs_room_for_its_result_alone(monkeypatch):
         refused(r"^dataset: takes .* must be at most .*", MemoryError),
     ):
         unwarped(lazy)
-
-
-def test_a_file_of_npz_is_the_one_that_numpy_writes(tmp_path):
-    dataset = film()
-    ours = io.save_npz(dataset, tmp_path / "ours.npz")
-    with np.load(ours) as archive:
-        np.savez(tmp_path / "numpys.npz", **archive)
-    assert ours.read_bytes() == (tmp_path / "numpys.npz").read_bytes()
 
 
 def capture(mode: str, legs: bool = False):
@@ -295,36 +278,14 @@ def test_captures_on_disk_are_saved_by_bins(tmp_path, monkeypatch, mode):
     assert io.load_capture(saved).identical(expected)
 
 
-# -------------------------------------------------------------------------------- films on disk
-
-
-@pytest.fixture(scope="module")
-def rendered(tmp_path_factory):
-    """A film of a render, of several tiles, each of several blocks of bins."""
-    folder = tmp_path_factory.mktemp("films") / "box.zarr"
-    scene = tofrender.cornell_box(width=16, height=12, temporal_bins=40, bin_width_opl=0.25)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "BLOCK_BYTES", 12000)
-        patch.setattr("tofrender.rendering.streaming.TILE_BYTES", 3 * 16 * 40 * 16)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return tofrender.render(scene, spp=8, out=folder, progress=False)
-
-
-@pytest.mark.parametrize("reader", READERS)
-def test_films_of_renders_read_as_in_memory(tmp_path, one_thread, rendered, reader):
-    assert len(rendered["transient"].chunks[0]) > 1
-    assert len(rendered["transient"].chunks[2]) > 1
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-    same(
-        READERS[reader](rendered, tmp_path / "b"),
-        READERS[reader](rendered.compute(), tmp_path / "a"),
-    )
+DAMAGED = READERS | {
+    "values": lambda d, _: d["transient"].values,
+    "unwarp": lambda d, _: unwarped(d),
+}
 
 
 @pytest.mark.parametrize("harm", ["a bit", "half"])
-@pytest.mark.parametrize("reader", [*READERS, "values", "unwarp"])
+@pytest.mark.parametrize("reader", DAMAGED)
 def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
     monkeypatch.setattr(store, "BLOCK_BYTES", 3000)
     lazy = write_film(tmp_path / "box.zarr", film(), (5, 11))
@@ -332,22 +293,18 @@ def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
     content = bytearray(file.read_bytes())
     content[2345] ^= 8  # In a tile of rows 5 to 9
     file.write_bytes(content if harm == "a bit" else content[: len(content) // 2])
-    read = READERS | {
-        "values": lambda d, _: d["transient"].values,
-        "unwarp": lambda d, _: unwarped(d),
-    }
     vis.plot_pixel_transient(lazy, 4, 1)
     with refused(r"box\.zarr: transient/c/[\d/]+ is damaged", OSError) as caught:
-        read[reader](lazy, tmp_path)
+        DAMAGED[reader](lazy, tmp_path)
     assert str(tmp_path / "box.zarr") in str(caught.value)
 
 
 def test_a_film_on_disk_keeps_labels_and_types(tmp_path):
     dataset = film()
     lazy = load_zarr(write_film(tmp_path / "box.zarr", dataset, (5, 4)).encoding["source"])
-    assert lazy["transient"].dtype == lazy["steady"].dtype == np.float32
-    np.testing.assert_array_equal(lazy["transient"].values, dataset["transient"].values)
-    np.testing.assert_array_equal(lazy["steady"].values, dataset["steady"].values)
+    for name in ("transient", "steady"):
+        assert lazy[name].dtype == np.float32
+        np.testing.assert_array_equal(lazy[name].values, dataset[name].values)
     io.save_npz(lazy, tmp_path / "box.npz")
 
 

@@ -47,9 +47,6 @@ def check_tiles(described, size=CUT, **options) -> dict[str, np.ndarray]:
     return expected
 
 
-# ------------------------------------------------------------------------------- how it is cut
-
-
 @pytest.mark.parametrize("size", [(1, 1), (1, 12), (2, 12), CUT, (9, 12)])
 def test_tiles_cover_each_pixel_once(size):
     job = job_of(box())
@@ -89,17 +86,6 @@ def test_ranges_cover_each_sample_once(spp, workers):
     assert all((p.y, p.x, p.height, p.width) == (0, 0, 9, 12) and p.count > 0 for p in found)
 
 
-def test_a_piece_finds_its_pixels():
-    array = np.arange(9 * 12 * 2).reshape(9, 12, 2)
-    found = Piece(y=2, x=5, height=3, width=4, first=0, count=1).of(array)
-    np.testing.assert_array_equal(found, array[2:5, 5:9])
-    found[...] = -1
-    assert (array == -1).sum() == 3 * 4 * 2
-
-
-# ------------------------------------------------------------------------- that it is the whole
-
-
 @pytest.mark.parametrize("cropped", [{}, crop(3, 2, 7, 6)])
 @pytest.mark.parametrize(
     ("rfilter", "border"), [("box", False), ("gaussian", False), ("gaussian", True)]
@@ -111,8 +97,29 @@ def test_tiles_are_the_whole(rfilter, border, cropped):
     assert expected["steady"].shape == ((6, 7, 3) if cropped else (9, 12, 3))
 
 
-def test_tiles_of_single_pixels():
-    check_tiles(box(3, 2), (1, 1), spp=11)
+def below_the_lamp() -> dict:
+    """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
+    described = box(start_opl=0.0)
+    to_world = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 1, 0], [0, 0, 1])
+    return described | {"sensor": described["sensor"] | {"to_world": to_world, "fov": 40}}
+
+
+@pytest.mark.parametrize(
+    ("described", "size", "options"),
+    [
+        (lambda: box(3, 2), (1, 1), {"spp": 11}),
+        (lambda: with_integrator(box(), pulse_width_opl=0.2), (5, 12), {}),  # Over several bins
+        (
+            lambda: with_integrator(box(), temporal_filter="gaussian", gaussian_stddev=0.8),
+            *((5, 12), {}),
+        ),
+        (box, (5, 12), {"integrator": "path_tracer_nee"}),
+        (below_the_lamp, (3, 4), {}),
+        (lambda: builder("nlos_z", width=5, height=4), (2, 3), {"spp": 64}),
+    ],
+)
+def test_tiles_of_other_light(described, size, options):
+    check_tiles(described(), size, **options)
 
 
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
@@ -120,41 +127,6 @@ def test_tiles_of_other_variants(variant):
     mi.set_variant(variant)
     expected = check_tiles(box())
     assert expected["transient"].shape == (9, 12, 40, 1 if variant.endswith("mono") else 3)
-
-
-@pytest.mark.parametrize(
-    ("integrator", "options"),
-    [
-        ({"pulse_width_opl": 0.2}, {}),  # Deposits reach over bins
-        ({"temporal_filter": "gaussian", "gaussian_stddev": 0.8}, {}),
-        ({}, {"integrator": "path_tracer_nee"}),
-    ],
-)
-def test_tiles_of_other_light(integrator, options):
-    check_tiles(with_integrator(box(temporal_bins=40), **integrator), (5, 12), **options)
-
-
-def test_tiles_with_the_lamp_in_view():
-    """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
-    described = box()
-    to_world = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 1, 0], [0, 0, 1])
-    described["sensor"] = described["sensor"] | {"to_world": to_world, "fov": 40}
-    described = with_film(described, start_opl=0.0)
-    check_tiles(described, (3, 4))
-
-
-def test_tiles_of_a_capture():
-    check_tiles(builder("nlos_z", width=5, height=4), (2, 3), spp=64)
-
-
-def test_tiles_have_the_error_bars_of_the_whole():
-    """Those are small differences of large numbers: rounding is a larger part of them."""
-    job = job_of(box(), spp=32, errors=True)
-    expected = take(job, whole(job), progress=False).arrays
-    found = put_together(job)
-    assert set(found) == {"transient", "steady", "transient_error", "steady_error"}
-    for name, values in expected.items():
-        assert np.abs(found[name] - values).max() <= 1e-4 * values.max(), name
 
 
 @pytest.mark.parametrize("integrator", ["transient_path", "transient_bdpt"])
@@ -167,9 +139,6 @@ def test_ranges_are_the_whole(integrator):
     for name, values in expected.items():
         mean = sum(share * arrays[name] for share, arrays in parts)
         assert np.abs(mean - values).max() <= 1e-4 * values.max(), name
-
-
-# ------------------------------------------------------------------------------ other samplers
 
 
 @pytest.mark.statistical
@@ -199,7 +168,6 @@ def test_tiles_of_other_samplers(sampler):
 
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "padded_sobol"])
 def test_no_two_tiles_have_the_same_points(sampler):
-    """The same points would show as a pattern that repeats."""
     job = job_of(box(), sampler=sampler)
     left, right = (take(job, Piece(0, x, 9, 4, 0, 8), progress=False).steady for x in (0, 8))
     assert np.abs(left - right[:, ::-1]).max() > 0.01 * left.max()  # The box is nearly symmetric
