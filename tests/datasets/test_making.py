@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import signal
@@ -196,14 +197,11 @@ def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
     }
     found = make(config, tmp_path / "x.zarr")
     assert "opl" not in found.coords
-    loaded = tofrender.load_scene(
-        "cornell_box", width=4, height=4, max_depth=2, integrator="transient_path"
-    )
-    seed = told(found)["render_seed"]
-    I, *_ = tofrender.render_amcw_phasor(  # noqa: E741
-        loaded, loaded.sensors()[0], 20e6, 16, seed, loaded.integrator()
-    )
-    np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], I, rtol=1e-4, atol=1e-5)
+    settings = {"width": 4, "height": 4, "max_depth": 2, "integrator": "transient_path"}
+    loaded = tofrender.load_scene("cornell_box", **settings)
+    seeded = (20e6, 16, told(found)["render_seed"], loaded.integrator())
+    expected = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], *seeded)[0]
+    np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], expected, rtol=1e-4, atol=1e-5)
 
 
 def test_another_variant(tmp_path):
@@ -337,15 +335,20 @@ def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
     return making.under_way(out)
 
 
-def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
-    put = making.Store.put
+def ctrl_c_before(patch, name: str, number: int) -> None:
+    """Let Ctrl-C come as a method of the store is called for the n-th time."""
+    method, calls = getattr(making.Store, name), itertools.count()
 
-    def interrupted(store, record, made):
-        if record == 1:
+    def interrupted(*arguments):
+        if next(calls) == number:
             signal.raise_signal(signal.SIGINT)
-        return put(store, record, made)
+        return method(*arguments)
 
-    monkeypatch.setattr(making.Store, "put", interrupted)
+    patch.setattr(making.Store, name, interrupted)
+
+
+def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
+    ctrl_c_before(monkeypatch, "put", 1)
     with pytest.raises(KeyboardInterrupt, match="interrupted after 2 of 3 records"):
         make(SMALL, tmp_path / "x.zarr")
     receipts = making.under_way(tmp_path / "x.zarr") / "receipts"
@@ -353,13 +356,7 @@ def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_p
 
 
 def test_a_run_is_finished_once_all_records_are_there(tmp_path, monkeypatch):
-    finish = making.Store.finish
-
-    def interrupted(*args):
-        signal.raise_signal(signal.SIGINT)
-        finish(*args)
-
-    monkeypatch.setattr(making.Store, "finish", interrupted)
+    ctrl_c_before(monkeypatch, "finish", 0)
     with pytest.raises(KeyboardInterrupt):  # After it: whoever calls is to stop, too
         make(SMALL, tmp_path / "x.zarr")
     assert len(datasets.load_dataset(tmp_path / "x.zarr")["record"]) == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import threading
@@ -81,17 +82,12 @@ def test_any_shape(monkeypatch, shape):
 def test_what_is_not_finite_is_told_as_of_an_array(monkeypatch, chunks):
     monkeypatch.setattr(cubes, "PIECE_BYTES", 700)
     monkeypatch.setattr(cubes, "VIEW_BYTES", 700)
-    data = film()["transient"]
-    values = data.values
+    dataset = film()
+    values = dataset["transient"].values
     values[9, 0, 2, 1], values[3, 10, 16, 0], values[3, 10, 16, 2] = np.nan, -np.inf, np.nan
-    lazy = film()
-    lazy["transient"] = data if chunks is None else data.chunk(chunks)
-    with pytest.raises(ValueError, match="not finite") as caught:
-        require_finite(lazy)
-    assert str(caught.value) == (
-        "transient: 3 of 7293 values are not finite, the first is -inf at [3, 10, 16, 0]; must "
-        "all be"
-    )
+    said = "transient: 3 of 7293 values are not finite, the first is -inf at [3, 10, 16, 0]; must "
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}all be$"):
+        require_finite(dataset if chunks is None else dataset.chunk(chunks))
 
 
 def test_threads_that_draw_frames_decode_each_chunk_once():

@@ -8,7 +8,7 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.films_in_parts import box, differences, in_small_steps, render
+from helpers.films_in_parts import box, differences, in_small_steps, render, watch_steps
 from helpers.refusals import refused
 from helpers.support import area_light, camera, diffuse, film, plane, rotate, scene, translate
 from oracles.films import disk_light_masses
@@ -216,17 +216,15 @@ def test_shapes_and_attributes():
 
 def stopped(monkeypatch, part: int, **options):
     """Stop a render in the first step of a part."""
-    steps, parts = pieces.steps, itertools.count()
+    parts = itertools.count()
 
-    def told(*arguments, **more):
-        for number, done in enumerate(steps(*arguments, **more)):
-            if number == 0 and next(parts) == part:
-                signal.raise_signal(signal.SIGINT)
-            yield done
+    def look(number):
+        if number == 0 and next(parts) == part:
+            signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
         in_small_steps(patch, 12 * 9)
-        patch.setattr(pieces, "steps", told)
+        watch_steps(patch, look)
         return render(box(), errors=True, **options)
 
 

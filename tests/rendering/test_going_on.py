@@ -125,9 +125,6 @@ def is_the_whole(work: Callable, path: Path, small_steps, after: int = 3, least:
     assert difference(result, whole) < ROUNDING
 
 
-# ---------------------------------------------------------------------------------- the works
-
-
 def box(integrator: str = "transient_path", film=(), pulse=None, **options) -> dict:
     """The Cornell box, with its lamp in view."""
     scene = tofrender.cornell_box(
@@ -276,9 +273,6 @@ WORKS = {
 }
 
 
-# ------------------------------------------------------------------------- equal to the whole
-
-
 def test_the_lamp_is_in_view():
     steady = tofrender.render(box(), spp=16, progress=False)["steady"].values
     lamp = steady.max(axis=-1) > 5
@@ -404,8 +398,6 @@ def test_parts_of_other_samplers_differ(path, small_steps):
     assert np.abs(rest - half["transient"].values).max() > 0.01 * half["transient"].values.max()
 
 
-# ------------------------------------------------------------------------------------ stopping
-
 ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
@@ -524,9 +516,6 @@ def test_steps_take_about_a_second(path, integrator):
     assert np.diff(checkpoint.times).max() < 10
 
 
-# ---------------------------------------------------------------------------------- refusals
-
-
 single = partial(captured, mode="single", grid=(2, 2))
 exhaustive = partial(captured, mode="exhaustive", grid=(2, 2))
 
@@ -620,9 +609,6 @@ def test_another_earlier_render_is_refused(path, small_steps):
             rendered(box(), resume=resume)(path)
 
 
-# --------------------------------------------------------------------------------- the file
-
-
 @pytest.mark.parametrize("make", [boxed, gate])
 @pytest.mark.parametrize("cut", [False, True])
 def test_a_damaged_file_is_told_at_the_callers_line_and_never_used(path, small_steps, make, cut):
@@ -665,7 +651,7 @@ def test_seconds_add_up(path, small_steps):
 def test_a_file_name_will_do(monkeypatch, tmp_path, small_steps, name, capsys):
     monkeypatch.chdir(tmp_path)
     small_steps()
-    with pytest.MonkeyPatch.context() as patch:
+    with monkeypatch.context() as patch:
         patch.setattr(Checkpoint, "due", True)
         rendered(box(), spp=STEP)(name)
     rendered(box(), spp=2 * STEP)(name)

@@ -7,9 +7,9 @@ import dataclasses
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.films_in_parts import ROUNDING, box, crop, with_film
+from helpers.films_in_parts import ROUNDING, box, crop
 from helpers.nlos import builder
-from helpers.support import agree, with_integrator
+from helpers.support import agree, with_film, with_integrator
 
 from tofrender.rendering.asked import Asked
 from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole

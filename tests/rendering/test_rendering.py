@@ -9,6 +9,7 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.films_in_parts import watch_steps
 from helpers.refusals import refused
 from helpers.support import (
     area_light,
@@ -78,9 +79,6 @@ def no_work(monkeypatch):
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 
-# ------------------------------------------------------------------------------------ Dataset
-
-
 @pytest.mark.parametrize(
     ("variant", "channels"), [("llvm_ad_rgb", ["R", "G", "B"]), ("llvm_ad_mono", ["L"])]
 )
@@ -145,9 +143,6 @@ def test_a_loaded_scene_is_left_as_it_was():
     assert sensor.sampler().sample_count() == 4
 
 
-# ------------------------------------------------------------------- the same as Mitsuba's way
-
-
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
 def test_equals_mitsuba_render(variant, rfilter):
@@ -160,9 +155,6 @@ def test_equals_mitsuba_render(variant, rfilter):
     scale = float(dataset.transient.max())
     np.testing.assert_allclose(dataset.transient, np.array(transient), atol=1e-5 * scale)
     np.testing.assert_allclose(dataset.steady, np.array(steady), rtol=1e-4)
-
-
-# -------------------------------------------------------------------- samplers, seeds, counts
 
 
 def test_default_sampler_overrides_the_scene():
@@ -223,26 +215,15 @@ def test_a_seed_repeats_and_another_does_not(sampler):
         assert not np.allclose(left.steady, right.steady, rtol=0.01)
 
 
-# --------------------------------------------------------------------------------------- steps
-
-
 @pytest.mark.parametrize("sampler", ["padded_sobol", "independent"])
 def test_many_steps_are_one(monkeypatch, sampler):
     """A render in steps goes on in the same point set, so that steps do not show."""
-    counts = []
-    steps = pieces.steps
-
-    def counted(*arguments):
-        counts.append(0)
-        for done in steps(*arguments):
-            counts[-1] += 1
-            yield done
-
-    monkeypatch.setattr(pieces, "steps", counted)
+    numbers: list[int] = []
+    watch_steps(monkeypatch, numbers.append)
     whole = render(box(), spp=512, sampler=sampler)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     parts = render(box(), spp=512, sampler=sampler)
-    assert counts == [1, 8]
+    assert numbers == [0, *range(8)]
     assert parts.attrs["spp"] == whole.attrs["spp"] == 512
     np.testing.assert_allclose(parts.steady, whole.steady, rtol=1e-5)
     np.testing.assert_allclose(parts.transient, whole.transient, rtol=1e-4, atol=1e-6)
@@ -275,9 +256,6 @@ def test_long_renders_are_folded(monkeypatch):
     parts = render(box(), spp=512)
     assert len(folds) == 3  # After 128, 256 and 384 samples; the end needs none
     np.testing.assert_allclose(parts.transient, whole.transient, rtol=1e-4, atol=1e-6)
-
-
-# ------------------------------------------------------------------------------------- windows
 
 
 def test_window_by_numbers():
@@ -421,9 +399,6 @@ def test_a_dark_scene_is_said():
         render(described, window="auto")
 
 
-# --------------------------------------------------------------- steady scenes, several sensors
-
-
 def test_a_steady_scene_with_a_window_and_bins():
     steady = tofrender.cornell_box_steady_state(width=8, height=8)
     dataset = render(steady, integrator="transient_path", window=(3.5, 33.5), temporal_bins=30)
@@ -455,9 +430,6 @@ def test_several_sensors():
     assert shapes == [(8, 8, 120, 3), (4, 6, 60, 3)]
 
 
-# ---------------------------------------------------------------------------------- integrators
-
-
 def test_integrator_by_name_dict_and_object():
     by_name = render(box(), integrator="transient_path")
     assert by_name.attrs["max_depth"] == 8  # The scene's, not the plugin's default
@@ -478,8 +450,6 @@ def test_a_pulse_that_was_set_is_used():
     filled = dataset.transient.sum(("y", "x", "channel")).values > 0
     assert dataset.opl.values[filled].min() < 2  # Without the pulse, 3.8 m
 
-
-# ------------------------------------------------------------------------------------- bad input
 
 _INTEGER = "must be an integer from"
 _METRES = "must be a finite number of metres"
@@ -533,22 +503,10 @@ def test_integrator_without_time(integrator, load):
         render(box(), integrator=load(integrator))
 
 
-# ----------------------------------------------------------------------------------------- Ctrl-C
-
-
-def interrupting(monkeypatch, times: int) -> None:
-    """Let SIGINT come `times` times after the second step of a render."""
-    steps = pieces.steps
-
-    def interrupted(*arguments):
-        for number, done in enumerate(steps(*arguments)):
-            if number == 1:
-                for _ in range(times):
-                    signal.raise_signal(signal.SIGINT)
-            yield done
-
+def interrupting(monkeypatch) -> None:
+    """Let SIGINT come after the second step of a render."""
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
-    monkeypatch.setattr(pieces, "steps", interrupted)
+    watch_steps(monkeypatch, lambda number: number == 1 and signal.raise_signal(signal.SIGINT))
 
 
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
@@ -557,7 +515,7 @@ def test_the_first_ctrl_c_ends_after_a_step(monkeypatch, rfilter):
     described = with_integrator(box(), temporal_filter="box")
     described = with_film(described, rfilter={"type": rfilter})
     whole = render(described, spp=1 << 10)
-    interrupting(monkeypatch, 1)
+    interrupting(monkeypatch)
     with pytest.warns(UserWarning, match="interrupted: returning 128 of 1024 samples") as record:
         part = render(described, spp=1 << 10)
     assert [warning.filename for warning in record] == [__file__]
@@ -569,5 +527,5 @@ def test_the_first_ctrl_c_ends_after_a_step(monkeypatch, rfilter):
 
 
 def test_ctrl_c_after_the_last_step_changes_nothing(monkeypatch):
-    interrupting(monkeypatch, 1)
+    interrupting(monkeypatch)
     assert render(box(), spp=128).attrs["complete"] == 1

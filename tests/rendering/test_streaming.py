@@ -27,15 +27,14 @@ from helpers.films_in_parts import (
     names,
     render,
     script,
-    with_film,
+    watch_steps,
 )
 from helpers.nlos import builder
 from helpers.refusals import one_line, refused
-from helpers.support import with_integrator
+from helpers.support import with_film, with_integrator
 
 import tofrender
 from tofrender import load_zarr, save_zarr
-from tofrender.rendering import pieces
 from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.store import Store
@@ -104,22 +103,19 @@ def flipped(file: Path, place: float) -> None:
 
 def stopped_after(monkeypatch, tiles: int) -> None:
     """Let SIGINT come before the step after so many tiles."""
-    puts = [0]
-    put, steps = Store.put, pieces.steps
+    puts, put = [], Store.put
 
     def counted(self, *arguments):
-        puts[0] += 1
+        puts.append(None)
         return put(self, *arguments)
 
-    def told(*arguments, **options):
-        for done in steps(*arguments, **options):
-            if puts[0] == tiles:
-                puts[0] += 1
-                signal.raise_signal(signal.SIGINT)
-            yield done
+    def look(number):
+        if len(puts) == tiles:
+            puts.append(None)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Store, "put", counted)
-    monkeypatch.setattr(pieces, "steps", told)
+    watch_steps(monkeypatch, look)
 
 
 def stopped(monkeypatch, out: Path, tiles: int, **options) -> str:
@@ -163,9 +159,13 @@ def test_however_it_is_cut(tmp_path, monkeypatch, whole, rows):
         (box, {"integrator": "transient_bdpt"}),
         (box, {"errors": True, "spp": 32}),
         (lambda: tofrender.load_scene(box()), {}),
+        (box, {"variant": "llvm_ad_mono"}),
+        (box, {"variant": "llvm_ad_spectral"}),
     ],
 )
 def test_films_of_other_light(out, described, options):
+    options = dict(options)
+    mi.set_variant(options.pop("variant", mi.variant()))
     whole = render(described(), **options)
     assert ("transient_error" in whole) == ("errors" in options)
     film = render(described(), out=out, **options)
@@ -173,22 +173,12 @@ def test_films_of_other_light(out, described, options):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
-def test_films_of_other_variants(out, variant):
-    mi.set_variant(variant)
-    check_same(render(box(), out=out), render(box()))
-
-
-def test_a_film_is_read_when_it_is_used(out):
+def test_a_film_is_plain_zarr_and_read_when_it_is_used(out, whole):
     film = render(box(), out=out)
     for name, chunk in (("transient", (2, 12, 40, 3)), ("steady", (2, 12, 3))):
         assert isinstance(film[name].data, dask.array.Array)
         assert all(one <= most for one, most in zip(film[name].data.chunksize, chunk, strict=True))
     assert film.encoding["source"] == str(out)
-
-
-def test_others_read_it(out, whole):
-    render(box(), out=out)
     group = zarr.open_group(out, mode="r")
     assert group.metadata.zarr_format == 3
     assert group.metadata.consolidated_metadata is not None
@@ -228,21 +218,12 @@ def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
 def test_a_tile_under_way_goes_on(out, monkeypatch, errors):
     options = {"spp": 32, "errors": errors}
     stopped(monkeypatch, out, 1, **options)
-    kept = list(under_way(out).rglob("*.npz"))
-    assert len(kept) == 1
-    steps = pieces.steps
-    samples = []
-
-    def told(*arguments, **more):
-        for done in steps(*arguments, **more):
-            samples.append(done)
-            yield done
-
-    monkeypatch.setattr(pieces, "steps", told)
+    assert len(list(under_way(out).rglob("*.npz"))) == 1
+    taken: list[int] = []
+    watch_steps(monkeypatch, taken.append)
     in_small_steps(monkeypatch)
     film = render(box(), out=out, **options)
-    all_steps = TILES * 32 // 2
-    assert 0.5 * all_steps < len(samples) < 0.8 * all_steps
+    assert 0.5 < len(taken) / (TILES * 32 // 2) < 0.8
     check_same(film, render(box(), **options), 1e-4)
 
 
@@ -426,11 +407,12 @@ def test_a_film_larger_than_memory(out):
     assert names(out.parent) == {"film.zarr"}
 
 
-def test_what_is_there_stays(out):
+def test_what_is_there_stays(out, whole):
     out.mkdir()
     (out / "precious").write_text("data")
-    with refused(r"out = .*film.zarr: exists", FileExistsError):
-        render(box(), out=out)
+    for write in (lambda: render(box(), out=out), lambda: save_zarr(whole, out)):
+        with refused(r"film.zarr: exists; must be a new folder", FileExistsError):
+            write()
     assert names(out) == {"precious"}
 
 
@@ -470,13 +452,6 @@ def test_what_is_no_render_is_not_saved(out, whole, change, text):
     with refused(f"^dataset{text}"):
         save_zarr(change(whole), out)
     assert names(out.parent) == set()
-
-
-def test_a_film_is_not_saved_over_another(out, whole):
-    save_zarr(whole, out)
-    with refused("exists; must be a new folder", FileExistsError):
-        save_zarr(whole, out)
-    check_same(load_zarr(out), whole, 0)
 
 
 def test_what_is_no_film_is_not_loaded(begun):
