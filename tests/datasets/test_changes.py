@@ -89,9 +89,7 @@ def test_spheres_lights_and_ready_made_meshes_have_poses_too():
     assert flash["light"]["position"] == [0, 1, 3.9]
     before = box_of(scene("nlos_z"), "hidden_z")
     turned = scene(
-        "nlos_z",
-        a={"turn": "hidden_z", "value": 90},
-        b={"move": "hidden_z", "value": [0, 0, 1]},
+        "nlos_z", a={"turn": "hidden_z", "value": 90}, b={"move": "hidden_z", "value": [0, 0, 1]}
     )
     size, middle = box_of(turned, "hidden_z")
     np.testing.assert_allclose(size, before[0][[2, 1, 0]], atol=1e-5)

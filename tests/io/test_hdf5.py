@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
@@ -18,6 +19,7 @@ from helpers.refusals import refused
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
 from tofrender.rendering.labels import labelled
+from tofrender.runtime import atomic
 
 modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 ATTRS = {"scene": "bördér: [Z]", "spp": 64, "seed": 2**32 - 1, "fraction": 1e-5, "third": 1 / 3}
@@ -236,13 +238,20 @@ def test_broken_files_in_one_line(tmp_path, changes, message):
     assert str(caught.value).startswith(f"path = {path}: ")
 
 
-def test_what_may_be_written(tmp_path):
+def test_what_may_be_written(tmp_path, monkeypatch):
     capture, path = example(), tmp_path / "c.h5"
     with pytest.raises(ValueError, match="variable laser_grid"):
         save_capture(capture.drop_vars("laser_grid"), path)
     save_capture(capture, path)
+    before = path.read_bytes()
     with pytest.raises(FileExistsError, match="pass overwrite=True"):
         save_capture(capture, path)
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "_take_place", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            save_capture(example(start=2.0), path, overwrite=True)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["c.h5"]
     save_capture(example(start=2.0), path, overwrite=True)
     assert load_capture(path).attrs["start_opl"] != capture.attrs["start_opl"]
 

@@ -213,10 +213,7 @@ def test_unwarping_needs_room_for_its_result_alone(monkeypatch):
     expected, lazy = unwarped(dataset), dataset.chunk(CHUNKS)
     with at_most(60000, monkeypatch):
         same(unwarped(lazy), expected)
-    with (
-        at_most(SIZE, monkeypatch),
-        refused(r"^dataset: takes .* must be at most .*", MemoryError),
-    ):
+    with at_most(SIZE, monkeypatch), refused(r"^dataset: takes .* must be at most .*", MemoryError):
         unwarped(lazy)
 
 
@@ -258,10 +255,7 @@ def test_backprojection_keeps_rows_and_others_say_what_they_need(monkeypatch):
     with at_most(size, monkeypatch, free=2 * size):
         found = nlos.reconstruct(lazy, "bp", progress=False)["intensity"]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
-    with (
-        at_most(size, monkeypatch),
-        refused(r"takes .* GiB", MemoryError),
-    ):
+    with at_most(size, monkeypatch), refused(r"takes .* GiB", MemoryError):
         nlos.reconstruct(lazy, "fk", progress=False)
 
 
