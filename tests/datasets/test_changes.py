@@ -36,41 +36,30 @@ def box_of(described: dict, name: str = "small-box") -> tuple[np.ndarray, np.nda
     return high - low, (low + high) / 2
 
 
-SIZE, MIDDLE = np.array([0.6 * (np.cos(0.2967) + np.sin(0.2967)), 0.6]), [0.335, -0.7, 0.38]
+ACROSS = 0.6 * (np.cos(np.radians(17)) + np.sin(np.radians(17)))
+SIZE, MIDDLE = np.array([ACROSS, 0.6, ACROSS]), np.array([0.335, -0.7, 0.38])
 
 
-def test_moves_add_up():
-    moved = scene(
-        a={"move": "small-box", "value": [0.1, 0.2, 0.3]},
-        b={"move": "small-box", "value": [1, 0, 0]},
-    )
-    size, middle = box_of(moved)
-    np.testing.assert_allclose(middle, np.add(MIDDLE, [1.1, 0.2, 0.3]), atol=1e-5)
-    np.testing.assert_allclose(size[:2], SIZE, atol=1e-3)
+def pose(kind: str, value, **more) -> dict:
+    return {kind: "small-box", "value": value} | more
 
 
-def test_a_position_is_where_the_object_is():
-    for name in ("small-box", "light"):
-        _, middle = box_of(scene(a={"position": name, "value": [1, 2, 3]}), name)
-        np.testing.assert_allclose(middle, [1, 2, 3], atol=1e-5)
+POSES = {
+    "moves": ([pose("move", [0.1, 0.2, 0.3]), pose("move", [1, 0, 0])], SIZE, [1.435, -0.5, 0.68]),
+    "position": ([pose("position", [1, 2, 3])], SIZE, [1, 2, 3]),
+    "turn": ([pose("turn", 17.0)], 0.6, MIDDLE),  # Straight then
+    "turn around": ([pose("turn", 90.0, around=[0, 0, 0])], SIZE, [0.38, -0.7, -0.335]),
+    "scale": ([pose("scale", 2)], 2 * SIZE, MIDDLE),
+    "scale of axes": ([pose("scale", [1, 2, 1])], SIZE * [1, 2, 1], MIDDLE),
+}
 
 
-def test_a_turn_is_about_its_own_middle():
-    size, middle = box_of(scene(a={"turn": "small-box", "value": 17.0}))  # Straight then
-    np.testing.assert_allclose(middle, MIDDLE, atol=1e-5)
-    np.testing.assert_allclose(size, 0.6, atol=1e-4)
-    around = {"turn": "small-box", "value": 90.0, "around": [0, 0, 0]}
-    _, middle = box_of(scene(a=around))
-    np.testing.assert_allclose(middle, [0.38, -0.7, -0.335], atol=1e-5)
-
-
-def test_a_scale_is_about_its_own_middle():
-    before, _ = box_of(cornell_box())
-    size, middle = box_of(scene(a={"scale": "small-box", "value": 2}))
-    np.testing.assert_allclose(middle, MIDDLE, atol=1e-5)
-    np.testing.assert_allclose(size, 2 * before, rtol=1e-5)
-    size, _ = box_of(scene(a={"scale": "small-box", "value": [1, 2, 1]}))
-    np.testing.assert_allclose(size, before * [1, 2, 1], rtol=1e-5)
+@pytest.mark.parametrize("name", POSES)
+def test_poses(name):
+    changes, size, middle = POSES[name]
+    found = box_of(scene(**{f"change_{k}": change for k, change in enumerate(changes)}))
+    np.testing.assert_allclose(found[0], np.broadcast_to(size, 3), atol=2e-5)
+    np.testing.assert_allclose(found[1], middle, atol=1e-5)
 
 
 def test_sizes_turns_and_moves_do_not_depend_on_their_order():
@@ -94,22 +83,24 @@ def test_spheres_lights_and_ready_made_meshes_have_poses_too():
     size, middle = box_of(grown, "ball")
     np.testing.assert_allclose(size, 2, atol=1e-5)
     np.testing.assert_allclose(middle, 0, atol=1e-5)
+    _, middle = box_of(scene(a={"position": "light", "value": [1, 2, 3]}), "light")
+    np.testing.assert_allclose(middle, [1, 2, 3], atol=1e-5)
     flash = scene("cornell_box_flash", a={"move": "light", "value": [0, 1, 0]})
     assert flash["light"]["position"] == [0, 1, 3.9]
     before = box_of(scene("nlos_z"), "hidden_z")
     turned = scene(
-        "nlos_z",
-        a={"turn": "hidden_z", "value": 90},
-        b={"move": "hidden_z", "value": [0, 0, 1]},
+        "nlos_z", a={"turn": "hidden_z", "value": 90}, b={"move": "hidden_z", "value": [0, 0, 1]}
     )
     size, middle = box_of(turned, "hidden_z")
     np.testing.assert_allclose(size, before[0][[2, 1, 0]], atol=1e-5)
     np.testing.assert_allclose(middle, before[1] + [0, 0, 1], atol=1e-5)
 
 
-def test_a_point_light_has_no_size():
+def test_what_cannot_be_changed_so():
     with pytest.raises(ValueError, match="'light': is a point; must be an object with a size"):
         scene("cornell_box_flash", a={"scale": "light", "value": 2})
+    with pytest.raises(ValueError, match=r"'light.emitter.radiance': becomes \[inf, inf, inf\]"):
+        scene(a={"path": "light.emitter.radiance", "value": 1e308, "times": True})
 
 
 def test_values_by_their_path():
@@ -127,23 +118,14 @@ def test_values_by_their_path():
     assert scene(a={"path": "sensor.fov_axis", "value": "x"})["sensor"]["fov_axis"] == "x"
 
 
-def test_values_must_stay_finite():
-    with pytest.raises(ValueError, match=r"'light.emitter.radiance': becomes \[inf, inf, inf\]"):
-        scene(a={"path": "light.emitter.radiance", "value": 1e308, "times": True})
-
-
 def test_reflectances():
-    assert (
-        scene(a={"reflectance": "white", "value": 0.5})["white"]["reflectance"]["value"]
-        == [0.5] * 3
-    )
+    white = scene(a={"reflectance": "white", "value": 0.5})["white"]
+    assert white["reflectance"]["value"] == [0.5] * 3
     red = cornell_box()["red"]["reflectance"]["value"]
     half = scene(a={"reflectance": "red", "value": [0.5, 1, 1], "times": True})
     assert half["red"]["reflectance"]["value"] == [0.5 * red[0], *red[1:]]
-    both = {
-        "materials": {"both": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {}}}}
-    }
-    sides = scene(tables=both, a={"reflectance": "both", "value": 0.25})
+    both = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {}}}
+    sides = scene(tables={"materials": {"both": both}}, a={"reflectance": "both", "value": 0.25})
     assert sides["both"]["bsdf"]["reflectance"]["value"] == [0.25] * 3
 
 
@@ -152,7 +134,7 @@ def test_materials():
     made = scene(tables=mirror, a={"material": "small-box", "value": "mirror"})
     assert made["small-box"]["bsdf"] == {"type": "ref", "id": "mirror"}
     assert made["large-box"]["bsdf"]["id"] == "white"
-    kinds = {s.id(): s.bsdf().class_name() for s in load_shapes(made)}
+    kinds = {s.id(): s.bsdf().class_name() for s in mi.load_dict(made, optimize=False).shapes()}
     assert kinds["small-box"] == "SmoothConductor"
     file = scene(
         str(ROOT / "scenes/cornell_box.xml"), mirror, a={"material": "floor", "value": "red"}
@@ -160,10 +142,6 @@ def test_materials():
     assert [part for part in file["floor"].values() if isinstance(part, dict)] == [
         {"type": "ref", "id": "red"}
     ]
-
-
-def load_shapes(described: dict) -> list:
-    return mi.load_dict(described, optimize=False).shapes()
 
 
 def test_the_camera():
@@ -206,7 +184,7 @@ def test_a_scene_given_as_a_dict_stays_as_it_is():
     assert changed["red"] != given["red"]
 
 
-def test_objects_are_described_by_their_place(tmp_path):
+def test_objects_are_described_by_their_place():
     tables = {
         "objects": {
             "lamp": {
@@ -221,7 +199,5 @@ def test_objects_are_described_by_their_place(tmp_path):
     size, middle = box_of(described, "lamp")
     np.testing.assert_allclose(middle, [0, 0.9, 0], atol=1e-6)
     np.testing.assert_allclose(size, [0.2, 0, 0.2], atol=1e-6)
-    config = read_config(
-        {"records": 1, "scene": "cornell_box", "outputs": {"steady": True}} | tables
-    )
-    assert len(load(described, config).emitters()) == 2
+    given = {"records": 1, "scene": "cornell_box", "outputs": {"steady": True}} | tables
+    assert len(load(described, read_config(given)).emitters()) == 2

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from copy import deepcopy
 from datetime import date
 from pathlib import Path
 
 import pytest
+from helpers.refusals import refused
 
 from tofrender.cli.app import main
 from tofrender.datasets.config import read_config
 from tofrender.datasets.making import make_dataset, plan_dataset
-from tofrender.datasets.scene import scene_of
 
 ROOT = Path(__file__).parents[2]
+
+
+def uniform(low, high, **what) -> dict:
+    return what | {"distribution": "uniform", "low": low, "high": high}
+
+
+def choice(*values, **what) -> dict:
+    return what | {"distribution": "choice", "values": list(values)}
+
+
+def fixed(value, **what) -> dict:
+    return what | {"distribution": "fixed", "value": value}
+
 
 GOOD = {
     "records": 4,
@@ -24,48 +36,19 @@ GOOD = {
     "scene": "cornell_box",
     "arguments": {"light": "area"},
     "render": {"width": 8, "height": 8, "spp": 4, "temporal_bins": 50, "window": [3, 15]},
-    "outputs": {
-        "transient": True,
-        "noisy": {"spp": 2},
-        "phasor": {"frequencies_hz": [20e6, 50e6]},
-    },
+    "outputs": {"transient": True, "noisy": {"spp": 2}, "phasor": {"frequencies_hz": [2e7, 5e7]}},
     "materials": {"glass": {"type": "dielectric", "int_ior": 1.5}},
     "objects": {"ball": {"type": "sphere", "radius": 0.2, "to_world": {"position": [0, 0, 0]}}},
     "vary": {
-        "turn": {"turn": "small-box", "distribution": "uniform", "low": -30, "high": 30},
-        "paint": {
-            "reflectance": "white",
-            "distribution": "normal",
-            "mean": 0.5,
-            "deviation": 0.2,
-            "low": 0.1,
-            "high": 0.9,
-        },
-        "made_of": {
-            "material": "ball",
-            "distribution": "choice",
-            "values": ["white", "glass"],
-            "weights": [1, 2],
-        },
-        "camera": {
-            "camera": "origin",
-            "distribution": "on_sphere",
-            "radius": [3, 3.5],
-            "axis": [0, 0, 1],
-            "angle": 10,
-        },
-        "there": {
-            "present": ["small-box", "large-box"],
-            "distribution": "subset",
-            "least": 1,
-        },
-        "lamp": {
-            "path": "light.emitter.radiance",
-            "times": True,
-            "distribution": "log_uniform",
-            "low": 0.5,
-            "high": 2,
-        },
+        "turn": uniform(-30, 30, turn="small-box"),
+        "paint": uniform(0.1, 0.9, reflectance="white")
+        | {"distribution": "normal", "mean": 0.5, "deviation": 0.2},
+        "made_of": choice("white", "glass", material="ball") | {"weights": [1, 2]},
+        "camera": {"camera": "origin", "distribution": "on_sphere"}
+        | {"radius": [3, 3.5], "axis": [0, 0, 1], "angle": 10},
+        "there": {"present": ["small-box", "large-box"], "distribution": "subset", "least": 1},
+        "lamp": uniform(0.5, 2, path="light.emitter.radiance", times=True)
+        | {"distribution": "log_uniform"},
     },
 }
 
@@ -83,57 +66,35 @@ BAD = [
     # Keys that there are not
     ("record", 3, "record: is not known, did you mean records? Must be one of records, seed"),
     ("render.ssp", 3, "render.ssp: is not known, did you mean spp? Must be"),
-    ("render.wdth", 3, "render.wdth: is not known, did you mean width? Must be"),
     ("outputs.normal", True, "outputs.normal: is not known, did you mean normals? Must be"),
-    ("outputs.phasor.frequency_hz", [1], "outputs.phasor.frequency_hz: is not known, did you"),
-    ("outputs.noisy.ssp", 1, "outputs.noisy.ssp: is not known, did you mean spp? Must be one of"),
     ("outputs.capture.moed", "single", "outputs.capture.moed: is not known, did you mean mode?"),
     ("vary.turn.lo", 3, "vary.turn.lo: is not known, did you mean low? Must be one of turn, dis"),
     ("vary.turn.mean", 3, "vary.turn.mean: is not known; must be one of turn, distribution"),
-    ("vary.turn.times", True, "vary.turn.times: is not known"),
     ("vary.it", {"trun": "ball", "distribution": "uniform"}, "vary.it.trun: is not known, did you"),
     # Tables and values of the wrong kind
     ("records", GONE, "records: must be given"),
     ("scene", GONE, "scene: must be given"),
     ("outputs", GONE, "outputs: must be given"),
     ("records", 0, "records = 0: must be an integer from 1 to 10000000"),
-    ("records", 1.5, "records = 1.5: must be an integer"),
-    ("records", True, "records = True: must be an integer"),
-    ("records", "4", "records = '4': must be an integer"),
-    ("seed", -1, "seed = -1: must be an integer from 0 to 4294967295"),
     ("retry", 2000, "retry = 2000: must be an integer from 0 to 1000"),
     ("scene", 3, "scene = 3: must be a built-in scene's name, an XML file"),
     ("scene", "cornel_box", "scene = 'cornel_box': did you mean cornell_box"),
     ("scene", "nowhere.xml", r"scene = '.*nowhere.xml': does not exist; must be a Mitsuba XML"),
-    ("arguments", 3, "arguments = 3: must be a table"),
-    ("render", [1], r"render = \[1\]: must be a table"),
     ("outputs", True, "outputs = True: must be a table"),
-    ("vary", "x", "vary = 'x': must be a table"),
     ("vary.turn", 3, "vary.turn = 3: must be a table"),
     ("parameters", {"spp": 3}, "parameters: must be left out, only XML files have them"),
-    ("materials.glass", "glass", "materials.glass: must be a table with a plugin's name as its"),
     ("materials.glass", {"int_ior": 2}, "materials.glass: must be a table with a plugin's name"),
     ("objects.ball.type", 3, "objects.ball: must be a table with a plugin's name as its type"),
     ("materials.glass.int_ior", None, "materials.glass.int_ior = None: must be a number, text"),
     ("materials.glass.int_ior", float("nan"), "int_ior = nan: must be a finite number from"),
-    (
-        "materials.glass.int_ior",
-        10**400,
-        "materials.glass.int_ior = an integer of 1329 bits: must be",
-    ),
-    ("materials.glass.int_ior", [], r"int_ior = \[\]: must be a list of numbers"),
-    ("materials.glass.int_ior", ["a"], r"int_ior = \['a'\]: must be a list of numbers"),
+    ("materials.glass.int_ior", 10**400, "glass.int_ior = an integer of 1329 bits: must be"),
     ("materials.glass.day", date(2020, 1, 1), "glass.day = .*: must be a number, text, a list"),
     # The render
-    ("render.width", 0, "render.width = 0: must be an integer from 1 to 65536"),
     ("render.spp", "many", "render.spp = 'many': must be an integer from 1"),
     ("render.max_depth", 0, r"render.max_depth = 0: must be -1 \(no limit\) or an integer"),
     ("render.integrator", "pathtracer", "render.integrator = 'pathtracer': did you mean"),
-    ("render.sampler", 3, "render.sampler = 3: must be one of padded_sobol"),
     ("render.pulse_width_opl", 0, "render.pulse_width_opl = 0: must be a finite number of metr"),
-    ("render.window", 3, r"render.window = 3: must be \[start, end\] in metres"),
     ("render.window", [15, 3], r"render.window = \[15, 3\]: must end after it starts"),
-    ("render.window", [0, "x"], "render.window = 'x': must be a finite number of metres"),
     ("render.window", "auto", r"render.window = 'auto': must be \[start, end\] in metres"),
     ("render.start_opl", 1.0, "render.start_opl = 1: must be left out with window"),
     ("render.temporal_bins", GONE, "render.temporal_bins: must be given with window"),
@@ -143,37 +104,32 @@ BAD = [
     ("outputs", {"transient": False}, "outputs: must ask for one output or more"),
     ("outputs.transient", 1, "outputs.transient = 1: must be true or false"),
     ("outputs.phasor", [20e6], r"outputs.phasor = \[20000000.0\]: must be a table"),
-    ("outputs.phasor", {}, "outputs.phasor.frequencies_hz = None: must be a list of one freq"),
     ("outputs.phasor.frequencies_hz", [], r"frequencies_hz = \[\]: must be a list of one"),
-    ("outputs.phasor.frequencies_hz", [-1], "frequencies_hz = -1: must be a finite number of he"),
-    ("outputs.phasor.frequencies_hz", [1e6] * 65, "frequencies_hz"),
     ("outputs.noisy.spp", 0, "outputs.noisy.spp = 0: must be an integer from 1"),
-    ("outputs.noisy", {}, "outputs.noisy.spp = None: must be an integer from 1"),
     ("outputs.capture", {"mode": "both"}, "outputs.capture.mode = 'both': must be one of"),
     ("outputs.capture", {"grid": 8}, r"outputs.capture.grid = 8: must be \[width, height\]"),
     ("outputs.capture", {"grid": [8, 0]}, "outputs.capture.grid = 0: must be an integer from 1"),
-    ("outputs.capture", {"hidden_depth": "yes"}, "hidden_depth = 'yes': must be true or false"),
     ("outputs.capture", {"relay_wall": 3}, "outputs.capture.relay_wall = 3: must be text"),
     # What is varied
     ("vary.a-b", {"turn": "ball"}, "vary.'a-b': must be a name of letters, digits and _"),
     ("vary.depth", {"turn": "ball"}, "vary.depth: must have another name"),
-    ("vary.capture_x", {"turn": "ball"}, "vary.capture_x: must have another name"),
     ("vary.it", {"distribution": "uniform"}, "vary.it: says not what is varied; must have one of"),
     ("vary.turn.move", "ball", "vary.turn: has move and turn; must have one of"),
-    ("vary.turn.turn", 3, "vary.turn.turn = 3: must be text"),
-    ("vary.turn.distribution", GONE, "vary.turn.distribution = None: must be one of uniform"),
     ("vary.turn.distribution", "unifrm", "distribution = 'unifrm': did you mean 'uniform'?"),
-    ("vary.turn.low", GONE, "vary.turn.low = None: must be a finite number"),
-    ("vary.turn.low", "a", "vary.turn.low = 'a': must be a finite number"),
     ("vary.turn.low", float("nan"), "vary.turn.low = nan: must be a finite number"),
     ("vary.turn.low", 30, "vary.turn.low = 30: must be below high = 30"),
-    ("vary.turn.low", [], r"vary.turn.low = \[\]: must be a number or a list of numbers"),
     ("vary.turn.low", [-1, -2], "vary.turn.distribution = 'uniform': must give a number, degrees"),
     ("vary.turn.axis", [0, 0, 0], r"vary.turn.axis = \[0, 0, 0\]: must not be zero"),
     ("vary.turn.around", 3, "vary.turn.around = 3: must be 3 finite numbers of metres"),
-    ("vary.paint.deviation", 0, "vary.paint.deviation = 0: must be above 0"),
-    ("vary.paint.mean", GONE, "vary.paint.mean = None: must be a finite number"),
     ("vary.paint.low", 2, "vary.paint.low = 2: must be below high"),
+    ("vary.paint.mean", GONE, "vary.paint.mean = None: must be a finite number"),
+    ("vary.camera.axis", [0, 0, 0], r"vary.camera.axis = \[0, 0, 0\]: must not be zero"),
+    ("vary.camera.up", [0, 0, 0], r"vary.camera.up = \[0, 0, 0\]: must not be zero"),
+    ("vary.made_of.values", [{"type": "x"}, "white"], "vary.made_of.values = .*: must be"),
+    ("outputs.capture", {"hidden_depth": "yes"}, "hidden_depth = 'yes': must be true or false"),
+    ("outputs.noisy", {}, "outputs.noisy.spp = None: must be an integer from 1"),
+    ("vary.capture_x", {"turn": "ball"}, "vary.capture_x: must have another name"),
+    ("vary.paint.deviation", 0, "vary.paint.deviation = 0: must be above 0"),
     ("vary.paint.mean", 1e9, "vary.paint.low = 0.1: is too far from the mean"),
     ("vary.paint.high", GONE, "vary.paint.reflectance = 'white': is drawn from 0.1 to inf; must b"),
     ("vary.paint.high", 1.5, "is drawn from 0.1 to 1.5; must be from 0 to 1"),
@@ -182,62 +138,31 @@ BAD = [
     ("vary.lamp.times", 1, "vary.lamp.times = 1: must be true or false"),
     ("vary.made_of.values", [], r"vary.made_of.values = \[\]: must be a list of one value or more"),
     ("vary.made_of.values", ["white", 3], "vary.made_of.weights|must be a choice of materials'"),
-    ("vary.made_of.values", [{"type": "x"}, "white"], "vary.made_of.values = .*: must be"),
     ("vary.made_of.weights", [1], r"vary.made_of.weights = \[1\]: must be 2 numbers from 0"),
     ("vary.made_of.weights", [0, 0], r"weights = \[0, 0\]: must be 2 numbers from 0, not all 0"),
-    ("vary.made_of.weights", [-1, 2], r"weights = \[-1, 2\]: must be 2 numbers from 0"),
-    ("vary.made_of.weights", 3, "weights = 3: must be 2 numbers from 0"),
     ("vary.camera.camera", "roll", "vary.camera.camera = 'roll': must be one of origin, target"),
     ("vary.camera.camera", "fov", "vary.camera.distribution = 'on_sphere': must give a number"),
     ("vary.camera.radius", [4, 3], r"vary.camera.radius = \[4, 3\]: must be above 0, or \[leas"),
-    ("vary.camera.radius", 0, "vary.camera.radius = 0: must be above 0, or"),
-    ("vary.camera.radius", [1, 2, 3], r"vary.camera.radius = \[1, 2, 3\]: must be above 0, or"),
     ("vary.camera.center", [1, 2], r"center = \[1, 2\]: must be 3 finite numbers of metres"),
-    ("vary.camera.axis", [0, 0, 0], r"vary.camera.axis = \[0, 0, 0\]: must not be zero"),
     ("vary.camera.angle", 200, "angle = 200: must be a finite number of degrees above 0 and at"),
-    ("vary.camera.up", [0, 0, 0], r"vary.camera.up = \[0, 0, 0\]: must not be zero"),
     ("vary.there.present", "small-box", "vary.there.present = 'small-box': must be a list of obj"),
-    ("vary.there.present", [], r"vary.there.present = \[\]: must be a list of objects' names"),
     ("vary.there.present", ["a", "a"], "vary.there.present = .*: must be a list of objects' name"),
     ("vary.there.least", 3, "vary.there.least = 3: must be an integer from 0 to 2"),
     ("vary.there.most", 0, "vary.there.most = 0: must be an integer from 1 to 2"),
     ("vary.there.distribution", "uniform", "least: is not known"),
     ("vary.it", {"path": "a", "distribution": "subset"}, "must be another than subset with path"),
-    (
-        "vary.it",
-        {"present": ["ball"], "distribution": "choice", "values": ["bell"]},
-        "vary.it.values = 'bell': is not known, did you mean ball",
-    ),
-    (
-        "vary.it",
-        {"scale": "ball", "distribution": "uniform", "low": 0, "high": 1},
-        "vary.it.scale = 'ball': is drawn from 0 to 1; must be above 0",
-    ),
-    (
-        "vary.it",
-        {"camera": "fov", "distribution": "uniform", "low": 90, "high": 180},
-        "vary.it.camera = 'fov': is drawn from 90 to 180; must be above 0 to 180",
-    ),
-    (
-        "vary.it",
-        {"move": "ball", "distribution": "uniform", "low": 0, "high": 1},
-        "vary.it.distribution = 'uniform': must give 3 numbers, metres",
-    ),
-    (
-        "vary.it",
-        {"argument": "light", "distribution": "choice", "values": ["area"]},
-        r"vary.it.argument = 'light': is in \[arguments\] too; must be in one of both",
-    ),
-    (
-        "vary.it",
-        {"parameter": "spp", "distribution": "fixed", "value": 3},
-        "vary.it.parameter = 'spp': must be left out, scene is not an XML file",
-    ),
-    (
-        "vary.it",
-        {"material": "ball", "distribution": "choice", "values": ["white"]},
-        "vary.it.material = 'ball': vary.made_of has it too; must be in one of both",
-    ),
+    *[
+        ("vary.it", value, f"vary.it.{text}")
+        for value, text in (
+            (choice("bell", present=["ball"]), "values = 'bell': is not known, did you mean ball"),
+            (uniform(0, 1, scale="ball"), "scale = 'ball': is drawn from 0 to 1; must be above 0"),
+            (uniform(90, 180, camera="fov"), "camera = 'fov': is drawn from 90 to 180; must be ab"),
+            (uniform(0, 1, move="ball"), "distribution = 'uniform': must give 3 numbers, metres"),
+            (choice("area", argument="light"), r"argument = 'light': is in \[arguments\] too; mu"),
+            (fixed(3, parameter="spp"), "parameter = 'spp': must be left out, scene is not an XML"),
+            (choice("white", material="ball"), "material = 'ball': vary.made_of has it too; must"),
+        )
+    ],
     ("vary.it", {"path": "a", "distribution": "fixed"}, "vary.it.value: must be given with fixed"),
 ]
 
@@ -260,22 +185,14 @@ def changed(key: str, value: object) -> dict:
     return config
 
 
-def one_line(key: str, value: object, act=read_config) -> str:
-    with pytest.raises((ValueError, FileNotFoundError)) as error:
-        act(changed(key, value))
-    assert "\n" not in str(error.value)
-    return str(error.value)
+@pytest.mark.parametrize(("key", "value", "text"), BAD, ids=shown)
+def test_bad_configs_are_refused(key, value, text):
+    with refused(text.replace("?", r"\?"), (ValueError, FileNotFoundError)):
+        read_config(changed(key, value))
 
 
 def test_the_good_one_is_good():
     assert list(read_config(GOOD).varied) == list(GOOD["vary"])
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "text"), [b for b in BAD if b[2]], ids=lambda v: str(v)[:40]
-)
-def test_bad_configs_are_refused(key, value, text):
-    assert re.search(text.replace("?", r"\?"), one_line(key, value))
 
 
 VALUES = [
@@ -293,7 +210,6 @@ def keys(table: dict, where: str = "") -> Iterator[str]:
             yield from keys(value, f"{where}{name}.")
 
 
-@pytest.mark.slow
 def test_whatever_stands_there_is_taken_or_refused_in_a_line():
     said = []
     for key in keys(GOOD):
@@ -308,63 +224,57 @@ def test_whatever_stands_there_is_taken_or_refused_in_a_line():
 
 IN_SCENE = [
     ("vary.turn.turn", "smal-box", "vary.turn.turn = 'smal-box': smal-box: is not known, did you"),
-    ("vary.turn.turn", "integrator.x", "is not known"),
     ("vary.turn.turn", "type", "vary.turn.turn = 'type': is no object; must be a shape or a light"),
     ("vary.paint.reflectance", "small-box", "uses the material 'white', which others may use too"),
-    ("vary.paint.reflectance", "light", "uses the material 'white'"),
     ("vary.paint.reflectance", "glass", "'glass': has no reflectance; must be a material"),
     ("vary.made_of.material", "bell", "vary.made_of.material = 'bell': bell: is not known, did"),
     ("vary.made_of.values", ["gloss", "gloss"], "values = 'gloss': is not known, did you mean gla"),
     ("vary.lamp.path", "light.emiter.radiance", "emiter: is not known, did you mean emitter?"),
     ("vary.lamp.path", "light.emitter.radiance.value.x", "nothing is inside of what is before 'x'"),
     ("vary.lamp.path", "light.emitter", "is a table, and cannot become"),
-    ("vary.lamp.path", "light.emitter.type", "is str, and cannot become"),
     ("vary.lamp.path", "sensor.film.width", "film is the same in all records"),
     ("vary.lamp.high", [1, 2], "vary.lamp.path = 'light.emitter.radiance': has 3 numbers, 2 are"),
     ("vary.there.present", ["small-box", "box"], "vary.there.present = 'box': box: is not known"),
     ("materials.white", {"type": "diffuse"}, "materials.white: the scene has one already; must"),
     ("objects.ball.to_world.positon", 1, "objects.ball.to_world.positon: is not known, did you"),
-    ("objects.ball.to_world.position", 1, "objects.ball.to_world.position = 1: must be 3 finite"),
     ("objects.ball.type", "sphare", "sphare"),
     ("objects.ball.raduis", 1.0, "raduis"),
     ("arguments.lite", "area", "arguments: cornell_box.. got an unexpected keyword argument 'li"),
-    ("arguments.light", "sun", "light = 'sun': must be one of area, flash"),
     ("render.sensor", 1, "vary.camera.camera: the scene has no camera that can be moved"),
 ]
 
 
 @pytest.mark.parametrize(("key", "value", "text"), IN_SCENE, ids=shown)
 def test_what_the_scene_has_not_is_refused(key, value, text):
-    """Before anything is rendered."""
     config = changed(key, value) | {"retry": 0}
-    with pytest.raises(ValueError, match=text.replace("?", r"\?")) as error:
-        plan_dataset(config)
-    assert "\n" not in str(error.value)
-
-
-def test_a_camera_that_looks_along_up_is_refused():
-    fixed = {"camera": "origin", "distribution": "fixed", "value": [0, 0, 3], "up": [0, 0, 1]}
-    with pytest.raises(ValueError, match=r"^vary.camera.camera: looks from \[0.0, 0.0, 3.0\] to"):
-        plan_dataset(changed("vary.camera", fixed))
-
-
-def test_a_sensor_that_there_is_not_is_refused():
-    config = changed("vary", {})
-    config["render"]["sensor"] = 1
-    with pytest.raises(ValueError, match=r"render.sensor = 1: must be an integer from 0 to 0"):
+    with refused(text.replace("?", r"\?")):
         plan_dataset(config)
 
 
-def test_a_steady_scene_needs_bins():
-    config = changed("scene", "cornell_box_steady_state") | {"vary": {}}
-    config["render"] = {"width": 8, "height": 8}
-    with pytest.raises(ValueError, match=r"render.temporal_bins: must be given, and window"):
+UP = fixed([0, 0, 3], camera="origin", up=[0, 0, 1])
+STEADY = {"scene": "cornell_box_steady_state", "vary": {}, "render": {"width": 8, "height": 8}}
+
+
+@pytest.mark.parametrize(
+    ("config", "text"),
+    [
+        (changed("vary.camera", UP), r"^vary.camera.camera: looks from \[0.0, 0.0, 3.0\] to"),
+        (
+            changed("render.sensor", 1) | {"vary": {}},
+            "render.sensor = 1: must be an integer from 0 to 0",
+        ),
+        (GOOD | STEADY, "render.temporal_bins: must be given, and window"),
+    ],
+)
+def test_other_plans_are_refused(config, text):
+    with refused(text):
         plan_dataset(config)
 
 
 @pytest.mark.parametrize(
     ("content", "text"),
     [
+        (None, "does not exist; must be a TOML file"),
         (b"records = ", "Invalid value"),
         (b"records = 1\nrecords = 2", "Cannot overwrite a value"),
         (b"\xff\xfe", "cannot be read"),
@@ -373,17 +283,13 @@ def test_a_steady_scene_needs_bins():
 )
 def test_files_that_are_no_toml_are_refused(tmp_path, capsys, content, text):
     path = tmp_path / "config.toml"
-    path.write_bytes(content)
+    if content is not None:
+        path.write_bytes(content)
     assert main(["dataset", str(path), "--plan"]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"error: config = {path}: ")
     assert text in err
     assert err.count("\n") == 1
-
-
-def test_files_that_are_not_there_are_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match="does not exist; must be a TOML file"):
-        read_config(tmp_path / "no.toml")
 
 
 @pytest.mark.parametrize(
@@ -399,9 +305,3 @@ def test_files_that_are_not_there_are_refused(tmp_path):
 def test_records_that_there_are_not_are_refused(tmp_path, only, text):
     with pytest.raises(ValueError, match=text):
         make_dataset(GOOD, tmp_path / "x.zarr", only=only)
-
-
-@pytest.mark.parametrize("name", ["boxes", "hidden", "room"])
-def test_examples_are_good(name):
-    config = read_config(ROOT / "docs/datasets" / f"{name}.toml")
-    scene_of(config, config.draw(0))

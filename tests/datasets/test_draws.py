@@ -28,22 +28,17 @@ def truncated(mean: float, deviation: float, low: float, high: float) -> stats.r
     return stats.truncnorm(*edges, loc=mean, scale=deviation)
 
 
+def normal(*numbers: float) -> dict[str, float]:
+    return dict(zip(("mean", "deviation", "low", "high"), numbers, strict=False))
+
+
 CASES = {
     "uniform": ({"low": -2.0, "high": 3.0}, stats.uniform(-2, 5)),
     "log_uniform": ({"low": 0.1, "high": 10.0}, stats.loguniform(0.1, 10)),
-    "normal": ({"mean": 1.0, "deviation": 0.5}, stats.norm(1, 0.5)),
-    "normal with limits": (
-        {"mean": 1.0, "deviation": 0.5, "low": 0.9, "high": 2.0},
-        truncated(1, 0.5, 0.9, 2),
-    ),
-    "normal, a tail": (
-        {"mean": 0.0, "deviation": 1.0, "low": 9.0, "high": 12.0},
-        truncated(0, 1, 9, 12),
-    ),
-    "normal, the other tail": (
-        {"mean": 0.0, "deviation": 1.0, "low": -12.0, "high": -9.0},
-        truncated(0, 1, -12, -9),
-    ),
+    "normal": (normal(1.0, 0.5), stats.norm(1, 0.5)),
+    "normal with limits": (normal(1.0, 0.5, 0.9, 2.0), truncated(1, 0.5, 0.9, 2)),
+    "normal, a tail": (normal(0.0, 1.0, 9.0, 12.0), truncated(0, 1, 9, 12)),
+    "normal, the other tail": (normal(0.0, 1.0, -12.0, -9.0), truncated(0, 1, -12, -9)),
 }
 
 
@@ -83,13 +78,8 @@ def test_fixed_is_fixed():
 
 
 def test_points_are_even_on_a_cap():
-    table = {
-        "center": [1.0, 2.0, 3.0],
-        "radius": [2.0, 4.0],
-        "axis": [1.0, -2.0, -2.0],
-        "angle": 60,
-    }
-    rays = drawn(distribution="on_sphere", **table) - [1, 2, 3]
+    table = {"center": [1.0, 2.0, 3.0], "radius": [2.0, 4.0], "angle": 60}
+    rays = drawn(distribution="on_sphere", axis=[1.0, -2.0, -2.0], **table) - [1, 2, 3]
     lengths = np.linalg.norm(rays, axis=1)
     assert stats.kstest(lengths, stats.uniform(2, 2).cdf).pvalue > LEAST_P
     cos = rays @ np.array([1, -2, -2]) / 3 / lengths
@@ -116,8 +106,6 @@ def test_subsets_are_even():
     assert sum(pairs) == sizes[1]
     assert stats.chisquare(pairs).pvalue > LEAST_P
 
-
-# --------------------------------------------------------------------------- what draws depend on
 
 LAMP = {"path": "light.emitter.radiance", "distribution": "uniform", "low": 0, "high": 1}
 TURN = {"turn": "small-box", "distribution": "normal", "mean": 0, "deviation": 9}

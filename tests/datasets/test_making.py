@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import signal
@@ -14,44 +15,35 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
+from helpers.refusals import refused
 
 import tofrender
 from tofrender import datasets
 from tofrender.datasets import making
 from tofrender.datasets.scene import load, scene_of
 
+
+def uniform(low, high, **what) -> dict:
+    return what | {"distribution": "uniform", "low": low, "high": high}
+
+
+SIZE = {"width": 8, "height": 6, "spp": 16, "temporal_bins": 60}
+PHASOR = {"frequencies_hz": [20e6, 50e6]}
 CONFIG = {
     "records": 3,
     "seed": 11,
     "scene": "cornell_box",
-    "render": {
-        "width": 8,
-        "height": 6,
-        "spp": 16,
-        "temporal_bins": 60,
-        "window": [3, 15],
-        "max_depth": 4,
-    },
-    "outputs": {
-        "transient": True,
-        "steady": True,
-        "depth": True,
-        "normals": True,
-        "noisy": {"spp": 2},
-        "phasor": {"frequencies_hz": [20e6, 50e6]},
-    },
+    "render": SIZE | {"window": [3, 15], "max_depth": 4},
+    "outputs": dict.fromkeys(("transient", "steady", "depth", "normals"), True)
+    | {"noisy": {"spp": 2}, "phasor": PHASOR},
     "vary": {
-        "turn": {"turn": "small-box", "distribution": "uniform", "low": -40, "high": 40},
-        "eye": {
-            "camera": "origin",
-            "distribution": "uniform",
-            "low": [-0.1, -0.1, 3.0],
-            "high": [0.1, 0.1, 3.3],
-        },
-        "paint": {"reflectance": "white", "distribution": "uniform", "low": 0.4, "high": 0.8},
+        "turn": uniform(-40, 40, turn="small-box"),
+        "eye": uniform([-0.1, -0.1, 3.0], [0.1, 0.1, 3.3], camera="origin"),
+        "paint": uniform(0.4, 0.8, reflectance="white"),
         "boxes": {"present": ["small-box", "large-box"], "distribution": "subset", "least": 1},
     },
 }
+EYE = {"eye": uniform([0, 0, 1], [0, 0, 9], camera="origin")}
 LIT = ("transient", "steady", "noisy", "phasor")
 TIGHT = {"rtol": 1e-4, "atol": 1e-6}
 
@@ -82,10 +74,12 @@ def made(tmp_path_factory):
     return datasets.make_dataset(CONFIG, out, tell=lines.append, progress=False), lines
 
 
-# ------------------------------------------------------------------------------ contents
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
 
 
-@pytest.mark.slow
 def test_a_record_is_what_render_gives(made):
     dataset, _ = made
     config = datasets.read_config(CONFIG)
@@ -97,6 +91,11 @@ def test_a_record_is_what_render_gives(made):
         )
         for name in ("transient", "steady"):
             np.testing.assert_allclose(dataset[name][record], film[name], **TIGHT)
+        # A denoiser must not find the clean picture's own noise in the noisy one
+        noisy, clean = dataset["noisy"].values[record], film["transient"].values
+        assert clean.sum() == pytest.approx(noisy.sum(), rel=0.1)
+        assert about["noise_seed"] != about["render_seed"]
+        assert 0.1 < np.abs(noisy - clean).sum() / clean.sum() < 1.5
         np.testing.assert_allclose(dataset["opl"], film["opl"])
         assert about["fingerprint"] == film.attrs["fingerprint"]
         assert dataset["energy_outside_window"].values[record] == pytest.approx(
@@ -111,27 +110,28 @@ def test_a_record_is_what_render_gives(made):
         scale = np.abs(phasor).max()
         np.testing.assert_allclose(phasor[..., 0, :], I, rtol=1e-4, atol=1e-5 * scale)
         np.testing.assert_allclose(phasor[..., 1, :], Q, rtol=1e-4, atol=1e-5 * scale)
-        for name, truth in (
-            ("depth", tofrender.true_depth(loaded)),
-            ("normals", tofrender.true_normals(loaded)),
-        ):
+        truths = {"depth": tofrender.true_depth(loaded), "normals": tofrender.true_normals(loaded)}
+        for name, truth in truths.items():
             np.testing.assert_allclose(dataset[name][record], truth, rtol=1e-6, err_msg=name)
 
 
-@pytest.mark.slow
-def test_noise_is_independent(made):
-    """A denoiser must not find the clean picture's own noise in the noisy one."""
-    dataset, _ = made
-    clean, noisy = dataset["transient"].values, dataset["noisy"].values
-    assert clean.sum() == pytest.approx(noisy.sum(), rel=0.1)
-    assert told(dataset)["noise_seed"] != told(dataset)["render_seed"]
-    error = np.abs(noisy - clean).sum() / clean.sum()
-    assert 0.1 < error < 1.5
+def test_the_plan_is_told_first(made):
+    _, lines = made
+    assert lines[0].startswith("3 records of cornell_box; varied: turn, eye, paint, boxes\n")
+    assert "transient  record, y, x, opl, channel              3 x 6 x 8 x 60 x 3    " in lines[0]
+    assert lines[0].splitlines()[-1].startswith("in all ")
+    assert lines[1].startswith("record 0 took ")
+    assert "; the others take about " in lines[1]
 
 
-@pytest.mark.slow
-def test_xarray_opens_it_lazily(made):
+def test_what_is_on_disk(made):
+    """Plain Zarr, with a file for each record."""
     dataset, _ = made
+    folder = Path(dataset.encoding["source"])
+    for name in (*LIT, "depth", "normals"):
+        files = sorted(path for path in (folder / name / "c").rglob("*") if path.is_file())
+        assert [path.relative_to(folder / name).parts[1] for path in files] == ["0", "1", "2"]
+    assert not list(folder.parent.glob(".tofrender-*"))
     opened = xr.open_zarr(dataset.encoding["source"], consolidated=True)
     assert opened["transient"].dims == ("record", "y", "x", "opl", "channel")
     assert opened["phasor"].dims == ("record", "frequency", "y", "x", "part", "channel")
@@ -144,38 +144,14 @@ def test_xarray_opens_it_lazily(made):
     table = opened[opened.attrs["parameters"].split()].load()
     assert table["turn"].dims == ("record",)
     assert table["eye"].dims == ("record", "xyz")
-    assert set(map(str, table["boxes"].values)) <= {
-        "small-box",
-        "large-box",
-        "small-box large-box",
-    }
+    boxes = {"small-box", "large-box", "small-box large-box"}
+    assert set(map(str, table["boxes"].values)) <= boxes
     for record in range(3):
         drawn = datasets.read_config(CONFIG).draw(record)
         assert table["turn"].values[record] == drawn["turn"]
         assert table["eye"].values[record].tolist() == drawn["eye"]
 
 
-@pytest.mark.slow
-def test_each_record_has_a_file_with_all_of_it(made):
-    dataset, _ = made
-    folder = Path(dataset.encoding["source"])
-    for name in (*LIT, "depth", "normals"):
-        files = sorted(path for path in (folder / name / "c").rglob("*") if path.is_file())
-        assert [path.relative_to(folder / name).parts[1] for path in files] == ["0", "1", "2"]
-    assert not list(folder.parent.glob(".tofrender-*"))
-
-
-@pytest.mark.slow
-def test_the_plan_is_told_first(made):
-    _, lines = made
-    assert lines[0].startswith("3 records of cornell_box; varied: turn, eye, paint, boxes\n")
-    assert "transient  record, y, x, opl, channel              3 x 6 x 8 x 60 x 3    " in lines[0]
-    assert lines[0].splitlines()[-1].startswith("in all ")
-    assert lines[1].startswith("record 0 took ")
-    assert "; the others take about " in lines[1]
-
-
-@pytest.mark.slow
 def test_any_record_can_be_made_alone(made, tmp_path):
     dataset, _ = made
     alone = make(CONFIG, tmp_path / "one.zarr", only=[2])
@@ -197,12 +173,10 @@ def plane(width: int = 5, height: int = 4) -> dict:
     }
 
 
-@pytest.mark.slow
 def test_depth_and_normals_of_a_plane(tmp_path):
     """Distance d of the camera: a pixel at the angle θ is d / cos θ away."""
-    eye = {"camera": "origin", "distribution": "uniform", "low": [0, 0, 1], "high": [0, 0, 9]}
     config = {"records": 3, "scene": plane(), "outputs": {"depth": True, "normals": True}}
-    found = make(config | {"vary": {"eye": eye}}, tmp_path / "plane.zarr")
+    found = make(config | {"vary": EYE}, tmp_path / "plane.zarr")
     step = np.tan(np.radians(20)) * 2 / 5
     x, y = np.meshgrid((np.arange(5) - 2) * step, (np.arange(4) - 1.5) * step)
     for record in range(3):
@@ -212,7 +186,6 @@ def test_depth_and_normals_of_a_plane(tmp_path):
     np.testing.assert_allclose(found["normals"].values - [0, 0, 1], 0, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
     """As deep as its own integrator, whatever that is."""
     config = {
@@ -224,17 +197,13 @@ def test_phasors_follow_the_paths_of_a_steady_scene(tmp_path):
     }
     found = make(config, tmp_path / "x.zarr")
     assert "opl" not in found.coords
-    loaded = tofrender.load_scene(
-        "cornell_box", width=4, height=4, max_depth=2, integrator="transient_path"
-    )
-    seed = told(found)["render_seed"]
-    I, *_ = tofrender.render_amcw_phasor(  # noqa: E741
-        loaded, loaded.sensors()[0], 20e6, 16, seed, loaded.integrator()
-    )
-    np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], I, rtol=1e-4, atol=1e-5)
+    settings = {"width": 4, "height": 4, "max_depth": 2, "integrator": "transient_path"}
+    loaded = tofrender.load_scene("cornell_box", **settings)
+    seeded = (20e6, 16, told(found)["render_seed"], loaded.integrator())
+    expected = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], *seeded)[0]
+    np.testing.assert_allclose(found["phasor"][0, 0, :, :, 0], expected, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.slow
 def test_another_variant(tmp_path):
     mi.set_variant("llvm_ad_mono")
     config = CONFIG | {"records": 1, "vary": {"turn": CONFIG["vary"]["turn"]}}
@@ -244,7 +213,6 @@ def test_another_variant(tmp_path):
     assert found.attrs["variant"] == told(found)["variant"] == "llvm_ad_mono"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["boxes", "hidden", "room"])
 def test_examples_work(name, tmp_path):
     """In small, with their windows: 4 records without a warning or another draw."""
@@ -270,8 +238,6 @@ def test_examples_work(name, tmp_path):
         assert np.nanmax(values) < 10
 
 
-# ------------------------------------------------------------------------------ captures
-
 HIDDEN = {
     "records": 2,
     "scene": "nlos_z",
@@ -279,13 +245,12 @@ HIDDEN = {
     "render": {"spp": 16, "temporal_bins": 80, "start_opl": 1.0, "bin_width_opl": 0.04},
     "outputs": {"capture": {"mode": "confocal", "grid": [4, 3]}},
     "vary": {
-        "distance": {"argument": "distance", "distribution": "uniform", "low": 0.8, "high": 1.2},
-        "tilt": {"turn": "hidden_z", "distribution": "uniform", "low": -30, "high": 30},
+        "distance": uniform(0.8, 1.2, argument="distance"),
+        "tilt": uniform(-30, 30, turn="hidden_z"),
     },
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["confocal", "single", "exhaustive"])
 def test_captures_are_those_of_capture(tmp_path, mode):
     config = deepcopy(HIDDEN)
@@ -308,7 +273,6 @@ def test_captures_are_those_of_capture(tmp_path, mode):
         assert tofrender.reconstruct(one, "lct").sizes
 
 
-@pytest.mark.slow
 def test_time_bins_must_be_those_of_all(tmp_path):
     config = deepcopy(HIDDEN)
     config["render"] = {"spp": 4}
@@ -325,36 +289,20 @@ def test_no_captures_no_capture(tmp_path):
         datasets.load_dataset(tmp_path)
 
 
-# ------------------------------------------------------------------- scenes that cannot be rendered
-
-
 def inside(share: float) -> dict:
     """The camera is inside of the large box in some records, and sees nothing there."""
-    config = deepcopy(CONFIG)
-    config["outputs"] = {"steady": True}
-    config["vary"] = {
-        "eye": {
-            "camera": "origin",
-            "distribution": "choice",
-            "values": [[-0.33, -0.4, -0.28], [0, 0, 3.2]],
-            "weights": [share, 1 - share],
-        }
-    }
-    return config
+    eye = {"camera": "origin", "distribution": "choice", "weights": [share, 1 - share]}
+    eye["values"] = [[-0.33, -0.4, -0.28], [0, 0, 3.2]]
+    return CONFIG | {"outputs": {"steady": True}, "vary": {"eye": eye}}
 
 
-@pytest.mark.slow
 def test_what_cannot_be_rendered_ends_with_a_line(tmp_path):
-    with pytest.raises(ValueError, match=r"^record 0 cannot be made: ") as error:
+    with refused(r"^record 0 cannot be made: .*\(eye = \[-0.33, -0.4, -0.28\]\)$"):
         make(inside(1.0), tmp_path / "x.zarr")
-    said = str(error.value)
-    assert "\n" not in said
-    assert said.endswith("(eye = [-0.33, -0.4, -0.28])")
-    with pytest.raises(ValueError, match="record 0 cannot be made, and 2 more draws neither: "):
+    with refused("record 0 cannot be made, and 2 more draws neither: "):
         make(inside(1.0) | {"retry": 2}, tmp_path / "y.zarr")
 
 
-@pytest.mark.slow
 def test_what_cannot_be_rendered_is_drawn_again(tmp_path):
     config = inside(0.5) | {"records": 4, "retry": 20}
     found = make(config, tmp_path / "x.zarr")
@@ -367,8 +315,6 @@ def test_what_cannot_be_rendered_is_drawn_again(tmp_path):
         assert all(drawn.draw(record, a)["eye"][2] < 0 for a in range(attempt))
     assert (found["steady"].values.reshape(4, -1).max(axis=1) > 0).all()
 
-
-# --------------------------------------------------------------------------- stopped, and after
 
 SMALL = CONFIG | {"outputs": {"transient": True, "depth": True}}
 
@@ -389,38 +335,34 @@ def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
     return making.under_way(out)
 
 
-@pytest.mark.slow
-def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
-    put = making.Store.put
+def ctrl_c_before(patch, name: str, number: int) -> None:
+    """Let Ctrl-C come as a method of the store is called for the n-th time."""
+    method, calls = getattr(making.Store, name), itertools.count()
 
-    def interrupted(store, record, made):
-        if record == 1:
+    def interrupted(*arguments):
+        if next(calls) == number:
             signal.raise_signal(signal.SIGINT)
-        return put(store, record, made)
+        return method(*arguments)
 
-    monkeypatch.setattr(making.Store, "put", interrupted)
+    patch.setattr(making.Store, name, interrupted)
+
+
+def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
+    ctrl_c_before(monkeypatch, "put", 1)
     with pytest.raises(KeyboardInterrupt, match="interrupted after 2 of 3 records"):
         make(SMALL, tmp_path / "x.zarr")
     receipts = making.under_way(tmp_path / "x.zarr") / "receipts"
     assert len(list(receipts.glob("record *.json"))) == 2
 
 
-@pytest.mark.slow
 def test_a_run_is_finished_once_all_records_are_there(tmp_path, monkeypatch):
-    finish = making.Store.finish
-
-    def interrupted(*args):
-        signal.raise_signal(signal.SIGINT)
-        finish(*args)
-
-    monkeypatch.setattr(making.Store, "finish", interrupted)
+    ctrl_c_before(monkeypatch, "finish", 0)
     with pytest.raises(KeyboardInterrupt):  # After it: whoever calls is to stop, too
         make(SMALL, tmp_path / "x.zarr")
     assert len(datasets.load_dataset(tmp_path / "x.zarr")["record"]) == 3
     assert not making.under_way(tmp_path / "x.zarr").exists()
 
 
-@pytest.mark.slow
 def test_a_stopped_run_goes_on(made, tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 2)
@@ -436,14 +378,11 @@ def test_a_stopped_run_goes_on(made, tmp_path, monkeypatch):
         np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
 
 
-@pytest.mark.slow
 def test_a_damaged_record_is_made_again(made, tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 2)
     file = next(path for path in (folder / "set.zarr/transient/c/1").rglob("*") if path.is_file())
-    content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
-    file.write_bytes(content)
+    flip(file)
     shutil.rmtree(folder / "set.zarr/depth/c/0")
     with pytest.warns(UserWarning, match=r"record \d of .*: is damaged, making it again") as warned:
         found = make(SMALL, out)
@@ -452,23 +391,22 @@ def test_a_damaged_record_is_made_again(made, tmp_path, monkeypatch):
         np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
 
 
-@pytest.mark.slow
 def test_another_config_is_refused(tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 1)
+    begun = ": the unfinished data set was begun with"
     for change, text in (
-        ({"seed": 12}, "seed = 12: the unfinished data set was begun with seed = 11"),
-        ({"records": 9}, "^records = 9: the unfinished data set was begun with "),
-        ({"retry": 1}, "retry = 1: the unfinished data set was begun without retry"),
-        ({"render": CONFIG["render"] | {"spp": 8}}, "render.spp = 8: the unfinished data set was"),
-        ({"vary": {}}, "without vary.turn|vary = {}: the unfinished data set was begun"),
+        ({"seed": 12}, f"seed = 12{begun} seed = 11"),
+        ({"records": 9}, f"^records = 9{begun}"),
+        ({"retry": 1}, f"retry = 1{begun}out retry"),
+        ({"render": CONFIG["render"] | {"spp": 8}}, f"render.spp = 8{begun}"),
+        ({"vary": {}}, f"without vary.turn|vary = {{}}{begun}"),
     ):
-        with pytest.raises(ValueError, match=text) as error:
+        with refused(text):
             make(SMALL | change, out)
-        assert "\n" not in str(error.value)
-    with pytest.raises(ValueError, match=r"^only = .*: the unfinished data set was begun with"):
+    with refused(f"^only = .*{begun}"):
         make(SMALL, out, only=[0, 1])
-    with pytest.raises(FileExistsError, match="an unfinished data set is beside it") as error:
+    with refused("an unfinished data set is beside it", FileExistsError) as error:
         make(SMALL, out, resume=False)
     assert str(folder) in str(error.value)
 
@@ -509,43 +447,38 @@ def test_a_changed_file_is_refused(tmp_path, monkeypatch, way):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    eye = {"camera": "origin", "distribution": "uniform", "low": [0, 0, 1], "high": [0, 0, 9]}
     config = {"records": 2, "scene": plane(), "outputs": {"depth": True, "normals": True}}
     out = tmp_path_factory.mktemp("set") / "small.zarr"
-    return Path(make(config | {"vary": {"eye": eye}}, out).encoding["source"])
+    return Path(make(config | {"vary": EYE}, out).encoding["source"])
 
 
-def flip(file: Path) -> None:
-    content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
-    file.write_bytes(content)
+@pytest.fixture
+def copy(small, tmp_path) -> Path:
+    return Path(shutil.copytree(small, tmp_path / "copy.zarr"))
 
 
 @pytest.mark.parametrize("listed", [True, False], ids=["listed", "of an earlier version"])
 @pytest.mark.parametrize("name", ["depth/c/1/0/0", "normals/c/0/0/0/0"])
-def test_a_record_that_is_missing_is_told(small, tmp_path, name, listed):
+def test_a_record_that_is_missing_is_told(copy, name, listed):
     """Zarr would read it as zeros."""
-    copy = Path(shutil.copytree(small, tmp_path / "copy.zarr"))
     if not listed:
         (copy / "files.json").unlink()
         assert datasets.load_dataset(copy).sizes["record"] == 2
     (copy / name).unlink()
-    with pytest.raises(ValueError, match=rf"^path = .*{name}.*; must be as .* written, copy"):
+    with refused(rf"^path = .*{name}.*; must be as .* written, copy"):
         datasets.load_dataset(copy)
 
 
 @pytest.mark.parametrize(
     "name", ["made_with/c/0", "eye/c/0/0", "record/c/0", "zarr.json", "depth/zarr.json"]
 )
-def test_what_is_damaged_is_named(small, tmp_path, name):
-    copy = Path(shutil.copytree(small, tmp_path / "copy.zarr"))
+def test_what_is_damaged_is_named(copy, name):
     flip(copy / name)
     with pytest.raises(ValueError, match=rf"\Apath = .*{name}.*\Z"):
         datasets.load_dataset(copy)
 
 
-def test_a_damaged_record_is_named_when_it_is_read(small, tmp_path):
-    copy = Path(shutil.copytree(small, tmp_path / "copy.zarr"))
+def test_a_damaged_record_is_named_when_it_is_read(copy):
     flip(copy / "depth/c/1/0/0")
     found = datasets.load_dataset(copy)
     assert np.isfinite(found["depth"].isel(record=0).values).all()
@@ -553,7 +486,6 @@ def test_a_damaged_record_is_named_when_it_is_read(small, tmp_path):
         np.asarray(found["depth"].isel(record=1))
 
 
-@pytest.mark.slow
 def test_what_is_there_stays(made):
     with pytest.raises(FileExistsError, match="exists; must be a new folder"):
         make(CONFIG, made[0].encoding["source"])
@@ -561,9 +493,7 @@ def test_what_is_there_stays(made):
         make(CONFIG, "boxes")
 
 
-@pytest.mark.slow
 def test_a_run_that_was_killed_as_it_finished_is_no_run(tmp_path):
-    """Its receipts are left, without the data set, which has moved away."""
     out = tmp_path / "x.zarr"
     make(SMALL | {"records": 1}, out)
     folder = making.under_way(out)
@@ -583,7 +513,6 @@ def test_a_small_disk_is_refused_before_work(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 def test_warnings_are_told_once(tmp_path):
     config = deepcopy(SMALL)
     config["render"]["window"] = [3, 7]
@@ -596,10 +525,6 @@ def test_warnings_are_told_once(tmp_path):
     assert (found["energy_outside_window"].values > 0.01).all()
 
 
-# ------------------------------------------------------------------------------ workers
-
-
-@pytest.mark.slow
 def test_two_workers_make_the_same(made, tmp_path):
     with tofrender.local_workers(2) as client:
         found = make(CONFIG, tmp_path / "x.zarr", client=client)

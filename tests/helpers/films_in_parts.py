@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +28,6 @@ def box(width: int = 12, height: int = 9, **options: Any) -> dict:
     """A Cornell box that takes milliseconds."""
     small = {"temporal_bins": 40, "bin_width_opl": 0.3, "max_depth": 4}
     return tofrender.cornell_box(width=width, height=height, **small | options)
-
-
-def with_film(described: Mapping[str, Any], **changes: Any) -> dict:
-    """The same scene with other film parameters."""
-    result = copy.copy(dict(described))
-    result["sensor"] = result["sensor"] | {"film": result["sensor"]["film"] | changes}
-    return result
 
 
 def crop(x: int, y: int, width: int, height: int) -> dict:
@@ -60,6 +52,18 @@ def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
         "PRIVATE_LANES": 1,
     }.items():
         patch.setattr(passes, name, value)
+
+
+def watch_steps(patch: Any, look: Callable[[int], object]) -> None:
+    """Let `look(number)` be called after each step of a render."""
+    steps = pieces.steps
+
+    def watched(*arguments: Any, **options: Any) -> Iterator:
+        for number, done in enumerate(steps(*arguments, **options)):
+            look(number)
+            yield done
+
+    patch.setattr(pieces, "steps", watched)
 
 
 def render(scene: Any, **options: Any):
@@ -94,14 +98,6 @@ def check_same(film: Any, whole: Any, rounding: float = ROUNDING) -> None:
     assert abs(next(outside) - next(outside)) < 1e-5
     found = differences(film, whole)
     assert max(found.values()) <= rounding, found
-
-
-def one_line(error: Any) -> str:
-    """The text of an error, which is one line."""
-    text = str(error.value)
-    assert text
-    assert "\n" not in text
-    return text
 
 
 def names(folder: Path) -> set[str]:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import xarray as xr
 from helpers.hidden_scenes import Wall, capture_of, letter_z, rectangle, true_depth, turned
 from helpers.made_dataset import assert_same
+from helpers.refusals import refused
 
 from tofrender.io.hdf5 import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
@@ -36,11 +38,14 @@ def example(mode="confocal", **kwargs) -> xr.Dataset:
 
 
 @modes
-@pytest.mark.parametrize("legs", [False, True])
-def test_round_trip_is_exact(tmp_path, mode, legs):
+@pytest.mark.parametrize(("legs", "origins"), [(False, True), (True, True), (False, False)])
+def test_round_trip_is_exact(tmp_path, mode, legs, origins):
     capture = labelled(example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7]))
     values = capture["transient"].values
     values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.finfo(np.float32).max
+    if not origins:
+        for device in ("sensor", "laser"):
+            capture[f"{device}_origin"].values[:] = np.nan
     path = tmp_path / "capture.h5"
     assert save_capture(capture, path) == path
     assert_same(load_capture(path), capture)
@@ -58,9 +63,8 @@ def test_light_that_is_not_finite_is_not_read(tmp_path, mode, bad):
     said = rf"transient: {count} of {values.size} values are not finite, the first is {bad:g} at "
     with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
         save_capture(capture, path)
-    with pytest.raises(ValueError, match=f"^path = .*: {said}") as error:
+    with refused(f"^path = .*: {said}"):
         load_capture(path)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -71,13 +75,6 @@ def test_pixels_off_the_wall_come_back(tmp_path, seed):
     capture["on_wall"] = (("y", "x"), on_wall)
     again = load_capture(save_capture(capture, tmp_path / "part.h5"))
     assert again.identical(labelled(capture))
-
-
-def test_unknown_devices_come_back_unknown(tmp_path):
-    capture = example(legs=False)
-    for device in ("sensor", "laser"):
-        capture[f"{device}_origin"].values[:] = np.nan
-    assert_same(load_capture(save_capture(capture, tmp_path / "c.hdf5")), capture)
 
 
 @modes
@@ -163,7 +160,9 @@ def test_scene_info_is_yaml(tmp_path):
     assert {k: info["tofrender"]["attrs"][k] for k in ATTRS} == ATTRS
 
 
-# ------------------------------------------------------------------------- other people's files
+def fields_of(path) -> dict:
+    with h5py.File(path, "r") as file:
+        return {name: file[name][()] for name in file}
 
 
 def rewritten(path, **changes):
@@ -180,8 +179,7 @@ def rewritten(path, **changes):
 def test_lists_of_points_become_a_row(tmp_path):
     capture = example("confocal").isel(y=[0])
     path = save_capture(capture, tmp_path / "c.h5")
-    with h5py.File(path, "r") as file:
-        fields = {name: file[name][()] for name in file}
+    fields = fields_of(path)
     changes = {"H": fields["H"][:, :, 0], "H_format": np.int32(3), "scene_info": None}
     for device in ("laser", "sensor"):
         changes[f"{device}_grid_format"] = np.int32([1])
@@ -194,8 +192,7 @@ def test_lists_of_points_become_a_row(tmp_path):
 
 def test_lists_of_pairs_become_exhaustive(tmp_path):
     path = save_capture(example("exhaustive"), tmp_path / "c.h5")
-    with h5py.File(path, "r") as file:
-        fields = {name: file[name][()] for name in file}
+    fields = fields_of(path)
     changes = {"H": fields["H"].reshape(30, 4, 30), "H_format": np.int32([4])}
     for device in ("laser", "sensor"):
         changes[f"{device}_grid_format"] = np.int32([1])
@@ -225,71 +222,32 @@ def test_foreign_scene_info_and_missing_normals(tmp_path):
         ({"H": "delete"}, "lacks the field H"),
         ({"H": None}, "has nothing in the field H"),
         ({"H": np.ones((30, 5))}, r"H with shape \(30, 5\): must be T_Sx_Sy, as H_format says"),
-        ({"H": np.ones((30, 6, 5))}, "with shape .*must have size"),
-        ({"H": np.full((30, 5, 6), b"x")}, "H of type .*: must hold real numbers"),
         ({"H_format": np.int32([9])}, r"H_format = 9: must be one of 1 \(T_Sx_Sy\)"),
-        ({"H_format": np.int32([0])}, "H_format = 0"),
         ({"H_format": np.int32([2])}, "H with shape .*: must be T_Lx_Ly_Sx_Sy"),
-        ({"sensor_grid_xyz": "delete"}, "lacks the field sensor_grid_xyz"),
-        ({"sensor_grid_xyz": np.full((5, 6, 3), np.nan)}, "sensor_grid_xyz: must hold finite"),
-        ({"sensor_grid_xyz": np.zeros((5, 6, 2))}, r"sensor_grid_xyz with shape .*: must be X_Y_3"),
         ({"laser_grid_xyz": np.zeros((2, 2, 3))}, "laser_grid_xyz with .*one point or equal"),
         ({"sensor_grid_format": np.int32([7])}, "sensor_grid_format = 7: must be one of"),
         ({"sensor_grid_normals": None}, "has no normals, and points at several z"),
-        ({"sensor_grid_normals": np.zeros((5, 6, 3))}, "sensor_normals: .*length 1"),
-        ({"sensor_xyz": np.zeros(2)}, r"sensor_xyz with shape \(2,\): must be \(3,\)"),
         ({"sensor_xyz": None}, "sensor_origin, laser_origin: must be known"),
-        ({"delta_t": 0.0}, "bin_width_opl = 0.0: must be a finite"),
-        ({"delta_t": np.ones(2)}, r"delta_t with shape \(2,\): must be one number"),
-        ({"t_start": np.nan}, "start_opl = nan"),
-        ({"t_start": None}, "has nothing in the field t_start"),
-        ({"t_accounts_first_and_last_bounces": "delete"}, "lacks the field t_accounts"),
         ({"H": "delete", "data": np.ones(3)}, "holds another layout of y-tal's"),
     ],
 )
 def test_broken_files_in_one_line(tmp_path, changes, message):
     path = rewritten(save_capture(example(), tmp_path / "c.h5"), **changes)
-    with pytest.raises(ValueError, match=message) as caught:
+    with refused(message) as caught:
         load_capture(path)
     assert str(caught.value).startswith(f"path = {path}: ")
-    assert "\n" not in str(caught.value)
-
-
-def test_not_a_whole_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nothing\.h5"):
-        load_capture(tmp_path / "nothing.h5")
-    path = save_capture(example(), tmp_path / "c.h5")
-    content = path.read_bytes()
-    for size in (0, 5, 100, len(content) // 2, len(content) - 1):
-        path.write_bytes(content[:size])
-        with pytest.raises(
-            ValueError, match=r"c\.h5: (must be an|is cut short; must be a whole|is damaged or cut)"
-        ):
-            load_capture(path)
-    path.write_bytes(b"text" * 100)
-    with pytest.raises(ValueError, match=r"c\.h5: must be an HDF5 file"):
-        load_capture(path)
-
-
-# ------------------------------------------------------------------------------------- writing
 
 
 def test_what_may_be_written(tmp_path, monkeypatch):
     capture, path = example(), tmp_path / "c.h5"
-    with pytest.raises(ValueError, match=r"c\.npz: must be .* that ends in .h5 or .hdf5"):
-        save_capture(capture, tmp_path / "c.npz")
     with pytest.raises(ValueError, match="variable laser_grid"):
         save_capture(capture.drop_vars("laser_grid"), path)
     save_capture(capture, path)
     before = path.read_bytes()
     with pytest.raises(FileExistsError, match="pass overwrite=True"):
         save_capture(capture, path)
-
-    def fail(*_):
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr(atomic, "_take_place", fail)
+        patch.setattr(atomic, "_take_place", Mock(side_effect=KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             save_capture(example(start=2.0), path, overwrite=True)
     assert path.read_bytes() == before
@@ -297,8 +255,6 @@ def test_what_may_be_written(tmp_path, monkeypatch):
     save_capture(example(start=2.0), path, overwrite=True)
     assert load_capture(path).attrs["start_opl"] != capture.attrs["start_opl"]
 
-
-# --------------------------------------------------------------------------------------- y-tal
 
 _YTAL = """
 import json, sys

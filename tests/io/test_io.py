@@ -7,10 +7,8 @@ import errno
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
-from collections import namedtuple
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,13 +16,12 @@ import imageio_ffmpeg
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.hidden_scenes import Wall, capture_of, letter_z
 from helpers.made_dataset import START, WIDTH, assert_same, make_dataset
+from helpers.refusals import refused
 from PIL import Image, ImageSequence
 
 from tofrender import io
 from tofrender.io import exr, npz, pictures
-from tofrender.io.layers import save_exr_layers
 from tofrender.runtime import atomic
 
 
@@ -45,8 +42,6 @@ def load(path, layout):
 layouts = pytest.mark.parametrize("layout", ["frames", "multipart", "npz"])
 exr_layouts = pytest.mark.parametrize("layout", ["frames", "multipart"])
 
-# -------------------------------------------------------------------------------- round trip
-
 
 @layouts
 @pytest.mark.parametrize("channels", ["RGB", "L"])
@@ -61,90 +56,67 @@ def test_round_trip_is_exact(tmp_path, layout, channels):
 
 
 @layouts
-@pytest.mark.parametrize("name", ["transient", "steady"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("name", "bad"), [("transient", np.nan), ("steady", -np.inf)])
 def test_data_that_are_not_finite_are_not_read(tmp_path, layout, name, bad):
     """They are written all the same, so that work is not lost, with a warning."""
-    dataset = make_dataset()
+    dataset, path = make_dataset(), target(tmp_path, layout)
     values = dataset[name].values
     values[3, 4], values[5, 9] = bad, np.nan
-    count, size = values[3:, 4:].size - np.isfinite(values[3:, 4:]).sum(), values.size
-    path = target(tmp_path, layout)
-    place = [3, 4, *[0] * (values.ndim - 2)]
-    said = rf"{name}: {count} of {size} values are not finite, the first is {bad:g} at "
-    said += re.escape(str(place))
+    count = values.size - np.isfinite(values).sum()
+    place = re.escape(str([3, 4, *[0] * (values.ndim - 2)]))
+    said = (
+        f"{name}: {count} of {values.size} values are not finite, the first is {bad:g} at {place}"
+    )
     with pytest.warns(UserWarning, match=f"^{said}.*cannot be read"):
         save(dataset, path, layout)
-    with pytest.raises(ValueError, match=f"^path = .*: {said}") as error:
+    with refused(f"^path = .*: {said}"):
         load(path, layout)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("path", [3, 0, None, b"file.npz", 1.5, True, ""])
-@pytest.mark.parametrize(
-    "function",
-    [
-        io.load_npz,
-        io.load_exr_stack,
-        io.load_capture,
-        lambda path: io.save_npz(make_dataset(), path),
-        lambda path: io.save_exr_stack(make_dataset(), path),
-        lambda path: io.save_exr_stack(make_dataset(), path, layout="multipart"),
-        lambda path: io.save_png_frames(make_dataset(), path),
-        lambda path: io.save_video(make_dataset(), path),
-        lambda path: save_exr_layers(path, {"": np.zeros((2, 2, 3))}),
-        lambda path: io.save_capture(capture_of(letter_z(), Wall(2), bins=4), path),
-        io.check_output,
-    ],
-)
-def test_only_names_of_files_are_taken(function, path):
-    """A number would be taken for an open file, and that file closed."""
-    before = os.listdir("/proc/self/fd") if sys.platform == "linux" else []
-    with pytest.raises(ValueError, match=r"^path = .*: must be text or an os.PathLike") as error:
-        function(path)
-    assert "\n" not in str(error.value)
-    assert (os.listdir("/proc/self/fd") if sys.platform == "linux" else []) == before
 
 
 def test_a_descriptor_stays_open(tmp_path):
+    """A number would be taken for an open file, and that file closed."""
     save(make_dataset(), tmp_path / "a.npz", "npz")
     with open(tmp_path / "a.npz", "rb") as file:
-        with pytest.raises(ValueError, match=f"^path = {file.fileno()}: must be text"):
-            io.load_npz(file.fileno())
+        for load in (io.load_npz, io.load_exr_stack, io.load_capture):
+            with refused(f"^path = {file.fileno()}: must be text"):
+                load(file.fileno())
         os.fstat(file.fileno())
 
 
+def test_images_of_others_are_refused(tmp_path):
+    foreign = tmp_path / "foreign.exr"
+    OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
+    with refused(r"foreign.exr: holds other EXR images"):
+        io.load_exr_stack(foreign)
+
+
+def test_bad_video_names(tmp_path):
+    with refused(r"v.avi: must be a file name that ends in .mp4 or .gif"):
+        io.save_video(make_dataset(), tmp_path / "v.avi")
+    with refused(r"fps = 60: .*at most 50"):
+        io.save_video(make_dataset(), tmp_path / "v.gif", fps=60)
+
+
 @exr_layouts
-def test_half_rounds_to_11_bits(tmp_path, layout):
-    dataset = make_dataset()
-    io.save_exr_stack(dataset, target(tmp_path, layout), layout=layout, precision="half")
-    loaded = io.load_exr_stack(target(tmp_path, layout))
+def test_half_rounds_to_11_bits_and_refuses_what_would_become_infinite(tmp_path, layout):
+    dataset, path = make_dataset(), target(tmp_path, layout)
+    dataset["transient"].values[1, 2, 4, 0] = 7e4
+    with refused(r"^precision = 'half': 70000 .*must be 'float'"):
+        io.save_exr_stack(dataset, path, layout=layout, precision="half")
+    assert not os.listdir(tmp_path)
+    dataset["transient"].values[1, 2, 4, 0] = 65504
+    io.save_exr_stack(dataset, path, layout=layout, precision="half")
+    loaded = io.load_exr_stack(path)
     assert loaded["transient"].dtype == np.float32
     np.testing.assert_allclose(loaded["transient"], dataset["transient"], rtol=2**-11, atol=2**-25)
     assert loaded.attrs == dataset.attrs
 
 
-@exr_layouts
-def test_half_refuses_what_would_become_infinite(tmp_path, layout):
-    dataset = make_dataset()
-    dataset["transient"].values[1, 2, 4, 0] = 7e4
-    path = target(tmp_path, layout)
-    with pytest.raises(ValueError, match=r"^precision = 'half': 70000 .*must be 'float'"):
-        io.save_exr_stack(dataset, path, layout=layout, precision="half")
-    assert not os.listdir(tmp_path)
-    dataset["transient"].values[1, 2, 4, 0] = 65504
-    io.save_exr_stack(dataset, path, layout=layout, precision="half")
-
-
 def test_frame_names_have_four_digits_or_more():
-    names = {
-        bins: exr._Stack(make_dataset(1, 1, bins), "float").name(12)
-        for bins in (20, 10_000, 10_001)
-    }
-    assert names == {20: "frame_0012", 10_000: "frame_0012", 10_001: "frame_00012"}
+    for bins, name in {20: "frame_0012", 10_000: "frame_0012", 10_001: "frame_00012"}.items():
+        assert exr._Stack(make_dataset(1, 1, bins), "float").name(12) == name
 
 
-@pytest.mark.slow
 def test_frame_names_sort_where_they_have_more_digits(tmp_path, monkeypatch):
     monkeypatch.setattr(exr, "LEAST_DIGITS", 3)  # With 4, it takes more than 10 000 frames
     dataset = make_dataset(height=1, width=1, bins=1_101, channels="L")
@@ -153,9 +125,6 @@ def test_frame_names_sort_where_they_have_more_digits(tmp_path, monkeypatch):
     assert names[0] == "frame_0000.exr"
     assert names[999:1_001] == ["frame_0999.exr", "frame_1000.exr"]
     assert_same(io.load_exr_stack(tmp_path / "stack"), dataset)
-
-
-# ----------------------------------------------------------------- headers and other readers
 
 
 @exr_layouts
@@ -189,7 +158,6 @@ def test_display_window_reaches_the_crop_if_the_film_is_unknown(tmp_path):
     assert [list(corner) for corner in header["displayWindow"]] == [[0, 0], [14, 12]]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["half", "float"])
 def test_mitsuba_reads_the_same_values(tmp_path, precision):
     color = make_dataset(height=37, x0=5, y0=7)
@@ -214,41 +182,14 @@ def test_mitsuba_reads_the_same_values(tmp_path, precision):
 
 
 def test_npz_opens_with_plain_numpy(tmp_path):
+    """It is the file that numpy would write."""
     dataset = make_dataset()
-    io.save_npz(dataset, tmp_path / "stack.npz")
-    with np.load(tmp_path / "stack.npz") as archive:  # no pickles
+    path = io.save_npz(dataset, tmp_path / "stack.npz")
+    with np.load(path) as archive:  # no pickles
         np.testing.assert_array_equal(archive["transient"], dataset["transient"])
         assert json.loads(str(archive["tofrender"]))["attrs"] == dataset.attrs
-
-
-# ------------------------------------------------------------------------------- bad loading
-
-
-def test_load_refuses_in_one_line(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nothing: does not exist"):
-        io.load_exr_stack(tmp_path / "nothing")
-    with pytest.raises(ValueError, match=r"no steady\.exr"):
-        io.load_exr_stack(tmp_path)
-    foreign = tmp_path / "foreign.exr"
-    OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
-    with pytest.raises(ValueError, match=r"foreign.exr: holds other EXR images"):
-        io.load_exr_stack(foreign)
-    stack = io.save_exr_stack(make_dataset(), tmp_path / "stack")
-    frame = stack / "frame_0003.exr"
-    content = frame.read_bytes()
-    frame.write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match=r"frame_0003.exr: not a readable EXR file"):
-        io.load_exr_stack(stack)
-    shutil.copy(stack / "frame_0002.exr", frame)
-    with pytest.raises(ValueError, match="same bin_index"):
-        io.load_exr_stack(stack)
-    frame.unlink()
-    with pytest.raises(ValueError, match="4 frames of 5"):
-        io.load_exr_stack(stack)
-    for content in (b"", b"text", b"PK\x03\x04"):
-        (tmp_path / "bad.npz").write_bytes(content)
-        with pytest.raises(ValueError, match=r"bad.npz: must be a file that save_npz wrote"):
-            io.load_npz(tmp_path / "bad.npz")
+        np.savez(tmp_path / "numpys.npz", **archive)
+    assert path.read_bytes() == (tmp_path / "numpys.npz").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -265,13 +206,9 @@ def test_load_refuses_in_one_line(tmp_path):
 )
 @layouts
 def test_other_datasets_are_refused(tmp_path, layout, change, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with refused(message):
         save(change(make_dataset()), target(tmp_path, layout), layout)
-    assert "\n" not in str(caught.value)
     assert not os.listdir(tmp_path)
-
-
-# ------------------------------------------------------------------------- what is replaced
 
 
 @layouts
@@ -290,32 +227,30 @@ def test_earlier_output_is_replaced_only_when_asked(tmp_path, layout):
 
 
 def test_other_content_is_never_replaced(tmp_path):
-    def refused(match: str) -> None:
-        with pytest.raises(FileExistsError, match=match) as caught:
+    def is_refused(what: str) -> None:
+        with refused(f"{folder}.*{what}.*must be a new or empty folder", FileExistsError):
             io.save_exr_stack(make_dataset(), folder, overwrite=True)
-        assert str(folder) in str(caught.value)
-        assert "must be a new or empty folder" in str(caught.value)
 
     folder = tmp_path / "out"
     folder.write_text("a file")
-    refused("is a file")
+    is_refused("is a file")
     folder.unlink()
     folder.mkdir()
     io.save_exr_stack(make_dataset(), folder)  # empty: fine
     (folder / "notes.txt").write_text("mine")
-    refused(r"holds other content \(notes.txt\)")
+    is_refused(r"holds other content \(notes.txt\)")
     (folder / "notes.txt").unlink()
     (folder / "video.mp4").write_text("beside a stack it is ours")
     io.save_exr_stack(make_dataset(), folder, overwrite=True)
     assert not (folder / "video.mp4").exists()
     # Another program's frames under the same name.
     OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(folder / "frame_0001.exr"))
-    refused(r"\(frame_0001.exr\)")
+    is_refused(r"\(frame_0001.exr\)")
     (folder / "frame_0001.exr").unlink()
     for file in folder.iterdir():
         file.unlink()
     (folder / "summary.png").write_text("alone it proves nothing")
-    refused(r"\(summary.png\)")
+    is_refused(r"\(summary.png\)")
     with pytest.raises(FileExistsError, match="is a folder; must be the name of a file"):
         io.save_npz(make_dataset(), tmp_path.rename(tmp_path.with_suffix(".npz")), overwrite=True)
 
@@ -361,17 +296,6 @@ def test_content_that_appears_meanwhile_is_kept(tmp_path):
     assert os.listdir(tmp_path) == ["out"]
 
 
-# ---------------------------------------------------------------------------- check_output
-
-
-def test_check_output_sees_a_small_disk(tmp_path, monkeypatch):
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(9, 9, 1000))
-    io.check_output(tmp_path / "out")
-    with pytest.raises(OSError, match=r"out: too little room; needs up to .*, 1000 bytes is free"):
-        io.check_output(tmp_path / "out", (6, 10, 5, 3))
-
-
 @exr_layouts
 def test_estimate_is_an_upper_bound(tmp_path, layout):
     dataset = make_dataset(height=64, width=64)
@@ -382,20 +306,6 @@ def test_estimate_is_an_upper_bound(tmp_path, layout):
     size = sum(file.stat().st_size for file in files)
     bound = io.output.stack_bytes(dataset["transient"].shape)
     assert 0.5 * bound < size <= bound
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"layout": "zip"}, "layout = 'zip': must be one of frames, multipart, npz"),
-        ({"precision": "double"}, "precision = 'double': must be one of half, float"),
-        ({"layout": "multipart"}, "must be a file name that ends in .exr"),
-        ({"layout": "npz"}, "must be a file name that ends in .npz"),
-    ],
-)
-def test_check_output_refuses_options(tmp_path, options, message):
-    with pytest.raises(ValueError, match=message):
-        io.check_output(tmp_path / "out", **options)
 
 
 @contextlib.contextmanager
@@ -421,8 +331,6 @@ def test_unwritable_places(tmp_path):
         io.check_output(tmp_path / "locked" / "out")
 
 
-# -------------------------------------------------------------------------- failing writes
-
 WRITERS = {
     "frames": lambda dataset, folder: io.save_exr_stack(dataset, folder / "s", overwrite=True),
     "multipart": lambda dataset, folder: io.save_exr_stack(
@@ -439,7 +347,6 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(f): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("earlier", [False, True])
 @pytest.mark.parametrize(
@@ -497,13 +404,9 @@ def test_interrupt_while_taking_the_place(tmp_path, monkeypatch):
 
 def test_broken_ffmpeg_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setitem(pictures._FORMATS, ".mp4", ["-c:v", "nonsense"])
-    with pytest.raises(RuntimeError, match=r"ffmpeg failed with status .*nonsense") as caught:
+    with refused(r"ffmpeg failed with status .*nonsense", RuntimeError):
         io.save_video(make_dataset(), tmp_path / "v.mp4")
-    assert "\n" not in str(caught.value)
     assert not os.listdir(tmp_path)
-
-
-# -------------------------------------------------------------------------------- pictures
 
 
 def decode(path: Path) -> np.ndarray:
@@ -577,25 +480,3 @@ def test_png_frames(tmp_path):
     with pytest.raises(FileExistsError, match="overwrite=True"):
         io.save_png_frames(dataset, path)
     io.save_png_frames(dataset, path, overwrite=True)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"fps": 0}, "fps = 0: must be a finite number above 0"),
-        ({"fps": float("nan")}, "fps = nan"),
-        ({"exposure": -1.0}, "exposure = -1.0: must be a finite number above 0"),
-        ({"min_size": 0}, "min_size = 0: must be an integer from 1"),
-    ],
-)
-def test_bad_video_options(tmp_path, options, message):
-    with pytest.raises(ValueError, match=message):
-        io.save_video(make_dataset(), tmp_path / "v.mp4", **options)
-    assert not os.listdir(tmp_path)
-
-
-def test_bad_video_names(tmp_path):
-    with pytest.raises(ValueError, match=r"v.avi: must be a file name that ends in .mp4 or .gif"):
-        io.save_video(make_dataset(), tmp_path / "v.avi")
-    with pytest.raises(ValueError, match=r"fps = 60: .*at most 50"):
-        io.save_video(make_dataset(), tmp_path / "v.gif", fps=60)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import threading
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,8 +15,8 @@ import xarray as xr
 from helpers.hidden_scenes import Wall, capture_of, letter_z
 from helpers.limited import at_most, write_film
 from helpers.made_dataset import make_dataset
+from helpers.refusals import refused
 
-import tofrender
 from tofrender import io, nlos, vis
 from tofrender.analysis import transient_to_phasor
 from tofrender.rendering import cubes, store
@@ -36,10 +36,6 @@ def film(channels: str = "RGB", **attrs):
     return make_dataset(13, 11, 17, channels, energy_outside_window=0.0, **attrs)
 
 
-# ------------------------------------------------------------------------------------- the class
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("chunks", [None, CHUNKS, {"y": 13, "x": 11, "opl": 17}, {"x": 1}])
 @pytest.mark.parametrize("piece_bytes", [1, 700, 5000, 1 << 20])
 def test_pieces_rows_and_frames_are_the_whole(monkeypatch, chunks, piece_bytes):
@@ -86,17 +82,12 @@ def test_any_shape(monkeypatch, shape):
 def test_what_is_not_finite_is_told_as_of_an_array(monkeypatch, chunks):
     monkeypatch.setattr(cubes, "PIECE_BYTES", 700)
     monkeypatch.setattr(cubes, "VIEW_BYTES", 700)
-    data = film()["transient"]
-    values = data.values
+    dataset = film()
+    values = dataset["transient"].values
     values[9, 0, 2, 1], values[3, 10, 16, 0], values[3, 10, 16, 2] = np.nan, -np.inf, np.nan
-    lazy = film()
-    lazy["transient"] = data if chunks is None else data.chunk(chunks)
-    with pytest.raises(ValueError, match="not finite") as caught:
-        require_finite(lazy)
-    assert str(caught.value) == (
-        "transient: 3 of 7293 values are not finite, the first is -inf at [3, 10, 16, 0]; must "
-        "all be"
-    )
+    said = "transient: 3 of 7293 values are not finite, the first is -inf at [3, 10, 16, 0]; must "
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}all be$"):
+        require_finite(dataset if chunks is None else dataset.chunk(chunks))
 
 
 def test_threads_that_draw_frames_decode_each_chunk_once():
@@ -118,9 +109,6 @@ def test_threads_that_draw_frames_decode_each_chunk_once():
         frames = list(pool.map(cube.frame, range(17)))
     np.testing.assert_array_equal(np.stack(frames, axis=2), data.values)
     assert len(reads) == lazy.npartitions
-
-
-# ------------------------------------------------------------------- what reads films and captures
 
 
 def figure(drawn) -> list[np.ndarray]:
@@ -183,13 +171,11 @@ def same(found: list[np.ndarray], expected: list[np.ndarray]) -> None:
 
 @pytest.fixture
 def one_thread(monkeypatch):
-    """Frames are written in order, so that files are equal byte by byte."""
     from tofrender.io import parallel
 
     monkeypatch.setattr(parallel.os, "cpu_count", lambda: 1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("channels", ["RGB", "L"])
 @pytest.mark.parametrize("reader", READERS)
 def test_readers_see_what_is_in_memory_and_keep_little(
@@ -227,20 +213,8 @@ def test_unwarping_needs_room_for_its_result_alone(monkeypatch):
     expected, lazy = unwarped(dataset), dataset.chunk(CHUNKS)
     with at_most(60000, monkeypatch):
         same(unwarped(lazy), expected)
-    with (
-        at_most(SIZE, monkeypatch),
-        pytest.raises(MemoryError, match=r"^dataset: takes .* must be at most .*") as caught,
-    ):
+    with at_most(SIZE, monkeypatch), refused(r"^dataset: takes .* must be at most .*", MemoryError):
         unwarped(lazy)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_file_of_npz_is_the_one_that_numpy_writes(tmp_path):
-    dataset = film()
-    ours = io.save_npz(dataset, tmp_path / "ours.npz")
-    with np.load(ours) as archive:
-        np.savez(tmp_path / "numpys.npz", **archive)
-    assert ours.read_bytes() == (tmp_path / "numpys.npz").read_bytes()
 
 
 def capture(mode: str, legs: bool = False):
@@ -259,7 +233,6 @@ METHODS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "method"), [(mode, method) for mode, them in METHODS.items() for method in them]
 )
@@ -282,12 +255,8 @@ def test_backprojection_keeps_rows_and_others_say_what_they_need(monkeypatch):
     with at_most(size, monkeypatch, free=2 * size):
         found = nlos.reconstruct(lazy, "bp", progress=False)["intensity"]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
-    with (
-        at_most(size, monkeypatch),
-        pytest.raises(MemoryError, match=r"takes .* GiB") as caught,
-    ):
+    with at_most(size, monkeypatch), refused(r"takes .* GiB", MemoryError):
         nlos.reconstruct(lazy, "fk", progress=False)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
@@ -299,38 +268,14 @@ def test_captures_on_disk_are_saved_by_bins(tmp_path, monkeypatch, mode):
     assert io.load_capture(saved).identical(expected)
 
 
-# -------------------------------------------------------------------------------- films on disk
+DAMAGED = READERS | {
+    "values": lambda d, _: d["transient"].values,
+    "unwarp": lambda d, _: unwarped(d),
+}
 
 
-@pytest.fixture(scope="module")
-def rendered(tmp_path_factory):
-    """A film of a render, of several tiles, each of several blocks of bins."""
-    folder = tmp_path_factory.mktemp("films") / "box.zarr"
-    scene = tofrender.cornell_box(width=16, height=12, temporal_bins=40, bin_width_opl=0.25)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "BLOCK_BYTES", 12000)
-        patch.setattr("tofrender.rendering.streaming.TILE_BYTES", 3 * 16 * 40 * 16)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return tofrender.render(scene, spp=8, out=folder, progress=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("reader", READERS)
-def test_films_of_renders_read_as_in_memory(tmp_path, one_thread, rendered, reader):
-    assert len(rendered["transient"].chunks[0]) > 1
-    assert len(rendered["transient"].chunks[2]) > 1
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-    same(
-        READERS[reader](rendered, tmp_path / "b"),
-        READERS[reader](rendered.compute(), tmp_path / "a"),
-    )
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("harm", ["a bit", "half"])
-@pytest.mark.parametrize("reader", [*READERS, "values", "unwarp"])
+@pytest.mark.parametrize("reader", DAMAGED)
 def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
     monkeypatch.setattr(store, "BLOCK_BYTES", 3000)
     lazy = write_film(tmp_path / "box.zarr", film(), (5, 11))
@@ -338,23 +283,18 @@ def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
     content = bytearray(file.read_bytes())
     content[2345] ^= 8  # In a tile of rows 5 to 9
     file.write_bytes(content if harm == "a bit" else content[: len(content) // 2])
-    read = READERS | {
-        "values": lambda d, _: d["transient"].values,
-        "unwarp": lambda d, _: unwarped(d),
-    }
     vis.plot_pixel_transient(lazy, 4, 1)
-    with pytest.raises(OSError, match=r"box\.zarr: transient/c/[\d/]+ is damaged") as caught:
-        read[reader](lazy, tmp_path)
-    assert "\n" not in str(caught.value)
+    with refused(r"box\.zarr: transient/c/[\d/]+ is damaged", OSError) as caught:
+        DAMAGED[reader](lazy, tmp_path)
     assert str(tmp_path / "box.zarr") in str(caught.value)
 
 
 def test_a_film_on_disk_keeps_labels_and_types(tmp_path):
     dataset = film()
     lazy = load_zarr(write_film(tmp_path / "box.zarr", dataset, (5, 4)).encoding["source"])
-    assert lazy["transient"].dtype == lazy["steady"].dtype == np.float32
-    np.testing.assert_array_equal(lazy["transient"].values, dataset["transient"].values)
-    np.testing.assert_array_equal(lazy["steady"].values, dataset["steady"].values)
+    for name in ("transient", "steady"):
+        assert lazy[name].dtype == np.float32
+        np.testing.assert_array_equal(lazy[name].values, dataset[name].values)
     io.save_npz(lazy, tmp_path / "box.npz")
 
 
@@ -395,7 +335,6 @@ print(by_pieces, peak() - before)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory as Linux counts it")
 def test_a_large_film_is_read_in_little_memory(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "BLOCK_BYTES", 1 << 20)

@@ -8,7 +8,8 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.films_in_parts import box, differences, in_small_steps, one_line, render
+from helpers.films_in_parts import box, differences, in_small_steps, render, watch_steps
+from helpers.refusals import refused
 from helpers.support import area_light, camera, diffuse, film, plane, rotate, scene, translate
 from oracles.films import disk_light_masses
 from oracles.noise import paths, sphere, truth
@@ -49,23 +50,18 @@ def bins_of(film, name: str = "transient") -> np.ndarray:
     return values.reshape(values.shape[0] * values.shape[1], -1)
 
 
+def gathered(films, where=slice(None), name: str = "transient") -> tuple:
+    """Values and errors of some bins in all films."""
+    both = (name, f"{name}_error")
+    return tuple(np.concatenate([bins_of(film, n)[:, where] for film in films]) for n in both)
+
+
 @pytest.fixture(scope="module")
 def films():
     """Four seeds of the sphere, 256 pixels each."""
     return [render(sphere(), spp=256, errors=True, seed=seed) for seed in range(4)]
 
 
-# ------------------------------------------------------------------------------- calibration
-
-
-def test_students_shares():
-    """What is promised: 2 of 3 within one error, 93 % within two."""
-    one, two = 2 * student.cdf([1.0, 2.0], PARTS - 1) - 1
-    assert one == pytest.approx(0.667, abs=1e-3)
-    assert two == pytest.approx(0.936, abs=1e-3)
-
-
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_where_many_paths_reach(films):
     """Bins of 10 contributions or more, in 1024 pixels.
@@ -75,10 +71,7 @@ def test_where_many_paths_reach(films):
     """
     many = paths(256) >= 10
     assert many.sum() > 20
-    values, errors = (
-        np.concatenate([bins_of(film, name)[:, many] for film in films])
-        for name in ("transient", "transient_error")
-    )
+    values, errors = gathered(films, many)
     expected = truth()[many]
     assert is_calibrated(covered(values, errors, expected))
     for wrong in (0.9, 1.1):
@@ -86,7 +79,6 @@ def test_where_many_paths_reach(films):
     assert not is_calibrated(covered(1.05 * values, errors, expected))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_where_few_paths_reach(films):
     """A bound for bins of few contributions, λ expected ones.
@@ -100,10 +92,7 @@ def test_where_few_paths_reach(films):
     sparse = [render(sphere(), spp=16, errors=True, seed=seed) for seed in range(4)]
     for spp, renders in ((16, sparse), (256, films)):
         expected = paths(spp)
-        values, errors = (
-            np.concatenate([bins_of(film, name) for film in renders])
-            for name in ("transient", "transient_error")
-        )
+        values, errors = gathered(renders)
         assert (errors[values == 0] == 0).all()
         shares = covered(values, errors, truth()).mean(axis=0)
         reached = 1 - np.exp(-expected)
@@ -128,7 +117,6 @@ EYE = (2.0, 0.0, 0.9)
 """Looks below the light."""
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_of_an_area_light():
     """dE/dr of a disk, and E = π Le R² / (h² + R²), by closed form; false alarms as above.
@@ -141,23 +129,14 @@ def test_of_an_area_light():
         render(lamp(float(np.hypot(*EYE[::2])) + 1.0), spp=256, errors=True, seed=seed)
         for seed in range(4)
     ]
-    values, errors = (
-        np.concatenate([bins_of(film, name) for film in films])
-        for name in ("transient", "transient_error")
-    )
     assert (expected > 0).all()
-    assert is_calibrated(covered(values, errors, expected))
-    assert not is_calibrated(covered(values, 0.8 * errors, expected))
-    values, errors = (
-        np.concatenate([bins_of(film, name) for film in films])
-        for name in ("steady", "steady_error")
-    )
-    expected = 0.5 * 5.0 * 0.6**2 / (1 + 0.6**2)
-    assert is_calibrated(covered(values, errors, expected))
-    assert not is_calibrated(covered(values, 0.8 * errors, expected))
+    whole = 0.5 * 5.0 * 0.6**2 / (1 + 0.6**2)
+    for name, light in (("transient", expected), ("steady", whole)):
+        values, errors = gathered(films, name=name)
+        assert is_calibrated(covered(values, errors, light))
+        assert not is_calibrated(covered(values, 0.8 * errors, light))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_that_are_resumed():
     """Two renders with 15 degrees of freedom each; false alarms as above."""
@@ -166,16 +145,10 @@ def test_that_are_resumed():
         half = render(sphere(), spp=128, errors=True, seed=seed)
         films.append(render(sphere(), spp=256, errors=True, seed=seed, resume=half))
     many = paths(256) >= 10
-    values, errors = (
-        np.concatenate([bins_of(film, name)[:, many] for film in films])
-        for name in ("transient", "transient_error")
-    )
+    values, errors = gathered(films, many)
     assert films[0].attrs["spp"] == 256
     assert is_calibrated(covered(values, errors, truth()[many]), 2 * (PARTS - 1))
     assert not is_calibrated(covered(values, 0.9 * errors, truth()[many]), 2 * (PARTS - 1))
-
-
-# --------------------------------------------------------------------------------- the parts
 
 
 @pytest.mark.parametrize(
@@ -188,25 +161,12 @@ def test_numbers_of_parts(spp, count):
 
 @pytest.mark.parametrize("spp", [1, 2, 3, 6, 10, 4097])
 def test_samples_that_cannot_be_divided_are_refused(spp):
-    with pytest.raises(ValueError, match=f"spp = {spp}: must be") as error:
-        parts_of(spp)
-    one_line(error)
-
-
-def test_they_are_refused_before_work_starts():
-    with pytest.raises(ValueError, match="spp = 6: must be"):
-        render(box(), spp=6, errors=True)
-
-
-@pytest.mark.parametrize("errors", [1, "yes", None])
-def test_what_is_no_boolean(errors):
-    with pytest.raises(ValueError, match=r"errors = ") as error:
-        render(box(), errors=errors)
-    one_line(error)
+    for work in (lambda: parts_of(spp), lambda: render(box(), spp=spp, errors=True)):
+        with refused(f"spp = {spp}: must be"):
+            work()
 
 
 def test_parts_have_seeds_of_their_own():
-    """Those of other renders, of other parts, and of the samples after others too."""
     seeds = [
         int(seed_of(seed, first, part)[0])
         for seed, first, part in itertools.product(range(8), (0, 16, 64), range(16))
@@ -227,7 +187,6 @@ def test_scatter_is_the_standard_error():
     assert Scatter.restored({}) is None
 
 
-@pytest.mark.slow
 def test_the_mean_is_that_of_the_parts():
     """Each part is a render of its own, and the errors are theirs by NumPy."""
     whole = render(box(), spp=16, errors=True)
@@ -244,49 +203,33 @@ def test_the_mean_is_that_of_the_parts():
         np.testing.assert_allclose(whole[f"{name}_error"].values, error, atol=1e-4 * top)
 
 
-# ------------------------------------------------------------------ as it is carried out
-
-
-@pytest.mark.slow
 def test_shapes_and_attributes():
     plain, found = render(box(), spp=16), render(box(), spp=16, errors=True)
     for name in ("transient", "steady"):
         error = found[f"{name}_error"]
-        assert error.dims == found[name].dims
-        assert error.dtype == np.float32
+        assert (error.dims, error.dtype) == (found[name].dims, np.float32)
         assert float(error.min()) >= 0 < float(error.max())
     assert set(found.attrs) >= set(plain.attrs)
     assert found.attrs["spp"] == 16
     assert "transient_error" not in plain
 
 
-@pytest.mark.slow
-def test_errors_shrink_with_samples():
-    few, many = (render(box(), spp=spp, errors=True) for spp in (16, 256))
-    ratio = float(many["steady_error"].mean() / few["steady_error"].mean())
-    assert ratio < 0.3
-
-
 def stopped(monkeypatch, part: int, **options):
     """Stop a render in the first step of a part."""
-    steps, parts = pieces.steps, itertools.count()
+    parts = itertools.count()
 
-    def told(*arguments, **more):
-        for number, done in enumerate(steps(*arguments, **more)):
-            if number == 0 and next(parts) == part:
-                signal.raise_signal(signal.SIGINT)
-            yield done
+    def look(number):
+        if number == 0 and next(parts) == part:
+            signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
         in_small_steps(patch, 12 * 9)
-        patch.setattr(pieces, "steps", told)
+        watch_steps(patch, look)
         return render(box(), errors=True, **options)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spp", [32, 64])
 def test_ctrl_c_returns_the_parts_that_are_finished(monkeypatch, spp):
-    """Of one step each, or stopped in the middle of one of two steps."""
     with pytest.warns(UserWarning, match="interrupted: returning"):
         found = stopped(monkeypatch, 5, spp=spp)
     parts = 6 if spp == 32 else 5
@@ -297,45 +240,32 @@ def test_ctrl_c_returns_the_parts_that_are_finished(monkeypatch, spp):
     assert float(found["steady_error"].mean()) > float(whole["steady_error"].mean())
 
 
-@pytest.mark.slow
 def test_one_part_has_no_errors(monkeypatch):
-    with pytest.raises(KeyboardInterrupt, match="1 of 16 parts") as error:
+    with refused("1 of 16 parts", KeyboardInterrupt):
         stopped(monkeypatch, 0, spp=32)
-    one_line(error)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("spp", "part"), [(32, 0), (32, 7), (64, 0), (64, 7)])
 def test_a_checkpoint_goes_on(monkeypatch, tmp_path, capsys, spp, part):
-    """Between parts and within one; the result is that of a render in one go."""
     path = tmp_path / "box.npz"
     whole = render(box(), spp=spp, errors=True)
-    if part > 1:
-        with pytest.warns(UserWarning, match="interrupted: returning"):
-            stopped(monkeypatch, part, spp=spp, checkpoint=path)
-    else:
-        with pytest.raises((KeyboardInterrupt, UserWarning), match="interrupted"):
-            stopped(monkeypatch, part, spp=spp, checkpoint=path)
+    with pytest.raises((KeyboardInterrupt, UserWarning), match="interrupted"):
+        stopped(monkeypatch, part, spp=spp, checkpoint=path)
     found = render(box(), spp=spp, errors=True, checkpoint=path)
     done = spp // 16 * (part + 1) if spp == 32 else spp // 16 * part + 2
     assert f"resuming from {done} of {spp}" in capsys.readouterr().out
     assert max(differences(found, whole).values()) < 1e-4
-    with pytest.raises(ValueError, match="was made with errors") as error:
+    with refused("was made with errors"):
         render(box(), spp=spp, checkpoint=path)
-    one_line(error)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors", [False, True])
 def test_only_alike_goes_on(errors):
-    """Errors of a part only would be wrong."""
     earlier = render(box(), spp=16, errors=not errors)
-    with pytest.raises(ValueError, match=r"^resume: has .*errors; must be as asked") as error:
+    with refused(r"^resume: has .*errors; must be as asked"):
         render(box(), spp=32, errors=errors, resume=earlier)
-    one_line(error)
 
 
-@pytest.mark.slow
 def test_error_bars_of_light_that_lands_anywhere():
     options = {"integrator": "transient_bdpt", "errors": True}
     found, other = (render(box(), spp=64, seed=seed, **options) for seed in (0, 1))
@@ -345,13 +275,10 @@ def test_error_bars_of_light_that_lands_anywhere():
     assert 0.5 < float((off <= error).where(lit).mean()) < 0.85
 
 
-@pytest.mark.slow
 def test_error_bars_need_memory(monkeypatch):
-    """What fits without them may not fit with them."""
     size = memory.film_bytes(9, 12, 40, 3)
     monkeypatch.setattr(memory, "RESERVE", 0)
     monkeypatch.setattr(memory, "available", lambda: 3 * size // 2)
     assert render(box()).attrs["complete"] == 1
-    with pytest.raises(MemoryError, match="takes") as error:
+    with refused("takes", MemoryError):
         render(box(), spp=16, errors=True)
-    one_line(error)

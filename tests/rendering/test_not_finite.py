@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import camera, diffuse, film, load, plane, point_light, scene
+from helpers.support import camera, diffuse, film, load, plane, point_light, scene, with_integrator
 
 import tofrender
 
@@ -44,13 +44,18 @@ class BrokenSamples(Broken):
         return self.inner.eval(ctx, si, wo, active)
 
 
+def half_broken(bsdf: str, max_depth: int) -> mi.Scene:
+    """A floor that is seen from above, half of it broken, under a lamp."""
+    for name, kind in (("broken", Broken), ("broken_samples", BrokenSamples)):
+        mi.register_bsdf(name, kind)
+    sensor = camera((0, 0, 3), (0, 0, 0), film(8, 4, bins=20, bin_width=0.5))
+    parts = {"floor": plane(bsdf={"type": bsdf}), "lamp": point_light((0.5, 0, 2), 3.0)}
+    return load(scene(parts, sensor, max_depth=max_depth))
+
+
 @pytest.fixture
 def broken() -> mi.Scene:
-    """A floor that is seen from above, half of it broken, under a lamp."""
-    mi.register_bsdf("broken", Broken)
-    sensor = camera((0, 0, 3), (0, 0, 0), film(8, 4, bins=20, bin_width=0.5))
-    parts = {"floor": plane(bsdf={"type": "broken"}), "lamp": point_light((0.5, 0, 2), 3.0)}
-    return load(scene(parts, sensor, max_depth=2))
+    return half_broken("broken", 2)
 
 
 def test_render_counts_and_tells(broken):
@@ -73,11 +78,8 @@ def test_mi_render_and_gates_tell(broken):
 
 
 def test_paths_that_break_are_counted():
-    mi.register_bsdf("broken_samples", BrokenSamples)
-    sensor = camera((0, 0, 3), (0, 0, 0), film(8, 4, bins=20, bin_width=0.5))
-    parts = {"floor": plane(bsdf={"type": "broken_samples"}), "lamp": point_light((0.5, 0, 2), 3.0)}
     with pytest.warns(UserWarning, match="128 contributions of paths were not finite"):
-        steady, _ = mi.render(load(scene(parts, sensor, max_depth=4)), spp=8)
+        steady, _ = mi.render(half_broken("broken_samples", 4), spp=8)
     assert (np.array(steady)[..., 0] > 0).all()
 
 
@@ -87,16 +89,12 @@ def test_a_sound_scene_counts_none():
 
 
 def test_a_capture_leaves_out_and_tells_too():
-    """Half of the wall's points are broken; the others show what is hidden."""
     mi.register_bsdf("broken", Broken)
     described = tofrender.nlos_patch(width=4, height=4, spp=8)
     described["relay_wall"] = described["relay_wall"] | {"bsdf": {"type": "broken"}}
-    described["integrator"] = described["integrator"] | {
-        "capture_type": 2,
-        "discard_direct_paths": True,
-        "filter_bounces": 3,
-    }
-    loaded = load(described)
+    loaded = load(
+        with_integrator(described, capture_type=2, discard_direct_paths=True, filter_bounces=3)
+    )
     with pytest.warns(UserWarning, match="not finite"):
         _, transient = mi.render(loaded, spp=8)
     lit = np.array(transient).sum(axis=(2, 3)) > 0

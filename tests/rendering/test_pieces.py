@@ -7,9 +7,9 @@ import dataclasses
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.films_in_parts import ROUNDING, box, crop, with_film
+from helpers.films_in_parts import ROUNDING, box, crop
 from helpers.nlos import builder
-from helpers.support import agree, with_integrator
+from helpers.support import agree, with_film, with_integrator
 
 from tofrender.rendering.asked import Asked
 from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole
@@ -45,9 +45,6 @@ def check_tiles(described, size=CUT, **options) -> dict[str, np.ndarray]:
         assert values.std() > 0.05 * abs(values.mean()) > 0
         assert np.abs(found[name] - values).max() <= ROUNDING * brightest, name
     return expected
-
-
-# ------------------------------------------------------------------------------- how it is cut
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 12), (2, 12), CUT, (9, 12)])
@@ -89,18 +86,6 @@ def test_ranges_cover_each_sample_once(spp, workers):
     assert all((p.y, p.x, p.height, p.width) == (0, 0, 9, 12) and p.count > 0 for p in found)
 
 
-def test_a_piece_finds_its_pixels():
-    array = np.arange(9 * 12 * 2).reshape(9, 12, 2)
-    found = Piece(y=2, x=5, height=3, width=4, first=0, count=1).of(array)
-    np.testing.assert_array_equal(found, array[2:5, 5:9])
-    found[...] = -1
-    assert (array == -1).sum() == 3 * 4 * 2
-
-
-# ------------------------------------------------------------------------- that it is the whole
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("cropped", [{}, crop(3, 2, 7, 6)])
 @pytest.mark.parametrize(
     ("rfilter", "border"), [("box", False), ("gaussian", False), ("gaussian", True)]
@@ -112,11 +97,31 @@ def test_tiles_are_the_whole(rfilter, border, cropped):
     assert expected["steady"].shape == ((6, 7, 3) if cropped else (9, 12, 3))
 
 
-def test_tiles_of_single_pixels():
-    check_tiles(box(3, 2), (1, 1), spp=11)
+def below_the_lamp() -> dict:
+    """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
+    described = box(start_opl=0.0)
+    to_world = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 1, 0], [0, 0, 1])
+    return described | {"sensor": described["sensor"] | {"to_world": to_world, "fov": 40}}
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("described", "size", "options"),
+    [
+        (lambda: box(3, 2), (1, 1), {"spp": 11}),
+        (lambda: with_integrator(box(), pulse_width_opl=0.2), (5, 12), {}),  # Over several bins
+        (
+            lambda: with_integrator(box(), temporal_filter="gaussian", gaussian_stddev=0.8),
+            *((5, 12), {}),
+        ),
+        (box, (5, 12), {"integrator": "path_tracer_nee"}),
+        (below_the_lamp, (3, 4), {}),
+        (lambda: builder("nlos_z", width=5, height=4), (2, 3), {"spp": 64}),
+    ],
+)
+def test_tiles_of_other_light(described, size, options):
+    check_tiles(described(), size, **options)
+
+
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_tiles_of_other_variants(variant):
     mi.set_variant(variant)
@@ -124,46 +129,6 @@ def test_tiles_of_other_variants(variant):
     assert expected["transient"].shape == (9, 12, 40, 1 if variant.endswith("mono") else 3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("integrator", "options"),
-    [
-        ({"pulse_width_opl": 0.2}, {}),  # Deposits reach over bins
-        ({"temporal_filter": "gaussian", "gaussian_stddev": 0.8}, {}),
-        ({}, {"integrator": "path_tracer_nee"}),
-    ],
-)
-def test_tiles_of_other_light(integrator, options):
-    check_tiles(with_integrator(box(temporal_bins=40), **integrator), (5, 12), **options)
-
-
-@pytest.mark.slow
-def test_tiles_with_the_lamp_in_view():
-    """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
-    described = box()
-    to_world = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 1, 0], [0, 0, 1])
-    described["sensor"] = described["sensor"] | {"to_world": to_world, "fov": 40}
-    described = with_film(described, start_opl=0.0)
-    check_tiles(described, (3, 4))
-
-
-@pytest.mark.slow
-def test_tiles_of_a_capture():
-    check_tiles(builder("nlos_z", width=5, height=4), (2, 3), spp=64)
-
-
-@pytest.mark.slow
-def test_tiles_have_the_error_bars_of_the_whole():
-    """Those are small differences of large numbers: rounding is a larger part of them."""
-    job = job_of(box(), spp=32, errors=True)
-    expected = take(job, whole(job), progress=False).arrays
-    found = put_together(job)
-    assert set(found) == {"transient", "steady", "transient_error", "steady_error"}
-    for name, values in expected.items():
-        assert np.abs(found[name] - values).max() <= 1e-4 * values.max(), name
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["transient_path", "transient_bdpt"])
 def test_ranges_are_the_whole(integrator):
     """The mean of ranges, by their samples: the only pieces where light lands anywhere."""
@@ -176,10 +141,6 @@ def test_ranges_are_the_whole(integrator):
         assert np.abs(mean - values).max() <= 1e-4 * values.max(), name
 
 
-# ------------------------------------------------------------------------------ other samplers
-
-
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("sampler", ["independent", "multijitter"])
 def test_tiles_of_other_samplers(sampler):
@@ -205,10 +166,8 @@ def test_tiles_of_other_samplers(sampler):
     assert not agree(1.3 * bins, expected)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "padded_sobol"])
 def test_no_two_tiles_have_the_same_points(sampler):
-    """The same points would show as a pattern that repeats."""
     job = job_of(box(), sampler=sampler)
     left, right = (take(job, Piece(0, x, 9, 4, 0, 8), progress=False).steady for x in (0, 8))
     assert np.abs(left - right[:, ::-1]).max() > 0.01 * left.max()  # The box is nearly symmetric

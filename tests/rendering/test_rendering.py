@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
-import threading
-import warnings
-from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import area_light, camera, film, grey, plane, point_light, scene, translate
+from helpers.films_in_parts import watch_steps
+from helpers.refusals import refused
+from helpers.support import (
+    area_light,
+    camera,
+    film,
+    grey,
+    plane,
+    point_light,
+    scene,
+    translate,
+    with_film,
+    with_integrator,
+    with_sampler,
+)
 
 import tofrender
 from tofrender.integrators import passes as base
 from tofrender.rendering import pieces
-from tofrender.samplers import padded_sobol
 from tofrender.scenes.settings import SAMPLERS
 
-ROOT = Path(__file__).parents[2]
 ALL_TIME = {"start_opl": 3.5, "temporal_bins": 120, "bin_width_opl": 0.25}
 """A window that holds all light of the Cornell box."""
 
@@ -40,13 +46,15 @@ def outside(dataset) -> float:
     return dataset.attrs["energy_outside_window"]
 
 
-def with_film_of(description: dict, **changes) -> dict:
-    sensor = description["sensor"]
-    return description | {"sensor": sensor | {"film": sensor["film"] | changes}}
-
-
-def with_integrator_of(description: dict, **changes) -> dict:
-    return description | {"integrator": description["integrator"] | changes}
+CHANGES = {
+    "plain": lambda described: described,
+    "pulse": lambda described: with_integrator(described, pulse_width_opl=0.2),
+    "sky": lambda described: described | {"sky": {"type": "constant", "radiance": grey(0.5)}},
+    "sun": lambda described: (
+        described
+        | {"light": {"type": "directional", "direction": [0.2, -0.3, -0.9], "irradiance": grey(3)}}
+    ),
+}
 
 
 def two_walls(near: float = 2.0, apart: float = 2.0, **window) -> dict:
@@ -71,15 +79,12 @@ def no_work(monkeypatch):
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 
-# ------------------------------------------------------------------------------------ Dataset
-
-
 @pytest.mark.parametrize(
     ("variant", "channels"), [("llvm_ad_rgb", ["R", "G", "B"]), ("llvm_ad_mono", ["L"])]
 )
 def test_dataset_is_labelled(variant, channels):
     mi.set_variant(variant)
-    described = with_film_of(
+    described = with_film(
         box(16), width=12, crop_width=5, crop_height=3, crop_offset_x=4, crop_offset_y=7
     )
     dataset = render(described)
@@ -94,14 +99,14 @@ def test_dataset_is_labelled(variant, channels):
     assert dataset.opl.dtype == np.float64
     assert dataset.opl.attrs["units"] == "m"
     np.testing.assert_allclose(dataset.opl, 3.5 + 0.25 * (np.arange(120) + 0.5), rtol=1e-12)
-    assert dataset.attrs["variant"] == variant
+    assert (dataset.attrs["variant"], dataset.attrs["pulse"]) == (variant, "none")
     assert (dataset.attrs["film_width"], dataset.attrs["film_height"]) == (12, 16)
     assert np.isfinite(dataset.transient).all()
     assert float(dataset.steady.min()) > 0
 
 
 def test_attributes_say_how_it_was_made():
-    described = with_integrator_of(box(), pulse_width_opl=0.03, max_depth=5)
+    described = with_integrator(box(), pulse_width_opl=0.03, max_depth=5)
     dataset = render(described, spp=np.int64(8), seed=3)
     attrs = dataset.attrs
     assert {type(value) for value in attrs.values()} <= {str, int, float}
@@ -129,18 +134,6 @@ def test_attributes_say_how_it_was_made():
     json.dumps(attrs)
 
 
-def test_no_pulse_has_a_name():
-    assert render(box()).attrs["pulse"] == "none"
-
-
-@pytest.mark.parametrize(("what", "name"), [("cornell_box", "cornell_box"), (box, "scene")])
-def test_scene_by_name_or_dict(what, name, monkeypatch):
-    monkeypatch.setitem(sys.modules["tofrender.scenes"].BUILT_IN, "cornell_box", box)
-    dataset = render(what if isinstance(what, str) else what())
-    assert dataset.attrs["scene"] == name
-    assert dataset.transient.shape == (8, 8, 120, 3)
-
-
 def test_a_loaded_scene_is_left_as_it_was():
     loaded = mi.load_dict(box(temporal_bins=300))
     render(loaded, spp=16, window=(3.0, 30.0), temporal_bins=7, sampler="independent")
@@ -150,14 +143,13 @@ def test_a_loaded_scene_is_left_as_it_was():
     assert sensor.sampler().sample_count() == 4
 
 
-# ------------------------------------------------------------------- the same as Mitsuba's way
-
-
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
-def test_equals_mitsuba_render(rfilter):
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
+def test_equals_mitsuba_render(variant, rfilter):
     """The same sampler and seed through `mi.render` give the same numbers."""
-    described = with_integrator_of(box(), temporal_filter="box")
-    loaded = mi.load_dict(with_film_of(described, rfilter={"type": rfilter}))
+    mi.set_variant(variant)
+    described = with_integrator(box(), temporal_filter="box")
+    loaded = mi.load_dict(with_film(described, rfilter={"type": rfilter}))
     steady, transient = mi.render(loaded, spp=16, seed=5)
     dataset = render(loaded, spp=16, seed=5)
     scale = float(dataset.transient.max())
@@ -165,42 +157,19 @@ def test_equals_mitsuba_render(rfilter):
     np.testing.assert_allclose(dataset.steady, np.array(steady), rtol=1e-4)
 
 
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
-@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
-def test_take_equals_develop(variant, rfilter):
-    mi.set_variant(variant)
-    described = with_integrator_of(box(), temporal_filter="box")
-    loaded = mi.load_dict(with_film_of(described, rfilter={"type": rfilter}))
-    mi.render(loaded, spp=16)
-    its_film = loaded.sensors()[0].film()
-    steady, transient = (np.array(tensor) for tensor in its_film.develop())
-    assert transient.sum() > 0
-    taken_steady, taken_transient = its_film.take()
-    assert taken_transient.dtype == taken_steady.dtype == np.float32
-    np.testing.assert_array_equal(taken_steady, steady)
-    np.testing.assert_allclose(taken_transient, transient, rtol=1e-6)
-
-
-# -------------------------------------------------------------------- samplers, seeds, counts
-
-
 def test_default_sampler_overrides_the_scene():
-    described = box()
-    described["sensor"] = described["sensor"] | {
-        "sampler": {"type": "independent", "sample_count": 4}
-    }
+    described = with_sampler(box())
     default, sobol = render(described), render(described, sampler="padded_sobol")
     assert default.attrs["sampler"] == "PaddedSobolSampler"
-    assert default.equals(sobol) or np.allclose(default.transient, sobol.transient, atol=1e-5)
+    np.testing.assert_allclose(default.transient, sobol.transient, atol=1e-5)
     assert not np.allclose(default.steady, render(described, sampler="independent").steady)
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
 def test_sampler_by_name(name):
     dataset = render(box(), spp=64, sampler=name)
-    plugin_name = dataset.attrs["sampler"].lower()
     words = {"ldsampler": "lowdiscrepancy", "padded_sobol": "paddedsobol"}
-    assert plugin_name == words.get(name, name) + "sampler"
+    assert dataset.attrs["sampler"].lower() == words.get(name, name) + "sampler"
     assert dataset.attrs["complete"] == 1
     assert dataset.attrs["spp"] >= 64
     assert float(dataset.steady.mean()) == pytest.approx(0.147, rel=0.3)
@@ -208,7 +177,6 @@ def test_sampler_by_name(name):
 
 @pytest.mark.parametrize("name", ["independent", "padded_sobol", "multijitter"])
 def test_sampler_as_an_object(name):
-    """It gives what its name gives, and is not changed itself."""
     sampler = mi.load_dict({"type": name, "sample_count": 9})
     by_object, by_name = (render(box(), spp=16, sampler=which) for which in (sampler, name))
     assert by_object.attrs["sampler"] == by_name.attrs["sampler"]
@@ -225,7 +193,6 @@ def test_spp(given, used):
 
 
 def test_prime_spp_is_as_bright(monkeypatch):
-    """A number that has no divisors, alone and in several steps."""
     expected = float(render(box(), spp=256).steady.mean())
     for step_samples in (base.STEP_SAMPLES, 64 * 10):
         monkeypatch.setattr(base, "STEP_SAMPLES", step_samples)
@@ -237,38 +204,26 @@ def test_prime_spp_is_as_bright(monkeypatch):
 
 @pytest.mark.parametrize("sampler", [None, "independent", "multijitter"])
 def test_a_seed_repeats_and_another_does_not(sampler):
-    one, again, other = (render(box(), seed=seed, sampler=sampler) for seed in (5, 5, 6))
+    largest = (1 << 32) - 1
+    one, again, other, zero = (
+        render(box(), seed=seed, sampler=sampler) for seed in (5, 5, largest, 0)
+    )
     np.testing.assert_allclose(one.transient, again.transient, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(one.steady, again.steady, rtol=1e-5)
-    assert not np.allclose(one.steady, other.steady, rtol=0.01)
-
-
-def test_the_largest_seed():
-    dataset = render(box(), seed=(1 << 32) - 1)
-    assert dataset.attrs["seed"] == (1 << 32) - 1
-    assert not np.allclose(dataset.steady, render(box(), seed=0).steady, rtol=0.01)
-
-
-# --------------------------------------------------------------------------------------- steps
+    assert other.attrs["seed"] == largest
+    for left, right in ((one, other), (other, zero)):
+        assert not np.allclose(left.steady, right.steady, rtol=0.01)
 
 
 @pytest.mark.parametrize("sampler", ["padded_sobol", "independent"])
 def test_many_steps_are_one(monkeypatch, sampler):
     """A render in steps goes on in the same point set, so that steps do not show."""
-    counts = []
-    steps = pieces.steps
-
-    def counted(*arguments):
-        counts.append(0)
-        for done in steps(*arguments):
-            counts[-1] += 1
-            yield done
-
-    monkeypatch.setattr(pieces, "steps", counted)
+    numbers: list[int] = []
+    watch_steps(monkeypatch, numbers.append)
     whole = render(box(), spp=512, sampler=sampler)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     parts = render(box(), spp=512, sampler=sampler)
-    assert counts == [1, 8]
+    assert numbers == [0, *range(8)]
     assert parts.attrs["spp"] == whole.attrs["spp"] == 512
     np.testing.assert_allclose(parts.steady, whole.steady, rtol=1e-5)
     np.testing.assert_allclose(parts.transient, whole.transient, rtol=1e-4, atol=1e-6)
@@ -278,9 +233,8 @@ def test_many_steps_are_one(monkeypatch, sampler):
 def test_samplers_that_cannot_loop_keep_their_strata(monkeypatch, sampler):
     """In one kernel or in many, every stratum of the pixel is sampled once."""
     described = two_walls(bins=60)  # Half of the picture is nearer: no pixel is mixed
-    described["sensor"] = described["sensor"] | {
-        "film": described["sensor"]["film"] | {"width": 5, "height": 4}
-    }  # Now the middle column sees both walls, in equal parts
+    # Now the middle column sees both walls, in equal parts
+    described = with_film(described, width=5, height=4)
     for step_samples in (base.STEP_SAMPLES, 20 * 4):
         monkeypatch.setattr(base, "STEP_SAMPLES", step_samples)
         dataset = render(described, spp=64, sampler=sampler, seed=2)
@@ -304,14 +258,14 @@ def test_long_renders_are_folded(monkeypatch):
     np.testing.assert_allclose(parts.transient, whole.transient, rtol=1e-4, atol=1e-6)
 
 
-# ------------------------------------------------------------------------------------- windows
-
-
 def test_window_by_numbers():
     dataset = render(box(), window=(3.0, 33.0))
     assert dataset.sizes["opl"] == 120
     assert dataset.attrs["start_opl"] == 3.0
     assert dataset.attrs["bin_width_opl"] == pytest.approx(0.25)
+    more = render(box(), temporal_bins=200)
+    assert more.sizes["opl"] == 200
+    assert (more.attrs["start_opl"], more.attrs["bin_width_opl"]) == (3.5, 0.25)
     coarse = render(box(), window=(3.0, 33.0), temporal_bins=10)
     assert coarse.sizes["opl"] == 10
     assert coarse.attrs["bin_width_opl"] == pytest.approx(3.0)
@@ -323,36 +277,13 @@ def test_window_by_numbers():
     )
 
 
-def test_bins_alone_keep_start_and_width():
-    dataset = render(box(), temporal_bins=200)
-    assert dataset.sizes["opl"] == 200
-    assert (dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]) == (3.5, 0.25)
-
-
-def _sky(described: dict) -> dict:
-    return described | {"sky": {"type": "constant", "radiance": grey(0.5)}}
-
-
-def _pulse(described: dict) -> dict:
-    return with_integrator_of(described, pulse_width_opl=0.2)
-
-
-def _sun(described: dict) -> dict:
-    sun = {"type": "directional", "direction": [0.2, -0.3, -0.9], "irradiance": grey(3.0)}
-    return described | {"light": sun}
-
-
-def _plain(described: dict) -> dict:
-    return described
-
-
 @pytest.mark.statistical
-@pytest.mark.parametrize("change", [_plain, _pulse, _sky, _sun])
+@pytest.mark.parametrize("change", CHANGES)
 def test_auto_window_holds_99_9_percent(change):
     """Within the accuracy of 16384 test paths: a quarter of the 0.1 % left out, at one sigma."""
-    dataset = render(change(box(16)), spp=256, window="auto", temporal_bins=300)
+    dataset = render(CHANGES[change](box(16)), spp=256, window="auto", temporal_bins=300)
     assert outside(dataset) < 0.002
-    assert change is _pulse or outside(dataset) > 0.0003  # No wider than it need be
+    assert change == "pulse" or outside(dataset) > 0.0003  # No wider than it need be
     energy = dataset.transient.sum(("y", "x", "channel")).values
     assert energy[:10].sum() > 0  # It starts where the light does
     assert dataset.sizes["opl"] == 300
@@ -379,7 +310,7 @@ def test_bins_that_lengths_are_too_coarse_for(monkeypatch):
     refused = (
         r"^bin_width_opl = 0\.001: must be at least 0\.00789 m, as lengths of 10000 m round to"
     )
-    far = with_film_of(box(), start_opl=9999.0, bin_width_opl=0.001, temporal_bins=1000)
+    far = with_film(box(), start_opl=9999.0, bin_width_opl=0.001, temporal_bins=1000)
     for work in (
         lambda: render(far),
         lambda: render(box(), window=(9999.0, 10000.0), temporal_bins=1000),
@@ -394,7 +325,7 @@ def test_bins_that_lengths_are_too_coarse_for(monkeypatch):
 
 
 def test_auto_window_of_a_pulse_starts_before_the_light():
-    plain, pulsed = (render(change(box()), window="auto") for change in (_plain, _pulse))
+    plain, pulsed = (render(CHANGES[change](box()), window="auto") for change in ("plain", "pulse"))
     first, second = plain.attrs["start_opl"], pulsed.attrs["start_opl"]
     support = tofrender.GaussianPulse(0.2).support[0]
     assert second == pytest.approx(first + support, rel=0.01)
@@ -409,17 +340,16 @@ def test_energy_outside_is_what_the_bins_lack():
 
 
 def test_half_of_the_light_is_outside():
-    """Two walls, and a window that holds one of them: exactly half, whatever the noise."""
     with pytest.warns(UserWarning, match=r"50\.0 % of the energy"):
         dataset = render(two_walls(start=3.5, bins=10))
     assert outside(dataset) == pytest.approx(0.5, abs=1e-6)
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("change", [_plain, _pulse, _sky])
+@pytest.mark.parametrize("change", ["plain", "pulse", "sky"])
 def test_lost_energy_is_said_with_the_window_that_would_hold_it(change):
     with pytest.warns(UserWarning, match="would hold") as record:
-        dataset = render(change(box(16)), spp=64, window=(3.5, 8.0))
+        dataset = render(CHANGES[change](box(16)), spp=64, window=(3.5, 8.0))
     assert len(record) == 1
     assert record[0].filename == __file__
     text = str(record[0].message)
@@ -427,7 +357,7 @@ def test_lost_energy_is_said_with_the_window_that_would_hold_it(change):
     assert f"{100 * outside(dataset):.1f} %" in text
     assert "window 3.5 to 8 m" in text
     start, stop = map(float, re.search(r"([\d.]+) to ([\d.]+) m would hold", text).groups())
-    again = render(change(box(16)), spp=256, window=(start, stop))
+    again = render(CHANGES[change](box(16)), spp=256, window=(start, stop))
     assert outside(again) < 0.002
 
 
@@ -437,21 +367,18 @@ def test_no_warning_where_little_is_lost():
 
 
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize("window", [(0.0, 1.0), (2.5, 3.5), (5.0, 100.0), (-5.0, -1.0)])
-def test_window_without_light_is_refused(window):
+@pytest.mark.parametrize(
+    ("described", "window"),
+    [
+        *[(two_walls(), window) for window in ((0, 1), (2.5, 3.5), (5, 100), (-5, -1))],
+        (box(start_opl=0.0, temporal_bins=100, bin_width_opl=0.02), None),
+    ],
+)
+def test_window_without_light_is_refused(described, window):
     """Before the light, between two arrivals (at 2 m and 4 m), after it, and before time 0."""
-    with pytest.raises(ValueError, match="no light arrives in it") as error:
-        render(two_walls(), window=window)
-    text = str(error.value)
-    assert f"window = {window[0]:g} m to {window[1]:g} m: " in text
-    assert "must overlap" in text
-    assert "\n" not in text
-
-
-@pytest.mark.usefixtures("no_work")
-def test_film_whose_own_window_has_no_light_is_refused():
-    with pytest.raises(ValueError, match=r"window = 0 m to 2 m: no light arrives"):
-        render(box(start_opl=0.0, temporal_bins=100, bin_width_opl=0.02))
+    start, stop = window or (0, 2)
+    with refused(f"window = {start:g} m to {stop:g} m: no light arrives in it; must overlap"):
+        render(described, window=window)
 
 
 def test_a_pulse_reaches_into_a_window_before_the_light():
@@ -470,9 +397,6 @@ def test_a_dark_scene_is_said():
     assert outside(dataset) == 0
     with pytest.raises(ValueError, match="window = 'auto': no light found"):
         render(described, window="auto")
-
-
-# --------------------------------------------------------------- steady scenes, several sensors
 
 
 def test_a_steady_scene_with_a_window_and_bins():
@@ -498,20 +422,12 @@ def test_a_steady_film_lacks_bins(options, message):
         render(steady, integrator="transient_path", **options)
 
 
-def two_sensors() -> dict:
-    described = box()
-    second = dict(described["sensor"])
-    window = {"start_opl": 3.0, "temporal_bins": 60, "bin_width_opl": 0.5}
-    second["film"] = second["film"] | {"width": 6, "height": 4} | window
-    return described | {"second": second}
-
-
 def test_several_sensors():
-    shapes = [render(two_sensors(), sensor=k).transient.shape for k in (0, np.int64(1))]
+    described = box()
+    window = {"start_opl": 3.0, "temporal_bins": 60, "bin_width_opl": 0.5}
+    described["second"] = with_film(described, width=6, height=4, **window)["sensor"]
+    shapes = [render(described, sensor=k).transient.shape for k in (0, np.int64(1))]
     assert shapes == [(8, 8, 120, 3), (4, 6, 60, 3)]
-
-
-# ---------------------------------------------------------------------------------- integrators
 
 
 def test_integrator_by_name_dict_and_object():
@@ -532,265 +448,84 @@ def test_a_pulse_that_was_set_is_used():
     dataset = render(box(), integrator=integrator, window=(0.0, 30.0))
     assert dataset.attrs["pulse"] == "GaussianPulse(width_opl=0.5)"
     filled = dataset.transient.sum(("y", "x", "channel")).values > 0
-    assert (
-        dataset.opl.values[filled].min() < 2
-    )  # Light arrives from 3.8 m on, the pulse 2.5 m before it
+    assert dataset.opl.values[filled].min() < 2  # Without the pulse, 3.8 m
 
-
-# ------------------------------------------------------------------------------------- bad input
 
 _INTEGER = "must be an integer from"
 _METRES = "must be a finite number of metres"
 _BAD = [
-    *[("spp", v, f"{_INTEGER} 1 to 16777216") for v in (0, -1, 1.5, "64", True, np.nan, 1 << 25)],
-    *[("seed", v, f"{_INTEGER} 0 to 4294967295") for v in (-1, 0.5, "1", None, 1 << 32)],
-    *[("sensor", v, f"{_INTEGER} 0 to 0") for v in (-1, 1, "0", 0.0)],
-    *[
-        (name, v, f"{_INTEGER} 1 to 1048576")
-        for name in ("bins", "temporal_bins")
-        for v in (0, -3, 2.5, "300", 1 << 21)
-    ],
-    *[("size", v, "must be (width, height) in pixels") for v in (4, "4x4", (4,), (4, 4, 4))],
-    *[("bin_width", v, f"{_METRES} above 0") for v in (0, -1, np.nan, "wide")],
-    *[("start_opl", v, _METRES) for v in (np.inf, "late", True)],
-    *[("pulse_width", v, _METRES) for v in (0, -1.0, np.nan)],
-    *[("max_depth", v, "must be -1 (no limit) or an integer") for v in (0, 1.5, "deep")],
-    *[("define", v, "must be a dict") for v in (3, "a=1", [("a", 1)])],
-    *[("workers", v, f"{_INTEGER} 1 to 1024") for v in (0, -1, 1.5, "2")],
-    *[("scheduler", v, "must be an address like tcp") for v in ("here", 7)],
+    *[("spp", v, f"{_INTEGER} 1 to 16777216") for v in (0, 1.5, "64", True, 1 << 25)],
+    *[("seed", v, f"{_INTEGER} 0 to 4294967295") for v in (-1, None, 1 << 32)],
+    *[("sensor", v, f"{_INTEGER} 0 to 0") for v in (1, 0.0)],
+    *[(name, 0, f"{_INTEGER} 1 to 1048576") for name in ("bins", "temporal_bins")],
+    *[("size", v, "must be (width, height) in pixels") for v in ("4x4", (4,))],
+    ("bin_width", 0, f"{_METRES} above 0"),
+    ("start_opl", np.inf, _METRES),
+    ("pulse_width", -1.0, _METRES),
+    ("max_depth", 0, "must be -1 (no limit) or an integer"),
+    ("define", [("a", 1)], "must be a dict"),
+    ("workers", 0, f"{_INTEGER} 1 to 1024"),
+    ("scheduler", "here", "must be an address like tcp"),
     ("sampler", "halton", "must be one of padded_sobol, independent"),
     ("sampler", "padded-sobol", "did you mean 'padded_sobol'"),
-    ("sampler", 5, "must be one of padded_sobol"),
     ("integrator", "path", "must be one of transient_path"),
     ("integrator", "transient_paht", "did you mean 'transient_path'"),
     *[("window", v, "must be 'auto' or (start, stop) in metres") for v in ("all", 5, (1,))],
     *[("window", v, "must end after it starts") for v in ((5.0, 3.0), (3.0, 3.0))],
 ]
+"""What is allowed is told; `tests/inputs` has more values of each."""
 
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(("name", "value", "allowed"), _BAD)
 def test_bad_argument(name, value, allowed):
-    with pytest.raises(ValueError, match=re.escape(f"{name} = {value!r}: ")) as error:
+    with refused(re.escape(f"{name} = {value!r}: ")) as error:
         render(box(), **{name: value})
     assert allowed in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize(
-    ("window", "text"),
-    [
-        (("a", 4.0), "window[0] = 'a'"),
-        ((3.0, np.inf), "window[1] = inf"),
-        ((np.nan, 4.0), "window[0] = nan"),
-        ((True, 4.0), "window[0] = True"),
-    ],
-)
-def test_bad_end_of_a_window(window, text):
-    with pytest.raises(ValueError, match=re.escape(f"{text}: {_METRES}")):
-        render(box(), window=window)
+@pytest.mark.parametrize(("end", "value"), [(0, "a"), (1, np.inf), (0, np.nan), (0, True)])
+def test_bad_end_of_a_window(end, value):
+    window = [3.0, 4.0]
+    window[end] = value
+    with refused(re.escape(f"window[{end}] = {value!r}: {_METRES}")):
+        render(box(), window=tuple(window))
 
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(
     "integrator", [{"type": "path"}, {"type": "diffuse"}, {"type": "direct", "hide_emitters": True}]
 )
-def test_integrator_without_time(integrator):
-    with pytest.raises(ValueError, match=r"integrator = \w+: cannot render in time; must be one"):
-        render(box(), integrator=integrator)
-    with pytest.raises(ValueError, match=r"integrator = \w+: cannot render in time; must be one"):
-        render(box(), integrator=mi.load_dict(integrator))
+@pytest.mark.parametrize("load", [dict, mi.load_dict])
+def test_integrator_without_time(integrator, load):
+    with refused(r"integrator = \w+: cannot render in time; must be one"):
+        render(box(), integrator=load(integrator))
 
 
-@pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize(
-    ("part", "message"),
-    [
-        ("sensor", "scene: has no sensor"),
-        ("light", "scene: has no light"),
-        ("integrator", "integrator = None: cannot render in time"),
-    ],
-)
-def test_scene_that_lacks_something(part, message):
-    described = box()
-    del described[part]
-    with pytest.raises(ValueError, match=message) as error:
-        render(described)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize(
-    ("name", "value", "allowed"),
-    [
-        *[("temporal_bins", v, _INTEGER) for v in (0, -1, 2.5, "many")],
-        *[("bin_width_opl", v, f"{_METRES} above 0") for v in (0.0, -0.1, np.nan, "thin")],
-        *[("start_opl", v, _METRES) for v in (np.nan, np.inf, "late")],
-        ("width", 0, _INTEGER),
-    ],
-)
-def test_bad_film(name, value, allowed):
-    with pytest.raises(ValueError, match=re.escape(f"{name} = {value!r}: ")) as error:
-        render(with_film_of(box(), **{name: value}))
-    assert allowed in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize(
-    ("name", "kind", "hint"),
-    [
-        ("cornel_box", ValueError, "did you mean cornell_box"),
-        ("no_such.xml", FileNotFoundError, "does not exist; must be a Mitsuba XML file"),
-        (None, ValueError, "must be a built-in name, an XML file, a dict"),
-        (7, ValueError, "must be a built-in name, an XML file, a dict"),
-    ],
-)
-def test_bad_scene(name, kind, hint):
-    with pytest.raises(kind, match=re.escape(f"scene = {name!r}: ")) as error:
-        render(name)
-    assert hint in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.usefixtures("no_work")
-def test_unknown_plugin_in_a_scene():
-    described = box()
-    described["sensor"] = described["sensor"] | {"sampler": {"type": "halton"}}
-    with pytest.raises(ValueError, match='"halton" not found') as error:
-        render(described)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.usefixtures("no_work")
-def test_a_film_larger_than_memory():
-    """16 TiB: said with its size before a byte of it is allocated."""
-    with pytest.raises(MemoryError, match=r"60000 x 60000 pixels x 300 bins: takes 16093\.3 GiB"):
-        render(tofrender.cornell_box(width=60000, height=60000))
-
-
-# ----------------------------------------------------------------------------------------- Ctrl-C
-
-_INTERRUPTED = """
-import json, sys, tofrender
-from tofrender.integrators import passes as base
-from tofrender.rendering import pieces
-base.STEP_SAMPLES = 256 * 512  # Steps of some 30 ms
-steps = pieces.steps
-def told(*arguments):
-    for done in steps(*arguments):
-        print("step", flush=True)
-        yield done
-pieces.steps = told
-scene = tofrender.cornell_box(width=16, height=16, temporal_bins=120, bin_width_opl=0.25)
-dataset = tofrender.render(scene, spp=1 << 22, progress=False)
-sums = {name: float(dataset[name].sum()) for name in ("steady", "transient")}
-print(json.dumps(dict(dataset.attrs) | sums))
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to one process")
-def test_ctrl_c_returns_what_is_finished():
-    """A real SIGINT in the middle: as bright as a whole render, with noise of fewer samples."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", _INTERRUPTED],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        for _ in range(3):
-            assert process.stdout.readline() == "step\n"
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    finally:
-        process.kill()
-    assert process.returncode == 0, err
-    assert "Traceback" not in err
-    found = json.loads(out.splitlines()[-1])
-    assert f"interrupted: returning {found['spp']} of 4194304 samples per pixel" in err
-    assert found["complete"] == 0
-    assert 3 * 512 <= found["spp"] < 1 << 21
-    assert found["spp"] % 512 == 0
-    whole = render(box(16), spp=512)
-    assert found["steady"] == pytest.approx(float(whole.steady.sum()), rel=0.02)
-    assert found["transient"] / found["steady"] == pytest.approx(1, abs=1e-4)
-    assert found["energy_outside_window"] == pytest.approx(0, abs=1e-4)
-
-
-def interrupting(monkeypatch, times: int) -> None:
-    """Let SIGINT come `times` times after the second step of a render."""
-    steps = pieces.steps
-
-    def interrupted(*arguments):
-        for number, done in enumerate(steps(*arguments)):
-            if number == 1:
-                for _ in range(times):
-                    signal.raise_signal(signal.SIGINT)
-            yield done
-
+def interrupting(monkeypatch) -> None:
+    """Let SIGINT come after the second step of a render."""
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
-    monkeypatch.setattr(pieces, "steps", interrupted)
+    watch_steps(monkeypatch, lambda number: number == 1 and signal.raise_signal(signal.SIGINT))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 def test_the_first_ctrl_c_ends_after_a_step(monkeypatch, rfilter):
     before = signal.getsignal(signal.SIGINT)
-    described = with_integrator_of(box(), temporal_filter="box")
-    described = with_film_of(described, rfilter={"type": rfilter})
+    described = with_integrator(box(), temporal_filter="box")
+    described = with_film(described, rfilter={"type": rfilter})
     whole = render(described, spp=1 << 10)
-    interrupting(monkeypatch, 1)
+    interrupting(monkeypatch)
     with pytest.warns(UserWarning, match="interrupted: returning 128 of 1024 samples") as record:
         part = render(described, spp=1 << 10)
     assert [warning.filename for warning in record] == [__file__]
     assert (part.attrs["complete"], part.attrs["spp"]) == (0, 128)
     assert float(part.steady.mean()) == pytest.approx(float(whole.steady.mean()), rel=0.03)
     assert float(part.transient.sum() / part.steady.sum()) == pytest.approx(1, abs=1e-4)
+    assert outside(part) == pytest.approx(0, abs=1e-4)
     assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_ctrl_c_after_the_last_step_changes_nothing(monkeypatch):
-    interrupting(monkeypatch, 1)
+    interrupting(monkeypatch)
     assert render(box(), spp=128).attrs["complete"] == 1
-
-
-def test_the_second_ctrl_c_ends_at_once(monkeypatch):
-    before = signal.getsignal(signal.SIGINT)
-    interrupting(monkeypatch, 2)
-    with pytest.raises(KeyboardInterrupt):
-        render(box(), spp=1 << 10)
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_in_another_thread():
-    """Only the main thread may set signal handlers; elsewhere rendering works all the same."""
-    expected = render(box())
-    results = []
-
-    def work():
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            results.append(render(box()))
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join(60)
-    assert len(results) == 1
-    np.testing.assert_allclose(results[0].transient, expected.transient, rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_the_default_sampler_is_the_better_one():
-    """What its choice rests on: less noise than Mitsuba's default, at equal samples."""
-    assert padded_sobol.PaddedSobolSampler.__name__ == render(box()).attrs["sampler"]
-    noise = {}
-    scene = tofrender.load_scene("cornell_box", width=16, height=16)
-    for name in (None, "independent"):
-        more = {"spp": 256, "sampler": name, "window": (3, 15)}
-        pictures = [render(scene, seed=k, **more).steady.values for k in range(8)]
-        noise[name] = float(np.var(pictures, axis=0, ddof=1).mean())
-    assert noise[None] < 0.7 * noise["independent"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -22,16 +23,27 @@ def render(scene, **options):
     return tofrender.render(scene, progress=False, **options)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("spp", [8, 24, 50])
-def test_two_parts_are_one_render(spp):
-    """The points go on where they stopped."""
-    whole = render(box(), spp=64)
-    again = render(box(), spp=64, resume=render(box(), spp=spp))
+def crop(offset: int) -> dict:
+    scene = box()
+    size = {"crop_width": 8, "crop_height": 8, "crop_offset_x": offset, "crop_offset_y": 0}
+    scene["sensor"]["film"] |= size
+    return scene
+
+
+@pytest.fixture(scope="module")
+def earlier():
+    return render(box(), spp=16)
+
+
+@pytest.mark.parametrize(("spp", "saved"), [(8, False), (24, True), (50, False)])
+def test_two_parts_are_one_render(tmp_path, spp, saved):
+    whole, part = (render(box(), spp=count) for count in (64, spp))
+    if saved:
+        part = tofrender.load_exr_stack(tofrender.save_exr_stack(part, tmp_path / "stack"))
+    again = render(box(), spp=64, resume=part)
     np.testing.assert_allclose(again.transient, whole.transient, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(again.steady, whole.steady, rtol=1e-4, atol=1e-6)
-    assert again.attrs["spp"] == 64
-    assert again.attrs["complete"] == 1
+    assert (again.attrs["spp"], again.attrs["complete"]) == (64, 1)
 
 
 @pytest.mark.parametrize("sampler", ["independent", "multijitter"])
@@ -44,14 +56,6 @@ def test_other_samplers_draw_other_points(sampler):
     assert float(rest.sum()) == pytest.approx(float(half.transient.sum()), rel=0.05)
 
 
-def test_a_saved_render_goes_on(tmp_path):
-    tofrender.save_exr_stack(render(box(), spp=16), tmp_path / "stack")
-    again = render(box(), spp=32, resume=tofrender.load_exr_stack(tmp_path / "stack"))
-    whole = render(box(), spp=32)
-    np.testing.assert_allclose(again.transient, whole.transient, rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "options", "text"),
     [
@@ -64,47 +68,25 @@ def test_a_saved_render_goes_on(tmp_path):
         (box(), {"spp": 16}, "spp = 16: must be above 16, which resume has already"),
     ],
 )
-def test_another_render_is_refused(scene, options, text):
-    earlier = render(box(), spp=16)
-    with pytest.raises(ValueError, match=text) as error:
+def test_another_render_is_refused(earlier, scene, options, text):
+    with refused(text):
         render(scene, **{"spp": 32, **options}, resume=earlier)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("change", ["camera_unwarp", "hide_emitters", "discard_direct_light"])
-def test_another_integrator_is_refused(change):
-    scene = box()
-    scene["integrator"][change] = True
-    with pytest.raises(ValueError, match=f"was rendered with ({change}|fingerprint)"):
-        render(scene, spp=32, resume=render(box(), spp=16))
 
 
 def test_another_crop_is_refused():
-    cropped = [box(), box()]
-    for scene, offset in zip(cropped, (0, 8), strict=True):
-        size = {"crop_width": 8, "crop_height": 8, "crop_offset_x": offset, "crop_offset_y": 0}
-        scene["sensor"]["film"] |= size
-    earlier = render(cropped[0], spp=16)
-    with pytest.raises(ValueError, match="resume: its coordinate x differs"):
-        render(cropped[1], spp=32, resume=earlier)
+    with refused("resume: its coordinate x differs"):
+        render(crop(8), spp=32, resume=render(crop(0), spp=16))
 
 
 @pytest.mark.parametrize("name", ["transient", "steady"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_not_finite_is_refused(name, bad):
-    """One such value would be in the picture for good."""
-    earlier = render(box(), spp=16)
-    values = earlier[name].values
+def test_what_is_not_finite_is_refused(earlier, name, bad):
+    spoilt = earlier.copy(deep=True)
+    values = spoilt[name].values
     values[5, 6, ..., 1] = bad
     count = values[5, 6, ..., 1].size
-    with pytest.raises(ValueError, match=rf"^resume: {name}: {count} of .* {bad:g} at \[5, 6, "):
-        render(box(), spp=32, resume=earlier)
-
-
-@pytest.mark.parametrize("resume", ["out", 3, {"spp": 4}])
-def test_what_is_no_dataset_is_refused(resume):
-    with pytest.raises(ValueError, match=r"resume: dataset = \w+: must be an xarray.Dataset"):
-        render(box(), spp=32, resume=resume)
+    with refused(rf"^resume: {name}: {count} of .* {bad:g} at \[5, 6, "):
+        render(box(), spp=32, resume=spoilt)
 
 
 def test_fingerprints_tell_scenes_apart_and_nothing_else():
@@ -112,18 +94,13 @@ def test_fingerprints_tell_scenes_apart_and_nothing_else():
         loaded = mi.load_dict(scene)
         return fingerprint(loaded, loaded.sensors()[0], loaded.integrator())
 
-    moved = box()
-    moved["small-box"]["to_world"] = mi.ScalarTransform4f().translate([0, 0.01, 0])
-    tinted = box()
-    tinted["white"]["reflectance"]["value"] = [0.5, 0.5, 0.5]
-    prints = [of(s) for s in (box(), box(light="flash"), moved, tinted, box(max_depth=3))]
+    prints = [of(scene) for scene in (box(), box(light="flash"), box(max_depth=3))]
     assert len(set(prints)) == len(prints)
     assert of(box()) == of(box(spp=7, temporal_bins=3, width=8, height=8)) == prints[0]
 
 
 @pytest.mark.parametrize("given", [{}, {"pulse_width_opl": 0.1}], ids=["no pulse", "a pulse"])
 def test_a_scene_has_the_same_fingerprint_once_it_is_rendered(given):
-    """Who has asked a scene for its parameters has not changed it."""
     loaded = mi.load_dict(box())
     tracer = mi.load_dict({"type": "transient_path"} | given)
     before = fingerprint(loaded, loaded.sensors()[0], tracer)
@@ -135,6 +112,7 @@ def test_a_scene_has_the_same_fingerprint_once_it_is_rendered(given):
 @pytest.mark.parametrize(
     ("plugin", "name", "values"),
     [
+        *[("transient_path", n, (False, True)) for n in ("camera_unwarp", "discard_direct_light")],
         ("simple", "energy", (1.0, 5.0)),
         ("transient_nlos_path", "laser_power", (1.0, 2.0)),
         ("transient_nlos_path", "capture_type", ("single", "confocal")),
@@ -144,7 +122,6 @@ def test_a_scene_has_the_same_fingerprint_once_it_is_rendered(given):
     ],
 )
 def test_every_parameter_of_an_integrator_counts(plugin, name, values):
-    """A render that goes on with another parameter would mix two pictures."""
     loaded = tofrender.load_scene("cornell_box", width=4, height=4)
     given = {"simple": {"position": [0, 0, 1], "energy": 1.0}}.get(plugin, {})
     if plugin == "transient_nlos_path":

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import re
 import shutil
 import signal
+from functools import partial
 from pathlib import Path
 
 import dask.array
@@ -17,6 +17,7 @@ import pytest
 import xarray as xr
 import zarr
 from helpers.films_in_parts import (
+    ROUNDING,
     box,
     check_same,
     crop,
@@ -24,17 +25,16 @@ from helpers.films_in_parts import (
     in_small_steps,
     in_tiles,
     names,
-    one_line,
     render,
     script,
-    with_film,
+    watch_steps,
 )
 from helpers.nlos import builder
-from helpers.support import with_integrator
+from helpers.refusals import one_line, refused
+from helpers.support import with_film, with_integrator
 
 import tofrender
 from tofrender import load_zarr, save_zarr
-from tofrender.rendering import pieces
 from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.store import Store
@@ -85,33 +85,37 @@ def under_way(out: Path) -> Path:
 
 def tile_files(folder: Path) -> list[Path]:
     """The files of tiles, those of bins first."""
-    arrays = ("transient", "steady")
-    return [
-        file
-        for name in arrays
-        for file in sorted(folder.glob(f"**/{name}/c/**/*"))
-        if file.is_file()
-    ]
+    found = (sorted(folder.glob(f"**/{name}/c/**/*")) for name in ("transient", "steady"))
+    return [file for files in found for file in files if file.is_file()]
+
+
+def receipts(out: Path) -> list[Path]:
+    """What tells that tiles are finished."""
+    return sorted(under_way(out).glob("receipts/tile*.json"))
+
+
+def flipped(file: Path, place: float) -> None:
+    """Change a bit of a file."""
+    content = bytearray(file.read_bytes())
+    content[int(place * len(content))] ^= 4
+    file.write_bytes(content)
 
 
 def stopped_after(monkeypatch, tiles: int) -> None:
     """Let SIGINT come before the step after so many tiles."""
-    puts = [0]
-    put, steps = Store.put, pieces.steps
+    puts, put = [], Store.put
 
     def counted(self, *arguments):
-        puts[0] += 1
+        puts.append(None)
         return put(self, *arguments)
 
-    def told(*arguments, **options):
-        for done in steps(*arguments, **options):
-            if puts[0] == tiles:
-                puts[0] += 1
-                signal.raise_signal(signal.SIGINT)
-            yield done
+    def look(number):
+        if len(puts) == tiles:
+            puts.append(None)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Store, "put", counted)
-    monkeypatch.setattr(pieces, "steps", told)
+    watch_steps(monkeypatch, look)
 
 
 def stopped(monkeypatch, out: Path, tiles: int, **options) -> str:
@@ -129,9 +133,6 @@ def without_plan(said: str) -> str:
     return re.sub(r"^\d+ tiles of .* each.*\n", "", said, flags=re.M)
 
 
-# --------------------------------------------------------------------------- that it is the render
-
-
 def test_a_film_is_the_render(out, whole):
     film = render(box(), out=out)
     check_same(film, whole)
@@ -140,14 +141,12 @@ def test_a_film_is_the_render(out, whole):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rows", [0.3, 1, 4, 50])
 def test_however_it_is_cut(tmp_path, monkeypatch, whole, rows):
     in_tiles(monkeypatch, rows)
     check_same(render(box(), out=tmp_path / "film.zarr"), whole)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options"),
     [
@@ -158,44 +157,28 @@ def test_however_it_is_cut(tmp_path, monkeypatch, whole, rows):
         (box, {"window": "auto", "temporal_bins": 30}),
         (box, {"settings": {"max_depth": 3}, "spp": 11}),
         (box, {"integrator": "transient_bdpt"}),
+        (box, {"errors": True, "spp": 32}),
+        (lambda: tofrender.load_scene(box()), {}),
+        (box, {"variant": "llvm_ad_mono"}),
+        (box, {"variant": "llvm_ad_spectral"}),
     ],
 )
 def test_films_of_other_light(out, described, options):
+    options = dict(options)
+    mi.set_variant(options.pop("variant", mi.variant()))
     whole = render(described(), **options)
-    check_same(render(described(), out=out, **options), whole)
+    assert ("transient_error" in whole) == ("errors" in options)
+    film = render(described(), out=out, **options)
+    check_same(film, whole, 1e-4 if "errors" in options else ROUNDING)
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
-def test_films_of_other_variants(out, variant):
-    mi.set_variant(variant)
-    check_same(render(box(), out=out), render(box()))
-
-
-@pytest.mark.slow
-def test_a_film_with_error_bars(out):
-    whole = render(box(), spp=32, errors=True)
-    film = render(box(), spp=32, errors=True, out=out)
-    assert set(film.data_vars) == {"transient", "steady", "transient_error", "steady_error"}
-    check_same(film, whole, 1e-4)
-
-
-def test_a_film_of_a_loaded_scene(out, whole):
-    check_same(render(tofrender.load_scene(box()), out=out), whole)
-
-
-def test_a_film_is_read_when_it_is_used(out):
+def test_a_film_is_plain_zarr_and_read_when_it_is_used(out, whole):
     film = render(box(), out=out)
     for name, chunk in (("transient", (2, 12, 40, 3)), ("steady", (2, 12, 3))):
         assert isinstance(film[name].data, dask.array.Array)
         assert all(one <= most for one, most in zip(film[name].data.chunksize, chunk, strict=True))
     assert film.encoding["source"] == str(out)
-
-
-def test_others_read_it(out, whole):
-    """It is plain Zarr 3 with everything in its metadata."""
-    render(box(), out=out)
     group = zarr.open_group(out, mode="r")
     assert group.metadata.zarr_format == 3
     assert group.metadata.consolidated_metadata is not None
@@ -219,15 +202,11 @@ def test_a_film_appears_when_all_is_done(out, monkeypatch):
     assert out.is_dir()
 
 
-# ----------------------------------------------------------------------------------- going on
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("tiles", [0, 1, 4])
 def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
     text = stopped(monkeypatch, out, tiles)
     assert text.startswith(f"interrupted after {tiles} of {TILES} tiles; the same call goes on")
-    assert len(list(under_way(out).glob("receipts/tile*.json"))) == tiles
+    assert len(receipts(out)) == tiles
     capsys.readouterr()
     check_same(render(box(), out=out), whole)
     said = capsys.readouterr().out
@@ -235,35 +214,23 @@ def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors", [False, True])
 def test_a_tile_under_way_goes_on(out, monkeypatch, errors):
-    """What was taken of it when the signal came is not taken again."""
     options = {"spp": 32, "errors": errors}
     stopped(monkeypatch, out, 1, **options)
-    kept = list(under_way(out).rglob("*.npz"))
-    assert len(kept) == 1
-    steps = pieces.steps
-    samples = []
-
-    def told(*arguments, **more):
-        for done in steps(*arguments, **more):
-            samples.append(done)
-            yield done
-
-    monkeypatch.setattr(pieces, "steps", told)
+    assert len(list(under_way(out).rglob("*.npz"))) == 1
+    taken: list[int] = []
+    watch_steps(monkeypatch, taken.append)
     in_small_steps(monkeypatch)
     film = render(box(), out=out, **options)
-    all_steps = TILES * 32 // 2
-    assert 0.5 * all_steps < len(samples) < 0.8 * all_steps
+    assert 0.5 < len(taken) / (TILES * 32 // 2) < 0.8
     check_same(film, render(box(), **options), 1e-4)
 
 
-@pytest.mark.slow
 def test_stopped_again_and_again(out, monkeypatch, whole):
     for tiles in (1, 1, 2):
         stopped(monkeypatch, out, tiles)
-    assert len(list(under_way(out).glob("receipts/tile*.json"))) == 4
+    assert len(receipts(out)) == 4
     check_same(render(box(), out=out), whole)
 
 
@@ -294,117 +261,85 @@ stream(job, sys.argv[1], seconds=1e-9, progress=False)
 """
 
 
-@pytest.mark.slow
 def test_two_processes_and_a_killed_one(out, monkeypatch, capsys, whole):
     """The second is refused; after SIGKILL, it goes on with all tiles and a part of the third."""
     process = script(_PAUSED, out)
     try:
         assert " tiles of " in process.stdout.readline(), process.stderr.read()
         assert process.stdout.readline() == "here\n", process.stderr.read()
-        with pytest.raises((ValueError, OSError)) as error:
+        with refused("out = .*film.zarr", (ValueError, OSError)):
             render(box(), out=out)
-        text = one_line(error)
-        assert "out = " in text
-        assert "film.zarr" in text
     finally:
         end(process)
     assert process.returncode == -signal.SIGKILL
-    folder = under_way(out)
-    assert len(list(folder.glob("receipts/tile*.json"))) == 2
-    assert len(list(folder.rglob("*.npz"))) == 1
+    assert len(receipts(out)) == 2
+    assert len(list(under_way(out).rglob("*.npz"))) == 1
     check_same(render(box(), out=out), whole)
     assert without_plan(capsys.readouterr().out) == "resuming from 2 of 5 tiles\n"
     assert names(out.parent) == {"film.zarr"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options", "text"),
     [
         (box, {"spp": 16}, "spp = 8; must be 16"),
         (box, {"seed": 1}, "seed = 0; must be 1"),
         (box, {"sampler": "independent"}, "sampler = 'PaddedSobolSampler'; must be"),
-        (box, {"spp": 16, "errors": True}, "with "),
+        (box, {"spp": 16, "errors": True}, ""),
         (box, {"window": (3.5, 9.5)}, "bin_width_opl = 0.3; must be 0.15"),
-        (box, {"integrator": "path_tracer_nee"}, "must be 'PathTracerNEE'"),
-        (lambda: box(max_depth=3), {}, "with max_depth = 4; must be 3"),
-        (lambda: box(temporal_bins=50), {}, "with film = "),
+        (lambda: box(max_depth=3), {}, "max_depth = 4; must be 3"),
         (lambda: box(light="flash", start_opl=3.5), {}, "fingerprint"),
-        (lambda: with_film(box(), **crop(0, 0, 5, 5)), {}, "with film = "),
-        (lambda: with_film(box(), rfilter={"type": "gaussian"}), {}, "with film = "),
+        (lambda: with_film(box(), **crop(0, 0, 5, 5)), {}, "film = "),
+        (lambda: with_film(box(), rfilter={"type": "gaussian"}), {}, "film = "),
     ],
 )
 def test_another_render_is_refused(begun, described, options, text):
-    before = {
-        file: file.stat().st_mtime_ns for file in under_way(begun).rglob("*") if file.is_file()
-    }
-    with pytest.raises(ValueError, match="was begun with ") as error:
+    def times() -> dict[Path, int]:
+        files = (file for file in under_way(begun).rglob("*") if file.is_file())
+        return {file: file.stat().st_mtime_ns for file in files}
+
+    before = times()
+    with refused(f"was begun with .*{text}") as error:
         render(described(), out=begun, **options)
-    assert text in one_line(error)
     assert str(under_way(begun)) in str(error.value)
-    kept = {file: file.stat().st_mtime_ns for file in under_way(begun).rglob("*") if file.is_file()}
-    assert kept == before
+    assert times() == before
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("place", [0.0, 0.3, 0.6, 0.99999])
+HARMS = {
+    **{f"byte at {p}": partial(flipped, place=p) for p in (0.0, 0.3, 0.6, 0.99999)},
+    "cut": lambda file: file.write_bytes(file.read_bytes()[: file.stat().st_size // 2]),
+    "longer": lambda file: file.write_bytes(file.read_bytes() + b"x"),
+    "gone": Path.unlink,
+    "empty receipt": lambda file: file.write_text("{}"),
+    "no receipt": lambda file: file.write_text("no json"),
+    "receipt gone": Path.unlink,
+}
+
+
 @pytest.mark.parametrize("number", [0, 2])
-def test_a_damaged_tile_is_rendered_again(begun, capsys, whole, place, number):
-    """Any byte of a file, of bins or of the picture."""
-    damaged = tile_files(under_way(begun))[number]
-    content = bytearray(damaged.read_bytes())
-    content[int(place * len(content))] ^= 4
-    damaged.write_bytes(content)
-    with pytest.warns(UserWarning, match="damaged") as record:
+@pytest.mark.parametrize("harm", HARMS)
+def test_a_damaged_tile_is_rendered_again(begun, capsys, whole, harm, number):
+    files = receipts(begun) if "receipt" in harm else tile_files(under_way(begun))
+    HARMS[harm](files[number // 2 if "receipt" in harm else number])
+    if harm == "receipt gone":
         film = render(box(), out=begun)
-    assert len(record) == 1
-    assert "\n" not in str(record[0].message)
+    else:
+        with pytest.warns(UserWarning, match=r"\A.*damaged.*\Z") as record:
+            film = render(box(), out=begun)
+        assert len(record) == 1
     assert "resuming from 1 of 5 tiles" in capsys.readouterr().out
     check_same(film, whole)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "harm", ["cut", "gone", "longer", "receipt", "empty receipt", "receipt gone"]
-)
-def test_other_damage(begun, whole, harm):
-    file = tile_files(under_way(begun))[0]
-    receipt = sorted(under_way(begun).glob("receipts/tile*.json"))[0]
-    content = file.read_bytes()
-    if harm == "cut":
-        file.write_bytes(content[: len(content) // 2])
-    elif harm == "longer":
-        file.write_bytes(content + b"x")
-    elif harm == "gone":
-        file.unlink()
-    elif harm == "receipt gone":
-        receipt.unlink()
-    else:
-        receipt.write_text("{}" if harm == "empty receipt" else "no json")
-    if harm == "receipt gone":
-        film = render(box(), out=begun)
-    else:
-        with pytest.warns(UserWarning, match="damaged"):
-            film = render(box(), out=begun)
-    check_same(film, whole)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("place", [0.001, 0.5, 0.95])
 @pytest.mark.parametrize("array", ["transient", "steady"])
 def test_a_changed_byte_of_a_finished_film_is_found(out, array, place):
     film = render(box(), out=out)
-    file = [file for file in tile_files(out) if array in file.parts][1]
-    content = bytearray(file.read_bytes())
-    content[int(place * len(content))] ^= 1
-    file.write_bytes(content)
+    flipped([file for file in tile_files(out) if array in file.parts][1], place)
     with pytest.raises(OSError, match="checksum"):
         film[array].values  # noqa: B018
     other = "steady" if array == "transient" else "transient"
     assert film[other].values.sum() > 0
-
-
-# ----------------------------------------------------------------------------------- no room
 
 
 def test_a_film_that_the_disk_cannot_hold_is_refused(out, monkeypatch):
@@ -417,7 +352,6 @@ def test_a_film_that_the_disk_cannot_hold_is_refused(out, monkeypatch):
 
 
 def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys, whole):
-    """The third tile finds no room, and the same call goes on when there is some."""
     put = zarr.storage.LocalStore.set
     written = []
 
@@ -433,7 +367,7 @@ def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys,
         with pytest.raises(OSError, match="room") as error:
             render(box(), out=out)
     assert str(out.parent) in one_line(error)
-    assert len(list(under_way(out).glob("receipts/tile*.json"))) == 2
+    assert len(receipts(out)) == 2
     capsys.readouterr()
     check_same(render(box(), out=out), whole)
     assert without_plan(capsys.readouterr().out) == "resuming from 2 of 5 tiles\n"
@@ -458,7 +392,6 @@ print(film["transient"].nbytes >> 20, float(film["transient"].sum() / film["stea
 """
 
 
-@pytest.mark.slow
 def test_a_film_larger_than_memory(out):
     """`ulimit -v` in earnest: the process holds a tile, not the film."""
     process = script(_SHORT, out)
@@ -472,37 +405,21 @@ def test_a_film_larger_than_memory(out):
     assert names(out.parent) == {"film.zarr"}
 
 
-# --------------------------------------------------------------------------------- bad arguments
-
-
-@pytest.mark.parametrize("place", ["film", "film.npz", 3, ""])
-def test_a_place_that_is_no_film(tmp_path, monkeypatch, place):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=r"^out = ") as error:
-        render(box(), out=place)
-    one_line(error)
-    assert names(tmp_path) == set()
-
-
-def test_what_is_there_stays(out):
+def test_what_is_there_stays(out, whole):
     out.mkdir()
     (out / "precious").write_text("data")
-    with pytest.raises(FileExistsError, match=r"out = .*film.zarr: exists") as error:
-        render(box(), out=out)
-    one_line(error)
+    for write in (lambda: render(box(), out=out), lambda: save_zarr(whole, out)):
+        with refused(r"film.zarr: exists; must be a new folder", FileExistsError):
+            write()
     assert names(out) == {"precious"}
 
 
 @pytest.mark.parametrize("name", ["checkpoint", "resume"])
 def test_what_does_not_go_together(out, tmp_path, whole, name):
     value = {"checkpoint": tmp_path / "x.npz", "resume": whole}[name]
-    with pytest.raises(ValueError, match=f"^{name}: must be left out with `out`") as error:
+    with refused(f"^{name}: must be left out with `out`"):
         render(box(), spp=16, out=out, **{name: value})
-    one_line(error)
     assert names(tmp_path) == set()
-
-
-# -------------------------------------------------------------------------- saving and loading
 
 
 def test_a_render_is_saved_as_a_film(out, whole):
@@ -513,58 +430,37 @@ def test_a_render_is_saved_as_a_film(out, whole):
     check_same(save_zarr(film, out.with_name("again.zarr")), whole, 0)
 
 
-def test_attributes_of_variables_are_saved(out, whole):
-    noted = whole.copy()
+def test_attributes_and_error_bars_are_saved(out, whole):
+    noted = whole.assign({f"{n}_error": 0.1 * whole[n] + 1 for n in ("transient", "steady")})
     for name in ("transient", "opl", "x"):
         noted[name].attrs |= {"note": "a b", "offset": 0.5}
     xr.testing.assert_identical(save_zarr(noted, out).load(), noted)
 
 
-def test_error_bars_are_saved(out, whole):
-    noisy = whole.assign(
-        {f"{name}_error": 0.1 * whole[name] + 1 for name in ("transient", "steady")}
-    )
-    check_same(save_zarr(noisy, out), noisy, 0)
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda film: 3, "dataset = int: must be an xarray.Dataset"),
-        (lambda film: film.drop_vars("steady"), "must hold the float32 variables"),
-        (lambda film: film.assign(steady=film["steady"].astype(float)), "float32"),
-        (lambda film: film.transpose("x", "y", "opl", "channel"), "must hold"),
+        (lambda film: 3, " = int: must be an xarray.Dataset"),
+        (lambda film: film.drop_vars("steady"), ".*must hold the float32 variables"),
+        (lambda film: film.assign(steady=film["steady"].astype(float)), ".*float32"),
+        (lambda film: film.transpose("x", "y", "opl", "channel"), ".*must hold"),
     ],
 )
 def test_what_is_no_render_is_not_saved(out, whole, change, text):
-    with pytest.raises(ValueError, match=r"^dataset") as error:
+    with refused(f"^dataset{text}"):
         save_zarr(change(whole), out)
-    assert text in one_line(error)
     assert names(out.parent) == set()
 
 
-def test_a_film_is_not_saved_over_another(out, whole):
-    save_zarr(whole, out)
-    with pytest.raises(FileExistsError, match="exists; must be a new folder") as error:
-        save_zarr(whole, out)
-    one_line(error)
-    check_same(load_zarr(out), whole, 0)
-
-
-def test_what_is_no_film_is_not_loaded(out, whole):
-    with pytest.raises(FileNotFoundError, match="does not exist") as error:
-        load_zarr(out)
-    one_line(error)
-    out.mkdir()
-    with pytest.raises(ValueError, match="must be a finished film") as error:
-        load_zarr(out)
-    one_line(error)
-    xr.Dataset({"a": ("x", np.arange(3))}).to_zarr(
-        out.with_name("other.zarr"), zarr_format=3, consolidated=False
-    )
-    with pytest.raises(ValueError, match="must be a finished film") as error:
-        load_zarr(out.with_name("other.zarr"))
-    one_line(error)
+def test_what_is_no_film_is_not_loaded(begun):
+    with refused("does not exist", FileNotFoundError):
+        load_zarr(begun)
+    other = begun.with_name("other.zarr")
+    xr.Dataset({"a": ("x", np.arange(3))}).to_zarr(other, zarr_format=3, consolidated=False)
+    begun.mkdir()
+    for folder in (begun, other, next(begun.parent.glob(".*.film"))):
+        with refused("must be a finished film"):
+            load_zarr(folder)
 
 
 @pytest.mark.parametrize("load", [load_zarr, tofrender.load_dataset], ids=["film", "data set"])
@@ -578,30 +474,9 @@ def test_codecs_that_may_run_code_are_refused(out, whole, where, load):
         load(out)
 
 
-def test_metadata_that_are_cut_are_refused(out, whole):
-    save_zarr(whole, out)
-    text = (out / "zarr.json").read_text()
-    for other in ("", text[: len(text) // 2], json.dumps({})):
-        (out / "zarr.json").write_text(other)
-        with pytest.raises(
-            ValueError, match=r"zarr.json( is damaged)?;|must be a finished film"
-        ) as error:
-            load_zarr(out)
-        one_line(error)
-
-
-def test_a_film_under_way_is_none_yet(begun):
-    with pytest.raises(FileNotFoundError):
-        load_zarr(begun)
-    with pytest.raises(ValueError, match="must be a finished film"):
-        load_zarr(under_way(begun))
-
-
-def test_tiles_that_hold_zeros(out):
-    """Chunks of zeros are left out by Zarr; they are whole all the same."""
-    dark = with_film(box(), start_opl=0.0, bin_width_opl=3.0 / 40)
-    with pytest.raises(ValueError, match="light"):
-        render(dark, out=out)
+def test_a_window_without_light_leaves_nothing(out):
+    with refused("light"):
+        render(with_film(box(), start_opl=0.0, bin_width_opl=3.0 / 40), out=out)
     assert names(out.parent) == set()
 
 
@@ -610,9 +485,8 @@ def test_read_only_places(out):
         pytest.skip("root may write anywhere")
     out.parent.chmod(0o500)
     try:
-        with pytest.raises(PermissionError) as error:
+        with refused("", PermissionError):
             render(box(), out=out)
-        one_line(error)
     finally:
         out.parent.chmod(0o700)
 
