@@ -177,7 +177,6 @@ print(bad, seen)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("folder", [False, True])
 def test_it_is_never_away(tmp_path, folder):
     """Another process that looks all the time always finds it, and finds it whole."""
@@ -249,7 +248,6 @@ with locked(path):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["file", "folder"])
 def test_killed_at_any_moment(tmp_path, kind):
     """What is there is whole, and what a killed writer left goes with the next."""
@@ -446,7 +444,6 @@ for _ in range(60):
 """
 
 
-@pytest.mark.slow
 def test_locks_of_many(tmp_path):
     """Removing the lock's file lets nobody in twice."""
     (tmp_path / "count").write_text("0")

@@ -3,39 +3,15 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import mitsuba as mi
 import pytest
+from helpers.processes import says
 
 import tofrender
 from tofrender.runtime import backend, llvm, plugins
 from tofrender.runtime.backend import BackendError
-
-ROOT = Path(__file__).parents[2]
-LLVM_VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
-
-
-def python(code: str, **environment: str) -> subprocess.CompletedProcess:
-    """Run a script in a process of its own; its working directory is the project's root."""
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-
-
-def says(code: str, **environment: str) -> list[str]:
-    """What a script prints, one entry a line; it must succeed."""
-    result = python(code, **environment)
-    assert result.returncode == 0, result.stderr
-    return result.stdout.splitlines()
 
 
 def tiny() -> dict:
@@ -93,9 +69,7 @@ print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
     assert says(code) == ["llvm_ad_mono", "True"]
 
 
-@pytest.mark.slow
 def test_a_scalar_variant_that_is_set():
-    """It stays, rendering refuses in one line, and a switch mends it."""
     code = """
 import mitsuba as mi
 mi.set_variant("scalar_rgb")
@@ -143,61 +117,46 @@ print(status, [name for name in ("mitsuba", "drjit", "numpy") if name in sys.mod
 # ---------------------------------------------------------------------------------- bad LLVM
 
 
-def _libraries(folder: Path) -> dict[str, Path]:
-    """Files that Dr.Jit cannot use."""
-    text = folder / "libLLVM-19.so"
-    text.write_text("not a library")
-    return {"missing": folder / "libLLVM.so", "text": text, "folder": folder}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("which", ["missing", "text", "folder", "another library", "old"])
-def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which):
-    libraries = _libraries(tmp_path)
+@pytest.mark.parametrize(
+    ("which", "before"),
+    [
+        *((which, "") for which in ("missing", "text", "folder", "another library", "old")),
+        ("text", "import mitsuba"),
+    ],
+)
+def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which, before):
+    """Also if Mitsuba is already there, without a variant: no signal ends the process."""
     old = [one for one in llvm.candidates() if one.major and one.major < llvm.MINIMUM_MAJOR]
-    libraries |= {"old": old[0].path} if old else {}
-    libraries["another library"] = Path(mi.__file__).parent / "libmitsuba.so"
-    if which not in libraries or not (which == "missing" or libraries[which].exists()):
+    text = tmp_path / "libLLVM-19.so"
+    text.write_text("not a library")
+    library = {
+        "missing": tmp_path / "libLLVM.so",
+        "text": text,
+        "folder": tmp_path,
+        "another library": Path(mi.__file__).parent / "libmitsuba.so",
+        "old": old[0].path if old else None,
+    }[which]
+    if library is None or not (which == "missing" or library.exists()):
         pytest.skip("not on this machine")
-    code = """
-import sys
+    code = f"""
+{before}
 try:
     import tofrender
 except Exception as error:
     print(type(error).__name__, error)
 """
-    environment = {llvm.VARIABLE: str(libraries[which]), "CUDA_VISIBLE_DEVICES": "-1"}
-    lines = says(code, **environment)
-    assert len(lines) == 1
-    assert lines[0].startswith("BackendError ")
-    assert str(libraries[which]) in lines[0]
-
-
-def test_an_unusable_llvm_found_late_does_not_abort(tmp_path):
-    """Mitsuba is already there, without a variant: still one line, and no signal."""
-    code = """
-import mitsuba
-try:
-    import tofrender
-except Exception as error:
-    print(type(error).__name__)
-"""
-    library = str(_libraries(tmp_path)["text"])
-    environment = {llvm.VARIABLE: library, "CUDA_VISIBLE_DEVICES": "-1"}
-    assert says(code, **environment) == ["BackendError"]
+    environment = {llvm.VARIABLE: str(library), "CUDA_VISIBLE_DEVICES": "-1"}
+    (line,) = says(code, **environment)
+    assert line.startswith("BackendError ")
+    assert str(library) in line
 
 
 # ------------------------------------------------------------------------------------ activate
 
 
-def test_activate_keeps_the_active_variant():
-    mi.set_variant("llvm_ad_mono")
-    assert backend.activate() == "llvm_ad_mono"
-    assert backend.activate() == mi.variant() == "llvm_ad_mono"
-
-
-def test_activate_switches():
+def test_activate_switches_and_keeps_the_active_variant():
     assert backend.activate("llvm_ad_mono") == mi.variant() == "llvm_ad_mono"
+    assert backend.activate() == mi.variant() == "llvm_ad_mono"
     assert mi.load_dict({"type": "transient_path"}).max_depth == 6
 
 
@@ -215,16 +174,6 @@ def test_cuda_without_a_device(monkeypatch):
     with pytest.raises(BackendError, match="variant = 'cuda_ad_rgb': no CUDA device or driver"):
         backend.activate("cuda_ad_rgb")
     assert mi.variant() == "llvm_ad_rgb"
-
-
-@pytest.mark.parametrize("work", [tofrender.render, backend.activate])
-def test_scalar_variants(work):
-    mi.set_variant("scalar_rgb")
-    if work is backend.activate:
-        assert work() == "scalar_rgb"
-    else:
-        with pytest.raises(BackendError, match="variant = 'scalar_rgb': cannot render in time"):
-            work("cornell_box")
 
 
 # ------------------------------------------------------------------------------------- plugins
@@ -247,17 +196,6 @@ def test_plugins_follow_the_variant():
                 assert type(mi.load_dict({"type": called} | REQUIRED.get(plugin, {}))) is found
             assert classes.setdefault((variant, name), found) is found  # The same as before
     assert len(set(classes.values())) == 2 * len(plugins.PLUGINS)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("variant", LLVM_VARIANTS)
-def test_every_llvm_variant_renders(variant):
-    mi.set_variant(variant)
-    dataset = tofrender.render(tiny(), spp=16, progress=False)
-    assert dataset.attrs["variant"] == variant
-    assert dataset.sizes["channel"] == (1 if "mono" in variant else 3)
-    assert float(dataset.transient.sum() / dataset.steady.sum()) == pytest.approx(1, abs=1e-4)
-    assert 0.03 < float(dataset.steady.mean()) < 0.3
 
 
 def test_rendering_between_switches_gives_the_same():
@@ -308,7 +246,6 @@ print(tofrender.render(steady, spp=1, progress=False, **options).sizes["opl"])
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("imports", "owner"),
     [

@@ -311,7 +311,6 @@ def flipped(content: bytes, index: int, by: int) -> bytes:
     return content[:index] + bytes([content[index] ^ by]) + content[index + 1 :]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("bits", ["one", "any"])
 def test_every_flipped_byte_is_noticed_or_does_not_matter(path, bits):
     content = saved(path).read_bytes()
@@ -333,7 +332,6 @@ def test_half_an_array_is_no_array(path):
     assert outcome(checkpoint) == "anew"
 
 
-@pytest.mark.slow
 def test_every_truncation_is_noticed(path):
     content = saved(path).read_bytes()
     lengths = [*range(0, len(content), 7), *range(len(content) - 30, len(content))]

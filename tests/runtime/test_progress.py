@@ -188,7 +188,6 @@ with progress.status("Starting"):
 """
 
 
-@pytest.mark.slow
 def test_in_a_notebook():
     """Widgets come and go while the cell runs, and none stays, in red, of work that ended early."""
     jupyter = pytest.importorskip("jupyter_client")

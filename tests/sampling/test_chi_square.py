@@ -69,7 +69,6 @@ def test_domain_objects_of_mitsuba():
         assert chi_square_test(*HEMISPHERE[:2], domain, **QUICK).passed
 
 
-@pytest.mark.slow
 def test_pearson_is_scipys():
     stats = pytest.importorskip("scipy.stats")
     rng = np.random.default_rng(2)
@@ -221,7 +220,6 @@ def test_bad_density(bug, reason):
     assert reason in verdict.reason
 
 
-@pytest.mark.slow
 def test_spikes():
     """Two texels with 99 % of the light: most cells at their edges hold little of them."""
     image = np.full((64, 64), 1e-3)
@@ -237,7 +235,6 @@ def test_spikes():
     assert not Case(right.sample, other.pdf, "square").test(samples=200_000, alpha=EACH).passed
 
 
-@pytest.mark.slow
 def test_narrow_lobes_are_resolved():
     """All directions lie within half a degree, and the wrong spread is found in there."""
     right = (
@@ -409,7 +406,6 @@ def test_verdict_in_words():
     assert [moment.name for moment in verdict.moments] == ["x", "y", "xx", "xy", "yy"]
 
 
-@pytest.mark.slow
 def test_figure_on_failure(tmp_path):
     path = tmp_path / "failure.png"
     assert chi_square_test(*HEMISPHERE, **QUICK, figure=path).passed
@@ -421,7 +417,6 @@ def test_figure_on_failure(tmp_path):
     assert titles[:3] == ["observed density", "expected density", "difference"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("bug", [lambda p: dr.nan, lambda p: 0 * p.x, lambda p: -p.x])
 def test_figure_of_whatever_was_found(bug, tmp_path):
     for sample, domain in ((square_to_tent, "plane"), (square_to_cosine_hemisphere, "sphere")):
@@ -477,7 +472,6 @@ def test_bad_input(call, message):
         call()
 
 
-@pytest.mark.slow
 def test_a_verdict_is_drawn_without_the_rooms_above():
     """`verdict.figure()` needs nothing of `tofrender.vis`, which imports this room."""
     code = (

@@ -159,7 +159,6 @@ def test_black_texels_are_never_hit(levels):
     assert np.all(image[tuple(texels(corners, n))] > 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, 1, 7, 12])
 def test_an_even_image_leaves_points_where_they_are(levels):
     """All 24 bits of a sample survive twelve levels."""

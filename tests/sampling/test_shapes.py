@@ -227,7 +227,6 @@ def test_triangles_of_many_lanes():
 CAPS = [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cosine", CAPS)
 def test_cap_samples_and_density(cosine):
     height = 1 - cosine
@@ -325,7 +324,6 @@ def test_directions_from_the_surface_of_a_sphere():
     assert np.array(record.distance).max() < 5e-3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("origin", ORIGINS)
 @pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
 def test_records(shape, origin):
@@ -731,9 +729,7 @@ def squared(shape, o):
 WRONG_SPHERES = {
     "tangent for sine": lambda s: (
         lambda o, v, pdf: dr.select(
-            pdf > 0,
-            1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared(s, o)))),
-            0,
+            pdf > 0, 1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared(s, o)))), 0
         )
     ),
     "geometry factor": lambda s: (

@@ -97,10 +97,7 @@ def test_tent_inverts_its_cdf(u, t):
         (square_to_uniform_sphere, lambda u: 1 - 2 * u),
         (square_to_uniform_hemisphere, lambda u: 1 - u),
         (square_to_cosine_hemisphere, lambda u: math.sqrt(1 - u)),
-        (
-            lambda s: square_to_beckmann(s, 0.7),
-            lambda u: 1 / math.sqrt(1 - 0.49 * math.log(1 - u)),
-        ),
+        (lambda s: square_to_beckmann(s, 0.7), lambda u: 1 / math.sqrt(1 - 0.49 * math.log(1 - u))),
     ],
 )
 @pytest.mark.parametrize(("u", "v"), [(0.0, 0.3), (0.1, 0.0), (0.5, 0.25), (0.9, 0.7)])
@@ -250,7 +247,6 @@ def test_other_variants(variant):
 # ----------------------------------------------------------------------------- the statistics
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", CASES)
 def test_chi_square_moments_and_integral(name):
@@ -300,7 +296,6 @@ WRONG_WARPS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("bug", WRONG_DENSITIES)
 def test_wrong_density_is_found(name, bug):
@@ -318,7 +313,6 @@ def test_wrong_density_is_found(name, bug):
     assert verdict.passed == harmless, str(verdict)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("bug", WRONG_WARPS)
 def test_wrong_warp_is_found(name, bug):
@@ -335,7 +329,6 @@ def test_wrong_warp_is_found(name, bug):
     assert not verdict.passed
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_other_numbers_do_not_matter(name):
     """Flipped and sheared, the unit square is as uniform as before."""

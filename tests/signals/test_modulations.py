@@ -247,7 +247,6 @@ def test_hamiltonian_codes_are_longer_than_cosines(k):
 # -------------------------------------------------------------------------------- M-sequence
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("n_bits", range(2, 17))
 def test_m_sequence_autocorrelation(n_bits):
     """1 at no shift and -1/N at all others: only a sequence of the largest period has this."""
