@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import tofrender
 from tofrender.runtime.atomic import hidden
 from tofrender.runtime.checkpoints import Checkpoint
 
@@ -55,26 +54,34 @@ def names(folder: Path) -> list[str]:
     return sorted(os.listdir(folder))
 
 
+def check_kept(kept, done: int = 16, value: float = 1.0) -> None:
+    assert (kept.done, kept.of) == (done, 64)
+    expected = arrays(value)
+    assert kept.arrays.keys() == expected.keys()
+    for name, array in expected.items():
+        found = kept.arrays[name]
+        assert (found.dtype, found.shape) == (array.dtype, array.shape)
+        assert found.tobytes() == array.tobytes()
+
+
 # --------------------------------------------------------------------------------- what it keeps
 
 
-def test_what_is_saved_is_found(path):
-    kept = begun(saved(path))
-    assert (kept.done, kept.of) == (16, 64)
-    expected = arrays()
-    assert kept.arrays.keys() == expected.keys()
-    for name, value in expected.items():
-        assert kept.arrays[name].dtype == value.dtype
-        np.testing.assert_array_equal(kept.arrays[name], value)
-    assert names(path.parent) == [path.name]
+def test_what_was_saved_last_is_found(path):
+    checkpoint = made(path)
+    assert checkpoint.begin(WORK, 64, "samples") is None
+    assert names(path.parent) == []
+    for done in (8, 16, 24):
+        checkpoint.save(done, 64, arrays(done))
+        check_kept(begun(path), done, done)
+        assert names(path.parent) == [path.name]
 
 
 @pytest.mark.parametrize("wrong", [np.ones(6), np.ones((2, 3)), np.ones((1, 2, 3), np.float32)])
 def test_an_array_of_another_shape_or_type_is_damage(path, wrong):
     with np.load(saved(path)) as archive:
         np.savez(path, **{**archive, "light": wrong})
-    with pytest.warns(UserWarning, match="is damaged, starting anew"):
-        assert begun(path) is None
+    assert outcome(made(path)) == "anew"
 
 
 def test_earlier_files_name_their_arrays_only(path):
@@ -85,33 +92,11 @@ def test_earlier_files_name_their_arrays_only(path):
     assert begun(path).done == 16
 
 
-def test_the_last_saving_counts(path):
-    checkpoint = made(path)
-    checkpoint.begin(WORK, 64, "samples")
-    for done in (8, 16, 24):
-        checkpoint.save(done, 64, arrays(done))
-    kept = begun(path)
-    assert kept.done == 24
-    assert kept.arrays["light"].min() == 24
-    assert names(path.parent) == [path.name]
-
-
-def test_nothing_is_there_before_the_first_saving(path):
-    checkpoint = made(path)
-    assert checkpoint.begin(WORK, 64, "samples") is None
-    assert names(path.parent) == []
-
-
 def test_what_is_told(path):
     told = []
     saved(path)
     begun(path, of=128, tell=told.append)
     assert told == ["resuming from 16 of 128 samples"]
-
-
-def test_it_prints_by_default(path, capsys):
-    Checkpoint(saved(path)).begin(WORK, 64, "laser points")
-    assert capsys.readouterr().out == "resuming from 16 of 64 laser points\n"
 
 
 def test_seconds_add_up(path):
@@ -143,35 +128,22 @@ def test_remove(path):
     checkpoint.remove()  # Nothing is there to remove
 
 
-def test_of():
-    assert Checkpoint.of(None) is None
-    checkpoint = Checkpoint("a.npz")
-    assert Checkpoint.of(checkpoint) is checkpoint
-    assert Checkpoint.of("a.npz").path.name == "a.npz"
-    assert Checkpoint.of(Path("a.npz")).path.name == "a.npz"
-
-
 # ------------------------------------------------------------------------------------- how often
 
 
 def test_it_is_due_after_its_seconds(path, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    monkeypatch.setattr(time, "time", lambda: now[0])
+    for clock in ("monotonic", "perf_counter", "time"):
+        monkeypatch.setattr(time, clock, lambda: now[0])
     checkpoint = made(path, seconds=30)
     checkpoint.begin(WORK, 64, "samples")
-    assert not checkpoint.due
-    now[0] += 29
-    assert not checkpoint.due
-    now[0] += 2
-    assert checkpoint.due
-    checkpoint.save(16, 64, arrays())
-    assert not checkpoint.due
-    now[0] += 29
-    assert not checkpoint.due
-    now[0] += 2
-    assert checkpoint.due
+    for _ in range(2):
+        due = [checkpoint.due]
+        for later in (29, 2):
+            now[0] += later
+            due.append(checkpoint.due)
+        assert due == [False, False, True]
+        checkpoint.save(16, 64, arrays())
 
 
 def test_slow_savings_are_rare(path, monkeypatch):
@@ -195,56 +167,39 @@ def test_slow_savings_are_rare(path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
+    ("recipe", "text"),
     [
-        ({"seed": 4}, "seed = 3; must be 4"),
-        ({"scene": "bunny"}, "scene = 'box'; must be 'bunny'"),
-        ({"at": 0.2}, r"at = 0\.1; must be 0\.2"),
-        ({"places": [1, 3]}, "places"),
-        ({"what": 1}, "what"),
-        ({"more": 1}, "more"),
+        (WORK | {"seed": 4}, "seed = 3; must be 4"),
+        (WORK | {"scene": "bunny"}, "scene = 'box'; must be 'bunny'"),
+        (WORK | {"at": float(np.nextafter(0.1, 1))}, r"at = 0\.1; must be 0\.1000000000"),
+        (WORK | {"places": [1, 3]}, "places"),
+        (WORK | {"what": 1}, "what"),
+        (WORK | {"more": 1}, "more"),
+        ({name: value for name, value in WORK.items() if name != "seed"}, "seed"),
     ],
 )
-def test_other_work_is_refused(path, change, text):
+def test_other_work_is_refused(path, recipe, text):
     saved(path)
     before = path.read_bytes()
     with pytest.raises(ValueError, match=text) as error:
-        begun(path, WORK | change)
+        begun(path, recipe)
     assert "\n" not in str(error.value)
     assert str(path) in str(error.value)
     assert path.read_bytes() == before
-
-
-def test_less_to_say_is_other_work(path):
-    saved(path)
-    with pytest.raises(ValueError, match="seed") as error:
-        begun(path, {name: value for name, value in WORK.items() if name != "seed"})
-    assert "\n" not in str(error.value)
-
-
-def test_numbers_are_compared_exactly(path):
-    saved(path)
-    with pytest.raises(ValueError, match="at = "):
-        begun(path, WORK | {"at": float(np.nextafter(0.1, 1))})
     assert begun(path, WORK | {"places": (1, 2)}).done == 16  # JSON has no tuples
 
 
-def test_more_done_than_wanted_is_refused(path):
-    saved(path, done=32)
-    with pytest.raises(ValueError, match="32") as error:
-        begun(path, of=16)
-    assert "16" in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_what_is_all_done_is_found(path):
-    saved(path, done=64)
-    assert begun(path).done == 64
+class Trap:
+    def __reduce__(self):
+        return (pytest.fail, ("a pickle was read",))
 
 
 @pytest.mark.parametrize(
     "foreign",
-    [b"", b"no archive", np.zeros(4), {"light": np.zeros(3)}, {"tofrender": np.array("[1]")}],
+    [
+        *(b"", b"no archive", np.zeros(4), {"light": np.zeros(3)}, {"tofrender": np.array("[1]")}),
+        {"tofrender": np.array([Trap()], dtype=object)},
+    ],
 )
 def test_what_is_no_checkpoint_is_not_gone_on_with(path, foreign):
     if isinstance(foreign, bytes):
@@ -254,19 +209,7 @@ def test_what_is_no_checkpoint_is_not_gone_on_with(path, foreign):
     else:
         with path.open("wb") as file:
             np.save(file, foreign)
-    with pytest.warns(UserWarning, match="starting anew") as caught:
-        assert begun(path) is None
-    assert all("\n" not in str(each.message) for each in caught)
-
-
-def test_pickles_are_not_read(path):
-    class Trap:
-        def __reduce__(self):
-            return (pytest.fail, ("a pickle was read",))
-
-    np.savez(path, tofrender=np.array([Trap()], dtype=object))
-    with pytest.warns(UserWarning, match="starting anew"):
-        assert begun(path) is None
+    assert outcome(made(path)) == "anew"
 
 
 # ---------------------------------------------------------------------------------- damage
@@ -274,15 +217,13 @@ def test_pickles_are_not_read(path):
 
 def outcome(checkpoint: Checkpoint):
     """Kept work, or "anew" if the file is damaged and says so."""
-    path = checkpoint.path
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         kept = checkpoint.begin(WORK, 64, "samples")
     if kept is None:
-        assert len(caught) == 1
-        assert caught[0].category is UserWarning
-        assert str(path) in str(caught[0].message)
-        assert "\n" not in str(caught[0].message)
+        (said,) = caught
+        assert said.category is UserWarning
+        assert str(said.message) == f"{checkpoint.path}: is damaged, starting anew"
         return "anew"
     assert not caught
     return kept
@@ -296,14 +237,8 @@ def damaged_ones_found(path: Path, contents) -> int:
         found = outcome(checkpoint)
         if found == "anew":
             noticed += 1
-            continue
-        assert (found.done, found.of) == (16, 64)
-        expected = arrays()
-        assert found.arrays.keys() == expected.keys()
-        for name, value in expected.items():
-            assert found.arrays[name].dtype == value.dtype
-            assert found.arrays[name].shape == value.shape
-            assert found.arrays[name].tobytes() == value.tobytes()
+        else:
+            check_kept(found)
     return noticed
 
 
@@ -383,17 +318,6 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
             checkpoint.save(32, 64, arrays())
 
 
-def test_a_folder_that_goes_away_is_a_warning(tmp_path):
-    folder = tmp_path / "gone"
-    folder.mkdir()
-    checkpoint = made(folder / "work.npz")
-    checkpoint.begin(WORK, 64, "samples")
-    folder.rmdir()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        checkpoint.save(16, 64, arrays())
-
-
 # --------------------------------------------------------------------------------- arguments
 
 
@@ -402,12 +326,8 @@ def test_a_folder_that_goes_away_is_a_warning(tmp_path):
     [
         ("a.txt", {}, r"checkpoint.*a\.txt.*\.npz"),
         ("a", {}, r"\.npz"),
-        (3, {}, "3"),
-        (None, {}, "None"),
         ("a.npz", {"seconds": 0}, "seconds = 0"),
-        ("a.npz", {"seconds": -1}, "seconds = -1"),
         ("a.npz", {"seconds": float("nan")}, "seconds = nan"),
-        ("a.npz", {"seconds": "often"}, "seconds = 'often'"),
     ],
 )
 def test_bad_arguments(monkeypatch, tmp_path, path, options, text):
@@ -416,12 +336,3 @@ def test_bad_arguments(monkeypatch, tmp_path, path, options, text):
         Checkpoint(path, **options)
     assert "\n" not in str(error.value)
     assert names(tmp_path) == []
-
-
-@pytest.mark.parametrize("checkpoint", ["a.txt", 3, {"path": "a.npz"}])
-def test_functions_refuse_what_is_no_checkpoint(monkeypatch, tmp_path, checkpoint):
-    monkeypatch.chdir(tmp_path)
-    scene = tofrender.cornell_box(width=4, height=4)
-    with pytest.raises(ValueError, match=r"^checkpoint = ") as error:
-        tofrender.render(scene, spp=1, checkpoint=checkpoint)
-    assert "\n" not in str(error.value)
