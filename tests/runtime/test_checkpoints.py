@@ -99,16 +99,6 @@ def test_what_is_told(path):
     assert told == ["resuming from 16 of 128 samples"]
 
 
-def test_seconds_add_up(path):
-    for done in (8, 16):
-        checkpoint = made(path)
-        checkpoint.begin(WORK, 64, "samples")
-        time.sleep(0.1)
-        checkpoint.save(done, 64, arrays())
-    time.sleep(0.2)  # Nobody works
-    assert 0.2 <= begun(path).seconds < 0.35
-
-
 def test_without_resume_it_starts_anew(path):
     """And what was there stays until something takes its place."""
     saved(path, done=32)
@@ -185,6 +175,8 @@ def test_other_work_is_refused(path, recipe, text):
         begun(path, recipe)
     assert "\n" not in str(error.value)
     assert str(path) in str(error.value)
+    with pytest.raises(ValueError, match="has 16 samples, must have at most 8"):
+        begun(path, of=8)
     assert path.read_bytes() == before
     assert begun(path, WORK | {"places": (1, 2)}).done == 16  # JSON has no tuples
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import ALPHA, COMPARISONS, agree, largest
+from helpers.support import ALPHA, COMPARISONS, largest
 
 from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
 from tofrender.sampling.histograms import pearson
@@ -47,9 +46,9 @@ IMAGES = {
 }
 
 
-def uniform(n: int, seed: int = 0) -> mi.Point2f:
+def uniform(n: int) -> mi.Point2f:
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, n)
+    sampler.seed(0, n)
     return sampler.next_2d()
 
 
@@ -66,9 +65,9 @@ def p_value(observed: np.ndarray, expected: np.ndarray) -> float:
     return 1 - mi.math_py.rlgamma(freedom / 2, chi2 / 2) if freedom > 0 else 1.0
 
 
-def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000, seed: int = 0):
+def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000):
     """Of the number of points in each texel of the image."""
-    row, column = texels(warp.sample(uniform(n, seed)), len(image))
+    row, column = texels(warp.sample(uniform(n)), len(image))
     observed = np.bincount(row * len(image) + column, minlength=image.size)
     return p_value(observed, n * image.ravel() / image.sum())
 
@@ -90,32 +89,6 @@ def test_points_are_even_within_texels(name):
     cells = (np.floor(within[0] * 16) * 16 + np.floor(within[1] * 16)).astype(int)
     observed = np.bincount(cells, minlength=256)
     assert p_value(observed, np.full(256, 200_000 / 256)) > BOUND
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("name", ["80/20", "probe"])
-def test_samples_follow_the_density(name):
-    warp = HierarchicalWarp(IMAGES[name])
-    verdict = chi_square_test(warp.sample, warp.pdf, "square", **SIZE)
-    assert verdict.passed, verdict
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda warp: lambda p: warp.pdf(mi.Point2f(p.y, p.x)),
-        lambda warp: lambda p: warp.pdf(mi.Point2f(p.x, 1 - p.y)),
-        lambda warp: lambda p: warp.pdf(p) / warp.size,
-        lambda warp: lambda p: dr.maximum(warp.pdf(p), 0.1),
-        lambda warp: lambda p: dr.sqrt(warp.pdf(p)),
-    ],
-    ids=["transposed", "upside down", "scaled", "floor", "gamma"],
-)
-def test_a_wrong_density_is_found(wrong):
-    warp = HierarchicalWarp(IMAGES["probe"])
-    verdict = chi_square_test(warp.sample, wrong(warp), "square", **SIZE)
-    assert not verdict.passed
 
 
 @pytest.mark.statistical
@@ -167,14 +140,6 @@ def test_an_even_image_leaves_points_where_they_are(levels):
     assert np.max(np.abs(np.array(p) - np.array(u))) <= 2.0**-24
 
 
-def test_orientation():
-    """x runs over columns to the right, y over rows down."""
-    image = np.zeros((4, 4))
-    image[0, 3] = 1
-    p = HierarchicalWarp(image).sample(mi.Point2f(0.5, 0.25))
-    assert np.array(p).ravel() == pytest.approx([3.5 / 4, 0.25 / 4])
-
-
 def test_stratified_samples_stay_stratified():
     """What is left of a sample goes on: a grid of points gives each texel its share exactly."""
     x, y = np.meshgrid((np.arange(40) + 0.5) / 40, (np.arange(40) + 0.5) / 40)
@@ -184,9 +149,8 @@ def test_stratified_samples_stay_stratified():
 
 
 def test_values_near_the_largest_double_do_not_overflow():
-    assert HierarchicalWarp([[1e308, 1e308], [1e308, 0]]).pdf(mi.Point2f(0.1))[0] == pytest.approx(
-        4 / 3
-    )
+    warp = HierarchicalWarp([[1e308, 1e308], [1e308, 0]])
+    assert warp.pdf(mi.Point2f(0.1))[0] == pytest.approx(4 / 3)
 
 
 def test_symbolic_loops():
@@ -205,9 +169,8 @@ def test_symbolic_loops():
         assert np.array(a) == pytest.approx(np.array(b))
 
 
-@pytest.mark.parametrize("variant", ["llvm_ad_mono"])
-def test_other_variants(variant):
-    mi.set_variant(variant)
+def test_monochrome():
+    mi.set_variant("llvm_ad_mono")
     warp = HierarchicalWarp(IMAGES["80/20"])
     assert image_p_value(warp, IMAGES["80/20"]) > BOUND
     image = np.stack([probe(16), 2 * probe(16), 0 * probe(16)], axis=-1)
@@ -241,12 +204,6 @@ def test_resizing_keeps_the_mean_and_the_black(shape):
     )
     touched = [[image[np.ix_(row, column)].any() for column in columns] for row in rows]
     assert np.array_equal(finer > 0, touched)
-
-
-def test_powers_of_two_do_not_warn():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        HierarchicalWarp(np.ones((8, 8)))
 
 
 # -------------------------------------------------------------------------------- images
@@ -321,9 +278,9 @@ def test_samples_off_the_square_fail_in_debug_mode():
 # -------------------------------------------------------------------------------- environment
 
 
-def directions(n: int, seed: int = 0) -> mi.Vector3f:
+def directions(n: int) -> mi.Vector3f:
     """Some of them near the poles; nearer, the cosine that Mitsuba uses has no digits left."""
-    d = np.random.default_rng(seed).normal(size=(3, n))
+    d = np.random.default_rng(0).normal(size=(3, n))
     d[:, :3] = np.array([[0.02, 1, 0], [1, 0, 0], [0.02, -1, 0.01]]).T
     d /= np.linalg.norm(d, axis=0)
     return mi.Vector3f(*(mi.Float(each) for each in d))
@@ -337,8 +294,8 @@ def envmap(image: np.ndarray, d: mi.Vector3f) -> np.ndarray:
     return np.array(emitter.eval(si))
 
 
-def sky(shape: tuple[int, int], seed: int = 1) -> np.ndarray:
-    return np.random.default_rng(seed).random((*shape, 3)) ** 3
+def sky(shape: tuple[int, int]) -> np.ndarray:
+    return np.random.default_rng(1).random((*shape, 3)) ** 3
 
 
 @pytest.mark.parametrize("shape", [(8, 16), (5, 7), (3, 2), (100, 200)])
@@ -360,43 +317,21 @@ def test_environment_samples_follow_the_density(shape):
     assert verdict.passed, verdict
 
 
+WRONG = {
+    "sine": lambda d, pdf: pdf(d) * dr.norm(mi.Vector2f(d.x, d.z)) * (4 / math.pi),
+    "upside down": lambda d, pdf: pdf(mi.Vector3f(d.x, -d.y, d.z)),
+    "mirrored": lambda d, pdf: pdf(mi.Vector3f(-d.x, d.y, d.z)),
+    "scale": lambda d, pdf: pdf(d) * (2 * math.pi),
+}
+
+
 @pytest.mark.statistical
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda light: lambda d: light.pdf(d) * dr.norm(mi.Vector2f(d.x, d.z)) * (4 / math.pi),
-        lambda light: lambda d: light.pdf(mi.Vector3f(d.x, -d.y, d.z)),
-        lambda light: lambda d: light.pdf(mi.Vector3f(-d.x, d.y, d.z)),
-        lambda light: lambda d: light.pdf(d) * (2 * math.pi),
-    ],
-    ids=["sine", "upside down", "mirrored", "scale"],
-)
-def test_a_wrong_environment_density_is_found(wrong):
+@pytest.mark.parametrize("bug", WRONG)
+def test_a_wrong_environment_density_is_found(bug):
     light = EnvironmentWarp(sky((8, 16)))
     sample = lambda u: light.sample(u)[0]  # noqa: E731
-    assert not chi_square_test(sample, wrong(light), "sphere", **SIZE).passed
-
-
-@pytest.mark.statistical
-def test_environment_lights_a_surface_as_in_mitsuba():
-    """Irradiance of a tilted surface, by our samples and by Mitsuba's."""
-    image, n = sky((6, 12)), 1 << 14
-    normal = mi.Normal3f(0.48, 0.6, -0.64)
-    light = EnvironmentWarp(image)
-    emitter = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(image.astype(np.float32))})
-
-    def ours(seed: int) -> np.ndarray:
-        d, pdf = light.sample(uniform(n, seed))
-        return np.array(dr.mean(dr.maximum(dr.dot(d, normal), 0) * light.eval(d) / pdf, axis=1))
-
-    def mitsubas(seed: int) -> np.ndarray:
-        it = dr.zeros(mi.Interaction3f, n)
-        ds, weight = emitter.sample_direction(it, uniform(n, seed))
-        return np.array(dr.mean(dr.maximum(dr.dot(ds.d, normal), 0) * weight, axis=1))
-
-    a, b = ([f(s) for s in range(k, k + 12)] for f, k in ((ours, 0), (mitsubas, 100)))
-    assert agree(np.squeeze(a), np.squeeze(b))
-    assert not agree(np.squeeze(a) * 1.05, np.squeeze(b))
+    wrong = lambda d: WRONG[bug](d, light.pdf)  # noqa: E731
+    assert not chi_square_test(sample, wrong, "sphere", **SIZE).passed
 
 
 def test_environment_density_is_finite_and_its_weights_are_bounded():

@@ -8,7 +8,17 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import COMPARISONS, agree, over_seeds, rotate, translate, unit
+from helpers.support import (
+    COMPARISONS,
+    agree,
+    area_light,
+    load,
+    over_seeds,
+    plane,
+    rotate,
+    translate,
+    unit,
+)
 
 from tofrender.sampling import (
     Quad,
@@ -29,15 +39,12 @@ TILT = translate(0.3, -0.4, 1.5) @ rotate((0.6, 0.8, 0), 50)
 QUAD = Quad((1, 2), emission=(1, 2, 3), transform=TILT)
 TRIANGLE = Triangle([0, 0, 2], [1, 0, 1], [0.2, 1, 1.5], emission=2)
 ORIGINS = {"below": (0, 0, 0), "near": (0.4, -0.2, 1.2), "behind": (0, 0, 4.5), "side": (-3, 2, 1)}
+MOVED = translate(0, 0, 1) @ rotate((0.6, 0, 0.8), 40) @ mi.ScalarTransform4f().scale(2)
 SPHERES = {
     "plain": Sphere((0, 0, 3), 1, emission=2),
-    "moved": Sphere(
-        (0, 1, 0),
-        0.5,
-        emission=1,
-        transform=translate(0, 0, 1) @ rotate((0.6, 0, 0.8), 40) @ mi.ScalarTransform4f().scale(2),
-    ),
+    "moved": Sphere((0, 1, 0), 0.5, emission=1, transform=MOVED),
 }
+SHAPES = [QUAD, TRIANGLE, *SPHERES.values()]
 
 
 def uniform(n: int, seed: int = 0) -> mi.Point2f:
@@ -56,22 +63,19 @@ def numpy(array, n: int = 1) -> np.ndarray:
     return np.array(array + dr.zeros(mi.Float, n), dtype=np.float64).T
 
 
-def verdict(shape, o, domain, *, samples: int = 50_000, seed: int = 0, resolution: int = 24):
+def chi_square(sample, pdf, domain, **options):
+    options = {"samples": 50_000, "resolution": 24, "tests": COMPARISONS} | options
+    return chi_square_test(sample, pdf, domain, **options)
+
+
+def verdict(shape, o, domain=None):
     """The chi-square test of a shape's directions from `o`."""
 
     def sample(u):
         record = shape.sample(point(o, dr.width(u)), u)
         return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
 
-    return chi_square_test(
-        sample,
-        lambda v: shape.pdf(point(o), v),
-        domain,
-        samples=samples,
-        resolution=resolution,
-        seed=seed,
-        tests=COMPARISONS,
-    )
+    return chi_square(sample, lambda v: shape.pdf(point(o), v), domain or domain_of(shape, o))
 
 
 def patch_domain(patch, o) -> Domain:
@@ -144,14 +148,12 @@ def cone_domain(axis, sin_theta_max: float) -> Domain:
     )
 
 
-def sphere_domain(sphere, o) -> Domain:
-    to_centre = sphere.centre - np.array(o)
-    far = np.linalg.norm(to_centre)
-    return cone_domain(to_centre, sphere.radius / far) if far > sphere.radius else all_directions()
-
-
 def domain_of(shape, o) -> Domain:
-    return sphere_domain(shape, o) if isinstance(shape, Sphere) else patch_domain(shape, o)
+    if not isinstance(shape, Sphere):
+        return patch_domain(shape, o)
+    to_centre = shape.centre - np.array(o)
+    far = np.linalg.norm(to_centre)
+    return cone_domain(to_centre, shape.radius / far) if far > shape.radius else all_directions()
 
 
 # ------------------------------------------------------------------------- triangles and caps
@@ -159,44 +161,53 @@ def domain_of(shape, o) -> Domain:
 CORNERS = ([0, 0, 0], [1, 1, 1], [0.5, 1, 2])
 
 
-def test_triangle_moments():
-    """Mean (v0 + v1 + v2) / 3; E[b_i b_j] = (1 + [i = j]) / 12."""
-    p = numpy(sample_triangle(*CORNERS, uniform(1 << 18)))
-    v = np.array(CORNERS, dtype=np.float64)
-    second = v.T @ ((np.ones((3, 3)) + np.eye(3)) / 12) @ v
-    assert p.mean(axis=0) == pytest.approx(v.mean(axis=0), abs=4e-3)
-    assert p.T @ p / len(p) == pytest.approx(second, abs=6e-3)
+FLAT = ([0, 0, 0], [1, 0, 0], [0.25, 1, 0])  # In z = 0, where the test counts
+CAP = math.cos(1.0)
+
+
+def flat_triangle(u):
+    p = sample_triangle(*FLAT, u)
+    return mi.Point2f(p.x, p.y)
+
+
+def flat_triangle_pdf(p):
+    return sample_triangle_pdf(mi.Point3f(p.x, p.y, 0), *FLAT)
+
+
+def even_angles(u):
+    """A cap whose theta, instead of its cosine, is drawn evenly."""
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
+    sin_theta, cos_theta = dr.sincos(u.x)
+    return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
+
+
+DRAWN = {
+    "triangle": (
+        {"domain": "square", "resolution": 48, "expected_moments": {"y": 1 / 3}},
+        (flat_triangle, flat_triangle_pdf),
+        lambda u: flat_triangle(mi.Point2f(u.x * (2 - u.x), u.y)),  # b1 = u, not 1 - sqrt(1 - u)
+        lambda p: 0.5 * flat_triangle_pdf(p),
+    ),
+    "cap": (
+        {
+            "domain": cone_domain([0, 0, 1], math.sin(1.0)),
+            "expected_moments": {"z": (1 + CAP) / 2},
+        },
+        (lambda u: sample_sphere_cap(u, CAP), lambda v: sample_sphere_cap_pdf(v, CAP)),
+        even_angles,
+        lambda v: dr.select(sample_sphere_cap_pdf(v, CAP) > 0, 1 / (4 * math.pi), 0),
+    ),
+}
 
 
 @pytest.mark.statistical
-def test_triangle_samples_follow_the_density():
-    """In z = 0, where the test counts; the density is 0 over half of the square."""
-    corners = ([0, 0, 0], [1, 0, 0], [0.25, 1, 0])
-
-    def flat(u):
-        p = sample_triangle(*corners, u)
-        return mi.Point2f(p.x, p.y)
-
-    def pdf(p):
-        return sample_triangle_pdf(mi.Point3f(p.x, p.y, 0), *corners)
-
-    run = lambda sample, pdf: chi_square_test(  # noqa: E731
-        sample,
-        pdf,
-        "square",
-        samples=50_000,
-        resolution=48,
-        tests=COMPARISONS,
-        expected_moments={"y": 1 / 3},
-    )
-    assert run(flat, pdf).passed, run(flat, pdf)
-
-    def crowded(u):  # b1 = u instead of 1 - sqrt(1 - u)
-        p = sample_triangle(*corners, mi.Point2f(u.x * (2 - u.x), u.y))
-        return mi.Point2f(p.x, p.y)
-
-    assert not run(crowded, pdf).passed
-    assert not run(flat, lambda p: 0.5 * pdf(p)).passed
+@pytest.mark.parametrize("name", DRAWN)
+def test_samples_follow_the_density_and_bugs_are_found(name):
+    options, (sample, pdf), wrong_sample, wrong_pdf = DRAWN[name]
+    right = chi_square(sample, pdf, **options)
+    assert right.passed, right
+    assert not chi_square(wrong_sample, pdf, **options).passed
+    assert not chi_square(sample, wrong_pdf, **options).passed
 
 
 def test_triangle_density():
@@ -224,10 +235,7 @@ def test_triangles_of_many_lanes():
     assert np.array(sample_triangle_pdf(p, *far)).min() > 0
 
 
-CAPS = [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9]
-
-
-@pytest.mark.parametrize("cosine", CAPS)
+@pytest.mark.parametrize("cosine", [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9])
 def test_cap_samples_and_density(cosine):
     height = 1 - cosine
     v = numpy(sample_sphere_cap(uniform(1 << 16), cosine))
@@ -247,32 +255,6 @@ def test_cap_samples_and_density(cosine):
     assert np.array(sample_sphere_cap_pdf(ends, cosine)).min() > 0
 
 
-@pytest.mark.statistical
-def test_cap_chi_square():
-    cosine = math.cos(1.0)
-    domain = cone_domain([0, 0, 1], math.sin(1.0))
-    run = lambda sample, pdf: chi_square_test(  # noqa: E731
-        sample,
-        pdf,
-        domain,
-        samples=50_000,
-        resolution=24,
-        tests=COMPARISONS,
-        expected_moments={"z": (1 + cosine) / 2},
-    )
-    right = lambda u: sample_sphere_cap(u, cosine)  # noqa: E731
-    pdf = lambda v: sample_sphere_cap_pdf(v, cosine)  # noqa: E731
-    assert run(right, pdf).passed, run(right, pdf)
-
-    def even_angles(u):  # theta instead of its cosine drawn evenly
-        sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
-        sin_theta, cos_theta = dr.sincos(u.x)
-        return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
-
-    assert not run(even_angles, pdf).passed
-    assert not run(right, lambda v: dr.select(pdf(v) > 0, 1 / (4 * math.pi), 0)).passed
-
-
 def test_cap_of_one_direction_and_arrays():
     assert np.array(sample_sphere_cap(mi.Point2f(0.7, 0.2), 1.0)).ravel() == pytest.approx(
         [0, 0, 1]
@@ -288,10 +270,9 @@ def test_cap_of_one_direction_and_arrays():
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("origin", ORIGINS)
-@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+@pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_directions_follow_the_density(shape, origin):
-    o = ORIGINS[origin]
-    result = verdict(shape, o, domain_of(shape, o))
+    result = verdict(shape, ORIGINS[origin])
     assert result.passed, result
 
 
@@ -300,8 +281,11 @@ def test_directions_follow_the_density(shape, origin):
 def test_directions_from_inside_a_sphere(o):
     """All directions, with the density 1 / (4 pi)."""
     sphere = SPHERES["plain"]
-    result = verdict(sphere, o, "sphere")
+    result = verdict(sphere, o)
     assert result.passed, result
+    # The cone's formula, cut where its root is negative, would give the hemisphere
+    half = with_pdf(sphere, lambda o, v, pdf: mi.Float(1 / (2 * math.pi)))
+    assert not verdict(half, o, "sphere").passed
     record = sphere.sample(point(o, 1000), uniform(1000))
     assert np.array(record.pdf) == pytest.approx(1 / (4 * math.pi))
     assert np.array(record.valid).all()
@@ -314,7 +298,7 @@ def test_directions_from_inside_a_sphere(o):
 @pytest.mark.statistical
 def test_directions_from_the_surface_of_a_sphere():
     """The half of them that enters is valid."""
-    result = verdict(SPHERES["plain"], (0, 0, 2), "sphere")
+    result = verdict(SPHERES["plain"], (0, 0, 2))
     assert result.passed, result
     assert result.valid == pytest.approx(0.5, abs=0.02)
     assert result.pdf_integral == pytest.approx(0.5, abs=2e-3)
@@ -325,7 +309,7 @@ def test_directions_from_the_surface_of_a_sphere():
 
 
 @pytest.mark.parametrize("origin", ORIGINS)
-@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+@pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_records(shape, origin):
     """What a record says of itself, and what the ray in its direction says, are the same."""
     o = point(ORIGINS[origin], 2000)
@@ -359,7 +343,7 @@ def test_records(shape, origin):
     assert not np.any(np.array(behind.weight))
 
 
-@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+@pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_edges_of_the_unit_square_are_finite(shape):
     u = mi.Point2f([0, 0, 1, 1, 0.5], [0, 1, 0, 1, 0])
     origins = [*ORIGINS.values(), (0, 0, 3), (0, 0, 2)]
@@ -428,7 +412,7 @@ def test_monochrome(variant):
     record = QUAD.sample(point((0, 0, 4)), mi.Point2f(0.5))
     luminance = 0.212671 * 1 + 0.715160 * 2 + 0.072169 * 3
     assert np.array(record.radiance).ravel() == pytest.approx([luminance])
-    group = SurfaceGroup([QUAD, TRIANGLE, *SPHERES.values()])
+    group = SurfaceGroup(SHAPES)
     assert np.isfinite(np.array(group.sample(point((0, 0, 4)), mi.Point2f(0.5)).weight)).all()
 
 
@@ -481,18 +465,20 @@ def test_solid_angle_of_patches(patch, origin):
 
 
 @pytest.mark.statistical
-def test_irradiance_of_patches():
-    for patch, o in ((Quad((1, 2), emission=1, transform=TILT), (0, 0, 4)), (TRIANGLE, (1, 1, -1))):
-        n = unit(patch.corner + 0.3 * patch.e0 + 0.3 * patch.e1 - np.array(o))
-        exact = patch.emission[0] * polygon_irradiance(corners_of(patch), o, n)
-        means = over_seeds(lambda seed: irradiance(patch, o, n, seed), range(16))  # noqa: B023
-        # Mitsuba's rule of sides: light where the normal is, none behind
-        lit = (np.array(o) - patch.corner) @ patch.normal > 0
+@pytest.mark.parametrize(
+    ("patch", "o"), [(Quad((1, 2), emission=1, transform=TILT), (0, 0, 4)), (TRIANGLE, (1, 1, -1))]
+)
+def test_irradiance_of_patches(patch, o):
+    """Mitsuba's rule of sides: light where the normal is, none behind."""
+    n = unit(patch.corner + 0.3 * patch.e0 + 0.3 * patch.e1 - np.array(o))
+    exact = patch.emission[0] * polygon_irradiance(corners_of(patch), o, n)
+    away = (np.array(o) - patch.corner) @ patch.normal
+    mirrored = np.array(o) - 2 * away * patch.normal
+    back = n - 2 * (n @ patch.normal) * patch.normal
+    sides = [(o, n), (mirrored, back)]
+    for lit, (at, normal) in zip((True, False), sides if away > 0 else sides[::-1], strict=True):
+        means = over_seeds(lambda seed: irradiance(patch, at, normal, seed), range(16))  # noqa: B023
         assert agree(means, np.array(exact)) if lit else not means.any()
-        mirrored = np.array(o) - 2 * ((np.array(o) - patch.corner) @ patch.normal) * patch.normal
-        back = n - 2 * (n @ patch.normal) * patch.normal
-        means = over_seeds(lambda seed: irradiance(patch, mirrored, back, seed), range(16))  # noqa: B023
-        assert not means.any() if lit else agree(means, np.array(exact))
 
 
 @pytest.mark.statistical
@@ -506,22 +492,9 @@ def test_irradiance_of_a_sphere(radius):
     means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), n, seed), range(16))
     assert agree(means, np.array(exact))
     assert not agree(means, np.array(1.05 * exact))
-
-
-@pytest.mark.statistical
-def test_spheres_of_equal_power_differ_in_time_only():
-    """Equal irradiance; but a larger sphere's nearest points are nearer."""
-    spheres = [Sphere((0, 0, 3), r, emission=1 / r**2) for r in (0.05, 0.5, 1.5)]
-    for sphere in spheres:
-        means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), (0, 0, 1), seed), range(16))  # noqa: B023
-        assert agree(means, np.array(math.pi / 9))
-    ranges = []
-    for sphere in spheres:
-        distance = np.array(sphere.sample(point((0, 0, 0), 4096), uniform(4096)).distance)
-        ranges.append((distance.min(), distance.max()))
-    for (first, last), radius in zip(ranges, (0.05, 0.5, 1.5), strict=True):
-        assert first == pytest.approx(3 - radius, rel=1e-2)
-        assert last == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
+    distance = np.array(sphere.sample(point((0, 0, 0), 4096), uniform(4096)).distance)
+    assert distance.min() == pytest.approx(3 - radius, rel=1e-2)
+    assert distance.max() == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
 
 
 # ------------------------------------------------------------------------- groups
@@ -574,34 +547,35 @@ def test_directions_of_groups_follow_the_density(group):
 
 
 @pytest.mark.statistical
-def test_integral_of_a_groups_density():
+@pytest.mark.parametrize(("o", "exact"), [(ORIGINS["below"], 1.0), ((0, 0, 2), 1 - 0.5 / 2)])
+def test_integral_of_a_groups_density(o, exact):
     """1 from outside; from the surface of a sphere, its share of half is lost."""
-    for o, exact in ((ORIGINS["below"], 1), ((0, 0, 2), 1 - 0.5 / 2)):
-        group = SurfaceGroup([QUAD, SPHERES["plain"]])
+    group = SurfaceGroup([QUAD, SPHERES["plain"]])
 
-        def estimate(seed: int, o=o, group=group) -> float:
-            v = mi.warp.square_to_uniform_sphere(uniform(1 << 16, seed))
-            return float(np.mean(np.array(group.pdf(point(o, 1 << 16), v))) * 4 * math.pi)
+    def estimate(seed: int) -> float:
+        v = mi.warp.square_to_uniform_sphere(uniform(1 << 16, seed))
+        return float(np.mean(np.array(group.pdf(point(o, 1 << 16), v))) * 4 * math.pi)
 
-        means = over_seeds(estimate, range(16))
-        assert agree(means, np.array(float(exact)))
-        assert not agree(means, np.array(1.1 * exact))
+    means = over_seeds(estimate, range(16))
+    assert agree(means, np.array(exact))
+    assert not agree(means, np.array(1.1 * exact))
 
 
 def test_a_near_light_hides_a_far_one():
     """Two spheres of one solid angle: only the near one's radiance arrives."""
     near, far = Sphere((0, 0, 2), 0.5, emission=1), Sphere((0, 0, 8), 2, emission=7)
+    o, u = point((0, 0, 0), 4000), uniform(4000)
     for shapes in ([near, far], [far, near]):
         group = SurfaceGroup(shapes)
-        record = group.sample(point((0, 0, 0), 4000), uniform(4000))
+        record = group.sample(o, u)
         on_near = np.array(record.distance) < 3
         assert on_near.mean() > 0.998  # But for the rounding of their common edge
         assert np.array(record.radiance)[0] == pytest.approx(np.where(on_near, 1, 7))
         assert np.array(visible(group, record)).all()
-    record = far.sample(point((0, 0, 0), 4000), uniform(4000))
+    record = far.sample(o, u)
     assert np.array(visible(group, record)).mean() < 0.002
     assert np.array(visible(far, record)).all()
-    assert np.array(visible(near, near.sample(point((0, 0, 0), 4000), uniform(4000)))).all()
+    assert np.array(visible(near, near.sample(o, u))).all()
 
 
 def test_the_dark_side_of_a_light_hides_others():
@@ -613,35 +587,25 @@ def test_the_dark_side_of_a_light_hides_others():
     assert np.array(record.valid).all()
 
 
-def test_groups_of_one_are_the_shape():
-    for shape in (QUAD, SPHERES["plain"]):
-        o, u = point((0, 0, 4.5), 100), uniform(100)
-        a, b = SurfaceGroup([shape]).sample(o, u), shape.sample(o, u)
-        for name in ("p", "d", "pdf", "weight"):
-            assert np.array(getattr(a, name)) == pytest.approx(np.array(getattr(b, name)))
-
-
 def test_visibility_in_a_scene():
     """A wall hides, the light itself does not, and a light nearer by does."""
-    area = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
+    area = area_light(1.0)
     parts = {
-        "floor": {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(20)},
+        "floor": plane(size=20),
         "wall": {"type": "rectangle", "to_world": translate(-3, 0, 2)},
         "near": {"type": "sphere", "center": [2, 0, 2], "radius": 0.4, "emitter": area},
         "far": {"type": "sphere", "center": [4, 0, 4], "radius": 0.8, "emitter": area},
         "lamp": {"type": "rectangle", "to_world": translate(0, 3, 2), "emitter": area},
     }
-    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    scene = load({"type": "scene", **parts})
     near, far = Sphere((2, 0, 2), 0.4), Sphere((4, 0, 4), 0.8)
     hidden, lamp = Sphere((-4.5, 0, 3), 0.3), Quad((2, 2), transform=translate(0, 3, 2))
-    n = 2000
+    o, u = point((0, 0, 0), 2000), uniform(2000)
     for floor in (mi.Vector3f(0, 0, 1), None):
         for light, share in ((near, 1), (far, 0), (hidden, 0), (lamp, 1)):
-            record = light.sample(point((0, 0, 0), n), uniform(n))
-            seen = np.array(visible(scene, record, floor)).mean()
+            seen = np.array(visible(scene, light.sample(o, u), floor)).mean()
             assert seen == pytest.approx(share, abs=2e-3)
-    group = emitters_of(scene)
-    record = group.sample(point((0, 0, 0), n), uniform(n))
+    record = emitters_of(scene).sample(o, u)
     assert np.array(visible(scene, record, mi.Vector3f(0, 0, 1))).all()
 
 
@@ -659,7 +623,7 @@ def test_emitters_of_a_scene(flip):
         "dark": {"type": "sphere", "center": [9, 9, 9]},
     }
     parts = {name: part | {"flip_normals": flip} for name, part in parts.items()}
-    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    scene = load({"type": "scene", **parts})
     group = emitters_of(scene)
     assert len(group.shapes) == 14
     rng = np.random.default_rng(0)
@@ -717,9 +681,9 @@ WRONG_PATCHES = {
 @pytest.mark.parametrize("bug", WRONG_PATCHES)
 @pytest.mark.parametrize("patch", [QUAD, TRIANGLE], ids=repr)
 def test_wrong_densities_of_patches_are_found(patch, bug):
-    origins = [ORIGINS[name] for name in ("below", "behind", "side")]
     wrong = with_pdf(patch, WRONG_PATCHES[bug](patch))
-    assert not all(verdict(wrong, o, patch_domain(patch, o)).passed for o in origins)
+    origins = [ORIGINS[name] for name in ("below", "behind", "side")]
+    assert not all(verdict(wrong, o).passed for o in origins)
 
 
 def squared(shape, o):
@@ -750,16 +714,7 @@ WRONG_SPHERES = {
 def test_wrong_densities_of_spheres_are_found(bug):
     sphere, o = SPHERES["plain"], ORIGINS["below"]
     wrong = with_pdf(sphere, WRONG_SPHERES[bug](sphere))
-    domain = "sphere" if bug == "not 0 beside it" else sphere_domain(sphere, o)
-    assert not verdict(wrong, o, domain).passed
-
-
-@pytest.mark.statistical
-def test_a_wrong_density_from_inside_is_found():
-    """The cone's formula, cut where its root is negative, gives the hemisphere."""
-    sphere, o = SPHERES["plain"], (0.3, 0.2, 2.5)
-    half = lambda o, v, pdf: mi.Float(1 / (2 * math.pi))  # noqa: E731
-    assert not verdict(with_pdf(sphere, half), o, "sphere").passed
+    assert not verdict(wrong, o, "sphere" if bug == "not 0 beside it" else None).passed
 
 
 def picked_only(group):
@@ -825,36 +780,23 @@ def test_wrong_groups_are_found(bug):
 
 LINE = ([0, 0, 0], [1, 1, 1], [2, 2, 2])
 BAD = {
-    "triangle in a line": (
-        lambda: sample_triangle(*LINE, mi.Point2f(0.5)),
-        r"^v0 = .*span an area",
-    ),
+    "triangle in a line": (lambda: sample_triangle(*LINE, mi.Point2f(0.5)), r"^v0 = .*span an are"),
     "triangle density": (lambda: sample_triangle_pdf(mi.Point3f(0), *LINE), r"^v0 = .*span an"),
     "triangle light": (lambda: Triangle(*LINE), r"^v0 = .* v2 = \[2.0, 2.0, 2.0\]: must span"),
-    "triangle of NaN": (
-        lambda: Triangle([0, 0, math.nan], [1, 0, 0], [0, 1, 0]),
-        r"^v0 = .*finite",
-    ),
+    "triangle of NaN": (lambda: Triangle([0, 0, math.nan], *LINE[:2]), r"^v0 = .*finite"),
     "point of two": (
         lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]),
-        r"^v1 = \[1, 0\]: must be three",
+        r"^v1 = \[1, 0\]: must be",
     ),
     "cap beyond": (lambda: sample_sphere_cap(mi.Point2f(0.5), 1.5), r"^cos_theta_max = 1.5: must"),
-    "cap below": (
-        lambda: sample_sphere_cap(mi.Point2f(0.5), -1.01),
-        r"^cos_theta_max = -1.01: must",
+    "cap density": (
+        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), -1.01),
+        r"^cos_theta_max = -1.01: must be a finite number from -1 to 1$",
     ),
-    "cap of NaN": (
-        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), math.nan),
-        r"^cos_theta_max = nan: must be a finite number from -1 to 1$",
-    ),
-    "cap of text": (lambda: sample_sphere_cap(mi.Point2f(0.5), "wide"), r"^cos_theta_max = 'wide'"),
     "no radius": (
         lambda: Sphere((0, 0, 0), 0),
-        r"^radius = 0: must be a finite number .* above 0$",
+        r"^radius = 0: must be .* above 0$",
     ),
-    "negative radius": (lambda: Sphere((0, 0, 0), -1.0), r"^radius = -1.0: must"),
-    "radius NaN": (lambda: Sphere((0, 0, 0), math.nan), r"^radius = nan: must"),
     "centre": (lambda: Sphere((0, math.inf, 0), 1), r"^centre = \(0, inf, 0\): must be three"),
     "ellipsoid": (
         lambda: Sphere(transform=mi.ScalarTransform4f().scale([1, 1, 2])),
@@ -863,24 +805,19 @@ BAD = {
     "squashed sphere": (lambda: Sphere(transform=np.zeros((4, 4))), r"^transform = .*last row"),
     "point sphere": (lambda: Sphere(transform=np.diag([0.0, 0, 0, 1])), r"^transform: scales by 0"),
     "no quad": (lambda: Quad((0, 1)), r"^size = \(0, 1\): must be two finite numbers above 0$"),
-    "size of one": (lambda: Quad(3.0), r"^size = 3.0: must be two"),
     "flat transform": (lambda: Quad(transform=np.diag([1.0, 0, 1, 1])), r"^transform = .*an area"),
     "projection": (lambda: Quad(transform=np.ones((4, 4))), r"^transform = .*last row 0, 0, 0, 1$"),
-    "transform": (lambda: Quad(transform="up"), r"^transform = 'up': must be None, an mi.Scalar"),
     "edges": (lambda: Quad.from_edges([0, 0, 0], [1, 0, 0], [3, 0, 0]), r"^e0 = .*span an area"),
     "emission": (lambda: Quad(emission=-1), r"^emission = -1: must be one number or three, each"),
-    "emission NaN": (lambda: Sphere(emission=(1, math.nan, 1)), r"^emission = \(1, nan, 1\): must"),
     "emission of two": (
         lambda: Sphere(emission=(1, 2)),
-        r"^emission = \(1, 2\): must be one number",
-    ),
-    "flip": (lambda: Sphere(flip_normals=1), r"^flip_normals = 1: must be True or False$"),
-    "empty group": (
-        lambda: SurfaceGroup([]),
-        r"^shapes = \[\]: must be a list of at least one Quad",
+        r"^emission = \(1, 2\): must be one",
     ),
     "group of others": (lambda: SurfaceGroup([3]), r"^shapes = \[3\]: must be a list"),
-    "group of a shape": (lambda: SurfaceGroup(QUAD), r"^shapes = Quad\(.*must be a list"),
+    "empty group": (
+        lambda: SurfaceGroup([]),
+        r"^shapes = \[\]: must be a list of at least one",
+    ),
 }
 
 
@@ -893,10 +830,10 @@ def test_bad_input(name):
 
 
 BAD_SCENES = {
-    "no light": ({"a": {"type": "sphere"}}, r"^scene: has no emitter; must have area lights$"),
-    "point light": ({"a": {"type": "point"}}, r"^scene: emitter 'a' has no surface; must be area"),
+    "no light": ({"type": "sphere"}, r"^scene: has no emitter; must have area lights$"),
+    "point light": ({"type": "point"}, r"^scene: emitter 'a' has no surface; must be area"),
     "disk": (
-        {"a": {"type": "disk", "emitter": {"type": "area"}}},
+        {"type": "disk", "emitter": {"type": "area"}},
         r"^scene: emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64",
     ),
 }
@@ -904,10 +841,9 @@ BAD_SCENES = {
 
 @pytest.mark.parametrize("name", BAD_SCENES)
 def test_bad_scenes(name):
-    parts, message = BAD_SCENES[name]
-    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    part, message = BAD_SCENES[name]
     with pytest.raises(ValueError, match=message):
-        emitters_of(scene)
+        emitters_of(load({"type": "scene", "a": part}))
 
 
 def test_debug_mode_looks_at_samples_and_arrays():
