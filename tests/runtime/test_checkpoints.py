@@ -33,7 +33,6 @@ def made(path: Path, **options) -> Checkpoint:
 
 
 def saved(path: Path, done: int = 16, of: int = 64, value: float = 1.0) -> Path:
-    """The checkpoint of work of which some is done."""
     path.unlink(missing_ok=True)
     checkpoint = made(path)
     assert checkpoint.begin(WORK, of, "samples") is None

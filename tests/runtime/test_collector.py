@@ -204,8 +204,6 @@ def test_a_scene_that_is_dropped_lives_to_the_end_of_a_kernel():
 
 
 def test_threads_render_what_one_renders():
-    """Scenes are loaded, rendered and dropped in all of them at a time."""
-
     def phasors(seed):
         scene = tofrender.load_scene(tofrender.cornell_box(width=8, height=8))
         return tofrender.render_amcw_phasor(scene, scene.sensors()[0], 2e7, 4, seed)[0]

@@ -96,7 +96,6 @@ with progress.progress_bar("Working", 2) as bar:
 
 
 def test_in_a_notebook_without_ipywidgets():
-    """The bar is text then, without a word of warning."""
     result = python(_NOTEBOOK)
     assert result.returncode == 0, result.stderr
     assert "Working" in result.stderr

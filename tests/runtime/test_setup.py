@@ -142,14 +142,15 @@ def apt_calls(project: Project) -> list[str]:
 
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="apt-get is Debian's")
-needs_no_gpu = pytest.mark.skipif(
-    Path("/proc/driver/nvidia/version").exists() or bool(shutil.which("nvidia-smi")),
-    reason="with an NVIDIA driver the set-up goes on without LLVM",
+needs_llvm = pytest.mark.skipif(
+    sys.platform != "linux"
+    or Path("/proc/driver/nvidia/version").exists()
+    or bool(shutil.which("nvidia-smi")),
+    reason="with an NVIDIA driver the set-up goes on without LLVM; apt-get is Debian's",
 )
 
 
-@needs_linux
-@needs_no_gpu
+@needs_llvm
 def test_without_root_and_llvm_one_line_before_anything_is_installed(tmp_path):
     user = Project(tmp_path, root=False)
     user.library("libLLVM-15.so.1")
@@ -175,8 +176,7 @@ def test_root_gets_the_package(root, index):
     assert install.endswith(" libllvm19")
 
 
-@needs_linux
-@needs_no_gpu
+@needs_llvm
 @pytest.mark.parametrize("index", ["", "libllvm14\n"])
 def test_a_release_without_a_usable_package_is_told_of_another_archive(root, index):
     (root.base / "index").write_text(index)
@@ -186,8 +186,7 @@ def test_a_release_without_a_usable_package_is_told_of_another_archive(root, ind
     assert "install" not in root.ran
 
 
-@needs_linux
-@needs_no_gpu
+@needs_llvm
 def test_a_failing_apt_names_log_and_command(root):
     (root.base / "apt-fails").touch()
     said = root.refuses()
@@ -200,8 +199,7 @@ def test_a_failing_apt_names_log_and_command(root):
     assert update.endswith(" update")
 
 
-@needs_linux
-@needs_no_gpu
+@needs_llvm
 def test_what_the_environment_names_is_not_replaced(root):
     assert root.refuses(DRJIT_LIBLLVM_PATH="/nope") == (
         "DRJIT_LIBLLVM_PATH = '/nope' does not exist: must name the file of LLVM 17 or "
@@ -225,17 +223,22 @@ def test_the_second_run_does_nothing_but_install_new_pins(user):
     assert "-m venv" not in user.ran
 
 
-@pytest.mark.parametrize("damage", ["moved", "interrupted", "no python"])
+@pytest.mark.parametrize("damage", ["moved", "interrupted", "no python", "folder only"])
 def test_a_broken_environment_is_made_anew(user, damage):
-    user.setup()
+    venv = user.folder / ".venv"
+    if damage == "folder only":  # Killed between its folder and its Python
+        venv.mkdir()
+        (venv / "folder").write_text(f"{user.folder}\n")
+    else:
+        user.setup()
+    (venv / "leftover").touch()
     if damage == "moved":
         user.folder = user.folder.rename(user.base / "elsewhere")
     elif damage == "interrupted":
-        (user.folder / ".venv/stamp").unlink()
-        (user.folder / ".venv/unfinished").touch()
-    else:
-        (user.folder / ".venv/bin/python").unlink()
-    (user.folder / ".venv/leftover").touch()
+        (venv / "stamp").unlink()
+        (venv / "unfinished").touch()
+    elif damage == "no python":
+        (venv / "bin/python").unlink()
     assert user.setup()[0] == 0
     assert "-m venv .venv" in user.ran
     assert not (user.folder / ".venv/leftover").exists()
@@ -324,14 +327,6 @@ def test_somebodys_own_environment_that_does_not_work_stays(user, kind):
     )
     assert "pip install" not in user.ran
     assert (venv / "mine").exists() or venv.is_symlink() or venv.is_file()
-
-
-def test_an_environment_that_was_being_made_is_made_anew(user):
-    """Killed between its folder and its Python."""
-    (user.folder / ".venv").mkdir()
-    (user.folder / ".venv/folder").write_text(f"{user.folder}\n")
-    assert user.setup()[0] == 0
-    assert "-m venv .venv" in user.ran
 
 
 # ------------------------------------------------------------------------------- two at once

@@ -224,8 +224,6 @@ def test_spikes():
 
 
 def test_narrow_lobes_are_resolved():
-    """All directions lie within half a degree, and the wrong spread is found in there."""
-
     def sample(u):
         return square_to_beckmann(u, 1e-3)
 

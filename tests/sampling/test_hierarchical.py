@@ -53,7 +53,6 @@ def uniform(n: int) -> mi.Point2f:
 
 
 def texels(p: mi.Point2f, n: int) -> np.ndarray:
-    """Row and column of each point."""
     return np.floor(np.array(p, dtype=np.float64)[::-1] * n).astype(int)
 
 
@@ -77,17 +76,11 @@ def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000):
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", IMAGES)
-def test_texels_are_hit_as_often_as_they_are_bright(name):
-    assert image_p_value(HierarchicalWarp(IMAGES[name]), IMAGES[name]) > BOUND
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("name", IMAGES)
-def test_points_are_even_within_texels(name):
+def test_texels_are_hit_as_often_as_they_are_bright_and_evenly(name):
     warp = HierarchicalWarp(IMAGES[name])
-    within = np.array(warp.sample(uniform(200_000)), dtype=np.float64) * warp.size % 1
-    cells = (np.floor(within[0] * 16) * 16 + np.floor(within[1] * 16)).astype(int)
-    observed = np.bincount(cells, minlength=256)
+    assert image_p_value(warp, IMAGES[name]) > BOUND
+    column, row = (np.array(warp.sample(uniform(200_000)), dtype=np.float64) * warp.size % 1) * 16
+    observed = np.bincount((np.floor(column) * 16 + np.floor(row)).astype(int), minlength=256)
     assert p_value(observed, np.full(256, 200_000 / 256)) > BOUND
 
 
@@ -154,7 +147,6 @@ def test_values_near_the_largest_double_do_not_overflow():
 
 
 def test_symbolic_loops():
-    """Warps can be used where paths are traced: in the body of a symbolic loop."""
     warp, light, u = HierarchicalWarp(IMAGES["probe"]), EnvironmentWarp(probe(16)), uniform(1000)
 
     def body(i, p, d, pdf, radiance):
@@ -233,11 +225,8 @@ BAD_IMAGES = {
     "black": (np.zeros((4, 4)), r"^image: all pixels are 0; at least one must be above 0$"),
     "flat": (np.ones(4), r"^image: shape \(4,\); must have the shape"),
     "deep": (np.ones((2, 2, 5)), r"^image: shape \(2, 2, 5\); must have"),
-    "four axes": (np.ones((2, 2, 2, 2)), r"^image: shape \(2, 2, 2, 2\); must have"),
     "large": (np.ones((1, MAX_SIDE + 1)), r"a side must have at most 16384$"),
-    "none": (None, r"^image: "),
-    "text": ([["a"]], r"^image: list; must be a path, an mi.Bitmap or an array$"),
-    "ragged": ([[1.0], [1.0, 2.0]], r"^image: list; must be a path"),
+    "ragged": ([[1.0], [1.0, 2.0]], r"^image: list; must be a path, an mi.Bitmap or an array$"),
 }
 
 
@@ -251,17 +240,16 @@ def test_bad_images(kind, name):
 
 
 def test_bad_files(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"sky.exr': must be a file that exists$"):
-        HierarchicalWarp(tmp_path / "sky.exr")
-    path = tmp_path / "notes.exr"
-    path.write_text("not an image")
-    with pytest.raises(ValueError, match=r"notes.exr': must be an image that Mitsuba reads"):
-        HierarchicalWarp(path)
-    with pytest.raises(FileNotFoundError, match="must be a file"):
-        HierarchicalWarp(tmp_path)
+    (tmp_path / "notes.exr").write_text("not an image")
     layers = mi.Bitmap(mi.Bitmap.PixelFormat.MultiChannel, mi.Struct.Type.Float32, [4, 4], 5)
-    with pytest.raises(ValueError, match=r"^image: has 5 channels of other kinds; must be grey"):
-        HierarchicalWarp(layers)
+    for source, kind, message in (
+        (tmp_path / "sky.exr", FileNotFoundError, r"sky.exr': must be a file that exists$"),
+        (tmp_path, FileNotFoundError, "must be a file"),
+        (tmp_path / "notes.exr", ValueError, r"notes.exr': must be an image that Mitsuba reads"),
+        (layers, ValueError, r"^image: has 5 channels of other kinds; must be grey"),
+    ):
+        with pytest.raises(kind, match=message):
+            HierarchicalWarp(source)
 
 
 def test_samples_off_the_square_fail_in_debug_mode():
@@ -287,7 +275,6 @@ def directions(n: int) -> mi.Vector3f:
 
 
 def envmap(image: np.ndarray, d: mi.Vector3f) -> np.ndarray:
-    """Radiance by Mitsuba's own emitter."""
     emitter = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(image.astype(np.float32))})
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(d))
     si.wi = -d

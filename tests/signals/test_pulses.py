@@ -58,7 +58,6 @@ def called(function, t) -> np.ndarray:
 
 
 def drawn(pulse, count: int, seed: int = 7) -> np.ndarray:
-    """Samples."""
     return called(lambda xi: pulse.sample(xi)[0], uniform(count, seed))
 
 
