@@ -55,9 +55,6 @@ def child(code: str, *arguments: object) -> subprocess.Popen:
     return subprocess.Popen(command, cwd=ROOT, text=True, **pipes)
 
 
-# ------------------------------------------------------------------------------- replacing
-
-
 @pytest.mark.parametrize("kind", ["file", "folder", "folder where none can be exchanged"])
 @pytest.mark.parametrize("where", ["absolute", "relative"])
 def test_it_takes_the_place(tmp_path, monkeypatch, kind, where):
@@ -206,8 +203,6 @@ def test_threads_may_try_one_folder_at_once(tmp_path):
     assert names(tmp_path) == []
 
 
-# --------------------------------------------------------------------- killed at any moment
-
 _WRITE = """
 path, folder = Path(sys.argv[1]), sys.argv[2] == "folder"
 print("ready", flush=True)
@@ -266,9 +261,6 @@ def test_killed_while_the_earlier_folder_is_aside(tmp_path):
     assert names(tmp_path) == ["film"]
 
 
-# ------------------------------------------------------------------------- hidden, leftovers
-
-
 def test_hidden_names(tmp_path):
     path = hidden(tmp_path / "film", ".checkpoint.npz")
     assert path.parent == tmp_path
@@ -324,9 +316,6 @@ def test_leftovers_go(tmp_path):
     with locked(tmp_path / "film"):
         remove_leftovers(tmp_path / "film")
     assert names(tmp_path) == []
-
-
-# ---------------------------------------------------------------------------------- the lock
 
 
 @pytest.mark.parametrize("killed", [False, True])

@@ -13,17 +13,82 @@ import tofrender
 from tofrender.runtime import backend, llvm, plugins
 from tofrender.runtime.backend import BackendError
 
+LLVM_WITHOUT_CUDA = """
+import tofrender, mitsuba as mi
+print(mi.variant())
+"""
+# Mitsuba is not asked to start it
+CUDA_WHERE_IT_WORKS = """
+import sys
+sys.argv = ["tofrender"]  # As the command, which activates later
+from tofrender import backend
+import drjit as dr, mitsuba as mi
+chosen = []
+dr.has_backend = lambda which: which == dr.JitBackend.CUDA
+mi.set_variant = chosen.append
+backend.plugins.register = lambda variant: None
+backend.activate()
+print(chosen)
+"""
+THE_ONE_THAT_IS_SET = """
+import mitsuba as mi
+mi.set_variant("llvm_ad_mono")
+import tofrender
+print(mi.variant())
+print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
+"""
+SCALAR = """
+import mitsuba as mi
+mi.set_variant("scalar_rgb")
+import tofrender
+print(mi.variant())
+for work in (lambda: tofrender.render("cornell_box"), lambda: tofrender.TransientPath):
+    try:
+        work()
+    except Exception as error:
+        print(type(error).__name__, error)
+mi.set_variant("llvm_ad_rgb")
+scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
+print(tofrender.render(scene, spp=1, progress=False).attrs["variant"])
+"""
+REFUSED = (
+    "BackendError variant = 'scalar_rgb': cannot render in time, must be an llvm_* or cuda_* "
+    "variant; call mi.set_variant('llvm_ad_rgb') first"
+)
+NOT_THERE = (
+    "AttributeError tofrender.TransientPath needs an llvm_* or cuda_* variant; the active one "
+    "is 'scalar_rgb'"
+)
+LIGHT = """
+import sys, tofrender
+heavy = "xarray matplotlib rich typer OpenEXR PIL tqdm pandas"
+print([name for name in heavy.split() if name in sys.modules])
+"""
+HELP_WITHOUT_MITSUBA = """
+import os, sys
+sys.argv = ["/usr/bin/tofrender", "render", "--help"]
+import tofrender.cli
+sys.stdout = open(os.devnull, "w")
+status = tofrender.cli.main()
+heavy = [name for name in ("mitsuba", "drjit", "numpy") if name in sys.modules]
+print(status, heavy, file=sys.__stdout__)
+"""
 
-def tiny() -> dict:
-    return tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
 
-
-# ------------------------------------------------------------------------------------ at import
-
-
-def test_llvm_is_picked_without_cuda():
-    code = "import tofrender, mitsuba as mi; print(mi.variant())"
-    assert says(code, CUDA_VISIBLE_DEVICES="-1") == ["llvm_ad_rgb"]
+@pytest.mark.parametrize(
+    ("code", "lines"),
+    [
+        (LLVM_WITHOUT_CUDA, ["llvm_ad_rgb"]),
+        (CUDA_WHERE_IT_WORKS, ["['cuda_ad_rgb']"]),
+        (THE_ONE_THAT_IS_SET, ["llvm_ad_mono", "True"]),
+        (SCALAR, ["scalar_rgb", REFUSED, NOT_THERE, "llvm_ad_rgb"]),
+        (LIGHT, ["[]"]),
+        (HELP_WITHOUT_MITSUBA, ["0 []"]),
+    ],
+    ids=["llvm", "cuda", "set", "scalar", "light", "help"],
+)
+def test_at_import(code, lines):
+    assert says(code, CUDA_VISIBLE_DEVICES="-1") == lines
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs Linux")
@@ -39,82 +104,6 @@ mi.Bitmap(dr.ones(mi.TensorXf, (4, 4, 3))).write(path)
 print(mi.Bitmap(path).size())
 """
     assert says(code) == ["2", "[4, 4]"]
-
-
-def test_cuda_is_picked_where_it_works():
-    """Told that CUDA works, the choice falls on it; Mitsuba is not asked to start it."""
-    code = """
-import sys
-sys.argv = ["tofrender"]  # As the command, which activates later
-from tofrender import backend
-import drjit as dr, mitsuba as mi
-chosen = []
-dr.has_backend = lambda which: which == dr.JitBackend.CUDA
-mi.set_variant = chosen.append
-backend.plugins.register = lambda variant: None
-backend.activate()
-print(chosen)
-"""
-    assert says(code) == ["['cuda_ad_rgb']"]
-
-
-def test_a_variant_that_is_set_stays():
-    code = """
-import mitsuba as mi
-mi.set_variant("llvm_ad_mono")
-import tofrender
-print(mi.variant())
-print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
-"""
-    assert says(code) == ["llvm_ad_mono", "True"]
-
-
-def test_a_scalar_variant_that_is_set():
-    code = """
-import mitsuba as mi
-mi.set_variant("scalar_rgb")
-import tofrender
-print(mi.variant())
-for work in (lambda: tofrender.render("cornell_box"), lambda: tofrender.TransientPath):
-    try:
-        work()
-    except Exception as error:
-        print(type(error).__name__, error)
-mi.set_variant("llvm_ad_rgb")
-scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
-print(tofrender.render(scene, spp=1, progress=False).attrs["variant"])
-"""
-    assert says(code) == [
-        "scalar_rgb",
-        "BackendError variant = 'scalar_rgb': cannot render in time, must be an llvm_* or cuda_* "
-        "variant; call mi.set_variant('llvm_ad_rgb') first",
-        "AttributeError tofrender.TransientPath needs an llvm_* or cuda_* variant; the active one "
-        "is 'scalar_rgb'",
-        "llvm_ad_rgb",
-    ]
-
-
-def test_import_is_light():
-    heavy = "xarray matplotlib rich typer OpenEXR PIL tqdm pandas"
-    code = f"""
-import sys, tofrender
-print([name for name in {heavy.split()!r} if name in sys.modules])
-"""
-    assert says(code) == ["[]"]
-
-
-def test_the_command_answers_help_without_mitsuba():
-    code = """
-import sys
-sys.argv = ["/usr/bin/tofrender", "render", "--help"]
-import tofrender.cli
-status = tofrender.cli.main()
-print(status, [name for name in ("mitsuba", "drjit", "numpy") if name in sys.modules])
-"""
-    assert says(code)[-1] == "0 []"
-
-
-# ---------------------------------------------------------------------------------- bad LLVM
 
 
 @pytest.mark.parametrize(
@@ -151,9 +140,6 @@ except Exception as error:
     assert str(library) in line
 
 
-# ------------------------------------------------------------------------------------ activate
-
-
 def test_activate_switches_and_keeps_the_active_variant():
     assert backend.activate("llvm_ad_mono") == mi.variant() == "llvm_ad_mono"
     assert backend.activate() == mi.variant() == "llvm_ad_mono"
@@ -176,9 +162,6 @@ def test_cuda_without_a_device(monkeypatch):
     assert mi.variant() == "llvm_ad_rgb"
 
 
-# ------------------------------------------------------------------------------------- plugins
-
-
 KINDS = ("Integrator", "Film", "Sampler", "Emitter", "BSDF", "Sensor")
 REQUIRED = {"simple": {"position": [0, 0, 1], "energy": 1.0}}
 """Parameters that a plugin cannot do without."""
@@ -199,25 +182,22 @@ def test_plugins_follow_the_variant():
 
 
 def test_rendering_between_switches_gives_the_same():
-    first = tofrender.render(tiny(), spp=4, progress=False)
-    mi.set_variant("llvm_ad_mono")
-    tofrender.render(tiny(), spp=4, progress=False)
-    mi.set_variant("llvm_ad_rgb")
-    again = tofrender.render(tiny(), spp=4, progress=False)
-    assert abs(first.transient - again.transient).max() < 1e-5
+    scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
+    films = []
+    for variant in ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_rgb"):
+        mi.set_variant(variant)
+        films.append(tofrender.render(scene, spp=4, progress=False).transient)
+    assert abs(films[0] - films[2]).max() < 1e-5
 
 
-def test_unknown_names():
+def test_public_names():
+    for name in tofrender.__all__:
+        assert getattr(tofrender, name) is not None
+    assert {*tofrender.__all__} <= {*dir(tofrender)}
     with pytest.raises(AttributeError, match="no attribute 'TransientPaht'"):
         tofrender.TransientPaht  # noqa: B018
     with pytest.raises(AttributeError, match=r"tofrender\.Path"):
         plugins.plugin("Path")
-
-
-def test_public_names_are_there():
-    for name in tofrender.__all__:
-        assert getattr(tofrender, name) is not None
-    assert {*tofrender.__all__} <= {*dir(tofrender)}
 
 
 def test_own_names():
@@ -225,8 +205,6 @@ def test_own_names():
     assert plugins.own_name("hdrfilm") == "hdrfilm"
     assert plugins.own_name("tofrender_transient_path") == "tofrender_transient_path"
 
-
-# --------------------------------------------------------------------------------- mitransient
 
 _EXCHANGE = """
 import warnings

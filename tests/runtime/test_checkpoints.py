@@ -63,9 +63,6 @@ def check_kept(kept, done: int = 16, value: float = 1.0) -> None:
         assert found.tobytes() == array.tobytes()
 
 
-# --------------------------------------------------------------------------------- what it keeps
-
-
 def test_what_was_saved_last_is_found(path):
     checkpoint = made(path)
     assert checkpoint.begin(WORK, 64, "samples") is None
@@ -117,9 +114,6 @@ def test_remove(path):
     checkpoint.remove()  # Nothing is there to remove
 
 
-# ------------------------------------------------------------------------------------- how often
-
-
 def test_it_is_due_after_its_seconds(path, monkeypatch):
     now = [100.0]
     for clock in ("monotonic", "perf_counter", "time"):
@@ -150,9 +144,6 @@ def test_slow_savings_are_rare(path, monkeypatch):
     checkpoint.save(1, 64, arrays())
     time.sleep(0.2)
     assert not checkpoint.due
-
-
-# -------------------------------------------------------------------------------- other work
 
 
 @pytest.mark.parametrize(
@@ -201,9 +192,6 @@ def test_what_is_no_checkpoint_is_not_gone_on_with(path, foreign):
         with path.open("wb") as file:
             np.save(file, foreign)
     assert outcome(made(path)) == "anew"
-
-
-# ---------------------------------------------------------------------------------- damage
 
 
 def outcome(checkpoint: Checkpoint):
@@ -278,9 +266,6 @@ def test_a_folder_in_its_place_is_no_traceback(path):
         begun(path)
 
 
-# ---------------------------------------------------------------------------------- no room
-
-
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO])
 def test_no_room_is_a_warning(path, monkeypatch, number):
     saved(path, done=8)
@@ -307,9 +292,6 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
         patch.setattr(np, "savez", full)
         with pytest.warns(UserWarning, match=r"^no checkpoint was saved: "):
             checkpoint.save(32, 64, arrays())
-
-
-# --------------------------------------------------------------------------------- arguments
 
 
 @pytest.mark.parametrize(

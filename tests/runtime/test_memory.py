@@ -96,61 +96,41 @@ def test_available_is_what_the_system_says():
     assert 0 < available <= psutil.virtual_memory().total
 
 
-V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
+V2 = ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file")
+V1 = (
+    "sys/fs/cgroup/memory",
+    *("memory.limit_in_bytes", "memory.usage_in_bytes", "inactive_file 1\ntotal_inactive_file"),
+)
+OLD = "7:cpu,cpuacct:/cpu\n4:memory:/all/job\n0::/"
 
 
 @pytest.mark.parametrize(
-    ("membership", "limits", "free"),
-    [
-        # The limit of the root alone, as within a container
-        ("0::/\n", {f"{V2}/memory.max": 2 * GIB, f"{V2}/memory.current": GIB}, GIB),
+    ("membership", "files", "groups", "free"),
+    [  # Each group has a limit, of which it uses a part, of which it caches some [GiB]
+        ("0::/", V2, {"": (2, 1, 0)}, 1),  # The limit of the root alone, as within a container
         # The process's own group, below a group without limit
-        (
-            "0::/user.slice/job\n",
-            {
-                f"{V2}/user.slice/memory.max": "max",
-                f"{V2}/user.slice/memory.current": 5 * GIB,
-                f"{V2}/user.slice/job/memory.max": 3 * GIB,
-                f"{V2}/user.slice/job/memory.current": 2 * GIB,
-            },
-            GIB,
-        ),
+        ("0::/user.slice/job", V2, {"user.slice": ("max", 5, 0), "user.slice/job": (3, 2, 0)}, 1),
         # One above has less left, not counting what it only caches
-        (
-            "0::/all/job\n",
-            {
-                f"{V2}/all/memory.max": 4 * GIB,
-                f"{V2}/all/memory.current": 3 * GIB,
-                f"{V2}/all/memory.stat": f"anon 7\ninactive_file {GIB}\n",
-                f"{V2}/all/job/memory.max": 4 * GIB,
-                f"{V2}/all/job/memory.current": GIB,
-            },
-            2 * GIB,
-        ),
+        ("0::/all/job", V2, {"all": (4, 3, 1), "all/job": (4, 1, 0)}, 2),
         # The first version, whose root holds the number of no limit
-        (
-            "7:cpu,cpuacct:/cpu\n4:memory:/all/job\n0::/\n",
-            {
-                f"{V1}/memory.limit_in_bytes": 2**63 - 4096,
-                f"{V1}/memory.usage_in_bytes": 7 * GIB,
-                f"{V1}/all/job/memory.limit_in_bytes": 3 * GIB,
-                f"{V1}/all/job/memory.usage_in_bytes": 2 * GIB,
-                f"{V1}/all/job/memory.stat": f"inactive_file 1\ntotal_inactive_file {GIB}\n",
-            },
-            2 * GIB,
-        ),
-        # More is used than the limit allows, which was lowered since
-        ("0::/a\n", {f"{V2}/a/memory.max": GIB, f"{V2}/a/memory.current": 2 * GIB}, 0),
-        ("", {}, 8 * GIB),
+        (OLD, V1, {"": (1 << 33, 7, 0), "all/job": (3, 2, 1)}, 2),
+        ("0::/a", V2, {"a": (1, 2, 0)}, 0),  # More is used than the limit allows, lowered since
+        ("", V2, {}, 8),
     ],
 )
-def test_control_groups_limit(monkeypatch, tmp_path, membership, limits, free):
-    for name, value in {"proc/self/cgroup": membership, **limits}.items():
+def test_control_groups_limit(monkeypatch, tmp_path, membership, files, groups, free):
+    folder, limit, used, cached = files
+    written = {"proc/self/cgroup": membership + "\n" * bool(membership)}
+    for group, (most, taken, dropped) in groups.items():
+        written[f"{folder}/{group}/{limit}"] = most if most == "max" else most * GIB
+        written[f"{folder}/{group}/{used}"] = taken * GIB
+        written[f"{folder}/{group}/memory.stat"] = f"inactive_anon 7\n{cached} {dropped * GIB}\n"
+    for name, value in written.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(str(value))
     monkeypatch.setattr(memory, "ROOT", tmp_path)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: type("V", (), {"available": 8 * GIB}))
-    assert memory.available() == free
+    assert memory.available() == free * GIB
 
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="ulimit -v counts on Linux")

@@ -207,9 +207,6 @@ def test_threads_end_with_their_bars():
     assert threading.active_count() <= before
 
 
-# ------------------------------------------------------------------------------------ Ctrl-C
-
-
 def test_one_ctrl_c_asks_and_two_interrupt():
     before = signal.getsignal(signal.SIGINT)
     with deferred_stop() as stop:

@@ -291,9 +291,6 @@ def test_python_that_is_too_old_is_refused(user):
     assert said == "PYTHON = 'python3.10': must be Python 3.11 or newer"
 
 
-# ------------------------------------------------------------------ somebody's own environment
-
-
 def test_somebodys_own_environment_is_used(user):
     user.command("venv-python", FAKE_PYTHON)
     (user.folder / ".venv/bin").mkdir(parents=True)
@@ -327,9 +324,6 @@ def test_somebodys_own_environment_that_does_not_work_stays(user, kind):
     )
     assert "pip install" not in user.ran
     assert (venv / "mine").exists() or venv.is_symlink() or venv.is_file()
-
-
-# ------------------------------------------------------------------------------- two at once
 
 
 def without_flock(project: Project) -> str:

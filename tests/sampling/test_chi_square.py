@@ -35,9 +35,6 @@ HEMISPHERE = (square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf, "hem
 TENT = (square_to_tent, square_to_tent_pdf, "plane")
 
 
-# --------------------------------------------------------------------------------- its parts
-
-
 @pytest.mark.parametrize("name", DOMAINS)
 def test_domains_map_there_and_back(name):
     domain = find(name)
@@ -134,9 +131,6 @@ def test_peaks_are_found_by_the_samples():
     assert found.total_error < 0.1
 
 
-# ----------------------------------------------------------------------------- false alarms
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("case", [warp_case("tent"), warp_case("beckmann", alpha=0.1)])
 def test_false_alarms(case):
@@ -163,9 +157,6 @@ def test_same_seed_same_verdict():
     assert first.chi2 == second.chi2
     assert np.array_equal(first.observed, second.observed)
     assert first.chi2 != other.chi2
-
-
-# ---------------------------------------------------------------------------- what it finds
 
 
 def test_warp_and_density_wrong_together():
@@ -286,9 +277,6 @@ def test_density_returned_with_the_sample():
     assert verdict.reason == "the pdf returned with samples differs from it by 0.01"
 
 
-# ------------------------------------------------------------------------- BSDFs and lights
-
-
 def direction(degrees: float) -> tuple[float, float, float]:
     return math.sin(math.radians(degrees)), 0.0, math.cos(math.radians(degrees))
 
@@ -358,9 +346,6 @@ def test_suite():
     assert "a wrong tent: FAILED, the pdf integrates to 1." in str(suite)
 
 
-# ----------------------------------------------------------------------- words and pictures
-
-
 def test_verdict_in_words():
     verdict = chi_square_test(*TENT, **QUICK, name="a tent")
     assert str(verdict).startswith("a tent: passed\n  chi-square ")
@@ -389,9 +374,6 @@ def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
     verdict = chi_square_test(sample, bug, domain, **QUICK, figure=tmp_path / "figure.png")
     assert not verdict.passed
     assert (tmp_path / "figure.png").exists()
-
-
-# --------------------------------------------------------------------------------- bad input
 
 
 @pytest.mark.parametrize(

@@ -71,9 +71,6 @@ def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000):
     return p_value(observed, n * image.ravel() / image.sum())
 
 
-# -------------------------------------------------------------------------------- the warp
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", IMAGES)
 def test_texels_are_hit_as_often_as_they_are_bright_and_evenly(name):
@@ -171,9 +168,6 @@ def test_monochrome():
     assert np.array(light.eval(directions(200))) == pytest.approx(reference, rel=1e-3, abs=1e-3)
 
 
-# -------------------------------------------------------------------------------- other sizes
-
-
 def test_other_sizes_are_resized_with_a_warning():
     image = np.arange(1.0, 16).reshape(3, 5)
     with pytest.warns(UserWarning, match=r"^image: 3 x 5 pixels; resized to 8 x 8, a square power"):
@@ -196,9 +190,6 @@ def test_resizing_keeps_the_mean_and_the_black(shape):
     )
     touched = [[image[np.ix_(row, column)].any() for column in columns] for row in rows]
     assert np.array_equal(finer > 0, touched)
-
-
-# -------------------------------------------------------------------------------- images
 
 
 @pytest.mark.parametrize("channels", [None, 1, 2, 3, 4])
@@ -261,9 +252,6 @@ def test_samples_off_the_square_fail_in_debug_mode():
         for sample in (warp.sample, light.sample):
             with pytest.raises(AssertionError, match="must lie in"):
                 sample(outside)
-
-
-# -------------------------------------------------------------------------------- environment
 
 
 def directions(n: int) -> mi.Vector3f:

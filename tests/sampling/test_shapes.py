@@ -156,8 +156,6 @@ def domain_of(shape, o) -> Domain:
     return cone_domain(to_centre, shape.radius / far) if far > shape.radius else all_directions()
 
 
-# ------------------------------------------------------------------------- triangles and caps
-
 CORNERS = ([0, 0, 0], [1, 1, 1], [0.5, 1, 2])
 
 
@@ -263,9 +261,6 @@ def test_cap_of_one_direction_and_arrays():
     cosines = mi.Float([0, 0.5])
     pdf = np.array(sample_sphere_cap_pdf(sample_sphere_cap(mi.Point2f(0.5), cosines), cosines))
     assert pdf == pytest.approx([1 / (2 * math.pi), 1 / math.pi])
-
-
-# ------------------------------------------------------------------------- one shape
 
 
 @pytest.mark.statistical
@@ -417,9 +412,6 @@ def test_monochrome():
     assert np.isfinite(np.array(weight)).all()
 
 
-# ------------------------------------------------------------------------- closed forms
-
-
 def irradiance(shape, o, n, seed: int, samples: int = 4096) -> float:
     """Of a surface at `o` with the normal `n`, by sampling the shape."""
     record = shape.sample(point(o, samples), uniform(samples, seed))
@@ -470,8 +462,6 @@ def test_irradiance_of_a_sphere(radius):
     assert distance.min() == pytest.approx(3 - radius, rel=1e-2)
     assert distance.max() == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
 
-
-# ------------------------------------------------------------------------- groups
 
 GROUP = SurfaceGroup([QUAD, TRIANGLE, SPHERES["plain"]])
 NESTED = SurfaceGroup(
@@ -610,9 +600,6 @@ def test_emitters_of_a_scene(flip):
     assert wrong.mean() < 2e-4
 
 
-# ------------------------------------------------------------------------- planted bugs
-
-
 def with_pdf(shape, change):
     """The same sampling, another density: change(o, v, pdf)."""
 
@@ -721,8 +708,6 @@ def test_wrong_groups_are_found(wrong):
     by_chance = over_seeds(lambda seed: seen_by_chance(GROUP, o, n, seed), range(50, 66))
     assert not agree(sampled, by_chance)
 
-
-# ------------------------------------------------------------------------- bad input
 
 LINE = ([0, 0, 0], [1, 1, 1], [2, 2, 2])
 BAD = {

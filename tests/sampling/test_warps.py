@@ -74,9 +74,6 @@ def edges_of_the_square() -> mi.Point2f:
     return mi.Point2f(mi.Float(u), mi.Float(v))
 
 
-# --------------------------------------------------------------------------------- the values
-
-
 def test_registry_lists_every_warp():
     kinds = {name.partition(" ")[0] for name in CASES}
     assert set(WARPS) == kinds | {"hierarchical"}
@@ -140,9 +137,6 @@ def test_below_and_at_the_horizon(z):
     for alpha in (1e-6, 0.01, 0.3):
         assert square_to_beckmann_pdf(v, alpha)[0] == 0
     assert math.isfinite(square_to_beckmann_pdf(v, 100.0)[0])
-
-
-# ---------------------------------------------------------------------------------- the edges
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -230,9 +224,6 @@ def test_other_variants(variant):
     for name in CASES:
         case = case_of(name)
         assert dr.all(case.pdf(case.sample(grid(4))) > 0)
-
-
-# ----------------------------------------------------------------------------- the statistics
 
 
 @pytest.mark.statistical

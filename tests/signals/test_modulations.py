@@ -47,9 +47,6 @@ def phases(n: int) -> np.ndarray:
     return (np.arange(n) + 0.5) / n
 
 
-# ------------------------------------------------------------------------------- all of them
-
-
 @pytest.mark.parametrize("name", MODULATIONS)
 def test_repeats_after_a_period(name):
     modulation = MODULATIONS[name]
@@ -110,9 +107,6 @@ def test_derivative(modulation):
     assert np.array(opl.grad) == pytest.approx(np.array(slope), rel=1e-3, abs=1e-4)
 
 
-# ------------------------------------------------------------------------------------ cosine
-
-
 def cosines(low: float, frequency: float, offset: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Lengths up to 100 m, and the cosine at them in double precision."""
     opl = np.float32(np.random.default_rng(1).uniform(low, 100, 10_000))
@@ -145,9 +139,6 @@ def test_attributes_of_the_cosine():
     assert repr(pulse) == "AMCWPulse(frequency_hz=2e+07, phase_offset=0.5)"
 
 
-# ------------------------------------------------------------------------------------ square
-
-
 def circular_correlation(light: np.ndarray, demodulation: np.ndarray) -> np.ndarray:
     """Mean of light(t - x) demodulation(t) over a period, for every shift x."""
     product = np.conj(np.fft.fft(light)) * np.fft.fft(demodulation)
@@ -161,9 +152,6 @@ def test_square_wave_is_a_triangle():
     triangle = circular_correlation(1 + square, square)
     opl = np.arange(n) / n * C / 50e6
     assert called(SquareWave(50e6), opl) == pytest.approx(triangle, abs=1e-5)
-
-
-# ------------------------------------------------------------------------------- Hamiltonian
 
 
 @pytest.mark.parametrize(("k", "slots"), [(3, 6), (4, 12), (5, 30)])
@@ -200,9 +188,6 @@ def test_three_hamiltonian_demodulations_are_shifts():
         assert called(other, opl) == pytest.approx(shifted, abs=2e-5)
 
 
-# -------------------------------------------------------------------------------- M-sequence
-
-
 @pytest.mark.parametrize("n_bits", range(2, 17))
 def test_m_sequence_autocorrelation(n_bits):
     """1 at no shift and -1/N at all others: only a sequence of the largest period has this."""
@@ -228,9 +213,6 @@ def test_m_sequence_between_chips():
     assert called(sequence, opl).mean() == pytest.approx(1 / 15**2, abs=1e-6)
     light = circular_correlation(1 + steps, steps)
     assert light.min() == pytest.approx(0, abs=1e-12)  # As the class says of real light
-
-
-# --------------------------------------------------------------------------------- bad input
 
 
 FREQUENCY = "frequency_hz = {}: must be a finite number of hertz from 1e-09 to 1e+18"
