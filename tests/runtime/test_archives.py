@@ -1,7 +1,5 @@
 """Archives that would unpack to more than they say, or to what nobody asked for."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 

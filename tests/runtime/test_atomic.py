@@ -1,7 +1,5 @@
 """Files and folders appear whole or not at all, whenever their writer is killed."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal
@@ -12,11 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from helpers.processes import ROOT
 
 from tofrender.runtime import atomic
 from tofrender.runtime.atomic import check_writable, hidden, locked, remove_leftovers, replacing
-
-ROOT = Path(__file__).parents[2]
 
 LONG = "x" * 250
 """As long as names may be, or nearly: 255 bytes."""
@@ -24,10 +21,6 @@ LONG = "x" * 250
 
 def names(folder: Path) -> list[str]:
     return sorted(os.listdir(folder))
-
-
-def content(path: Path) -> dict[str, bytes]:
-    return {each.name: each.read_bytes() for each in path.iterdir()}
 
 
 def write(path: Path, text: str, folder: bool = False) -> None:
@@ -40,10 +33,9 @@ def read(path: Path) -> str:
     """What `write` has written, "" if it is not there; fails if it is not whole."""
     if not path.is_dir():
         return path.read_text() if path.exists() else ""
-    parts = content(path)
-    assert parts.keys() == {"a", "b"}
-    assert parts["a"] == parts["b"]
-    return parts["a"].decode()
+    parts = {each.name: each.read_text() for each in path.iterdir()}
+    assert parts == dict.fromkeys("ab", parts["a"])
+    return parts["a"]
 
 
 def child(code: str, *arguments: object) -> subprocess.Popen:
@@ -283,14 +275,8 @@ def test_hidden_names_of_one_place(tmp_path, monkeypatch):
 
 def test_leftovers_of_others_stay(tmp_path):
     write(tmp_path / "film", "one", folder=True)
-    kept = hidden(tmp_path / "film", ".checkpoint.npz")
-    others = [
-        kept,
-        hidden(tmp_path / "film2", ".checkpoint.npz"),
-        hidden(tmp_path / "fil", ".checkpoint.npz"),
-        tmp_path / ".hidden",
-        tmp_path / "film.txt",
-    ]
+    others = [hidden(tmp_path / name, ".checkpoint.npz") for name in ("film", "film2", "fil")]
+    others += [tmp_path / ".hidden", tmp_path / "film.txt"]
     for each in others:
         each.write_text("x")
     with replacing(tmp_path / "film2", folder=True) as temporary:

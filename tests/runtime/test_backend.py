@@ -1,7 +1,5 @@
 """The variant is chosen, kept and switched; plugins follow it; a bad LLVM never aborts."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The file that long work keeps: whole, its own, as often as asked, and never a wrong one."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -260,12 +258,6 @@ def test_parts_of_two_files_are_no_file(path):
     assert found >= 5
 
 
-def test_a_folder_in_its_place_is_no_traceback(path):
-    path.mkdir()
-    with pytest.raises(ValueError, match="is a folder; must be the name of a file"):
-        begun(path)
-
-
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO])
 def test_no_room_is_a_warning(path, monkeypatch, number):
     saved(path, done=8)
@@ -299,13 +291,15 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
     [
         ("a.txt", {}, r"checkpoint.*a\.txt.*\.npz"),
         ("a", {}, r"\.npz"),
+        ("folder.npz", {}, "is a folder; must be the name of a file"),
         ("a.npz", {"seconds": 0}, "seconds = 0"),
         ("a.npz", {"seconds": float("nan")}, "seconds = nan"),
     ],
 )
 def test_bad_arguments(monkeypatch, tmp_path, path, options, text):
     monkeypatch.chdir(tmp_path)
+    Path("folder.npz").mkdir()
     with pytest.raises(ValueError, match=text) as error:
         Checkpoint(path, **options)
     assert "\n" not in str(error.value)
-    assert names(tmp_path) == []
+    assert names(tmp_path) == ["folder.npz"]

@@ -1,7 +1,5 @@
 """Python's garbage collector and kernels: it must wait while one is traced."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import traceback

@@ -1,7 +1,5 @@
 """`tofrender doctor` tells the truth, and survives what it looks at."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which LLVM is found, which is taken, and which command is advised, on made-up machines."""
 
-from __future__ import annotations
-
 import stat
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The memory plan: its arithmetic, and that what it offers instead fits."""
 
-from __future__ import annotations
-
 import re
 import sys
 

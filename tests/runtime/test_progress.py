@@ -1,7 +1,5 @@
 """Progress bars appear when they should; Ctrl-C asks first and insists later."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

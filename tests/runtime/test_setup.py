@@ -1,7 +1,5 @@
 """The set-up script, in a copy of the project whose Python, pip and apt only pretend."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

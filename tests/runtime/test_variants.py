@@ -1,7 +1,5 @@
 """The same light in every variant."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The chi-square test itself: its parts in closed form, false alarms, and what it must refuse."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -46,15 +44,9 @@ def test_domains_map_there_and_back(name):
     assert domain.to_plane(points) == pytest.approx(plane, abs=1e-9)
     size = {"square": 1, "image": 1, "plane": 4, "disk": 4}.get(name, 4 * math.pi)
     edges = (np.linspace(low[0], high[0], 9).ravel(), np.linspace(low[1], high[1], 9).ravel())
-    total = integrate(
-        lambda p: mi.Float(1),
-        lambda p: np.ones((1, p.shape[1])),
-        domain,
-        edges,
-        samples=1000,
-        highest=np.zeros(64),
-        seed=0,
-    )
+    pdf, functions = lambda p: mi.Float(1), lambda p: np.ones((1, p.shape[1]))
+    options = {"samples": 1000, "highest": np.zeros(64), "seed": 0}
+    total = integrate(pdf, functions, domain, edges, **options)
     assert total.total == pytest.approx(size, abs=6 * total.total_error + 1e-9)
     assert total.moments == pytest.approx([total.total])
 

@@ -1,7 +1,5 @@
 """Hierarchical warping against its image, and environment light against Mitsuba's `envmap`."""
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """Point sets: in the unit square, one in each cell, as many as asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The tests of noisy estimates, tested: against SciPy, for false alarms, and for power."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.support import ALPHA, COMPARISONS, agree

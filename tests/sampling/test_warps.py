@@ -1,7 +1,5 @@
 """Warps of the unit square: closed forms, edges, moments, integrals, and bugs that are found."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Pulses: density, cumulative energy and samples say the same, at every edge."""
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr
