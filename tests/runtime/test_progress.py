@@ -100,20 +100,20 @@ def test_in_a_notebook_without_ipywidgets():
     assert "Warning" not in result.stderr
 
 
-def test_work_that_counts_nothing_for_long_is_shown(capsys, monkeypatch):
-    """As while kernels are compiled: no step is done, but a bar is there, with its clock."""
+@pytest.mark.parametrize(
+    ("bar", "shown"),
+    [
+        # As while kernels are compiled: no step is done, but a bar is there, with its clock
+        (lambda: progress_bar("Working", 8), "Working:   0%"),
+        (lambda: progress.status("Loading"), "Loading ... 00:00"),
+    ],
+)
+def test_what_is_done_is_shown_though_nothing_is_counted(capsys, monkeypatch, bar, shown):
     monkeypatch.setattr(progress, "DELAY_S", 0.1)
-    with progress_bar("Working", 8):
+    with bar():
         time.sleep(0.4)
-    assert "Working:   0%" in capsys.readouterr().err
-
-
-def test_a_status_says_what_is_done(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 0.1)
-    with progress.status("Loading"):
-        time.sleep(0.3)
     said = capsys.readouterr().err
-    assert "Loading ... 00:00" in said
+    assert shown in said
     assert said.endswith("\r")  # Nothing stays
 
 

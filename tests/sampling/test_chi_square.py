@@ -11,26 +11,27 @@ import pytest
 from helpers.processes import says
 from helpers.support import ALPHA, COMPARISONS, area_light
 
-from tofrender.sampling import bsdf_case, chi_square_suite, chi_square_test, light_case, warp_case
+from tofrender.sampling import (
+    bsdf_case,
+    chi_square_suite,
+    chi_square_test,
+    light_case,
+    warp_case,
+    warps,
+)
 from tofrender.sampling.domains import DOMAINS, find
-from tofrender.sampling.histograms import cell_edges, cell_of, integrate, pearson
+from tofrender.sampling.histograms import integrate, pearson
 from tofrender.sampling.statistics import smallest_allowed
 from tofrender.sampling.suites import Case
-from tofrender.sampling.warps import (
-    square_to_beckmann,
-    square_to_beckmann_pdf,
-    square_to_cosine_hemisphere,
-    square_to_cosine_hemisphere_pdf,
-    square_to_tent,
-    square_to_tent_pdf,
-    square_to_uniform_hemisphere,
-    square_to_uniform_hemisphere_pdf,
-)
 
 EACH = smallest_allowed(ALPHA, COMPARISONS)
 QUICK = {"samples": 50_000, "resolution": 31, "alpha": EACH}
-HEMISPHERE = (square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf, "hemisphere")
-TENT = (square_to_tent, square_to_tent_pdf, "plane")
+HEMISPHERE = (
+    COSINE,
+    COSINE_PDF,
+    "hemisphere",
+)
+TENT = (warps.square_to_tent, warps.square_to_tent_pdf, "plane")
 
 
 @pytest.mark.parametrize("name", DOMAINS)
@@ -89,40 +90,6 @@ def test_small_cells_are_pooled():
     assert pearson(*off, np.full(2, 100.0)) == (1.0, 1)  # Uncertain expectations weigh less
 
 
-def test_cells_follow_the_samples():
-    """A narrow lobe gets half of the rows, the rest of the sphere the other half."""
-    domain = find("sphere")
-    pilot = np.random.default_rng(3).normal([[0.0], [0.01]], [[1.0], [0.001]], (2, 10_000))
-    _, rows = cell_edges(domain, pilot, 100)
-    assert rows[0] == 0
-    assert rows[-1] == math.pi
-    assert (np.diff(rows) > 0).all()
-    assert math.pi / 2 in rows
-    assert 40 <= ((rows > 0.005) & (rows < 0.015)).sum() <= 60
-
-
-def test_every_sample_is_counted():
-    edges = np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 1.0])
-    points = np.array([[-1, 0, 1, 2, -2], [1, -1, 0, 0, 0]])
-    assert cell_of(edges, points).tolist() == [0, 0, 1, 1, 0]
-
-
-def test_peaks_are_found_by_the_samples():
-    """A peak between the points of the first try: the samples in it ask for more points."""
-    edges = np.linspace(0, 1, 5), np.linspace(0, 1, 5)
-
-    def pdf(p):
-        return dr.select(abs(p.x - 0.3) < 1e-4, mi.Float(2500), 0.5)
-
-    options = {"samples": 100_000, "seed": 0}
-    functions = lambda p: p  # noqa: E731
-    highest = np.full(16, 0.5)
-    highest[1::4] = 2500
-    found = integrate(pdf, functions, find("square"), edges, highest=highest, **options)
-    assert found.total == pytest.approx(1, abs=5 * found.total_error)
-    assert found.total_error < 0.1
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("case", [warp_case("tent"), warp_case("beckmann", alpha=0.1)])
 def test_false_alarms(case):
@@ -153,7 +120,11 @@ def test_same_seed_same_verdict():
 
 def test_warp_and_density_wrong_together():
     """Only what is known from elsewhere tells that these are not the cosine's."""
-    uniform = (square_to_uniform_hemisphere, square_to_uniform_hemisphere_pdf, "hemisphere")
+    uniform = (
+        warps.square_to_uniform_hemisphere,
+        warps.square_to_uniform_hemisphere_pdf,
+        "hemisphere",
+    )
     assert chi_square_test(*uniform, **QUICK).passed
     verdict = chi_square_test(*uniform, **QUICK, expected_moments={"z": 2 / 3})
     assert not verdict.passed
@@ -208,9 +179,9 @@ def test_spikes():
 
 def test_narrow_lobes_are_resolved():
     def sample(u):
-        return square_to_beckmann(u, 1e-3)
+        return warps.square_to_beckmann(u, 1e-3)
 
-    right = (lambda m: square_to_beckmann_pdf(m, 1e-3), "hemisphere")
+    right = (lambda m: warps.square_to_beckmann_pdf(m, 1e-3), "hemisphere")
     assert chi_square_test(sample, *right, **QUICK).passed
     wrong = chi_square_test(lambda u: sample(mi.Point2f(u.x**1.2, u.y)), *right, **QUICK)
     assert "counts do not follow the pdf" in wrong.reason
@@ -229,12 +200,12 @@ def test_mistakes_of_a_little_rounding_pass():
 
 def failing(u):
     """Cosine directions, of which those beyond 60 degrees are thrown away."""
-    v = square_to_cosine_hemisphere(u)
+    v = COSINE(u)
     return v, dr.select(v.z > 0.5, mi.Float(1), 0)
 
 
 def cut(v):
-    return dr.select(v.z > 0.5, square_to_cosine_hemisphere_pdf(v), 0)
+    return dr.select(v.z > 0.5, COSINE_PDF(v), 0)
 
 
 def test_failed_samples():
@@ -249,7 +220,7 @@ def test_failed_samples():
 
 
 def test_no_valid_samples():
-    never = lambda u: (square_to_tent(u), mi.Float(0))  # noqa: E731
+    never = lambda u: (warps.square_to_tent(u), mi.Float(0))  # noqa: E731
     verdict = chi_square_test(never, lambda p: mi.Float(0), "plane", **QUICK)
     assert not verdict.passed
     assert "too few valid samples" in verdict.reason
@@ -259,8 +230,8 @@ def test_no_valid_samples():
 def test_density_returned_with_the_sample():
     def sample(factor):
         def draw(u):
-            p = square_to_tent(u)
-            return p, mi.Float(1), factor * square_to_tent_pdf(p)
+            p = warps.square_to_tent(u)
+            return p, mi.Float(1), factor * warps.square_to_tent_pdf(p)
 
         return draw
 
@@ -301,11 +272,11 @@ class Sky:
     """A light as the course's own are: everything above the horizon, by its cosine."""
 
     def sample(self, o, sample):
-        d = square_to_cosine_hemisphere(sample)
+        d = COSINE(sample)
         return SimpleNamespace(d=d, pdf=self.pdf(o, d), valid=d.z > 0)
 
     def pdf(self, o, v):
-        return square_to_cosine_hemisphere_pdf(v)
+        return COSINE_PDF(v)
 
 
 @pytest.mark.statistical
@@ -327,7 +298,9 @@ def test_lights(name, light, o):
 def test_suite():
     bsdf = bsdf_case({"type": "diffuse"}, (0, 0, 1))
     good = [warp_case("tent"), warp_case("cosine_hemisphere"), bsdf]
-    bad = Case(square_to_tent, lambda p: 1.1 * square_to_tent_pdf(p), "plane", "a wrong tent")
+    bad = Case(
+        warps.square_to_tent, lambda p: 1.1 * warps.square_to_tent_pdf(p), "plane", "a wrong tent"
+    )
     suite = chi_square_suite(good, samples=20_000, resolution=21)
     assert suite.passed
     assert str(suite).startswith("3 of 3 passed")
@@ -360,7 +333,8 @@ def test_figure_on_failure(tmp_path):
 
 @pytest.mark.parametrize("bug", [lambda p: dr.nan, lambda p: 0 * p.x, lambda p: -p.x])
 @pytest.mark.parametrize(
-    ("sample", "domain"), [(square_to_tent, "plane"), (square_to_cosine_hemisphere, "sphere")]
+    ("sample", "domain"),
+    [(warps.square_to_tent, "plane"), (COSINE, "sphere")],
 )
 def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
     verdict = chi_square_test(sample, bug, domain, **QUICK, figure=tmp_path / "figure.png")
@@ -390,7 +364,7 @@ def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
         (lambda: find("spher"), "domain = 'spher': did you mean 'sphere'\\? Must be one of square"),
         (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
         (
-            lambda: chi_square_test(lambda u: (square_to_tent(u), u.x), *TENT[1:]),
+            lambda: chi_square_test(lambda u: (warps.square_to_tent(u), u.x), *TENT[1:]),
             "sample: returns the weight .*, must be 0 or 1",
         ),
         (lambda: warp_case("tnt"), "name = 'tnt': did you mean 'tent'\\? Must be one of tent"),

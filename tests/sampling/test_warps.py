@@ -10,24 +10,10 @@ import pytest
 from helpers.support import ALPHA, COMPARISONS
 
 import tofrender
-from tofrender.sampling import WARPS, chi_square_test, warp_case
+from tofrender.sampling import WARPS, chi_square_test, warp_case, warps
 from tofrender.sampling.domains import find, to_drjit, to_numpy
 from tofrender.sampling.points import grid
 from tofrender.sampling.statistics import smallest_allowed
-from tofrender.sampling.warps import (
-    square_to_beckmann,
-    square_to_beckmann_pdf,
-    square_to_cosine_hemisphere,
-    square_to_cosine_hemisphere_pdf,
-    square_to_tent,
-    square_to_tent_pdf,
-    square_to_uniform_disk,
-    square_to_uniform_disk_pdf,
-    square_to_uniform_hemisphere,
-    square_to_uniform_hemisphere_pdf,
-    square_to_uniform_sphere,
-    square_to_uniform_sphere_pdf,
-)
 
 EACH = smallest_allowed(ALPHA, COMPARISONS)
 
@@ -84,20 +70,20 @@ def test_registry_lists_every_warp():
     ("u", "t"), [(0, -1), (1 / 8, -0.5), (1 / 2, 0), (7 / 8, 0.5), (1, 1), (0.02, -0.8)]
 )
 def test_points_in_the_plane(u, t):
-    p = to_numpy(square_to_tent(mi.Point2f(u, 1 - u)), 1)
+    p = to_numpy(warps.square_to_tent(mi.Point2f(u, 1 - u)), 1)
     assert p.ravel() == pytest.approx([t, -t], abs=1e-6)
-    p = to_numpy(square_to_uniform_disk(mi.Point2f(u, 0.125)), 1).ravel()
+    p = to_numpy(warps.square_to_uniform_disk(mi.Point2f(u, 0.125)), 1).ravel()
     assert p == pytest.approx([math.sqrt(u / 2), math.sqrt(u / 2)], abs=1e-6)
 
 
 @pytest.mark.parametrize(
     ("warp", "z"),
     [
-        (square_to_uniform_sphere, lambda u: 1 - 2 * u),
-        (square_to_uniform_hemisphere, lambda u: 1 - u),
-        (square_to_cosine_hemisphere, lambda u: math.sqrt(1 - u)),
+        (warps.square_to_uniform_sphere, lambda u: 1 - 2 * u),
+        (warps.square_to_uniform_hemisphere, lambda u: 1 - u),
+        (warps.square_to_cosine_hemisphere, lambda u: math.sqrt(1 - u)),
         (
-            lambda s: square_to_beckmann(s, 0.7),
+            lambda s: warps.square_to_beckmann(s, 0.7),
             lambda u: 1 / math.sqrt(1 - 0.49 * math.log(1 - u)),
         ),
     ],
@@ -111,30 +97,31 @@ def test_directions(warp, z, u, v):
 
 def test_densities():
     up, down = mi.Vector3f(0.6, 0, 0.8), mi.Vector3f(0.6, 0, -0.8)
-    assert square_to_uniform_disk_pdf(mi.Point2f(0.3, -0.4))[0] == pytest.approx(1 / math.pi)
-    assert square_to_uniform_disk_pdf(mi.Point2f(0.8, -0.7))[0] == 0
-    assert square_to_tent_pdf(mi.Point2f(0.25, -0.5))[0] == pytest.approx(0.375)
-    assert [square_to_tent_pdf(mi.Point2f(*p))[0] for p in ((1, 0), (2, 2), (0, -1.1))] == [0] * 3
+    assert warps.square_to_uniform_disk_pdf(mi.Point2f(0.3, -0.4))[0] == pytest.approx(1 / math.pi)
+    assert warps.square_to_uniform_disk_pdf(mi.Point2f(0.8, -0.7))[0] == 0
+    assert warps.square_to_tent_pdf(mi.Point2f(0.25, -0.5))[0] == pytest.approx(0.375)
+    for p in ((1, 0), (2, 2), (0, -1.1)):
+        assert warps.square_to_tent_pdf(mi.Point2f(*p))[0] == 0
     for v in (up, down):
-        assert square_to_uniform_sphere_pdf(v)[0] == pytest.approx(1 / (4 * math.pi))
-    assert square_to_uniform_hemisphere_pdf(up)[0] == pytest.approx(1 / (2 * math.pi))
-    assert square_to_cosine_hemisphere_pdf(up)[0] == pytest.approx(0.8 / math.pi)
+        assert warps.square_to_uniform_sphere_pdf(v)[0] == pytest.approx(1 / (4 * math.pi))
+    assert warps.square_to_uniform_hemisphere_pdf(up)[0] == pytest.approx(1 / (2 * math.pi))
+    assert warps.square_to_cosine_hemisphere_pdf(up)[0] == pytest.approx(0.8 / math.pi)
     tan2 = (0.6 / 0.8) ** 2
     beckmann = math.exp(-tan2 / 0.16) / (math.pi * 0.16 * 0.8**3)
-    assert square_to_beckmann_pdf(up, 0.4)[0] == pytest.approx(beckmann, rel=1e-5)
+    assert warps.square_to_beckmann_pdf(up, 0.4)[0] == pytest.approx(beckmann, rel=1e-5)
 
 
 @pytest.mark.parametrize("z", [-1.0, -0.5, -1e-7, -1e-30, -0.0, 0.0, 1e-30, 1e-13, 1e-4])
 def test_below_and_at_the_horizon(z):
     """Nothing below; at the horizon 0 where the density vanishes, and never NaN."""
     v = mi.Vector3f(math.sqrt(1 - z * z), 0, z)
-    assert square_to_uniform_hemisphere_pdf(v)[0] == (
+    assert warps.square_to_uniform_hemisphere_pdf(v)[0] == (
         0 if z < 0 else pytest.approx(1 / (2 * math.pi))
     )
-    assert square_to_cosine_hemisphere_pdf(v)[0] == pytest.approx(max(z, 0) / math.pi)
+    assert warps.square_to_cosine_hemisphere_pdf(v)[0] == pytest.approx(max(z, 0) / math.pi)
     for alpha in (1e-6, 0.01, 0.3):
-        assert square_to_beckmann_pdf(v, alpha)[0] == 0
-    assert math.isfinite(square_to_beckmann_pdf(v, 100.0)[0])
+        assert warps.square_to_beckmann_pdf(v, alpha)[0] == 0
+    assert math.isfinite(warps.square_to_beckmann_pdf(v, 100.0)[0])
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -156,30 +143,30 @@ def test_edges_of_the_square(name):
 def test_alpha_from_small_to_large():
     """Angles and densities have all their digits where 1 - z^2 has none left."""
     for alpha in (1e-6, 1e-4, 0.01, 1.0, 100.0, 1e6):
-        m = square_to_beckmann(mi.Point2f(mi.Float(0.1, 0.5, 0.9), 0.0), alpha)
+        m = warps.square_to_beckmann(mi.Point2f(mi.Float(0.1, 0.5, 0.9), 0.0), alpha)
         x, _, z = to_numpy(m, 3)
         tan2 = -np.log1p(-np.array([0.1, 0.5, 0.9])) * alpha**2
         assert x / z == pytest.approx(np.sqrt(tan2), rel=1e-5)
         expected = np.exp(-tan2 / alpha**2) * (1 + tan2) ** 1.5 / (math.pi * alpha**2)
-        assert np.array(square_to_beckmann_pdf(m, alpha)) == pytest.approx(expected, rel=2e-5)
+        assert np.array(warps.square_to_beckmann_pdf(m, alpha)) == pytest.approx(expected, rel=2e-5)
 
 
 def test_one_alpha_for_each_lane():
     alphas = mi.Float(0.1, 0.5)
-    m = square_to_beckmann(mi.Point2f(0.5, 0.0), alphas)
-    pdf = square_to_beckmann_pdf(m, alphas)
+    m = warps.square_to_beckmann(mi.Point2f(0.5, 0.0), alphas)
+    pdf = warps.square_to_beckmann_pdf(m, alphas)
     for k, alpha in enumerate((0.1, 0.5)):
-        one = square_to_beckmann(mi.Point2f(0.5, 0.0), alpha)
+        one = warps.square_to_beckmann(mi.Point2f(0.5, 0.0), alpha)
         assert m.x[k] == pytest.approx(one.x[0])
-        assert pdf[k] == pytest.approx(square_to_beckmann_pdf(one, alpha)[0])
+        assert pdf[k] == pytest.approx(warps.square_to_beckmann_pdf(one, alpha)[0])
 
 
 @pytest.mark.parametrize("alpha", [0, -0.3, math.nan, 1e-9, "rough", True])
 def test_bad_alpha(alpha):
     message = f"alpha = {alpha!r}: must be a finite number from 1e-06 to 1e\\+06"
     for call in (
-        lambda: square_to_beckmann(mi.Point2f(0.5, 0.5), alpha),
-        lambda: square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), alpha),
+        lambda: warps.square_to_beckmann(mi.Point2f(0.5, 0.5), alpha),
+        lambda: warps.square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), alpha),
     ):
         with pytest.raises(ValueError, match=message):
             call()
@@ -294,20 +281,20 @@ def test_bugs_are_found(name, bug):
 
 CLASSICS = {
     "Mitsuba's cosine density is negative": (
-        square_to_cosine_hemisphere,
+        warps.square_to_cosine_hemisphere,
         lambda v: mi.warp.square_to_cosine_hemisphere_pdf(v),
     ),
     "density mirrored below the horizon": (
-        square_to_cosine_hemisphere,
+        warps.square_to_cosine_hemisphere,
         lambda v: dr.abs(v.z) * dr.inv_pi,
     ),
     "Beckmann without the projected area": (
-        lambda u: square_to_beckmann(u, 0.3),
-        lambda m: square_to_beckmann_pdf(m, 0.3) / m.z,
+        lambda u: warps.square_to_beckmann(u, 0.3),
+        lambda m: warps.square_to_beckmann_pdf(m, 0.3) / m.z,
     ),
     "Beckmann with alpha 3 % off": (
-        lambda u: square_to_beckmann(u, 0.3),
-        lambda m: square_to_beckmann_pdf(m, 0.309),
+        lambda u: warps.square_to_beckmann(u, 0.3),
+        lambda m: warps.square_to_beckmann_pdf(m, 0.309),
     ),
 }
 
