@@ -26,11 +26,8 @@ from tofrender.sampling.suites import Case
 
 EACH = smallest_allowed(ALPHA, COMPARISONS)
 QUICK = {"samples": 50_000, "resolution": 31, "alpha": EACH}
-HEMISPHERE = (
-    COSINE,
-    COSINE_PDF,
-    "hemisphere",
-)
+COSINE, COSINE_PDF = warps.square_to_cosine_hemisphere, warps.square_to_cosine_hemisphere_pdf
+HEMISPHERE = (COSINE, COSINE_PDF, "hemisphere")
 TENT = (warps.square_to_tent, warps.square_to_tent_pdf, "plane")
 
 
@@ -120,11 +117,8 @@ def test_same_seed_same_verdict():
 
 def test_warp_and_density_wrong_together():
     """Only what is known from elsewhere tells that these are not the cosine's."""
-    uniform = (
-        warps.square_to_uniform_hemisphere,
-        warps.square_to_uniform_hemisphere_pdf,
-        "hemisphere",
-    )
+    case = warp_case("uniform_hemisphere")
+    uniform = (case.sample, case.pdf, case.domain)
     assert chi_square_test(*uniform, **QUICK).passed
     verdict = chi_square_test(*uniform, **QUICK, expected_moments={"z": 2 / 3})
     assert not verdict.passed
@@ -298,9 +292,7 @@ def test_lights(name, light, o):
 def test_suite():
     bsdf = bsdf_case({"type": "diffuse"}, (0, 0, 1))
     good = [warp_case("tent"), warp_case("cosine_hemisphere"), bsdf]
-    bad = Case(
-        warps.square_to_tent, lambda p: 1.1 * warps.square_to_tent_pdf(p), "plane", "a wrong tent"
-    )
+    bad = Case(TENT[0], lambda p: 1.1 * TENT[1](p), "plane", "a wrong tent")
     suite = chi_square_suite(good, samples=20_000, resolution=21)
     assert suite.passed
     assert str(suite).startswith("3 of 3 passed")
@@ -332,10 +324,7 @@ def test_figure_on_failure(tmp_path):
 
 
 @pytest.mark.parametrize("bug", [lambda p: dr.nan, lambda p: 0 * p.x, lambda p: -p.x])
-@pytest.mark.parametrize(
-    ("sample", "domain"),
-    [(warps.square_to_tent, "plane"), (COSINE, "sphere")],
-)
+@pytest.mark.parametrize(("sample", "domain"), [(TENT[0], "plane"), (COSINE, "sphere")])
 def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
     verdict = chi_square_test(sample, bug, domain, **QUICK, figure=tmp_path / "figure.png")
     assert not verdict.passed
@@ -349,18 +338,12 @@ def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
             lambda: chi_square_test(*TENT, samples=10),
             "samples = 10: must be an integer from 1000 to 16777216",
         ),
-        (
-            lambda: chi_square_test(*TENT, alpha=1.0),
-            "alpha = 1.0: must be a number between",
-        ),
+        (lambda: chi_square_test(*TENT, alpha=1.0), "alpha = 1.0: must be a number between"),
         (
             lambda: chi_square_test(*TENT, expected_moments={"z": 0}),
             "expected_moments = 'z': must be one of x, y, xx, xy, yy",
         ),
-        (
-            lambda: chi_square_test(*TENT, figure="no/f.png"),
-            "figure = no/f.png: no must be a",
-        ),
+        (lambda: chi_square_test(*TENT, figure="no/f.png"), "figure = no/f.png: no must be a"),
         (lambda: find("spher"), "domain = 'spher': did you mean 'sphere'\\? Must be one of square"),
         (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
         (

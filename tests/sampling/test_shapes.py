@@ -666,19 +666,13 @@ BAD = {
     "triangle density": (lambda: sample_triangle_pdf(mi.Point3f(0), *LINE), r"^v0 = .*span an"),
     "triangle light": (lambda: Triangle(*LINE), r"^v0 = .* v2 = \[2.0, 2.0, 2.0\]: must span"),
     "triangle of NaN": (lambda: Triangle([0, 0, math.nan], *LINE[:2]), r"^v0 = .*finite"),
-    "point of two": (
-        lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]),
-        r"^v1 = \[1, 0\]: must be",
-    ),
+    "point of two": (lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]), r"^v1 = \[1, 0\]: must be"),
     "cap beyond": (lambda: sample_sphere_cap(mi.Point2f(0.5), 1.5), r"^cos_theta_max = 1.5: must"),
     "cap density": (
         lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), -1.01),
         r"^cos_theta_max = -1.01: must be a finite number from -1 to 1$",
     ),
-    "no radius": (
-        lambda: Sphere((0, 0, 0), 0),
-        r"^radius = 0: must be .* above 0$",
-    ),
+    "no radius": (lambda: Sphere((0, 0, 0), 0), r"^radius = 0: must be .* above 0$"),
     "centre": (lambda: Sphere((0, math.inf, 0), 1), r"^centre = \(0, inf, 0\): must be three"),
     "ellipsoid": (
         lambda: Sphere(transform=mi.ScalarTransform4f().scale([1, 1, 2])),
@@ -691,15 +685,9 @@ BAD = {
     "projection": (lambda: Quad(transform=np.ones((4, 4))), r"^transform = .*last row 0, 0, 0, 1$"),
     "edges": (lambda: Quad.from_edges([0, 0, 0], [1, 0, 0], [3, 0, 0]), r"^e0 = .*span an area"),
     "emission": (lambda: Quad(emission=-1), r"^emission = -1: must be one number or three, each"),
-    "emission of two": (
-        lambda: Sphere(emission=(1, 2)),
-        r"^emission = \(1, 2\): must be one",
-    ),
+    "emission of two": (lambda: Sphere(emission=(1, 2)), r"^emission = \(1, 2\): must be one"),
     "group of others": (lambda: SurfaceGroup([3]), r"^shapes = \[3\]: must be a list"),
-    "empty group": (
-        lambda: SurfaceGroup([]),
-        r"^shapes = \[\]: must be a list of at least one",
-    ),
+    "empty group": (lambda: SurfaceGroup([]), r"^shapes = \[\]: must be a list of at least one"),
 }
 
 
