@@ -56,16 +56,6 @@ def test_how_a_process_ends_is_a_result(monkeypatch, code, error):
     assert doctor._in_process(code) == ({}, error)
 
 
-def test_an_abort_while_rendering_fails_with_a_remedy(monkeypatch):
-    monkeypatch.setattr(doctor, "_TEST_RENDER", "import os; os.kill(os.getpid(), 11)")
-    check = doctor._check_render()
-    assert not check.ok
-    assert check.required
-    assert "SIGSEGV" in check.detail
-    if llvm.choose():
-        assert llvm.install_command() in check.remedy
-
-
 @pytest.mark.parametrize(
     ("package", "detail", "remedy"),
     [
@@ -81,14 +71,24 @@ def test_a_package_that_is_another_or_missing_is_a_problem(monkeypatch, package,
     assert check.remedy.endswith(f'-m pip install "{remedy}"')
 
 
-def test_a_refusal_that_names_its_remedy_gets_no_other(monkeypatch):
-    refused = (
-        "from tofrender.runtime.backend import BackendError\nraise BackendError('ulimit -v = 1')"
-    )
-    monkeypatch.setattr(doctor, "_TEST_RENDER", refused)
+REFUSED = "from tofrender.runtime.backend import BackendError\nraise BackendError('ulimit -v = 1')"
+
+
+@pytest.mark.parametrize(
+    ("code", "detail", "remedy"),
+    [
+        ("import os; os.kill(os.getpid(), 11)", "ended by SIGSEGV", llvm.install_command()),
+        (REFUSED, "ulimit -v = 1", ""),  # Names its remedy and gets no other
+    ],
+)
+def test_a_test_render_that_fails(monkeypatch, code, detail, remedy):
+    monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)  # Adds a line
+    monkeypatch.setattr(doctor, "_TEST_RENDER", code)
     monkeypatch.setattr(llvm, "choose", lambda: llvm.Library(Path("libLLVM.so.19"), 19))
     check = doctor._check_render()
-    assert (check.ok, check.detail, check.remedy) == (False, "ulimit -v = 1", "")
+    assert (check.ok, check.required, check.detail) == (False, True, detail)
+    assert remedy in check.remedy
+    assert bool(check.remedy) == bool(remedy)
 
 
 def test_memory_is_what_the_limits_leave(monkeypatch):

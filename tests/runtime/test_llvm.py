@@ -240,14 +240,10 @@ def test_a_package_without_candidate_does_not_count(machine):
 
 
 def test_what_the_set_up_reads(debian12, monkeypatch, capsys):
-    debian12.packages("libllvm19")
-    system = debian12.system(euid=0)
+    path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")  # a header and nothing else
+    system = debian12.system()
     monkeypatch.setattr(llvm, "System", lambda: system)
     assert llvm.main() == 1
-    line = "no LLVM 17 or newer found, only 14, 15; run: apt-get install -y libllvm19\n"
-    assert capsys.readouterr() == ("", line)
-    path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")
-    assert llvm.main() == 1  # a header and nothing else
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith(f"{path}: cannot be loaded")

@@ -46,11 +46,6 @@ def chi_square(samples: np.ndarray, pulse) -> float:
     return math.exp(-half) * sum(terms)
 
 
-def grid(pulse, n: int = 4001) -> np.ndarray:
-    low, high = pulse.support
-    return np.linspace(low - 0.1 * (high - low), high + 0.1 * (high - low), n)
-
-
 def called(function, t) -> np.ndarray:
     return np.array(function(mi.Float(t)), dtype=np.float64)
 
@@ -62,15 +57,14 @@ def drawn(pulse, count: int, seed: int = 7) -> np.ndarray:
 @pytest.mark.parametrize("name", PULSES)
 def test_density_integrates_to_one_and_to_the_cdf(name):
     pulse = PULSES[name]
-    t = grid(pulse)
+    low, high = pulse.support
+    t = np.linspace(1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low, 4001)
     density, cdf = called(pulse.eval, t), called(pulse.cdf, t)
     middle = called(pulse.eval, 0.5 * (t[1:] + t[:-1]))
     assert density.min() >= 0
-    assert np.sum(middle * np.diff(t)) == pytest.approx(1, abs=2e-3)
     assert np.cumsum(middle * np.diff(t)) == pytest.approx(cdf[1:], abs=2e-3)
     assert np.diff(cdf).min() >= -1e-7
-    assert cdf[0] == pytest.approx(0, abs=1e-6)
-    assert cdf[-1] == pytest.approx(1, abs=1e-6)
+    assert (cdf[0], cdf[-1]) == pytest.approx((0, 1), abs=1e-6)
 
 
 @pytest.mark.parametrize("name", PULSES)
@@ -87,13 +81,11 @@ def test_samples_follow_the_cdf(name):
 def test_samples_are_finite_at_both_ends(name):
     """A 24-bit random number is 0 now and then."""
     pulse = PULSES[name]
-    xi = [0.0, 2.0**-32, 2.0**-24, 0.5, 1 - 2.0**-24, 1.0]
-    t = np.array(pulse.sample(mi.Float(xi))[0])
+    t = called(lambda xi: pulse.sample(xi)[0], [0.0, 2.0**-32, 2.0**-24, 0.5, 1 - 2.0**-24, 1.0])
     low, high = pulse.support
     margin = 0.2 * (high - low)
     assert np.isfinite(t).all()
-    assert (t >= low - margin).all()
-    assert (t <= high + margin).all()
+    assert np.all((t >= low - margin) & (t <= high + margin))
     assert np.all(np.diff(t) >= 0)
 
 
