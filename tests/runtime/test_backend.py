@@ -202,12 +202,6 @@ def test_public_names():
         plugins.plugin("Path")
 
 
-def test_own_names():
-    assert plugins.own_name("transient_path") == "tofrender_transient_path"
-    assert plugins.own_name("hdrfilm") == "hdrfilm"
-    assert plugins.own_name("tofrender_transient_path") == "tofrender_transient_path"
-
-
 VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
 assert {"llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"} <= set(VARIANTS)
 

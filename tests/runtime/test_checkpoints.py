@@ -86,13 +86,6 @@ def test_earlier_files_name_their_arrays_only(path):
     assert begun(path).done == 16
 
 
-def test_what_is_told(path):
-    told = []
-    saved(path)
-    begun(path, of=128, tell=told.append)
-    assert told == ["resuming from 16 of 128 samples"]
-
-
 def test_without_resume_it_starts_anew(path):
     """And what was there stays until something takes its place."""
     saved(path, done=32)

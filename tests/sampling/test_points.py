@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import tofrender
 from tofrender.sampling.domains import to_numpy
 from tofrender.sampling.points import POINT_SETS, grid, independent, point_set, stratified
 
@@ -73,10 +72,3 @@ def test_mean_is_unbiased_and_stratified_has_less_noise(count):
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def test_public_names():
-    assert tofrender.sampling.grid is grid
-    assert "stratified" in dir(tofrender.sampling)
-    with pytest.raises(AttributeError, match="has no attribute 'halton'"):
-        _ = tofrender.sampling.halton

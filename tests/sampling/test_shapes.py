@@ -613,14 +613,8 @@ def tangent_for_sine(s, o, v, pdf):
     return dr.select(pdf > 0, wrong, 0)
 
 
-def geometry_factor(s, o, v, pdf):
-    distance, _, n = s.intersect(o, v)
-    return dr.select(pdf > 0, distance**2 / (s.area / 2 * dr.abs(dr.dot(v, n)) + 1e-9), 0)
-
-
 WRONG_SPHERES = {
     "tangent for sine": tangent_for_sine,
-    "geometry factor": geometry_factor,
     "radius before the transform": lambda s, o, v, pdf: 4 * pdf,
     "not 0 beside it": lambda s, o, v, pdf: dr.maximum(pdf, 0.01),
 }
