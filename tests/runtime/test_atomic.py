@@ -1,7 +1,5 @@
 """Files and folders appear whole or not at all, whenever their writer is killed."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal
@@ -12,11 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from helpers.processes import ROOT
 
 from tofrender.runtime import atomic
 from tofrender.runtime.atomic import check_writable, hidden, locked, remove_leftovers, replacing
-
-ROOT = Path(__file__).parents[2]
 
 LONG = "x" * 250
 """As long as names may be, or nearly: 255 bytes."""
@@ -24,10 +21,6 @@ LONG = "x" * 250
 
 def names(folder: Path) -> list[str]:
     return sorted(os.listdir(folder))
-
-
-def content(path: Path) -> dict[str, bytes]:
-    return {each.name: each.read_bytes() for each in path.iterdir()}
 
 
 def write(path: Path, text: str, folder: bool = False) -> None:
@@ -40,29 +33,29 @@ def read(path: Path) -> str:
     """What `write` has written, "" if it is not there; fails if it is not whole."""
     if not path.is_dir():
         return path.read_text() if path.exists() else ""
-    parts = content(path)
-    assert parts.keys() == {"a", "b"}
-    assert parts["a"] == parts["b"]
-    return parts["a"].decode()
+    parts = {each.name: each.read_text() for each in path.iterdir()}
+    assert parts == dict.fromkeys("ab", parts["a"])
+    return parts["a"]
 
 
 def child(code: str, *arguments: object) -> subprocess.Popen:
-    """A process that runs code with `atomic`, which need not be killed twice."""
-    lines = (
-        "import os, sys, time\nfrom pathlib import Path\nfrom tofrender.runtime.atomic import *\n"
-    )
-    command = [sys.executable, "-c", lines + code, *map(str, arguments)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    """A process that runs code with `atomic`."""
+    imports = "import os, sys, time\nfrom pathlib import Path\n"
+    code = f"{imports}from tofrender.runtime.atomic import *\n{code}"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=ROOT, text=True, **pipes)
 
 
-# ------------------------------------------------------------------------------- replacing
-
-
-@pytest.mark.parametrize("folder", [False, True])
-def test_it_takes_the_place(tmp_path, folder):
-    target = tmp_path / "new" / "film.exr"
+@pytest.mark.parametrize("kind", ["file", "folder", "folder where none can be exchanged"])
+@pytest.mark.parametrize("where", ["absolute", "relative"])
+def test_it_takes_the_place(tmp_path, monkeypatch, kind, where):
+    monkeypatch.chdir(tmp_path)
+    if "none" in kind:
+        monkeypatch.setattr(atomic, "_exchange", lambda *_: False)
+    target = Path("film.exr") if where == "relative" else tmp_path / "new" / "film.exr"
     for text in ("one", "two"):
-        write(target, text, folder)
+        write(target, text, kind != "file")
         assert read(target) == text
         assert names(target.parent) == ["film.exr"]
 
@@ -105,14 +98,6 @@ def test_a_link_is_followed(tmp_path):
     assert real.read_text() == "two"
 
 
-def test_a_relative_name(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(Path("film"), "one", folder=True)
-    write(Path("film"), "two", folder=True)
-    assert read(tmp_path / "film") == "two"
-    assert names(tmp_path) == ["film"]
-
-
 @pytest.mark.parametrize("folder", [False, True])
 def test_names_as_long_as_may_be(tmp_path, folder):
     target = tmp_path / LONG
@@ -131,36 +116,26 @@ def test_a_file_has_the_mode_that_others_have(tmp_path):
         write(tmp_path / "folder", "one", folder=True)
     finally:
         os.umask(before)
-    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
-    assert (tmp_path / "folder").stat().st_mode & 0o777 == 0o755
+    modes = [(tmp_path / name).stat().st_mode & 0o777 for name in ("file", "folder")]
+    assert modes == [0o644, 0o755]
 
 
 @pytest.mark.parametrize("folder", [False, True])
 def test_it_is_on_the_disk_before_it_takes_the_place(tmp_path, monkeypatch, folder):
-    """What is renamed but not synced may be empty after a power cut."""
+    """What is renamed but not synced may be empty after a power cut; its parent's list too."""
     target, synced = tmp_path / "film", set()
     write(target, "one", folder)
     fsync = os.fsync
 
     def sync(descriptor):
-        if read(target) == "one":
-            synced.add(os.fstat(descriptor).st_ino)
+        synced.add((os.fstat(descriptor).st_ino, read(target)))
         fsync(descriptor)
 
     monkeypatch.setattr(os, "fsync", sync)
     write(target, "two", folder)
     files = [target / "a", target / "b", target] if folder else [target]
-    assert {each.stat().st_ino for each in files} <= synced
-
-
-def test_the_parent_is_synced_after(tmp_path, monkeypatch):
-    target, synced = tmp_path / "film", []
-    fsync = os.fsync
-    monkeypatch.setattr(
-        os, "fsync", lambda d: (synced.append((os.fstat(d).st_ino, target.exists())), fsync(d))
-    )
-    write(target, "one")
-    assert (tmp_path.stat().st_ino, True) in synced
+    assert {(each.stat().st_ino, "one") for each in files} <= synced
+    assert (tmp_path.stat().st_ino, "two") in synced
 
 
 _WATCH = """
@@ -177,10 +152,8 @@ print(bad, seen)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("folder", [False, True])
 def test_it_is_never_away(tmp_path, folder):
-    """Another process that looks all the time always finds it, and finds it whole."""
     target = tmp_path / "film"
     write(target, "000" * 10_000, folder)
     if folder:
@@ -216,28 +189,14 @@ def test_a_disk_without_inodes(tmp_path, monkeypatch):
 
 
 def test_threads_may_try_one_folder_at_once(tmp_path):
-    """What several threads try in one folder at once keeps none of them from writing."""
     with ThreadPoolExecutor(8) as threads:
         found = threads.map(check_writable, [tmp_path / f"{count}" for count in range(400)])
         assert list(found) == [None] * 400
     assert names(tmp_path) == []
 
 
-def test_where_folders_cannot_be_exchanged(tmp_path, monkeypatch):
-    monkeypatch.setattr(atomic, "_exchange", lambda *_: False)
-    for text in ("one", "two"):
-        write(tmp_path / "film", text, folder=True)
-        assert read(tmp_path / "film") == text
-    assert names(tmp_path) == ["film"]
-
-
-# --------------------------------------------------------------------- killed at any moment
-
 _WRITE = """
 path, folder = Path(sys.argv[1]), sys.argv[2] == "folder"
-if sys.argv[3] == "aside":
-    import tofrender.runtime.atomic as atomic
-    atomic._exchange = lambda *_: False
 print("ready", flush=True)
 count = 0
 with locked(path):
@@ -249,19 +208,16 @@ with locked(path):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["file", "folder"])
 def test_killed_at_any_moment(tmp_path, kind):
-    """What is there is whole, and what a killed writer left goes with the next."""
     target = tmp_path / "film"
     write(target, "first", kind == "folder")
     for after in (0.003, 0.011, 0.023, 0.05):
-        writer = child(_WRITE, target, kind, "exchange")
+        writer = child(_WRITE, target, kind)
         assert writer.stdout.readline() == "ready\n"
         time.sleep(after)
         writer.kill()
-        writer.wait(30)
-        writer.stdout.close()
+        writer.communicate(timeout=30)
         text = read(target)
         if text != "first":
             assert text == text[: len(text) // 1000] * 1000
@@ -297,40 +253,26 @@ def test_killed_while_the_earlier_folder_is_aside(tmp_path):
     assert names(tmp_path) == ["film"]
 
 
-# ------------------------------------------------------------------------- hidden, leftovers
-
-
-def test_hidden_names(tmp_path):
+def test_hidden_names(tmp_path, monkeypatch):
     path = hidden(tmp_path / "film", ".checkpoint.npz")
     assert path.parent == tmp_path
     assert path.name.startswith(".tofrender-")
     assert path.name.endswith(".checkpoint.npz")
-    assert path == hidden(tmp_path / "film", ".checkpoint.npz")
     others = [hidden(tmp_path / n, ".checkpoint.npz") for n in ("film2", "fil", LONG, LONG + "y")]
     assert len({path, *others}) == 5
     assert all(len(each.name.encode()) <= 255 for each in others)
-
-
-def test_hidden_names_of_one_place(tmp_path, monkeypatch):
-    """However it is written: a second run must find the first one's checkpoint, and its lock."""
+    # However a place is written, a second run must find the first one's checkpoint, and its lock
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sub").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "film")
     ways = ["film", "./film", tmp_path / "film", "film/", "sub/../film", "link"]
-    assert len({Path(hidden(way, ".lock")).resolve() for way in ways}) == 1
+    assert {Path(hidden(way, ".checkpoint.npz")).resolve() for way in ways} == {path}
 
 
 def test_leftovers_of_others_stay(tmp_path):
-    """Beside `film`, what belongs to `film2` or to nobody is not touched."""
     write(tmp_path / "film", "one", folder=True)
-    kept = hidden(tmp_path / "film", ".checkpoint.npz")
-    others = [
-        kept,
-        hidden(tmp_path / "film2", ".checkpoint.npz"),
-        hidden(tmp_path / "fil", ".checkpoint.npz"),
-        tmp_path / ".hidden",
-        tmp_path / "film.txt",
-    ]
+    others = [hidden(tmp_path / name, ".checkpoint.npz") for name in ("film", "film2", "fil")]
+    others += [tmp_path / ".hidden", tmp_path / "film.txt"]
     for each in others:
         each.write_text("x")
     with replacing(tmp_path / "film2", folder=True) as temporary:
@@ -340,45 +282,31 @@ def test_leftovers_of_others_stay(tmp_path):
     assert all(each.exists() for each in others)
 
 
+_LEFT = """
+writer = replacing(Path(sys.argv[1]), folder=sys.argv[2] == 'True')
+temporary = writer.__enter__()
+(temporary / 'a' if temporary.is_dir() else temporary).write_text('half')
+print(temporary.name, flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
 def test_leftovers_go(tmp_path):
-    made = []
-    for folder in (False, True):
-        code = (
-            "writer = replacing(Path(sys.argv[1]), folder=sys.argv[2] == 'True')\n"
-            "temporary = writer.__enter__()\n"
-            "(temporary / 'a' if temporary.is_dir() else temporary).write_text('half')\n"
-            "print(temporary.name, flush=True)\n"
-            "os.kill(os.getpid(), 9)"
-        )
-        killed = child(code, tmp_path / "film", folder)
-        made.append(killed.communicate(timeout=30)[0].strip())
+    killed = [child(_LEFT, tmp_path / "film", folder) for folder in (False, True)]
+    made = [each.communicate(timeout=30)[0].strip() for each in killed]
     assert names(tmp_path) == sorted(made)
     with locked(tmp_path / "film"):
         remove_leftovers(tmp_path / "film")
     assert names(tmp_path) == []
 
 
-# ---------------------------------------------------------------------------------- the lock
-
-_LOCK = """
-with locked(sys.argv[1]):
-    print("locked", flush=True)
-    sys.stdin.read()
-"""
-
-
-def holder(path: Path) -> subprocess.Popen:
-    code = f"import sys\nfrom tofrender.runtime.atomic import locked\n{_LOCK}"
-    command = [sys.executable, "-c", code, str(path)]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    process = subprocess.Popen(command, cwd=ROOT, text=True, **pipes)
-    assert process.stdout.readline() == "locked\n"
-    return process
-
-
-def test_one_writer_at_a_time(tmp_path):
+@pytest.mark.parametrize("killed", [False, True])
+def test_one_writer_at_a_time(tmp_path, killed):
     path = tmp_path / "film"
-    first = holder(path)
+    holder = child(
+        "with locked(sys.argv[1]):\n    print('locked', flush=True)\n    sys.stdin.read()", path
+    )
+    assert holder.stdout.readline() == "locked\n"
     try:
         start = time.monotonic()
         with (
@@ -391,17 +319,10 @@ def test_one_writer_at_a_time(tmp_path):
         with locked(tmp_path / "other"):
             pass
     finally:
-        first.communicate("")
-    with locked(path):
-        pass
-    assert names(tmp_path) == []
-
-
-def test_the_dead_hold_no_lock(tmp_path):
-    first = holder(tmp_path / "film")
-    first.kill()
-    first.communicate()
-    with locked(tmp_path / "film"):
+        if killed:
+            holder.kill()
+        holder.communicate("")
+    with locked(path):  # The dead hold no lock
         pass
     assert names(tmp_path) == []
 
@@ -446,9 +367,7 @@ for _ in range(60):
 """
 
 
-@pytest.mark.slow
 def test_locks_of_many(tmp_path):
-    """Removing the lock's file lets nobody in twice."""
     (tmp_path / "count").write_text("0")
     workers = [child(_MANY, tmp_path / "film") for _ in range(3)]
     for each in workers:

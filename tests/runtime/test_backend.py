@@ -1,53 +1,96 @@
 """The variant is chosen, kept and switched; plugins follow it; a bad LLVM never aborts."""
 
-from __future__ import annotations
-
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import mitsuba as mi
+import numpy as np
 import pytest
+from helpers.gallery import SCENES
+from helpers.processes import says
+from helpers.support import camera, diffuse, film, path_image, plane, point_light, rendered, scene
+from oracles import films as oracles
 
 import tofrender
 from tofrender.runtime import backend, llvm, plugins
 from tofrender.runtime.backend import BackendError
 
-ROOT = Path(__file__).parents[2]
-LLVM_VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
+LLVM_WITHOUT_CUDA = """
+import tofrender, mitsuba as mi
+print(mi.variant())
+"""
+# Mitsuba is not asked to start it
+CUDA_WHERE_IT_WORKS = """
+import sys
+sys.argv = ["tofrender"]  # As the command, which activates later
+from tofrender import backend
+import drjit as dr, mitsuba as mi
+chosen = []
+dr.has_backend = lambda which: which == dr.JitBackend.CUDA
+mi.set_variant = chosen.append
+backend.plugins.register = lambda variant: None
+backend.activate()
+print(chosen)
+"""
+THE_ONE_THAT_IS_SET = """
+import mitsuba as mi
+mi.set_variant("llvm_ad_mono")
+import tofrender
+print(mi.variant())
+print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
+"""
+SCALAR = """
+import mitsuba as mi
+mi.set_variant("scalar_rgb")
+import tofrender
+print(mi.variant())
+for work in (lambda: tofrender.render("cornell_box"), lambda: tofrender.TransientPath):
+    try:
+        work()
+    except Exception as error:
+        print(type(error).__name__, error)
+mi.set_variant("llvm_ad_rgb")
+scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
+print(tofrender.render(scene, spp=1, progress=False).attrs["variant"])
+"""
+REFUSED = (
+    "BackendError variant = 'scalar_rgb': cannot render in time, must be an llvm_* or cuda_* "
+    "variant; call mi.set_variant('llvm_ad_rgb') first"
+)
+NOT_THERE = (
+    "AttributeError tofrender.TransientPath needs an llvm_* or cuda_* variant; the active one "
+    "is 'scalar_rgb'"
+)
+LIGHT = """
+import sys, tofrender
+heavy = "xarray matplotlib rich typer OpenEXR PIL tqdm pandas"
+print([name for name in heavy.split() if name in sys.modules])
+"""
+HELP_WITHOUT_MITSUBA = """
+import os, sys
+sys.argv = ["/usr/bin/tofrender", "render", "--help"]
+import tofrender.cli
+sys.stdout = open(os.devnull, "w")
+status = tofrender.cli.main()
+heavy = [name for name in ("mitsuba", "drjit", "numpy") if name in sys.modules]
+print(status, heavy, file=sys.__stdout__)
+"""
 
 
-def python(code: str, **environment: str) -> subprocess.CompletedProcess:
-    """Run a script in a process of its own; its working directory is the project's root."""
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-
-
-def says(code: str, **environment: str) -> list[str]:
-    """What a script prints, one entry a line; it must succeed."""
-    result = python(code, **environment)
-    assert result.returncode == 0, result.stderr
-    return result.stdout.splitlines()
-
-
-def tiny() -> dict:
-    return tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
-
-
-# ------------------------------------------------------------------------------------ at import
-
-
-def test_llvm_is_picked_without_cuda():
-    code = "import tofrender, mitsuba as mi; print(mi.variant())"
-    assert says(code, CUDA_VISIBLE_DEVICES="-1") == ["llvm_ad_rgb"]
+@pytest.mark.parametrize(
+    ("code", "lines"),
+    [
+        (LLVM_WITHOUT_CUDA, ["llvm_ad_rgb"]),
+        (CUDA_WHERE_IT_WORKS, ["['cuda_ad_rgb']"]),
+        (THE_ONE_THAT_IS_SET, ["llvm_ad_mono", "True"]),
+        (SCALAR, ["scalar_rgb", REFUSED, NOT_THERE, "llvm_ad_rgb"]),
+        (LIGHT, ["[]"]),
+        (HELP_WITHOUT_MITSUBA, ["0 []"]),
+    ],
+    ids=["llvm", "cuda", "set", "scalar", "light", "help"],
+)
+def test_at_import(code, lines):
+    assert says(code, CUDA_VISIBLE_DEVICES="-1") == lines
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs Linux")
@@ -65,139 +108,43 @@ print(mi.Bitmap(path).size())
     assert says(code) == ["2", "[4, 4]"]
 
 
-def test_cuda_is_picked_where_it_works():
-    """Told that CUDA works, the choice falls on it; Mitsuba is not asked to start it."""
-    code = """
-import sys
-sys.argv = ["tofrender"]  # As the command, which activates later
-from tofrender import backend
-import drjit as dr, mitsuba as mi
-chosen = []
-dr.has_backend = lambda which: which == dr.JitBackend.CUDA
-mi.set_variant = chosen.append
-backend.plugins.register = lambda variant: None
-backend.activate()
-print(chosen)
-"""
-    assert says(code) == ["['cuda_ad_rgb']"]
-
-
-def test_a_variant_that_is_set_stays():
-    code = """
-import mitsuba as mi
-mi.set_variant("llvm_ad_mono")
-import tofrender
-print(mi.variant())
-print(type(mi.load_dict({"type": "transient_path"})) is tofrender.TransientPath)
-"""
-    assert says(code) == ["llvm_ad_mono", "True"]
-
-
-@pytest.mark.slow
-def test_a_scalar_variant_that_is_set():
-    """It stays, rendering refuses in one line, and a switch mends it."""
-    code = """
-import mitsuba as mi
-mi.set_variant("scalar_rgb")
-import tofrender
-print(mi.variant())
-for work in (lambda: tofrender.render("cornell_box"), lambda: tofrender.TransientPath):
-    try:
-        work()
-    except Exception as error:
-        print(type(error).__name__, error)
-mi.set_variant("llvm_ad_rgb")
-scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
-print(tofrender.render(scene, spp=1, progress=False).attrs["variant"])
-"""
-    assert says(code) == [
-        "scalar_rgb",
-        "BackendError variant = 'scalar_rgb': cannot render in time, must be an llvm_* or cuda_* "
-        "variant; call mi.set_variant('llvm_ad_rgb') first",
-        "AttributeError tofrender.TransientPath needs an llvm_* or cuda_* variant; the active one "
-        "is 'scalar_rgb'",
-        "llvm_ad_rgb",
-    ]
-
-
-def test_import_is_light():
-    heavy = "xarray matplotlib rich typer OpenEXR PIL tqdm pandas"
-    code = f"""
-import sys, tofrender
-print([name for name in {heavy.split()!r} if name in sys.modules])
-"""
-    assert says(code) == ["[]"]
-
-
-def test_the_command_answers_help_without_mitsuba():
-    code = """
-import sys
-sys.argv = ["/usr/bin/tofrender", "render", "--help"]
-import tofrender.cli
-status = tofrender.cli.main()
-print(status, [name for name in ("mitsuba", "drjit", "numpy") if name in sys.modules])
-"""
-    assert says(code)[-1] == "0 []"
-
-
-# ---------------------------------------------------------------------------------- bad LLVM
-
-
-def _libraries(folder: Path) -> dict[str, Path]:
-    """Files that Dr.Jit cannot use."""
-    text = folder / "libLLVM-19.so"
-    text.write_text("not a library")
-    return {"missing": folder / "libLLVM.so", "text": text, "folder": folder}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("which", ["missing", "text", "folder", "another library", "old"])
-def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which):
-    libraries = _libraries(tmp_path)
+@pytest.mark.parametrize(
+    ("which", "before"),
+    [
+        *((which, "") for which in ("missing", "text", "folder", "another library", "old")),
+        ("text", "import mitsuba"),
+    ],
+)
+def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which, before):
+    """Also if Mitsuba is already there, without a variant: no signal ends the process."""
     old = [one for one in llvm.candidates() if one.major and one.major < llvm.MINIMUM_MAJOR]
-    libraries |= {"old": old[0].path} if old else {}
-    libraries["another library"] = Path(mi.__file__).parent / "libmitsuba.so"
-    if which not in libraries or not (which == "missing" or libraries[which].exists()):
+    text = tmp_path / "libLLVM-19.so"
+    text.write_text("not a library")
+    library = {
+        "missing": tmp_path / "libLLVM.so",
+        "text": text,
+        "folder": tmp_path,
+        "another library": Path(mi.__file__).parent / "libmitsuba.so",
+        "old": old[0].path if old else None,
+    }[which]
+    if library is None or not (which == "missing" or library.exists()):
         pytest.skip("not on this machine")
-    code = """
-import sys
+    code = f"""
+{before}
 try:
     import tofrender
 except Exception as error:
     print(type(error).__name__, error)
 """
-    environment = {llvm.VARIABLE: str(libraries[which]), "CUDA_VISIBLE_DEVICES": "-1"}
-    lines = says(code, **environment)
-    assert len(lines) == 1
-    assert lines[0].startswith("BackendError ")
-    assert str(libraries[which]) in lines[0]
+    environment = {llvm.VARIABLE: str(library), "CUDA_VISIBLE_DEVICES": "-1"}
+    (line,) = says(code, **environment)
+    assert line.startswith("BackendError ")
+    assert str(library) in line
 
 
-def test_an_unusable_llvm_found_late_does_not_abort(tmp_path):
-    """Mitsuba is already there, without a variant: still one line, and no signal."""
-    code = """
-import mitsuba
-try:
-    import tofrender
-except Exception as error:
-    print(type(error).__name__)
-"""
-    library = str(_libraries(tmp_path)["text"])
-    environment = {llvm.VARIABLE: library, "CUDA_VISIBLE_DEVICES": "-1"}
-    assert says(code, **environment) == ["BackendError"]
-
-
-# ------------------------------------------------------------------------------------ activate
-
-
-def test_activate_keeps_the_active_variant():
-    mi.set_variant("llvm_ad_mono")
-    assert backend.activate() == "llvm_ad_mono"
-    assert backend.activate() == mi.variant() == "llvm_ad_mono"
-
-
-def test_activate_switches():
+def test_activate_switches_and_keeps_the_active_variant():
     assert backend.activate("llvm_ad_mono") == mi.variant() == "llvm_ad_mono"
+    assert backend.activate() == mi.variant() == "llvm_ad_mono"
     assert mi.load_dict({"type": "transient_path"}).max_depth == 6
 
 
@@ -215,19 +162,6 @@ def test_cuda_without_a_device(monkeypatch):
     with pytest.raises(BackendError, match="variant = 'cuda_ad_rgb': no CUDA device or driver"):
         backend.activate("cuda_ad_rgb")
     assert mi.variant() == "llvm_ad_rgb"
-
-
-@pytest.mark.parametrize("work", [tofrender.render, backend.activate])
-def test_scalar_variants(work):
-    mi.set_variant("scalar_rgb")
-    if work is backend.activate:
-        assert work() == "scalar_rgb"
-    else:
-        with pytest.raises(BackendError, match="variant = 'scalar_rgb': cannot render in time"):
-            work("cornell_box")
-
-
-# ------------------------------------------------------------------------------------- plugins
 
 
 KINDS = ("Integrator", "Film", "Sampler", "Emitter", "BSDF", "Sensor")
@@ -249,46 +183,57 @@ def test_plugins_follow_the_variant():
     assert len(set(classes.values())) == 2 * len(plugins.PLUGINS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("variant", LLVM_VARIANTS)
-def test_every_llvm_variant_renders(variant):
-    mi.set_variant(variant)
-    dataset = tofrender.render(tiny(), spp=16, progress=False)
-    assert dataset.attrs["variant"] == variant
-    assert dataset.sizes["channel"] == (1 if "mono" in variant else 3)
-    assert float(dataset.transient.sum() / dataset.steady.sum()) == pytest.approx(1, abs=1e-4)
-    assert 0.03 < float(dataset.steady.mean()) < 0.3
-
-
 def test_rendering_between_switches_gives_the_same():
-    first = tofrender.render(tiny(), spp=4, progress=False)
-    mi.set_variant("llvm_ad_mono")
-    tofrender.render(tiny(), spp=4, progress=False)
-    mi.set_variant("llvm_ad_rgb")
-    again = tofrender.render(tiny(), spp=4, progress=False)
-    assert abs(first.transient - again.transient).max() < 1e-5
+    scene = tofrender.cornell_box(width=4, height=4, temporal_bins=120, bin_width_opl=0.25)
+    films = []
+    for variant in ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_rgb"):
+        mi.set_variant(variant)
+        films.append(tofrender.render(scene, spp=4, progress=False).transient)
+    assert abs(films[0] - films[2]).max() < 1e-5
 
 
-def test_unknown_names():
+def test_public_names():
+    for name in tofrender.__all__:
+        assert getattr(tofrender, name) is not None
+    assert {*tofrender.__all__} <= {*dir(tofrender)}
     with pytest.raises(AttributeError, match="no attribute 'TransientPaht'"):
         tofrender.TransientPaht  # noqa: B018
     with pytest.raises(AttributeError, match=r"tofrender\.Path"):
         plugins.plugin("Path")
 
 
-def test_public_names_are_there():
-    for name in tofrender.__all__:
-        assert getattr(tofrender, name) is not None
-    assert {*tofrender.__all__} <= {*dir(tofrender)}
+VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
+assert {"llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"} <= set(VARIANTS)
 
 
-def test_own_names():
-    assert plugins.own_name("transient_path") == "tofrender_transient_path"
-    assert plugins.own_name("hdrfilm") == "hdrfilm"
-    assert plugins.own_name("tofrender_transient_path") == "tofrender_transient_path"
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_closed_form(variant):
+    mi.set_variant(variant)
+    eye, x, lamp = (0.4, 0, 1.5), (0.4, 0, 0), (1.0, 0.3, 2.0)
+    parts = {"floor": plane(bsdf=diffuse(0.5)), "lamp": point_light(lamp, 3.0)}
+    sensor = camera(eye, x, film(bins=640, bin_width=2**-6), fov=0.001)
+    radiance, opl = oracles.point_light_on_plane(eye, x, (0, 0, 1), lamp, 3.0, 0.5)
+    steady, transient = rendered(scene(parts, sensor), spp=4096)
+    channels = 1 if "mono" in variant else 3
+    assert transient.shape == (1, 1, 640, channels)
+    assert np.flatnonzero(transient[0, 0, :, 0]).tolist() == [int(opl * 2**6)]
+    # Spectral variants draw wavelengths: grey has noise in its colour
+    tolerance = 0.03 if "spectral" in variant else 1e-4
+    assert transient[0, 0].sum(axis=0) == pytest.approx([radiance] * channels, rel=tolerance)
+    assert steady[0, 0] == pytest.approx(transient[0, 0].sum(axis=0), rel=1e-4)
 
 
-# --------------------------------------------------------------------------------- mitransient
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", ["cornell", "glass"])
+@pytest.mark.usefixtures("mitsubas_steps")
+def test_mitsubas_result(variant, name):
+    mi.set_variant(variant)
+    expected = path_image(SCENES[name](), spp=16, seed=1)
+    steady, transient = rendered(SCENES[name](), spp=16, seed=1)
+    assert steady.shape == expected.shape
+    assert np.abs(steady - expected).max() < 1e-4 * expected.max()
+    assert np.abs(transient.sum(axis=2) - steady).max() < 1e-4 * expected.max()
+
 
 _EXCHANGE = """
 import warnings
@@ -308,7 +253,6 @@ print(tofrender.render(steady, spp=1, progress=False, **options).sizes["opl"])
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("imports", "owner"),
     [

@@ -13,21 +13,21 @@ from tofrender.runtime import checks
 @pytest.mark.parametrize(
     ("value", "options", "allowed"),
     [
-        (math.nan, {}, "must be a finite number"),
-        ("3", {"unit": "degrees"}, "must be a finite number of degrees"),
-        (True, {"unit": "watts", "positive": True}, "must be a finite number of watts above 0"),
-        (0, {"positive": True, "high": 1}, "must be a finite number above 0 and at most 1"),
-        (1.1, {"positive": True, "high": 1}, "must be a finite number above 0 and at most 1"),
-        (-0.1, {"low": 0, "high": 1}, "must be a finite number from 0 to 1"),
-        (1.1, {"low": 0, "high": 1}, "must be a finite number from 0 to 1"),
-        (-1, {"low": 0}, "must be a finite number at least 0"),
-        (4, {"high": 3}, "must be a finite number at most 3"),
+        (math.nan, {}, ""),
+        ("3", {"unit": "degrees"}, " of degrees"),
+        (True, {"unit": "watts", "positive": True}, " of watts above 0"),
+        (0, {"positive": True, "high": 1}, " above 0 and at most 1"),
+        (1.1, {"positive": True, "high": 1}, " above 0 and at most 1"),
+        (-0.1, {"low": 0, "high": 1}, " from 0 to 1"),
+        (1.1, {"low": 0, "high": 1}, " from 0 to 1"),
+        (-1, {"low": 0}, " at least 0"),
+        (4, {"high": 3}, " at most 3"),
     ],
 )
 def test_number_says_what_is_allowed(value, options, allowed):
     with pytest.raises(ValueError, match=r"^x = ") as error:
         checks.number("x", value, **options)
-    assert str(error.value) == f"x = {value!r}: {allowed}"
+    assert str(error.value) == f"x = {value!r}: must be a finite number{allowed}"
 
 
 @pytest.mark.parametrize("value", [0, 1, np.float32(0.5), np.int64(1)])
@@ -37,7 +37,7 @@ def test_number_takes_both_ends(value):
     assert type(found) is float
 
 
-@pytest.mark.parametrize("shape", [(), (7,), (3, 4), (2, 3, 4, 5)])
+@pytest.mark.parametrize("shape", [(), (7,), (2, 3, 4, 5)])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_finite_finds_each_value_that_is_not(shape, bad, dtype):
@@ -48,20 +48,18 @@ def test_finite_finds_each_value_that_is_not(shape, bad, dtype):
     with pytest.raises(ValueError, match=rf"^light: 1 of {values.size} values are not") as error:
         checks.finite("light", values)
     assert f"the first is {bad:g} at {list(place)}" in str(error.value)
+    several = np.zeros((4, 5, 6), dtype)
+    several[1, 2, 3], several[1, 4, 0], several[3, 0, 0] = bad, -math.inf, math.nan
+    with pytest.raises(ValueError, match=rf"3 of 120 .* the first is {bad:g} at \[1, 2, 3\]"):
+        checks.finite("light", several)
 
 
-def test_finite_counts_all_and_names_the_first():
-    values = np.zeros((4, 5, 6))
-    values[1, 2, 3], values[1, 4, 0], values[3, 0, 0] = math.inf, -math.inf, math.nan
-    with pytest.raises(ValueError, match=r"3 of 120 .* the first is inf at \[1, 2, 3\]"):
-        checks.finite("light", values)
+def test_finite_takes_integers_and_nothing():
     assert checks.finite("counts", np.ones(3, np.int32)).sum() == 3
     assert checks.finite("nothing", np.ones((3, 0))).shape == (3, 0)
 
 
-@pytest.mark.slow
 def test_finite_is_quick():
-    """A look at all values costs no more than a few sums of them."""
     values = np.ones(1 << 24, np.float32)
 
     def seconds(function):
@@ -75,14 +73,11 @@ def test_finite_is_quick():
     assert seconds(lambda: checks.finite("light", values)) < 8 * seconds(values.sum)
 
 
-@pytest.mark.parametrize("value", [3, 0, None, True, b"a.npz", "", "a\0b", 1.5, ["a.npz"]])
+@pytest.mark.parametrize("value", [3, None, True, b"a.npz", "", "a\0b", ["a.npz"]])
 def test_path_takes_names_only(value):
     with pytest.raises(
         ValueError, match=r"^path = .*: must be (text or an os.PathLike|a name in)"
     ) as error:
         checks.path("path", value)
     assert "\n" not in str(error.value)
-
-
-def test_path_takes_text_and_paths():
     assert checks.path("path", "a/b.npz") == checks.path("path", Path("a", "b.npz"))

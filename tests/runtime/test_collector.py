@@ -1,7 +1,5 @@
 """Python's garbage collector and kernels: it must wait while one is traced."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import traceback
@@ -80,6 +78,19 @@ def at_many_times():
     tofrender.render_transient(scene, tracer, scene.sensors()[0], film, spp=2, progress=False)
 
 
+def gated(asked):
+    """Render with a pulse that calls `asked` when it is evaluated, while a kernel is traced."""
+
+    class Pulse:
+        def eval(self, t):
+            asked()
+            return tofrender.GaussianPulse(0.1).eval(t)
+
+    scene, tracer = small(), tofrender.TimeGatedTransientPath()
+    tracer.pulse = Pulse()
+    tofrender.render_at_time(scene, tracer, scene.sensors()[0], 6.0, spp=4)
+
+
 def as_phasors():
     scene = small()
     camera, tracer = scene.sensors()[0], scene.integrator()
@@ -111,11 +122,9 @@ def seen_in_truth():
     tofrender.true_normals(scene)
 
 
+INTEGRATORS = ("transient_path", "transient_bdpt", "transient_light_tracer", "path_tracer_mis")
 WORK = {
-    "transient_path": lambda: rendered(small(), "transient_path"),
-    "transient_bdpt": lambda: rendered(small(), "transient_bdpt"),
-    "transient_light_tracer": lambda: rendered(small(), "transient_light_tracer"),
-    "path_tracer_mis": lambda: rendered(small(), "path_tracer_mis"),
+    **{name: lambda name=name: rendered(small(), name) for name in INTEGRATORS},
     "fog": lambda: rendered(foggy(), "transient_path"),
     "fog from both ends": lambda: rendered(foggy(), "transient_bdpt"),
     "mi.render": lambda: mi.render(small(), spp=2),
@@ -124,14 +133,11 @@ WORK = {
     "phasors": as_phasors,
     "gradient": lambda: derived(reverse=True),
     "rate": lambda: derived(reverse=False),
-    "single": lambda: captured("single"),
-    "confocal": lambda: captured("confocal"),
-    "exhaustive": lambda: captured("exhaustive"),
+    **{mode: lambda mode=mode: captured(mode) for mode in ("single", "confocal", "exhaustive")},
     "truth": seen_in_truth,
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("work", WORK)
 @pytest.mark.filterwarnings("ignore:.*arrives outside the window")
 def test_nothing_is_collected_while_a_kernel_is_traced(work, seen):
@@ -153,16 +159,7 @@ def test_who_watches_sees_a_collector_that_does_not_wait(seen):
 
 def test_pulses_are_asked_while_the_collector_waits():
     collects = []
-
-    class Pulse:
-        def eval(self, t):
-            collects.append(gc.isenabled())
-            return tofrender.GaussianPulse(0.1).eval(t)
-
-    scene = small()
-    tracer = tofrender.TimeGatedTransientPath()
-    tracer.pulse = Pulse()
-    tofrender.render_at_time(scene, tracer, scene.sensors()[0], 6.0, spp=4)
+    gated(lambda: collects.append(gc.isenabled()))
     assert collects
     assert not any(collects)
     assert gc.isenabled()
@@ -199,25 +196,12 @@ def test_threads_that_trace_take_turns():
 
 def test_a_scene_that_is_dropped_lives_to_the_end_of_a_kernel():
     """LLVM would end the process: the other scene's parts are in the first calls only."""
-    held = [tofrender.load_scene("cornell_box_fog", width=4, height=4) for _ in range(2)]
-
-    class Pulse:
-        def eval(self, t):
-            if held:
-                held.pop()
-            return tofrender.GaussianPulse(0.1).eval(t)
-
-    scene = small()
-    tracer = tofrender.TimeGatedTransientPath()
-    tracer.pulse = Pulse()
-    tofrender.render_at_time(scene, tracer, scene.sensors()[0], 6.0, spp=4)
+    held = [foggy(), foggy()]
+    gated(lambda: held and held.pop())
     assert not held
 
 
-@pytest.mark.slow
 def test_threads_render_what_one_renders():
-    """Scenes are loaded, rendered and dropped in all of them at a time."""
-
     def phasors(seed):
         scene = tofrender.load_scene(tofrender.cornell_box(width=8, height=8))
         return tofrender.render_amcw_phasor(scene, scene.sensors()[0], 2e7, 4, seed)[0]

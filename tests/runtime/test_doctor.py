@@ -1,37 +1,28 @@
 """`tofrender doctor` tells the truth, and survives what it looks at."""
 
-from __future__ import annotations
-
 import io
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from helpers.processes import python
 from rich.console import Console
 
 from tofrender.runtime import doctor, llvm, memory
 from tofrender.runtime.doctor import Check
 
+DOCTOR = """
+import sys
+sys.argv = ["tofrender"]  # As the command runs it: without a variant
+import tofrender.runtime.doctor as d
+sys.exit(d.main())
+"""
+
 
 def run_doctor(library: str) -> subprocess.CompletedProcess:
-    """As the command runs it: without a variant, in a process of its own."""
-    code = (
-        "import sys; sys.argv = ['tofrender']; "
-        "import tofrender.runtime.doctor as d; sys.exit(d.main())"
-    )
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, llvm.VARIABLE: library, "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    return python(DOCTOR, **{llvm.VARIABLE: library, "COLUMNS": "200"})
 
 
-@pytest.mark.slow
 def test_where_rendering_works():
     chosen = llvm.choose()
     result = run_doctor(str(chosen.path) if chosen else "")
@@ -53,50 +44,51 @@ def test_an_unusable_llvm_is_named_with_its_remedy(tmp_path):
     assert "unset" in result.stdout
 
 
-def test_the_end_of_a_process_is_a_result(monkeypatch):
+@pytest.mark.parametrize(
+    ("code", "error"),
+    [
+        ("import os; os.abort()", "ended by SIGABRT"),
+        ("raise ValueError('spp = 0')", "ValueError: spp = 0"),
+    ],
+)
+def test_how_a_process_ends_is_a_result(monkeypatch, code, error):
     monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)  # Adds a line
-    answer, error = doctor._in_process("import os; os.abort()")
-    assert answer == {}
-    assert error == "ended by SIGABRT"
+    assert doctor._in_process(code) == ({}, error)
 
 
-def test_an_exception_in_a_process_is_a_result():
-    assert doctor._in_process("raise ValueError('spp = 0')") == ({}, "ValueError: spp = 0")
-
-
-@pytest.mark.slow
-def test_an_abort_while_rendering_fails_with_a_remedy(monkeypatch):
-    monkeypatch.setattr(doctor, "_TEST_RENDER", "import os; os.kill(os.getpid(), 11)")
-    check = doctor._check_render()
-    assert not check.ok
-    assert check.required
-    assert "SIGSEGV" in check.detail
-    if llvm.choose():
-        assert llvm.install_command() in check.remedy
-
-
-def test_a_package_in_another_version_is_a_problem(monkeypatch):
+@pytest.mark.parametrize(
+    ("package", "detail", "remedy"),
+    [
+        ("numpy", "but something needs numpy<1", "numpy<1"),
+        ("no-such-package", "not installed", "no-such-package"),
+    ],
+)
+def test_a_package_that_is_another_or_missing_is_a_problem(monkeypatch, package, detail, remedy):
     monkeypatch.setattr(doctor.metadata, "requires", lambda name: ["numpy<1", "numpydoc"])
-    check = doctor._package("Numbers", "numpy", "something")
+    check = doctor._package("Numbers", package, "something")
     assert not check.ok
-    assert check.detail.endswith("but something needs numpy<1")
-    assert check.remedy.endswith('-m pip install "numpy<1"')
+    assert check.detail.endswith(detail)
+    assert check.remedy.endswith(f'-m pip install "{remedy}"')
 
 
-def test_a_missing_package_is_a_problem():
-    check = doctor._package("Nothing", "no-such-package", "tofrender")
-    assert (check.ok, check.detail) == (False, "not installed")
-    assert check.remedy.endswith('-m pip install "no-such-package"')
+REFUSED = "from tofrender.runtime.backend import BackendError\nraise BackendError('ulimit -v = 1')"
 
 
-def test_a_refusal_that_names_its_remedy_gets_no_other(monkeypatch):
-    refused = (
-        "from tofrender.runtime.backend import BackendError\nraise BackendError('ulimit -v = 1')"
-    )
-    monkeypatch.setattr(doctor, "_TEST_RENDER", refused)
+@pytest.mark.parametrize(
+    ("code", "detail", "remedy"),
+    [
+        ("import os; os.kill(os.getpid(), 11)", "ended by SIGSEGV", llvm.install_command()),
+        (REFUSED, "ulimit -v = 1", ""),  # Names its remedy and gets no other
+    ],
+)
+def test_a_test_render_that_fails(monkeypatch, code, detail, remedy):
+    monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)  # Adds a line
+    monkeypatch.setattr(doctor, "_TEST_RENDER", code)
     monkeypatch.setattr(llvm, "choose", lambda: llvm.Library(Path("libLLVM.so.19"), 19))
     check = doctor._check_render()
-    assert (check.ok, check.detail, check.remedy) == (False, "ulimit -v = 1", "")
+    assert (check.ok, check.required, check.detail) == (False, True, detail)
+    assert remedy in check.remedy
+    assert bool(check.remedy) == bool(remedy)
 
 
 def test_memory_is_what_the_limits_leave(monkeypatch):
@@ -105,8 +97,7 @@ def test_memory_is_what_the_limits_leave(monkeypatch):
     assert check.ok
     assert check.detail.startswith("3.0 of ")
     monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 29)
-    check = doctor._check_memory()
-    assert (check.ok, check.required) == (False, False)
+    assert (doctor._check_memory().ok, doctor._check_memory().required) == (False, False)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Which LLVM is found, which is taken, and which command is advised, on made-up machines."""
 
-from __future__ import annotations
-
 import stat
 import sys
 from pathlib import Path
@@ -13,8 +11,9 @@ from tofrender.runtime import llvm
 DEBIAN = 'ID=debian\nVERSION_ID="12"\n'
 UBUNTU = "ID=ubuntu\nID_LIKE=debian\n"
 MINT = 'ID=linuxmint\nID_LIKE="ubuntu debian"\n'
-FEDORA = "ID=fedora\n"
 ROCKY = 'ID="rocky"\nID_LIKE="rhel centos fedora"\n'
+
+ROOT = {"euid": 0}
 
 MULTIARCH = "usr/lib/x86_64-linux-gnu"
 
@@ -86,60 +85,42 @@ def test_old_versions_are_found_and_refused(debian12):
     assert [library.major for library in found] == [14, 15]
     assert [library.problem for library in found] == ["is LLVM 14", "is LLVM 15"]
     assert llvm.choose(system) is None
-    assert llvm.refusal(system) == (
-        "no LLVM 17 or newer found, only 14, 15; run: sudo apt-get install -y libllvm19"
-    )
-
-
-def test_the_usable_one_among_old_ones_is_taken(debian12):
+    line = "no LLVM 17 or newer found, only 14, 15; run: sudo apt-get install -y libllvm19"
+    assert llvm.refusal(system) == line
     path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1", links=("libLLVM-19.so",))
-    chosen = llvm.choose(debian12.system())
-    assert chosen == llvm.Library(path, 19)
-    assert chosen.usable
+    assert llvm.choose(system) == llvm.Library(path, 19)
+    assert llvm.choose(system).usable
 
 
 @pytest.mark.parametrize(
-    ("name", "major"),
+    ("name", "major", "environ"),
     [
-        (f"{MULTIARCH}/libLLVM-17.so.1", 17),
-        ("usr/lib64/libLLVM.so.20.1", 20),
-        ("usr/lib64/llvm18/lib/libLLVM-18.so", 18),
-        ("usr/lib/llvm-21/lib/libLLVM.so.21.1", 21),
-        ("usr/local/lib/libLLVM.so.22.0", 22),
-        ("opt/homebrew/opt/llvm@19/lib/libLLVM.19.1.dylib", 19),
-        ("venv/lib/libLLVM-18.so", 18),
+        (f"{MULTIARCH}/libLLVM-17.so.1", 17, {}),
+        ("usr/lib64/libLLVM.so.20.1", 20, {}),
+        ("usr/lib64/llvm18/lib/libLLVM-18.so", 18, {}),
+        ("usr/lib/llvm-21/lib/libLLVM.so.21.1", 21, {}),
+        ("usr/local/lib/libLLVM.so.22.0", 22, {}),
+        ("opt/homebrew/opt/llvm@19/lib/libLLVM.19.1.dylib", 19, {}),
+        ("venv/lib/libLLVM-18.so", 18, {}),
+        ("env/lib/libLLVM.so.18.1", 18, {"CONDA_PREFIX": "{root}/env"}),
+        ("elsewhere/libLLVM.so.18.1", 18, {"LD_LIBRARY_PATH": "/nowhere:{root}/elsewhere"}),
     ],
 )
-def test_where_systems_keep_it(machine, name, major):
-    path = machine.library(name)
-    assert llvm.choose(machine.system()) == llvm.Library(path, major)
-
-
-def test_conda_environment(debian12):
-    path = debian12.library("env/lib/libLLVM.so.18.1")
-    system = debian12.system(CONDA_PREFIX=str(debian12.root / "env"))
-    assert llvm.choose(system) == llvm.Library(path, 18)
-
-
-def test_library_path(machine):
-    path = machine.library("elsewhere/libLLVM.so.18.1")
-    system = machine.system(LD_LIBRARY_PATH=f"/nowhere:{path.parent}")
-    assert llvm.choose(system) == llvm.Library(path, 18)
+def test_where_systems_keep_it(debian12, name, major, environ):
+    path = debian12.library(name)
+    environ = {key: value.format(root=debian12.root) for key, value in environ.items()}
+    assert llvm.choose(debian12.system(**environ)) == llvm.Library(path, major)
 
 
 def test_the_newest_tried_goes_before_untried_ones(machine):
+    assert llvm.candidates(machine.system()) == []
+    assert llvm.refusal(machine.system()).startswith("no LLVM 17 or newer found; run: sudo apt-get")
     for major in (llvm.MINIMUM_MAJOR - 1, 17, 19, 98, 99):
         machine.library(f"{MULTIARCH}/libLLVM.so.{major}.1")
     assert llvm.choose(machine.system()).major == 19
     for major in (17, 19):
         (machine.root / f"{MULTIARCH}/libLLVM.so.{major}.1").unlink()
     assert llvm.choose(machine.system()).major == 98
-
-
-def test_nothing_there(machine):
-    assert llvm.candidates(machine.system()) == []
-    assert llvm.choose(machine.system()) is None
-    assert llvm.refusal(machine.system()).startswith("no LLVM 17 or newer found; run: sudo apt-get")
 
 
 def test_garbage_is_named_and_never_taken(machine):
@@ -174,107 +155,90 @@ def test_a_name_without_version_is_asked_elsewhere(machine):
     assert llvm.loading_error(path) == library.problem
 
 
-class TestNamedByTheEnvironment:
-    def test_it_wins(self, machine):
-        machine.library(f"{MULTIARCH}/libLLVM.so.20.1")
-        path = machine.library("mine/libLLVM.so.17.1")
-        system = machine.system(DRJIT_LIBLLVM_PATH=str(path))
-        assert llvm.choose(system) == llvm.Library(path, 17)
-        assert [library.major for library in llvm.candidates(system)] == [17, 20]
-
-    def test_empty_is_not_set(self, machine):
-        machine.library(f"{MULTIARCH}/libLLVM.so.20.1")
-        assert llvm.choose(machine.system(DRJIT_LIBLLVM_PATH="")).major == 20
-
-    def test_a_bare_name_is_looked_up(self, machine):
-        path = machine.library(f"{MULTIARCH}/libLLVM.so.20.1")
-        system = machine.system(DRJIT_LIBLLVM_PATH="libLLVM.so.20.1")
-        assert llvm.choose(system) == llvm.Library(path, 20)
-
-    @pytest.mark.parametrize(
-        ("name", "problem"),
-        [
-            ("nope.so", "does not exist"),
-            ("usr", "is a folder"),
-            ("etc/os-release", "is not a shared library for this machine"),
-            (f"{MULTIARCH}/libLLVM-15.so", "is LLVM 15"),
-        ],
-    )
-    def test_unusable_is_refused_in_one_line(self, debian12, name, problem):
-        usable = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")
-        value = str(debian12.root / name)
-        system = debian12.system(DRJIT_LIBLLVM_PATH=value)
-        assert llvm.choose(system) is None
-        assert llvm.refusal(system) == (
-            f"DRJIT_LIBLLVM_PATH = '{value}' {problem}: must name the file of LLVM 17 or newer; "
-            f"`unset DRJIT_LIBLLVM_PATH` to use {usable}"
-        )
-
-    def test_unusable_with_nothing_else(self, machine):
-        machine.packages("libllvm19")
-        line = llvm.refusal(machine.system(DRJIT_LIBLLVM_PATH="/nope"))
-        assert line.endswith("unset it and run: sudo apt-get install -y libllvm19")
+@pytest.mark.parametrize(
+    ("value", "chosen"),
+    [
+        ("{root}/mine/libLLVM.so.17.1", "mine/libLLVM.so.17.1"),
+        ("libLLVM.so.20.1", f"{MULTIARCH}/libLLVM.so.20.1"),
+        ("", f"{MULTIARCH}/libLLVM.so.20.1"),
+    ],
+    ids=["path", "bare name", "not set"],
+)
+def test_what_the_environment_names_wins(machine, value, chosen):
+    for name in (f"{MULTIARCH}/libLLVM.so.20.1", "mine/libLLVM.so.17.1"):
+        machine.library(name)
+    system = machine.system(DRJIT_LIBLLVM_PATH=value.format(root=machine.root))
+    assert llvm.choose(system).path == machine.root / chosen
+    majors = [library.major for library in llvm.candidates(system)]
+    assert majors == ([17, 20] if chosen.startswith("mine") else [20])
 
 
-class TestInstallCommand:
-    @pytest.mark.parametrize(
-        ("os_release", "euid", "packages", "command"),
-        [
-            (DEBIAN, 0, ["libllvm15", "libllvm19"], "apt-get install -y libllvm19"),
-            (DEBIAN, 1, ["libllvm19", "libllvm22"], "sudo apt-get install -y libllvm19"),
-            (DEBIAN, 1, ["libllvm19", "libllvm98"], "sudo apt-get install -y libllvm19"),
-            (UBUNTU, 1, ["libllvm17t64"], "sudo apt-get install -y libllvm17t64"),
-            (MINT, 1, ["libllvm18", "libllvm20"], "sudo apt-get install -y libllvm20"),
-            (DEBIAN, 1, [], "sudo apt-get update && sudo apt-get install -y libllvm19"),
-            (UBUNTU, 0, [], "apt-get update && apt-get install -y libllvm18"),
-            (UBUNTU, 0, ["libllvm14"], "wget -qO- https://apt.llvm.org/llvm.sh | bash -s -- 19"),
-            (FEDORA, 1, [], "sudo dnf install -y llvm-libs"),
-            (ROCKY, 0, [], "dnf install -y llvm-libs"),
-            ("ID=arch\n", 1, [], "sudo pacman -S --noconfirm llvm-libs"),
-            ("ID=void\n", 1, [], "conda install -y -c conda-forge libllvm19"),
-        ],
-    )
-    def test_linux(self, tmp_path, os_release, euid, packages, command):
-        machine = Machine(tmp_path, os_release)
-        machine.packages(*packages)
-        assert llvm.install_command(machine.system(euid=euid)) == command
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("nope.so", "does not exist"),
+        ("usr", "is a folder"),
+        ("etc/os-release", "is not a shared library for this machine"),
+        (f"{MULTIARCH}/libLLVM-15.so", "is LLVM 15"),
+    ],
+)
+def test_an_unusable_one_is_refused_in_one_line(debian12, name, problem):
+    value = str(debian12.root / name)
+    system = debian12.system(DRJIT_LIBLLVM_PATH=value)
+    said = f"DRJIT_LIBLLVM_PATH = '{value}' {problem}: must name the file of LLVM 17 or newer; "
+    assert llvm.refusal(system) == f"{said}unset it and run: {llvm.install_command(system)}"
+    usable = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")
+    assert llvm.choose(system) is None
+    assert llvm.refusal(system) == f"{said}`unset DRJIT_LIBLLVM_PATH` to use {usable}"
 
-    def test_a_package_without_candidate_does_not_count(self, machine):
-        machine.command(
-            "apt-cache",
-            "[ $1 = pkgnames ] && printf 'libllvm19\\nlibllvm20\\n'\n"
-            "[ $2 = libllvm20 ] && echo '  Candidate: (none)'\n"
-            "[ $2 = libllvm19 ] && echo '  Candidate: 1:19.1.7'\nexit 0",
-        )
-        assert llvm.install_command(machine.system()) == "sudo apt-get install -y libllvm19"
 
-    def test_macos(self, machine):
-        assert llvm.install_command(machine.system(platform="darwin")) == "brew install llvm"
-
-    def test_windows(self, machine):
-        system = machine.system(platform="win32")
-        assert llvm.install_command(system) == "winget install LLVM.LLVM"
-        assert llvm.choose(system) is None
-
-    def test_conda(self, machine):
+@pytest.mark.parametrize(
+    ("os_release", "packages", "command", "system"),
+    [
+        (DEBIAN, ["libllvm15", "libllvm19"], "apt-get install -y libllvm19", ROOT),
+        (DEBIAN, ["libllvm19", "libllvm22"], "sudo apt-get install -y libllvm19", {}),
+        (DEBIAN, ["libllvm19", "libllvm98"], "sudo apt-get install -y libllvm19", {}),
+        (UBUNTU, ["libllvm17t64"], "sudo apt-get install -y libllvm17t64", {}),
+        (MINT, ["libllvm18", "libllvm20"], "sudo apt-get install -y libllvm20", {}),
+        (DEBIAN, [], "sudo apt-get update && sudo apt-get install -y libllvm19", {}),
+        (UBUNTU, [], "apt-get update && apt-get install -y libllvm18", ROOT),
+        (UBUNTU, ["libllvm14"], "wget -qO- https://apt.llvm.org/llvm.sh | bash -s -- 19", ROOT),
+        ("ID=fedora\n", [], "sudo dnf install -y llvm-libs", {}),
+        (ROCKY, [], "dnf install -y llvm-libs", ROOT),
+        ("ID=arch\n", [], "sudo pacman -S --noconfirm llvm-libs", {}),
+        ("ID=void\n", [], "conda install -y -c conda-forge libllvm19", {}),
+        ("", [], "conda install -y -c conda-forge libllvm19", {}),
+        (DEBIAN, [], "mamba install -y -c conda-forge libllvm19", {"CONDA_PREFIX": "/opt/env"}),
+        (DEBIAN, [], "brew install llvm", {"platform": "darwin"}),
+        (DEBIAN, [], "winget install LLVM.LLVM", {"platform": "win32"}),
+    ],
+)
+def test_install_command(tmp_path, os_release, packages, command, system):
+    machine = Machine(tmp_path, os_release)
+    machine.packages(*packages)
+    if "mamba" in command:
         machine.command("mamba")
-        system = machine.system(CONDA_PREFIX="/opt/env")
-        assert llvm.install_command(system) == "mamba install -y -c conda-forge libllvm19"
+    if not os_release:
+        (tmp_path / "etc/os-release").unlink()
+    assert llvm.install_command(machine.system(**system)) == command
+    assert llvm.choose(machine.system(**system)) is None
 
-    def test_no_os_release(self, machine):
-        (machine.root / "etc/os-release").unlink()
-        assert llvm.install_command(machine.system()).startswith("conda install")
+
+def test_a_package_without_candidate_does_not_count(machine):
+    machine.command(
+        "apt-cache",
+        "[ $1 = pkgnames ] && printf 'libllvm19\\nlibllvm20\\n'\n"
+        "[ $2 = libllvm20 ] && echo '  Candidate: (none)'\n"
+        "[ $2 = libllvm19 ] && echo '  Candidate: 1:19.1.7'\nexit 0",
+    )
+    assert llvm.install_command(machine.system()) == "sudo apt-get install -y libllvm19"
 
 
 def test_what_the_set_up_reads(debian12, monkeypatch, capsys):
-    debian12.packages("libllvm19")
-    system = debian12.system(euid=0)
+    path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")  # a header and nothing else
+    system = debian12.system()
     monkeypatch.setattr(llvm, "System", lambda: system)
     assert llvm.main() == 1
-    line = "no LLVM 17 or newer found, only 14, 15; run: apt-get install -y libllvm19\n"
-    assert capsys.readouterr() == ("", line)
-    path = debian12.library(f"{MULTIARCH}/libLLVM.so.19.1")
-    assert llvm.main() == 1  # a header and nothing else
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith(f"{path}: cannot be loaded")

@@ -1,21 +1,20 @@
 """The memory plan: its arithmetic, and that what it offers instead fits."""
 
-from __future__ import annotations
-
-import os
 import re
-import subprocess
 import sys
 
+import drjit as dr
 import mitsuba as mi
 import psutil
 import pytest
+from helpers.processes import python, says
 from helpers.support import film
 
 from tofrender.runtime import memory
 
 GIB = 1 << 30
 OURS = "tofrender_transient_hdr_film"
+NO_CUDA = {"CUDA_VISIBLE_DEVICES": "-1"}
 
 
 @pytest.fixture
@@ -28,21 +27,9 @@ def machine(monkeypatch):
     return has
 
 
-@pytest.mark.parametrize(
-    ("shape", "size"),
-    [
-        ((1, 1, 1, 1), 4),
-        ((1, 1, 1, 3), 16),  # RGB is padded to four floats
-        ((256, 256, 300, 3), 256 * 256 * 300 * 16),
-        ((10, 20, 30, 1), 10 * 20 * 30 * 4),
-    ],
-)
-def test_size_of_a_film(shape, size):
-    assert memory.film_bytes(*shape) == size
-
-
 @pytest.mark.parametrize("channels", [1, 3])
 def test_size_is_what_a_film_allocates(channels):
+    """RGB is padded to four floats."""
     mi.set_variant({1: "llvm_ad_mono", 3: "llvm_ad_rgb"}[channels])
     made = mi.load_dict(film(5, 4, bins=7, type=OURS))
     made.prepare([])
@@ -86,19 +73,19 @@ def test_what_is_offered_fits(machine, free, shape):
             memory.require_film(*more, channels)
 
 
-def test_with_less_than_the_reserve_nothing_fits(machine):
-    machine(memory.RESERVE - 1)
-    with pytest.raises(MemoryError, match=r"must be at most 0\.0 GiB"):
-        memory.require_film(16, 16, 300, 3)
-
-
-def test_indices_are_limited_too(machine):
-    """With all memory of the world, a 32-bit index still tells only so many bins apart."""
-    machine(1 << 60)
-    with pytest.raises(MemoryError):
-        memory.require_film(1 << 16, 1 << 16, 2, 1)
-    with pytest.raises(MemoryError):
-        memory.require_film(1 << 16, 1 << 16, 1 << 20, 3)
+@pytest.mark.parametrize(
+    ("free", "shape", "message"),
+    [
+        (memory.RESERVE - 1, (16, 16, 300, 3), r"must be at most 0\.0 GiB"),
+        # With all memory of the world, a 32-bit index still tells only so many bins apart
+        (1 << 60, (1 << 16, 1 << 16, 2, 1), "film of"),
+        (1 << 60, (1 << 16, 1 << 16, 1 << 20, 3), "film of"),
+    ],
+)
+def test_what_does_not_fit_at_all(machine, free, shape, message):
+    machine(free)
+    with pytest.raises(MemoryError, match=message):
+        memory.require_film(*shape)
 
 
 def test_available_is_what_the_system_says():
@@ -107,61 +94,41 @@ def test_available_is_what_the_system_says():
     assert 0 < available <= psutil.virtual_memory().total
 
 
-V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
+V2 = ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file")
+V1 = (
+    "sys/fs/cgroup/memory",
+    *("memory.limit_in_bytes", "memory.usage_in_bytes", "inactive_file 1\ntotal_inactive_file"),
+)
+OLD = "7:cpu,cpuacct:/cpu\n4:memory:/all/job\n0::/"
 
 
 @pytest.mark.parametrize(
-    ("membership", "limits", "free"),
-    [
-        # The limit of the root alone, as within a container
-        ("0::/\n", {f"{V2}/memory.max": 2 * GIB, f"{V2}/memory.current": GIB}, GIB),
+    ("membership", "files", "groups", "free"),
+    [  # Each group has a limit, of which it uses a part, of which it caches some [GiB]
+        ("0::/", V2, {"": (2, 1, 0)}, 1),  # The limit of the root alone, as within a container
         # The process's own group, below a group without limit
-        (
-            "0::/user.slice/job\n",
-            {
-                f"{V2}/user.slice/memory.max": "max",
-                f"{V2}/user.slice/memory.current": 5 * GIB,
-                f"{V2}/user.slice/job/memory.max": 3 * GIB,
-                f"{V2}/user.slice/job/memory.current": 2 * GIB,
-            },
-            GIB,
-        ),
+        ("0::/user.slice/job", V2, {"user.slice": ("max", 5, 0), "user.slice/job": (3, 2, 0)}, 1),
         # One above has less left, not counting what it only caches
-        (
-            "0::/all/job\n",
-            {
-                f"{V2}/all/memory.max": 4 * GIB,
-                f"{V2}/all/memory.current": 3 * GIB,
-                f"{V2}/all/memory.stat": f"anon 7\ninactive_file {GIB}\n",
-                f"{V2}/all/job/memory.max": 4 * GIB,
-                f"{V2}/all/job/memory.current": GIB,
-            },
-            2 * GIB,
-        ),
+        ("0::/all/job", V2, {"all": (4, 3, 1), "all/job": (4, 1, 0)}, 2),
         # The first version, whose root holds the number of no limit
-        (
-            "7:cpu,cpuacct:/cpu\n4:memory:/all/job\n0::/\n",
-            {
-                f"{V1}/memory.limit_in_bytes": 2**63 - 4096,
-                f"{V1}/memory.usage_in_bytes": 7 * GIB,
-                f"{V1}/all/job/memory.limit_in_bytes": 3 * GIB,
-                f"{V1}/all/job/memory.usage_in_bytes": 2 * GIB,
-                f"{V1}/all/job/memory.stat": f"inactive_file 1\ntotal_inactive_file {GIB}\n",
-            },
-            2 * GIB,
-        ),
-        # More is used than the limit allows, which was lowered since
-        ("0::/a\n", {f"{V2}/a/memory.max": GIB, f"{V2}/a/memory.current": 2 * GIB}, 0),
-        ("", {}, 8 * GIB),
+        (OLD, V1, {"": (1 << 33, 7, 0), "all/job": (3, 2, 1)}, 2),
+        ("0::/a", V2, {"a": (1, 2, 0)}, 0),  # More is used than the limit allows, lowered since
+        ("", V2, {}, 8),
     ],
 )
-def test_control_groups_limit(monkeypatch, tmp_path, membership, limits, free):
-    for name, value in {"proc/self/cgroup": membership, **limits}.items():
+def test_control_groups_limit(monkeypatch, tmp_path, membership, files, groups, free):
+    folder, limit, used, cached = files
+    written = {"proc/self/cgroup": membership + "\n" * bool(membership)}
+    for group, (most, taken, dropped) in groups.items():
+        written[f"{folder}/{group}/{limit}"] = most if most == "max" else most * GIB
+        written[f"{folder}/{group}/{used}"] = taken * GIB
+        written[f"{folder}/{group}/memory.stat"] = f"inactive_anon 7\n{cached} {dropped * GIB}\n"
+    for name, value in written.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(str(value))
     monkeypatch.setattr(memory, "ROOT", tmp_path)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: type("V", (), {"available": 8 * GIB}))
-    assert memory.available() == free
+    assert memory.available() == free * GIB
 
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="ulimit -v counts on Linux")
@@ -192,18 +159,8 @@ for bins in (900, 400):  # 900 and 400 MiB, for which 1024 and 512 are mapped
 
 
 @needs_linux
-@pytest.mark.slow
 def test_a_limit_on_address_space_refuses_a_film_and_leaves_the_process_alive():
-    result = subprocess.run(
-        [sys.executable, "-c", UNDER_A_LIMIT],
-        env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr
-    refused, rendered = result.stdout.splitlines()
+    refused, rendered = says(UNDER_A_LIMIT, **NO_CUDA)
     assert refused.startswith("film of 256 x 256 pixels x 900 bins: takes 0.9 GiB, must be at most")
     assert rendered == "400"
 
@@ -211,22 +168,14 @@ def test_a_limit_on_address_space_refuses_a_film_and_leaves_the_process_alive():
 @needs_linux
 @pytest.mark.parametrize("kib", [100_000, 420_000])
 def test_too_little_address_space_to_start_is_one_line(kib):
-    result = subprocess.run(
-        ["sh", "-c", f"ulimit -v {kib}; exec {sys.executable} -c 'import tofrender'"],
-        env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    limited = f"ulimit -v {kib}; exec {sys.executable} -c 'import tofrender'"
+    result = python(f"import os; os.execvp('sh', ['sh', '-c', {limited!r}])", **NO_CUDA)
     assert result.returncode == 1
     last = result.stderr.splitlines()[-1]
     assert last.startswith(f"tofrender.runtime.backend.BackendError: ulimit -v = {kib}: must be at")
 
 
 def test_a_film_refuses_before_it_allocates(machine, monkeypatch):
-    import drjit as dr
-
     made = mi.load_dict(film(640, 480, bins=3000, type=OURS))
     machine(GIB)
     monkeypatch.setattr(dr, "zeros", lambda *_: pytest.fail("bins were allocated"))

@@ -1,23 +1,20 @@
 """Progress bars appear when they should; Ctrl-C asks first and insists later."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
+from helpers import processes
+from helpers.processes import python
 
 import tofrender
 from tofrender.integrators import passes as base
 from tofrender.rendering import pieces
 from tofrender.runtime import progress
 from tofrender.runtime.progress import deferred_stop, held_signals, progress_bar
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
@@ -51,14 +48,10 @@ def test_the_bar_comes_after_the_delay(capsys, monkeypatch):
     assert "3/8" in late
 
 
-def test_short_work_shows_nothing(capsys):
-    two_updates()
-    assert "Working" not in capsys.readouterr().err
-
-
-def test_a_disabled_bar_shows_nothing(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 0.0)
-    two_updates(enabled=False)
+@pytest.mark.parametrize(("enabled", "delay"), [(True, progress.DELAY_S), (False, 0.0)])
+def test_short_work_and_a_disabled_bar_show_nothing(capsys, monkeypatch, enabled, delay):
+    monkeypatch.setattr(progress, "DELAY_S", delay)
+    two_updates(enabled=enabled)
     assert capsys.readouterr().err == "early\n"
 
 
@@ -79,18 +72,8 @@ def test_render_shows_a_bar(capsys, monkeypatch, shown):
     tofrender.render(scene, spp=256, progress=shown)
     captured = capsys.readouterr()
     assert captured.out == ""
-    if shown:
-        assert "Rendering" in captured.err
-        assert "192/256" in captured.err
-    else:
-        assert captured.err == ""
-
-
-def test_a_quick_render_shows_nothing(capfd, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 60.0)  # Not quick where other work goes on
-    scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
-    tofrender.render(scene, spp=4)
-    assert capfd.readouterr() == ("", "")
+    assert ("Rendering" in captured.err, "192/256" in captured.err) == (shown, shown)
+    assert shown or captured.err == ""
 
 
 _NOTEBOOK = """
@@ -111,29 +94,26 @@ with progress.progress_bar("Working", 2) as bar:
 
 
 def test_in_a_notebook_without_ipywidgets():
-    """The bar is text then, without a word of warning."""
-    result = subprocess.run(
-        [sys.executable, "-c", _NOTEBOOK], cwd=ROOT, capture_output=True, text=True, timeout=60
-    )
+    result = python(_NOTEBOOK)
     assert result.returncode == 0, result.stderr
     assert "Working" in result.stderr
     assert "Warning" not in result.stderr
 
 
-def test_work_that_counts_nothing_for_long_is_shown(capsys, monkeypatch):
-    """As while kernels are compiled: no step is done, but a bar is there, with its clock."""
+@pytest.mark.parametrize(
+    ("bar", "shown"),
+    [
+        # As while kernels are compiled: no step is done, but a bar is there, with its clock
+        (lambda: progress_bar("Working", 8), "Working:   0%"),
+        (lambda: progress.status("Loading"), "Loading ... 00:00"),
+    ],
+)
+def test_what_is_done_is_shown_though_nothing_is_counted(capsys, monkeypatch, bar, shown):
     monkeypatch.setattr(progress, "DELAY_S", 0.1)
-    with progress_bar("Working", 8):
+    with bar():
         time.sleep(0.4)
-    assert "Working:   0%" in capsys.readouterr().err
-
-
-def test_a_status_says_what_is_done(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 0.1)
-    with progress.status("Loading"):
-        time.sleep(0.3)
     said = capsys.readouterr().err
-    assert "Loading ... 00:00" in said
+    assert shown in said
     assert said.endswith("\r")  # Nothing stays
 
 
@@ -188,12 +168,11 @@ with progress.status("Starting"):
 """
 
 
-@pytest.mark.slow
 def test_in_a_notebook():
     """Widgets come and go while the cell runs, and none stays, in red, of work that ended early."""
     jupyter = pytest.importorskip("jupyter_client")
     manager = jupyter.KernelManager(kernel_name="python3")
-    manager.start_kernel(cwd=str(ROOT), stderr=subprocess.DEVNULL)
+    manager.start_kernel(cwd=str(processes.ROOT), stderr=subprocess.DEVNULL)
     try:
         client = manager.client()
         client.start_channels()
@@ -226,26 +205,18 @@ def test_threads_end_with_their_bars():
     assert threading.active_count() <= before
 
 
-# ------------------------------------------------------------------------------------ Ctrl-C
-
-
-def test_one_ctrl_c_asks():
+def test_one_ctrl_c_asks_and_two_interrupt():
     before = signal.getsignal(signal.SIGINT)
     with deferred_stop() as stop:
         assert not stop.requested
         signal.raise_signal(signal.SIGINT)
         assert stop.requested
         assert signal.getsignal(signal.SIGINT) is before
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_two_ctrl_c_interrupt():
-    before = signal.getsignal(signal.SIGINT)
-    with deferred_stop() as stop:
-        signal.raise_signal(signal.SIGINT)
-        assert stop.requested
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+    with pytest.raises(RuntimeError), deferred_stop():
+        raise RuntimeError
     assert signal.getsignal(signal.SIGINT) is before
 
 
@@ -259,27 +230,20 @@ def test_an_ignored_ctrl_c_stays_ignored():
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_held_ctrl_c_takes_effect_at_the_end_of_the_block():
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_held_ctrl_c_takes_effect_at_the_end_of_the_block(fails):
     went_on = []
 
     def work():
         with held_signals():
             signal.raise_signal(signal.SIGINT)
             went_on.append(True)
+            if fails:
+                raise RuntimeError("KeyboardInterrupt")
 
     with pytest.raises(KeyboardInterrupt):
         work()
     assert went_on
-
-
-def test_a_held_ctrl_c_comes_before_an_error():
-    def work():
-        with held_signals():
-            signal.raise_signal(signal.SIGINT)
-            raise RuntimeError("KeyboardInterrupt")
-
-    with pytest.raises(KeyboardInterrupt):
-        work()
 
 
 def test_a_held_ctrl_c_is_told_to_a_block_that_waits_for_it():
@@ -289,24 +253,19 @@ def test_a_held_ctrl_c_is_told_to_a_block_that_waits_for_it():
         assert stop.requested
 
 
+_HELD = """
+import signal
+from tofrender.runtime.progress import held_signals
+with held_signals():
+    signal.raise_signal(signal.SIGTERM)
+    print('held', flush=True)
+print('never')
+"""
+
+
 def test_a_held_signal_ends_the_process_where_nothing_hears_it():
-    code = (
-        "import signal\n"
-        "from tofrender.runtime.progress import held_signals\n"
-        "with held_signals():\n"
-        "    signal.raise_signal(signal.SIGTERM)\n"
-        "    print('held', flush=True)\n"
-        "print('never')\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = python(_HELD)
     assert (done.returncode, done.stdout) == (-signal.SIGTERM, "held\n")
-
-
-def test_the_handler_comes_back_after_an_error():
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(RuntimeError), deferred_stop():
-        raise RuntimeError
-    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_another_thread_keeps_the_handler():

@@ -1,7 +1,5 @@
 """The set-up script, in a copy of the project whose Python, pip and apt only pretend."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -66,12 +64,8 @@ class Project:
     def __init__(self, base: Path, *, root: bool):
         self.base, self.calls = base, base / "calls"
         self.folder = base / "my clone"
-        for name in (
-            ".ci/setup",
-            ".ci/requirements.txt",
-            "pyproject.toml",
-            "tofrender/runtime/llvm.py",
-        ):
+        copied = ".ci/setup .ci/requirements.txt pyproject.toml tofrender/runtime/llvm.py"
+        for name in copied.split():
             (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, self.folder / name)
         (base / "usr/lib/x86_64-linux-gnu").mkdir(parents=True)
@@ -101,25 +95,38 @@ class Project:
         with open(sys.executable, "rb") as file:
             (self.base / "usr/lib/x86_64-linux-gnu" / name).write_bytes(file.read(64))
 
-    def setup(self, **environ: str) -> subprocess.CompletedProcess:
-        """Run the set-up; `self.ran` then tells which fakes it called, in order."""
-        self.calls.write_text("")
-        result = subprocess.run(
+    def start(self, **environ: str) -> subprocess.Popen:
+        """Begin a run of the set-up."""
+        return subprocess.Popen(
             ["/bin/sh", str(self.folder / ".ci/setup")],
             env={"PATH": f"{self.bin}:/usr/bin:/bin", "TMPDIR": str(self.base), **environ},
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-            timeout=60,
-            check=False,
         )
+
+    def setup(self, **environ: str) -> tuple[int, str, str]:
+        """Status, stdout and stderr; `self.ran` then tells which fakes it called, in order."""
+        self.calls.write_text("")
+        process = self.start(**environ)
+        out, err = process.communicate(timeout=60)
         self.ran = self.calls.read_text()
-        return result
+        return process.returncode, out, err
+
+    def refuses(self, **environ: str) -> str:
+        """The one line of a set-up that fails, after its name."""
+        status, _, err = self.setup(**environ)
+        assert (status, err.count("\n"), err[:7]) == (1, 1, "setup: ")
+        return err[7:-1]
 
 
 @pytest.fixture
 def user(tmp_path):
-    return Project(tmp_path, root=False)
+    """A user who has LLVM 19."""
+    project = Project(tmp_path, root=False)
+    project.library("libLLVM.so.19.1")
+    return project
 
 
 @pytest.fixture
@@ -133,71 +140,56 @@ def apt_calls(project: Project) -> list[str]:
 
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="apt-get is Debian's")
-needs_no_gpu = pytest.mark.skipif(
-    Path("/proc/driver/nvidia/version").exists() or bool(shutil.which("nvidia-smi")),
-    reason="with an NVIDIA driver the set-up goes on without LLVM",
+needs_llvm = pytest.mark.skipif(
+    sys.platform != "linux"
+    or Path("/proc/driver/nvidia/version").exists()
+    or bool(shutil.which("nvidia-smi")),
+    reason="with an NVIDIA driver the set-up goes on without LLVM; apt-get is Debian's",
 )
 
 
-@needs_linux
-@needs_no_gpu
-def test_without_root_and_llvm_one_line_before_anything_is_installed(user):
+@needs_llvm
+def test_without_root_and_llvm_one_line_before_anything_is_installed(tmp_path):
+    user = Project(tmp_path, root=False)
     user.library("libLLVM-15.so.1")
-    result = user.setup()
-    assert result.returncode == 1
-    assert result.stdout == ""
-    assert result.stderr == (
-        "setup: no LLVM 17 or newer found, only 15; run: sudo apt-get install -y libllvm19\n"
-    )
+    line = "no LLVM 17 or newer found, only 15; run: sudo apt-get install -y libllvm19"
+    assert user.setup() == (1, "", f"setup: {line}\n")
     assert "pip" not in user.ran
 
 
 @needs_linux
-def test_root_gets_the_package(root):
+@pytest.mark.parametrize("index", [None, ""])
+def test_root_gets_the_package(root, index):
     root.library("libLLVM-15.so.1")
-    result = root.setup()
-    assert result.returncode == 0, result.stderr
-    assert [line.split()[0] for line in result.stdout.splitlines()] == [
+    if index is not None:
+        (root.base / "index").write_text(index)
+    status, out, err = root.setup()
+    assert status == 0, err
+    assert [line.split()[0] for line in out.splitlines()] == [
         *("Installing", "Creating", "Installing")
     ]
-    (apt,) = apt_calls(root)
-    assert apt.startswith("noninteractive apt-get install -y ")
-    assert apt.endswith(" libllvm19")
-
-
-@needs_linux
-def test_root_with_an_empty_index_renews_it(root):
-    (root.base / "index").write_text("")
-    result = root.setup()
-    assert result.returncode == 0, result.stderr
-    update, install = apt_calls(root)
-    assert update.endswith(" apt-get update")
+    *renewed, install = apt_calls(root)
+    assert [each.split()[-1] for each in renewed] == ["update"] * (index == "")
+    assert install.startswith("noninteractive apt-get install -y ")
     assert install.endswith(" libllvm19")
 
 
-@needs_linux
-@needs_no_gpu
-def test_a_release_without_a_usable_package_is_told_of_another_archive(root):
-    for index in ("", "libllvm14\n"):
-        (root.base / "index").write_text(index)
-        (root.base / "offers").write_text("libllvm14\n")
-        result = root.setup()
-        assert (result.returncode, result.stdout) == (1, "")
-        assert result.stderr == (
-            "setup: no LLVM 17 or newer found; run: "
-            "wget -qO- https://apt.llvm.org/llvm.sh | bash -s -- 19\n"
-        )
-        assert "install" not in root.ran
+@needs_llvm
+@pytest.mark.parametrize("index", ["", "libllvm14\n"])
+def test_a_release_without_a_usable_package_is_told_of_another_archive(root, index):
+    (root.base / "index").write_text(index)
+    (root.base / "offers").write_text("libllvm14\n")
+    command = "wget -qO- https://apt.llvm.org/llvm.sh | bash -s -- 19"
+    assert root.setup() == (1, "", f"setup: no LLVM 17 or newer found; run: {command}\n")
+    assert "install" not in root.ran
 
 
-@needs_linux
-@needs_no_gpu
+@needs_llvm
 def test_a_failing_apt_names_log_and_command(root):
     (root.base / "apt-fails").touch()
-    result = root.setup()
-    assert (result.returncode, result.stderr.count("\n")) == (1, 1)
-    assert result.stderr.endswith("run: apt-get update && apt-get install -y libllvm19\n")
-    log = Path(result.stderr.split("log: ")[1].split(")")[0])
+    said = root.refuses()
+    assert said.endswith("run: apt-get update && apt-get install -y libllvm19")
+    log = Path(said.split("log: ")[1].split(")")[0])
     assert "no such luck" in log.read_text()
     install, update, again = apt_calls(root)
     assert install == again
@@ -205,57 +197,50 @@ def test_a_failing_apt_names_log_and_command(root):
     assert update.endswith(" update")
 
 
-@needs_linux
-@needs_no_gpu
+@needs_llvm
 def test_what_the_environment_names_is_not_replaced(root):
-    result = root.setup(DRJIT_LIBLLVM_PATH="/nope")
-    assert result.returncode == 1
-    assert result.stderr == (
-        "setup: DRJIT_LIBLLVM_PATH = '/nope' does not exist: must name the file of LLVM 17 or "
-        "newer; unset it and run: apt-get install -y libllvm19\n"
+    assert root.refuses(DRJIT_LIBLLVM_PATH="/nope") == (
+        "DRJIT_LIBLLVM_PATH = '/nope' does not exist: must name the file of LLVM 17 or "
+        "newer; unset it and run: apt-get install -y libllvm19"
     )
     assert apt_calls(root) == []
 
 
-def test_the_second_run_does_nothing(user):
-    user.library("libLLVM.so.19.1")
-    assert user.setup().returncode == 0
+def test_the_second_run_does_nothing_but_install_new_pins(user):
+    assert user.setup()[0] == 0
     assert "-m pip install" in user.ran
     start = time.perf_counter()
-    result = user.setup()
+    assert user.setup() == (0, "", "")
     assert time.perf_counter() - start < 2
-    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     assert "venv" not in user.ran
     assert "pip" not in user.ran
-
-
-def test_new_pins_are_installed_into_the_same_environment(user):
-    user.library("libLLVM.so.19.1")
-    user.setup()
     with (user.folder / ".ci/requirements.txt").open("a") as file:
         file.write("another==1.0\n")
-    assert user.setup().returncode == 0
+    assert user.setup()[0] == 0
     assert "-m pip install" in user.ran
     assert "-m venv" not in user.ran
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", ["moved", "interrupted", "no python"])
+@pytest.mark.parametrize("damage", ["moved", "interrupted", "no python", "folder only"])
 def test_a_broken_environment_is_made_anew(user, damage):
-    user.library("libLLVM.so.19.1")
-    user.setup()
+    venv = user.folder / ".venv"
+    if damage == "folder only":  # Killed between its folder and its Python
+        venv.mkdir()
+        (venv / "folder").write_text(f"{user.folder}\n")
+    else:
+        user.setup()
+    (venv / "leftover").touch()
     if damage == "moved":
         user.folder = user.folder.rename(user.base / "elsewhere")
     elif damage == "interrupted":
-        (user.folder / ".venv/stamp").unlink()
-        (user.folder / ".venv/unfinished").touch()
-    else:
-        (user.folder / ".venv/bin/python").unlink()
-    (user.folder / ".venv/leftover").touch()
-    assert user.setup().returncode == 0
+        (venv / "stamp").unlink()
+        (venv / "unfinished").touch()
+    elif damage == "no python":
+        (venv / "bin/python").unlink()
+    assert user.setup()[0] == 0
     assert "-m venv .venv" in user.ran
     assert not (user.folder / ".venv/leftover").exists()
-    assert user.setup().stdout == ""
+    assert user.setup()[1] == ""
 
 
 @pytest.mark.parametrize(
@@ -264,69 +249,61 @@ def test_a_broken_environment_is_made_anew(user, damage):
         ("WARNING: NewConnectionError: refused\nERROR: No matching x", "cannot reach the package"),
         ("ERROR: Could not install: [Errno 28] No space left on device", "the disk is full"),
         ("ERROR: No matching distribution found for numpy==9", "No matching distribution"),
+        (  # Its own words of a package with another hash
+            "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE. If you have",
+            "a package is not the one of .ci/requirements.txt: its hash is another",
+        ),
     ],
 )
 def test_pip_fails_in_one_line_and_the_next_run_goes_on(user, pip_says, reason):
-    user.library("libLLVM.so.19.1")
-    (user.base / "pip-says").write_text(pip_says)
-    result = user.setup()
-    assert result.returncode == 1
-    assert result.stderr.count("\n") == 1
-    assert result.stderr.startswith(f"setup: pip: {reason}")
-    assert str(user.folder / ".venv/pip.log") in result.stderr
+    (user.base / "pip-says").write_text(f"{pip_says}\n")
+    said = user.refuses()
+    assert said.startswith(f"pip: {reason}")
+    assert str(user.folder / ".venv/pip.log") in said
     (user.base / "pip-says").unlink()
-    assert user.setup().returncode == 0
+    assert user.setup()[0] == 0
+
+
+VENV = f"python3.{sys.version_info.minor}-venv"
 
 
 @needs_linux
 def test_missing_venv_module(user):
-    user.library("libLLVM.so.19.1")
     (user.base / "no-venv").touch()
-    result = user.setup()
-    assert result.returncode == 1
-    version = f"{sys.version_info.major}.{sys.version_info.minor}"
-    assert result.stderr == (
-        f"setup: this Python has no venv; run: sudo apt-get install -y python{version}-venv\n"
-    )
+    said = user.refuses()
+    assert said == f"this Python has no venv; run: sudo apt-get install -y {VENV}"
 
 
 @pytest.mark.skipif(not Path("/etc/debian_version").exists(), reason="apt-get is Debian's")
 def test_root_gets_the_venv_module(root):
     root.library("libLLVM.so.19.1")
     (root.base / "no-venv").touch()
-    result = root.setup()
-    assert result.returncode == 0, result.stderr
-    assert f"-o DPkg::Lock::Timeout=120 python3.{sys.version_info.minor}-venv\n" in root.ran
+    status, _, err = root.setup()
+    assert status == 0, err
+    assert f"-o DPkg::Lock::Timeout=120 {VENV}\n" in root.ran
 
 
 def test_python_that_is_too_old_is_refused(user):
-    user.library("libLLVM.so.19.1")
     user.command("python3.10", "#!/bin/sh\nexit 1\n")
-    result = user.setup(PYTHON="python3.10")
-    assert result.returncode == 1
-    assert result.stderr == "setup: PYTHON = 'python3.10': must be Python 3.11 or newer\n"
-
-
-# ------------------------------------------------------------------ somebody's own environment
+    said = user.refuses(PYTHON="python3.10")
+    assert said == "PYTHON = 'python3.10': must be Python 3.11 or newer"
 
 
 def test_somebodys_own_environment_is_used(user):
-    user.library("libLLVM.so.19.1")
     user.command("venv-python", FAKE_PYTHON)
     (user.folder / ".venv/bin").mkdir(parents=True)
     shutil.copy(user.bin / "venv-python", user.folder / ".venv/bin/python")
     (user.folder / ".venv/mine").write_text("mine")
-    result = user.setup()
-    assert result.returncode == 0, result.stderr
+    status, _, err = user.setup()
+    assert status == 0, err
     assert "-m pip install" in user.ran
     assert "-m venv" not in user.ran
     assert (user.folder / ".venv/mine").read_text() == "mine"
-    assert (user.setup().stdout, user.ran.count("pip")) == ("", 0)
+    assert (user.setup()[1], user.ran.count("pip")) == ("", 0)
 
 
 @pytest.mark.parametrize("kind", ["empty", "old python", "no pip", "a file", "a link astray"])
 def test_somebodys_own_environment_that_does_not_work_stays(user, kind):
-    user.library("libLLVM.so.19.1")
     venv = user.folder / ".venv"
     if kind == "a file":
         venv.write_text("mine")
@@ -340,25 +317,11 @@ def test_somebodys_own_environment_that_does_not_work_stays(user, kind):
         script = f'#!/bin/sh\ncase "$*" in {refuse}) exit 1 ;; esac\n'
         (venv / "bin/python").write_text(script)
         (venv / "bin/python").chmod(0o755)
-    result = user.setup()
-    assert result.returncode == 1
-    assert result.stderr == (
-        f"setup: {venv} was not made here and has no Python 3.11 or newer with pip; move it away\n"
+    assert user.refuses() == (
+        f"{venv} was not made here and has no Python 3.11 or newer with pip; move it away"
     )
     assert "pip install" not in user.ran
     assert (venv / "mine").exists() or venv.is_symlink() or venv.is_file()
-
-
-def test_an_environment_that_was_being_made_is_made_anew(user):
-    """Killed between its folder and its Python."""
-    user.library("libLLVM.so.19.1")
-    (user.folder / ".venv").mkdir()
-    (user.folder / ".venv/folder").write_text(f"{user.folder}\n")
-    assert user.setup().returncode == 0
-    assert "-m venv .venv" in user.ran
-
-
-# ------------------------------------------------------------------------------- two at once
 
 
 def without_flock(project: Project) -> str:
@@ -372,25 +335,13 @@ def without_flock(project: Project) -> str:
     return f"{project.bin}:{tools}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("flock", [True, False])
 def test_two_at_once_install_once(user, flock):
-    user.library("libLLVM.so.19.1")
     slow = FAKE_PYTHON.replace("touch .venv/bin", "sleep 1; touch .venv/bin")
     user.command("python3", slow)
     path = f"{user.bin}:/usr/bin:/bin" if flock else without_flock(user)
     user.calls.write_text("")
-    runs = [
-        subprocess.Popen(
-            ["/bin/sh", str(user.folder / ".ci/setup")],
-            env={"PATH": path, "TMPDIR": str(user.base)},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(2)
-    ]
+    runs = [user.start(PATH=path) for _ in range(2)]
     said = [run.communicate(timeout=60) for run in runs]
     assert [run.returncode for run in runs] == [0, 0], said
     assert user.calls.read_text().count("--require-hashes") == 1
@@ -399,22 +350,10 @@ def test_two_at_once_install_once(user, flock):
 
 
 def test_a_lock_whose_holder_was_killed_is_taken(user):
-    user.library("libLLVM.so.19.1")
     (user.folder / ".setup-lock.d").mkdir()
     (user.folder / ".setup-lock.d/pid").write_text("999999999")
-    assert user.setup(PATH=without_flock(user)).returncode == 0
+    assert user.setup(PATH=without_flock(user))[0] == 0
     assert not (user.folder / ".setup-lock.d").exists()
-
-
-def test_a_package_with_another_hash_is_refused(user):
-    """What pip says of one: its own words."""
-    user.library("libLLVM.so.19.1")
-    (user.base / "pip-says").write_text(
-        "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE. If you have\n"
-    )
-    result = user.setup()
-    assert result.returncode == 1
-    assert "a package is not the one of .ci/requirements.txt: its hash is another" in result.stderr
 
 
 def test_all_that_the_package_needs_is_pinned_with_hashes():

@@ -1,15 +1,12 @@
 """Hierarchical warping against its image, and environment light against Mitsuba's `envmap`."""
 
-from __future__ import annotations
-
 import math
-import warnings
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import ALPHA, COMPARISONS, agree, largest
+from helpers.support import ALPHA, COMPARISONS, largest
 
 from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
 from tofrender.sampling.histograms import pearson
@@ -47,14 +44,13 @@ IMAGES = {
 }
 
 
-def uniform(n: int, seed: int = 0) -> mi.Point2f:
+def uniform(n: int) -> mi.Point2f:
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, n)
+    sampler.seed(0, n)
     return sampler.next_2d()
 
 
 def texels(p: mi.Point2f, n: int) -> np.ndarray:
-    """Row and column of each point."""
     return np.floor(np.array(p, dtype=np.float64)[::-1] * n).astype(int)
 
 
@@ -66,56 +62,21 @@ def p_value(observed: np.ndarray, expected: np.ndarray) -> float:
     return 1 - mi.math_py.rlgamma(freedom / 2, chi2 / 2) if freedom > 0 else 1.0
 
 
-def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000, seed: int = 0):
+def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000):
     """Of the number of points in each texel of the image."""
-    row, column = texels(warp.sample(uniform(n, seed)), len(image))
+    row, column = texels(warp.sample(uniform(n)), len(image))
     observed = np.bincount(row * len(image) + column, minlength=image.size)
     return p_value(observed, n * image.ravel() / image.sum())
 
 
-# -------------------------------------------------------------------------------- the warp
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", IMAGES)
-def test_texels_are_hit_as_often_as_they_are_bright(name):
-    assert image_p_value(HierarchicalWarp(IMAGES[name]), IMAGES[name]) > BOUND
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("name", IMAGES)
-def test_points_are_even_within_texels(name):
+def test_texels_are_hit_as_often_as_they_are_bright_and_evenly(name):
     warp = HierarchicalWarp(IMAGES[name])
-    within = np.array(warp.sample(uniform(200_000)), dtype=np.float64) * warp.size % 1
-    cells = (np.floor(within[0] * 16) * 16 + np.floor(within[1] * 16)).astype(int)
-    observed = np.bincount(cells, minlength=256)
+    assert image_p_value(warp, IMAGES[name]) > BOUND
+    column, row = (np.array(warp.sample(uniform(200_000)), dtype=np.float64) * warp.size % 1) * 16
+    observed = np.bincount((np.floor(column) * 16 + np.floor(row)).astype(int), minlength=256)
     assert p_value(observed, np.full(256, 200_000 / 256)) > BOUND
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("name", ["80/20", "probe"])
-def test_samples_follow_the_density(name):
-    warp = HierarchicalWarp(IMAGES[name])
-    verdict = chi_square_test(warp.sample, warp.pdf, "square", **SIZE)
-    assert verdict.passed, verdict
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda warp: lambda p: warp.pdf(mi.Point2f(p.y, p.x)),
-        lambda warp: lambda p: warp.pdf(mi.Point2f(p.x, 1 - p.y)),
-        lambda warp: lambda p: warp.pdf(p) / warp.size,
-        lambda warp: lambda p: dr.maximum(warp.pdf(p), 0.1),
-        lambda warp: lambda p: dr.sqrt(warp.pdf(p)),
-    ],
-    ids=["transposed", "upside down", "scaled", "floor", "gamma"],
-)
-def test_a_wrong_density_is_found(wrong):
-    warp = HierarchicalWarp(IMAGES["probe"])
-    verdict = chi_square_test(warp.sample, wrong(warp), "square", **SIZE)
-    assert not verdict.passed
 
 
 @pytest.mark.statistical
@@ -134,10 +95,12 @@ def test_density_is_the_image_and_integrates_to_one(name):
     assert density == pytest.approx(image.ravel() / image.mean(), rel=1e-6)
 
 
-def test_density_ends_at_the_square():
+def test_density_ends_at_the_square_and_does_not_overflow():
     warp = HierarchicalWarp([[1.0, 3.0], [5.0, 7.0]])
     p = mi.Point2f([0, 1, 1, -1e-6, 0.5, 1e30, math.nan], [0, 1, 0.4, 0.5, 1.001, 0.5, 0.5])
     assert np.array(warp.pdf(p)) == pytest.approx([0.25, 1.75, 0.75, 0, 0, 0, 0])
+    warp = HierarchicalWarp([[1e308, 1e308], [1e308, 0]])
+    assert warp.pdf(mi.Point2f(0.1))[0] == pytest.approx(4 / 3)
 
 
 @pytest.mark.parametrize("levels", [0, 1, 2, 5, 9, 11])
@@ -159,39 +122,20 @@ def test_black_texels_are_never_hit(levels):
     assert np.all(image[tuple(texels(corners, n))] > 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, 1, 7, 12])
-def test_an_even_image_leaves_points_where_they_are(levels):
-    """All 24 bits of a sample survive twelve levels."""
+def test_stratified_samples_stay_stratified(levels):
+    """An even image leaves points where they are: all their 24 bits survive twelve levels."""
     u = uniform(50_000)
     p = HierarchicalWarp(np.ones((2**levels, 2**levels))).sample(u)
     assert np.max(np.abs(np.array(p) - np.array(u))) <= 2.0**-24
-
-
-def test_orientation():
-    """x runs over columns to the right, y over rows down."""
-    image = np.zeros((4, 4))
-    image[0, 3] = 1
-    p = HierarchicalWarp(image).sample(mi.Point2f(0.5, 0.25))
-    assert np.array(p).ravel() == pytest.approx([3.5 / 4, 0.25 / 4])
-
-
-def test_stratified_samples_stay_stratified():
-    """What is left of a sample goes on: a grid of points gives each texel its share exactly."""
+    # What is left of a sample goes on: a grid of points gives each texel its share exactly
     x, y = np.meshgrid((np.arange(40) + 0.5) / 40, (np.arange(40) + 0.5) / 40)
     warp = HierarchicalWarp(IMAGES["80/20"])
     row, column = texels(warp.sample(mi.Point2f(x.ravel(), y.ravel())), 2)
     assert np.bincount(row * 2 + column) / 1600 == pytest.approx([0.5, 0.3, 0.05, 0.15])
 
 
-def test_values_near_the_largest_double_do_not_overflow():
-    assert HierarchicalWarp([[1e308, 1e308], [1e308, 0]]).pdf(mi.Point2f(0.1))[0] == pytest.approx(
-        4 / 3
-    )
-
-
 def test_symbolic_loops():
-    """Warps can be used where paths are traced: in the body of a symbolic loop."""
     warp, light, u = HierarchicalWarp(IMAGES["probe"]), EnvironmentWarp(probe(16)), uniform(1000)
 
     def body(i, p, d, pdf, radiance):
@@ -206,18 +150,14 @@ def test_symbolic_loops():
         assert np.array(a) == pytest.approx(np.array(b))
 
 
-@pytest.mark.parametrize("variant", ["llvm_ad_mono"])
-def test_other_variants(variant):
-    mi.set_variant(variant)
+def test_monochrome():
+    mi.set_variant("llvm_ad_mono")
     warp = HierarchicalWarp(IMAGES["80/20"])
     assert image_p_value(warp, IMAGES["80/20"]) > BOUND
     image = np.stack([probe(16), 2 * probe(16), 0 * probe(16)], axis=-1)
     light = EnvironmentWarp(image)
     reference = envmap(image, directions(200))
     assert np.array(light.eval(directions(200))) == pytest.approx(reference, rel=1e-3, abs=1e-3)
-
-
-# -------------------------------------------------------------------------------- other sizes
 
 
 def test_other_sizes_are_resized_with_a_warning():
@@ -244,15 +184,6 @@ def test_resizing_keeps_the_mean_and_the_black(shape):
     assert np.array_equal(finer > 0, touched)
 
 
-def test_powers_of_two_do_not_warn():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        HierarchicalWarp(np.ones((8, 8)))
-
-
-# -------------------------------------------------------------------------------- images
-
-
 @pytest.mark.parametrize("channels", [None, 1, 2, 3, 4])
 def test_images_from_arrays_bitmaps_and_files(channels, tmp_path):
     rng = np.random.default_rng(3)
@@ -277,11 +208,8 @@ BAD_IMAGES = {
     "black": (np.zeros((4, 4)), r"^image: all pixels are 0; at least one must be above 0$"),
     "flat": (np.ones(4), r"^image: shape \(4,\); must have the shape"),
     "deep": (np.ones((2, 2, 5)), r"^image: shape \(2, 2, 5\); must have"),
-    "four axes": (np.ones((2, 2, 2, 2)), r"^image: shape \(2, 2, 2, 2\); must have"),
     "large": (np.ones((1, MAX_SIDE + 1)), r"a side must have at most 16384$"),
-    "none": (None, r"^image: "),
-    "text": ([["a"]], r"^image: list; must be a path, an mi.Bitmap or an array$"),
-    "ragged": ([[1.0], [1.0, 2.0]], r"^image: list; must be a path"),
+    "ragged": ([[1.0], [1.0, 2.0]], r"^image: list; must be a path, an mi.Bitmap or an array$"),
 }
 
 
@@ -295,17 +223,16 @@ def test_bad_images(kind, name):
 
 
 def test_bad_files(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"sky.exr': must be a file that exists$"):
-        HierarchicalWarp(tmp_path / "sky.exr")
-    path = tmp_path / "notes.exr"
-    path.write_text("not an image")
-    with pytest.raises(ValueError, match=r"notes.exr': must be an image that Mitsuba reads"):
-        HierarchicalWarp(path)
-    with pytest.raises(FileNotFoundError, match="must be a file"):
-        HierarchicalWarp(tmp_path)
+    (tmp_path / "notes.exr").write_text("not an image")
     layers = mi.Bitmap(mi.Bitmap.PixelFormat.MultiChannel, mi.Struct.Type.Float32, [4, 4], 5)
-    with pytest.raises(ValueError, match=r"^image: has 5 channels of other kinds; must be grey"):
-        HierarchicalWarp(layers)
+    for source, kind, message in (
+        (tmp_path / "sky.exr", FileNotFoundError, r"sky.exr': must be a file that exists$"),
+        (tmp_path, FileNotFoundError, "must be a file"),
+        (tmp_path / "notes.exr", ValueError, r"notes.exr': must be an image that Mitsuba reads"),
+        (layers, ValueError, r"^image: has 5 channels of other kinds; must be grey"),
+    ):
+        with pytest.raises(kind, match=message):
+            HierarchicalWarp(source)
 
 
 def test_samples_off_the_square_fail_in_debug_mode():
@@ -319,27 +246,23 @@ def test_samples_off_the_square_fail_in_debug_mode():
                 sample(outside)
 
 
-# -------------------------------------------------------------------------------- environment
-
-
-def directions(n: int, seed: int = 0) -> mi.Vector3f:
+def directions(n: int) -> mi.Vector3f:
     """Some of them near the poles; nearer, the cosine that Mitsuba uses has no digits left."""
-    d = np.random.default_rng(seed).normal(size=(3, n))
+    d = np.random.default_rng(0).normal(size=(3, n))
     d[:, :3] = np.array([[0.02, 1, 0], [1, 0, 0], [0.02, -1, 0.01]]).T
     d /= np.linalg.norm(d, axis=0)
     return mi.Vector3f(*(mi.Float(each) for each in d))
 
 
 def envmap(image: np.ndarray, d: mi.Vector3f) -> np.ndarray:
-    """Radiance by Mitsuba's own emitter."""
     emitter = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(image.astype(np.float32))})
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(d))
     si.wi = -d
     return np.array(emitter.eval(si))
 
 
-def sky(shape: tuple[int, int], seed: int = 1) -> np.ndarray:
-    return np.random.default_rng(seed).random((*shape, 3)) ** 3
+def sky(shape: tuple[int, int]) -> np.ndarray:
+    return np.random.default_rng(1).random((*shape, 3)) ** 3
 
 
 @pytest.mark.parametrize("shape", [(8, 16), (5, 7), (3, 2), (100, 200)])
@@ -361,43 +284,21 @@ def test_environment_samples_follow_the_density(shape):
     assert verdict.passed, verdict
 
 
+WRONG = {
+    "sine": lambda d, pdf: pdf(d) * dr.norm(mi.Vector2f(d.x, d.z)) * (4 / math.pi),
+    "upside down": lambda d, pdf: pdf(mi.Vector3f(d.x, -d.y, d.z)),
+    "mirrored": lambda d, pdf: pdf(mi.Vector3f(-d.x, d.y, d.z)),
+    "scale": lambda d, pdf: pdf(d) * (2 * math.pi),
+}
+
+
 @pytest.mark.statistical
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda light: lambda d: light.pdf(d) * dr.norm(mi.Vector2f(d.x, d.z)) * (4 / math.pi),
-        lambda light: lambda d: light.pdf(mi.Vector3f(d.x, -d.y, d.z)),
-        lambda light: lambda d: light.pdf(mi.Vector3f(-d.x, d.y, d.z)),
-        lambda light: lambda d: light.pdf(d) * (2 * math.pi),
-    ],
-    ids=["sine", "upside down", "mirrored", "scale"],
-)
-def test_a_wrong_environment_density_is_found(wrong):
+@pytest.mark.parametrize("bug", WRONG)
+def test_a_wrong_environment_density_is_found(bug):
     light = EnvironmentWarp(sky((8, 16)))
     sample = lambda u: light.sample(u)[0]  # noqa: E731
-    assert not chi_square_test(sample, wrong(light), "sphere", **SIZE).passed
-
-
-@pytest.mark.statistical
-def test_environment_lights_a_surface_as_in_mitsuba():
-    """Irradiance of a tilted surface, by our samples and by Mitsuba's."""
-    image, n = sky((6, 12)), 1 << 14
-    normal = mi.Normal3f(0.48, 0.6, -0.64)
-    light = EnvironmentWarp(image)
-    emitter = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(image.astype(np.float32))})
-
-    def ours(seed: int) -> np.ndarray:
-        d, pdf = light.sample(uniform(n, seed))
-        return np.array(dr.mean(dr.maximum(dr.dot(d, normal), 0) * light.eval(d) / pdf, axis=1))
-
-    def mitsubas(seed: int) -> np.ndarray:
-        it = dr.zeros(mi.Interaction3f, n)
-        ds, weight = emitter.sample_direction(it, uniform(n, seed))
-        return np.array(dr.mean(dr.maximum(dr.dot(ds.d, normal), 0) * weight, axis=1))
-
-    a, b = ([f(s) for s in range(k, k + 12)] for f, k in ((ours, 0), (mitsubas, 100)))
-    assert agree(np.squeeze(a), np.squeeze(b))
-    assert not agree(np.squeeze(a) * 1.05, np.squeeze(b))
+    wrong = lambda d: WRONG[bug](d, light.pdf)  # noqa: E731
+    assert not chi_square_test(sample, wrong, "sphere", **SIZE).passed
 
 
 def test_environment_density_is_finite_and_its_weights_are_bounded():
@@ -418,20 +319,19 @@ def test_environment_density_is_finite_and_its_weights_are_bounded():
     assert mean.std() / mean.mean() < 0.35
 
 
-def test_a_sun_is_found():
+@pytest.mark.parametrize("row", [0, 10, 31])
+def test_a_sun_is_found(row):
     """A sun in one pixel of a black sky, at the poles too.
 
     Interpolated over two columns, it fills two texels and half of the two beside, with an eighth
     of the light each: an eighth of the samples finds the black halves, and a little more of rows.
     """
-    for row in (0, 10, 31):
-        image = np.zeros((32, 64))
-        image[row, 40] = 1e6
-        light = EnvironmentWarp(image)
-        d, _ = light.sample(uniform(20_000))
-        radiance = np.array(light.eval(d).x)
-        assert np.mean(radiance > 0) > 0.8
-        assert np.array(light.pdf(-d)).max() == 0
+    image = np.zeros((32, 64))
+    image[row, 40] = 1e6
+    light = EnvironmentWarp(image)
+    d, _ = light.sample(uniform(20_000))
+    assert np.mean(np.array(light.eval(d).x) > 0) > 0.8
+    assert np.array(light.pdf(-d)).max() == 0
 
 
 def test_bad_environments():

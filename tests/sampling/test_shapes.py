@@ -1,14 +1,13 @@
 """Shapes that emit light: densities, closed forms, and wrong densities that must be found."""
 
-from __future__ import annotations
-
 import math
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import COMPARISONS, agree, over_seeds, rotate, translate, unit
+from helpers.support import COMPARISONS, agree, load, over_seeds, rotate, translate, unit
 
 from tofrender.sampling import (
     Quad,
@@ -29,15 +28,12 @@ TILT = translate(0.3, -0.4, 1.5) @ rotate((0.6, 0.8, 0), 50)
 QUAD = Quad((1, 2), emission=(1, 2, 3), transform=TILT)
 TRIANGLE = Triangle([0, 0, 2], [1, 0, 1], [0.2, 1, 1.5], emission=2)
 ORIGINS = {"below": (0, 0, 0), "near": (0.4, -0.2, 1.2), "behind": (0, 0, 4.5), "side": (-3, 2, 1)}
+MOVED = translate(0, 0, 1) @ rotate((0.6, 0, 0.8), 40) @ mi.ScalarTransform4f().scale(2)
 SPHERES = {
     "plain": Sphere((0, 0, 3), 1, emission=2),
-    "moved": Sphere(
-        (0, 1, 0),
-        0.5,
-        emission=1,
-        transform=translate(0, 0, 1) @ rotate((0.6, 0, 0.8), 40) @ mi.ScalarTransform4f().scale(2),
-    ),
+    "moved": Sphere((0, 1, 0), 0.5, emission=1, transform=MOVED),
 }
+SHAPES = [QUAD, TRIANGLE, *SPHERES.values()]
 
 
 def uniform(n: int, seed: int = 0) -> mi.Point2f:
@@ -52,26 +48,22 @@ def point(o, n: int = 1) -> mi.Point3f:
 
 
 def numpy(array, n: int = 1) -> np.ndarray:
-    """Points or vectors of shape (n, 3)."""
     return np.array(array + dr.zeros(mi.Float, n), dtype=np.float64).T
 
 
-def verdict(shape, o, domain, *, samples: int = 50_000, seed: int = 0, resolution: int = 24):
+def chi_square(sample, pdf, domain, **options):
+    options = {"samples": 50_000, "resolution": 24, "tests": COMPARISONS} | options
+    return chi_square_test(sample, pdf, domain, **options)
+
+
+def verdict(shape, o, domain=None):
     """The chi-square test of a shape's directions from `o`."""
 
     def sample(u):
         record = shape.sample(point(o, dr.width(u)), u)
         return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
 
-    return chi_square_test(
-        sample,
-        lambda v: shape.pdf(point(o), v),
-        domain,
-        samples=samples,
-        resolution=resolution,
-        seed=seed,
-        tests=COMPARISONS,
-    )
+    return chi_square(sample, lambda v: shape.pdf(point(o), v), domain or domain_of(shape, o))
 
 
 def patch_domain(patch, o) -> Domain:
@@ -144,91 +136,83 @@ def cone_domain(axis, sin_theta_max: float) -> Domain:
     )
 
 
-def sphere_domain(sphere, o) -> Domain:
-    to_centre = sphere.centre - np.array(o)
-    far = np.linalg.norm(to_centre)
-    return cone_domain(to_centre, sphere.radius / far) if far > sphere.radius else all_directions()
-
-
 def domain_of(shape, o) -> Domain:
-    return sphere_domain(shape, o) if isinstance(shape, Sphere) else patch_domain(shape, o)
+    if not isinstance(shape, Sphere):
+        return patch_domain(shape, o)
+    to_centre = shape.centre - np.array(o)
+    far = np.linalg.norm(to_centre)
+    return cone_domain(to_centre, shape.radius / far) if far > shape.radius else all_directions()
 
-
-# ------------------------------------------------------------------------- triangles and caps
 
 CORNERS = ([0, 0, 0], [1, 1, 1], [0.5, 1, 2])
+FLAT = ([0, 0, 0], [1, 0, 0], [0.25, 1, 0])  # In z = 0, where the test counts
+CAP = math.cos(1.0)
+CAP_Z = (1 + CAP) / 2
 
 
-def test_triangle_moments():
-    """Mean (v0 + v1 + v2) / 3; E[b_i b_j] = (1 + [i = j]) / 12."""
-    p = numpy(sample_triangle(*CORNERS, uniform(1 << 18)))
-    v = np.array(CORNERS, dtype=np.float64)
-    second = v.T @ ((np.ones((3, 3)) + np.eye(3)) / 12) @ v
-    assert p.mean(axis=0) == pytest.approx(v.mean(axis=0), abs=4e-3)
-    assert p.T @ p / len(p) == pytest.approx(second, abs=6e-3)
+def flat_triangle(u):
+    p = sample_triangle(*FLAT, u)
+    return mi.Point2f(p.x, p.y)
+
+
+def flat_triangle_pdf(p):
+    return sample_triangle_pdf(mi.Point3f(p.x, p.y, 0), *FLAT)
+
+
+def even_angles(u):
+    """A cap whose theta, instead of its cosine, is drawn evenly."""
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
+    sin_theta, cos_theta = dr.sincos(u.x)
+    return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
+
+
+DRAWN = {
+    "triangle": (
+        {"domain": "square", "resolution": 48, "expected_moments": {"y": 1 / 3}},
+        (flat_triangle, flat_triangle_pdf),
+        lambda u: flat_triangle(mi.Point2f(u.x * (2 - u.x), u.y)),  # b1 = u, not 1 - sqrt(1 - u)
+        lambda p: 0.5 * flat_triangle_pdf(p),
+    ),
+    "cap": (
+        {"domain": cone_domain([0, 0, 1], math.sin(1.0)), "expected_moments": {"z": CAP_Z}},
+        (lambda u: sample_sphere_cap(u, CAP), lambda v: sample_sphere_cap_pdf(v, CAP)),
+        even_angles,
+        lambda v: dr.select(sample_sphere_cap_pdf(v, CAP) > 0, 1 / (4 * math.pi), 0),
+    ),
+}
 
 
 @pytest.mark.statistical
-def test_triangle_samples_follow_the_density():
-    """In z = 0, where the test counts; the density is 0 over half of the square."""
-    corners = ([0, 0, 0], [1, 0, 0], [0.25, 1, 0])
-
-    def flat(u):
-        p = sample_triangle(*corners, u)
-        return mi.Point2f(p.x, p.y)
-
-    def pdf(p):
-        return sample_triangle_pdf(mi.Point3f(p.x, p.y, 0), *corners)
-
-    run = lambda sample, pdf: chi_square_test(  # noqa: E731
-        sample,
-        pdf,
-        "square",
-        samples=50_000,
-        resolution=48,
-        tests=COMPARISONS,
-        expected_moments={"y": 1 / 3},
-    )
-    assert run(flat, pdf).passed, run(flat, pdf)
-
-    def crowded(u):  # b1 = u instead of 1 - sqrt(1 - u)
-        p = sample_triangle(*corners, mi.Point2f(u.x * (2 - u.x), u.y))
-        return mi.Point2f(p.x, p.y)
-
-    assert not run(crowded, pdf).passed
-    assert not run(flat, lambda p: 0.5 * pdf(p)).passed
+@pytest.mark.parametrize("name", DRAWN)
+def test_samples_follow_the_density_and_bugs_are_found(name):
+    options, (sample, pdf), wrong_sample, wrong_pdf = DRAWN[name]
+    right = chi_square(sample, pdf, **options)
+    assert right.passed, right
+    assert not chi_square(wrong_sample, pdf, **options).passed
+    assert not chi_square(sample, wrong_pdf, **options).passed
 
 
 def test_triangle_density():
     v0, v1, v2 = (np.array(each, dtype=float) for each in CORNERS)
     area = 0.5 * np.linalg.norm(np.cross(v1 - v0, v2 - v0))
-    p = sample_triangle(*CORNERS, uniform(10_000))
-    assert np.array(sample_triangle_pdf(p, *CORNERS)) == pytest.approx(1 / area)
-    ends = sample_triangle(*CORNERS, mi.Point2f([0, 0, 1, 1], [0, 1, 0, 1]))
-    assert np.array(sample_triangle_pdf(ends, *CORNERS)) == pytest.approx(1 / area)
+    for u in (uniform(10_000), mi.Point2f([0, 0, 1, 1], [0, 1, 0, 1])):
+        pdf = sample_triangle_pdf(sample_triangle(*CORNERS, u), *CORNERS)
+        assert np.array(pdf) == pytest.approx(1 / area)
     normal = unit(np.cross(v1 - v0, v2 - v0))
     middle = (v0 + v1 + v2) / 3
     for away in (1e-3 * normal, -1e-3 * normal, 2 * (v0 - middle), 1.001 * (v1 - middle)):
         off = middle + away
         assert sample_triangle_pdf(mi.Point3f(*off.tolist()), *CORNERS)[0] == 0
-
-
-def test_triangles_of_many_lanes():
-    """Corners may be arrays; their degenerate triangles have no density."""
-    v1 = mi.Point3f([1, 2, 0], 0, 0)
-    p = sample_triangle(mi.Point3f(0), v1, mi.Point3f(0, 2, 0), mi.Point2f(0.5))
-    pdf = sample_triangle_pdf(p, mi.Point3f(0), v1, mi.Point3f(0, 2, 0))
-    assert np.array(pdf) == pytest.approx([1, 0.5, 0])
     far = [[1000 + x, y, z] for x, y, z in CORNERS]
     p = sample_triangle(*far, uniform(1000))
     assert np.array(sample_triangle_pdf(p, *far)).min() > 0
+    # Corners may be arrays; their degenerate triangles have no density
+    many = mi.Point3f(0), mi.Point3f([1, 2, 0], 0, 0), mi.Point3f(0, 2, 0)
+    pdf = sample_triangle_pdf(sample_triangle(*many, mi.Point2f(0.5)), *many)
+    assert np.array(pdf) == pytest.approx([1, 0.5, 0])
 
 
-CAPS = [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cosine", CAPS)
+@pytest.mark.parametrize("cosine", [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9])
 def test_cap_samples_and_density(cosine):
     height = 1 - cosine
     v = numpy(sample_sphere_cap(uniform(1 << 16), cosine))
@@ -248,51 +232,20 @@ def test_cap_samples_and_density(cosine):
     assert np.array(sample_sphere_cap_pdf(ends, cosine)).min() > 0
 
 
-@pytest.mark.statistical
-def test_cap_chi_square():
-    cosine = math.cos(1.0)
-    domain = cone_domain([0, 0, 1], math.sin(1.0))
-    run = lambda sample, pdf: chi_square_test(  # noqa: E731
-        sample,
-        pdf,
-        domain,
-        samples=50_000,
-        resolution=24,
-        tests=COMPARISONS,
-        expected_moments={"z": (1 + cosine) / 2},
-    )
-    right = lambda u: sample_sphere_cap(u, cosine)  # noqa: E731
-    pdf = lambda v: sample_sphere_cap_pdf(v, cosine)  # noqa: E731
-    assert run(right, pdf).passed, run(right, pdf)
-
-    def even_angles(u):  # theta instead of its cosine drawn evenly
-        sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
-        sin_theta, cos_theta = dr.sincos(u.x)
-        return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
-
-    assert not run(even_angles, pdf).passed
-    assert not run(right, lambda v: dr.select(pdf(v) > 0, 1 / (4 * math.pi), 0)).passed
-
-
 def test_cap_of_one_direction_and_arrays():
-    assert np.array(sample_sphere_cap(mi.Point2f(0.7, 0.2), 1.0)).ravel() == pytest.approx(
-        [0, 0, 1]
-    )
+    v = sample_sphere_cap(mi.Point2f(0.7, 0.2), 1.0)
+    assert np.array(v).ravel() == pytest.approx([0, 0, 1])
     assert sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), 1)[0] == 0
     cosines = mi.Float([0, 0.5])
     pdf = np.array(sample_sphere_cap_pdf(sample_sphere_cap(mi.Point2f(0.5), cosines), cosines))
     assert pdf == pytest.approx([1 / (2 * math.pi), 1 / math.pi])
 
 
-# ------------------------------------------------------------------------- one shape
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("origin", ORIGINS)
-@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+@pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_directions_follow_the_density(shape, origin):
-    o = ORIGINS[origin]
-    result = verdict(shape, o, domain_of(shape, o))
+    result = verdict(shape, ORIGINS[origin])
     assert result.passed, result
 
 
@@ -301,8 +254,11 @@ def test_directions_follow_the_density(shape, origin):
 def test_directions_from_inside_a_sphere(o):
     """All directions, with the density 1 / (4 pi)."""
     sphere = SPHERES["plain"]
-    result = verdict(sphere, o, "sphere")
+    result = verdict(sphere, o)
     assert result.passed, result
+    # The cone's formula, cut where its root is negative, would give the hemisphere
+    half = with_pdf(sphere, lambda o, v, pdf: mi.Float(1 / (2 * math.pi)))
+    assert not verdict(half, o, "sphere").passed
     record = sphere.sample(point(o, 1000), uniform(1000))
     assert np.array(record.pdf) == pytest.approx(1 / (4 * math.pi))
     assert np.array(record.valid).all()
@@ -315,7 +271,7 @@ def test_directions_from_inside_a_sphere(o):
 @pytest.mark.statistical
 def test_directions_from_the_surface_of_a_sphere():
     """The half of them that enters is valid."""
-    result = verdict(SPHERES["plain"], (0, 0, 2), "sphere")
+    result = verdict(SPHERES["plain"], (0, 0, 2))
     assert result.passed, result
     assert result.valid == pytest.approx(0.5, abs=0.02)
     assert result.pdf_integral == pytest.approx(0.5, abs=2e-3)
@@ -325,9 +281,8 @@ def test_directions_from_the_surface_of_a_sphere():
     assert np.array(record.distance).max() < 5e-3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("origin", ORIGINS)
-@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+@pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_records(shape, origin):
     """What a record says of itself, and what the ray in its direction says, are the same."""
     o = point(ORIGINS[origin], 2000)
@@ -361,7 +316,7 @@ def test_records(shape, origin):
     assert not np.any(np.array(behind.weight))
 
 
-@pytest.mark.parametrize("shape", [QUAD, TRIANGLE, *SPHERES.values()], ids=repr)
+@pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_edges_of_the_unit_square_are_finite(shape):
     u = mi.Point2f([0, 0, 1, 1, 0.5], [0, 1, 0, 1, 0])
     origins = [*ORIGINS.values(), (0, 0, 3), (0, 0, 2)]
@@ -371,14 +326,9 @@ def test_edges_of_the_unit_square_are_finite(shape):
         record = shape.sample(point(o, 5), u)
         for each in (record.pdf, record.weight, record.radiance):
             assert np.isfinite(np.array(each)).all()
-
-
-def test_from_within_its_plane_a_patch_cannot_be_seen():
-    flat = Quad((2, 2), emission=1)
-    for o in ((3, 0, 0), (0.2, 0.1, 0), (1, 1, 0)):
-        record = flat.sample(point(o, 100), uniform(100))
-        assert not np.any(np.array(record.valid))
-        assert not np.any(np.array(record.pdf))
+    for o in ((3, 0, 0), (0.2, 0.1, 0), (1, 1, 0)):  # In the plane of a patch
+        record = Quad((2, 2), emission=1).sample(point(o, 100), uniform(100))
+        assert not np.any(np.array(record.valid) | (np.array(record.pdf) != 0))
 
 
 @pytest.mark.parametrize(
@@ -403,17 +353,19 @@ def test_far_and_small_spheres_keep_their_digits(distance, radius):
 
 
 def test_area_and_emission():
-    assert QUAD.area == pytest.approx(2)
-    assert Quad((1, 2), transform=np.diag([2.0, 3, 1, 1])).area == pytest.approx(12)
-    assert SPHERES["moved"].area == pytest.approx(4 * math.pi)
-    assert SPHERES["moved"].radius == pytest.approx(1)
-    assert TRIANGLE.area == pytest.approx(0.5 * np.linalg.norm(np.cross(TRIANGLE.e0, TRIANGLE.e1)))
     group = SurfaceGroup([QUAD, SPHERES["moved"]])
-    assert group.area == pytest.approx(2 + 4 * math.pi)
-    assert QUAD.is_emissive
-    assert group.is_emissive
-    assert not Quad((1, 1)).is_emissive
-    assert not SurfaceGroup([Quad((1, 1)), Sphere()]).is_emissive
+    areas = [
+        (QUAD, 2),
+        (Quad((1, 2), emission=1, transform=np.diag([2.0, 3, 1, 1])), 12),
+        (SPHERES["moved"], 4 * math.pi),
+        (TRIANGLE, 0.5 * np.linalg.norm(np.cross(TRIANGLE.e0, TRIANGLE.e1))),
+        (group, 2 + 4 * math.pi),
+    ]
+    for shape, area in areas:
+        assert shape.area == pytest.approx(area), shape
+        assert shape.is_emissive
+    for dark in (Quad((1, 1)), SurfaceGroup([Quad((1, 1)), Sphere()])):
+        assert not dark.is_emissive
 
 
 @pytest.mark.parametrize("mirror", [False, True])
@@ -424,17 +376,13 @@ def test_normals_are_those_of_mitsuba(mirror):
     assert Quad((2, 2), transform=transform).normal == pytest.approx(n, abs=1e-5)
 
 
-@pytest.mark.parametrize("variant", ["llvm_ad_mono"])
-def test_monochrome(variant):
-    mi.set_variant(variant)
+def test_monochrome():
+    mi.set_variant("llvm_ad_mono")
     record = QUAD.sample(point((0, 0, 4)), mi.Point2f(0.5))
     luminance = 0.212671 * 1 + 0.715160 * 2 + 0.072169 * 3
     assert np.array(record.radiance).ravel() == pytest.approx([luminance])
-    group = SurfaceGroup([QUAD, TRIANGLE, *SPHERES.values()])
-    assert np.isfinite(np.array(group.sample(point((0, 0, 4)), mi.Point2f(0.5)).weight)).all()
-
-
-# ------------------------------------------------------------------------- closed forms
+    weight = SurfaceGroup(SHAPES).sample(point((0, 0, 4)), mi.Point2f(0.5)).weight
+    assert np.isfinite(np.array(weight)).all()
 
 
 def irradiance(shape, o, n, seed: int, samples: int = 4096) -> float:
@@ -444,8 +392,10 @@ def irradiance(shape, o, n, seed: int, samples: int = 4096) -> float:
     return float(np.array(record.weight[0] * cosine, dtype=np.float64).mean())
 
 
-def polygon_irradiance(corners, o, n) -> float:
-    """Of a polygon of radiance 1, wholly above the horizon (Lambert)."""
+def polygon_irradiance(patch, o, n) -> float:
+    """Of a patch of radiance 1, wholly above the horizon (Lambert)."""
+    a, b, c = patch.corner, patch.corner + patch.e0, patch.corner + patch.e1
+    corners = [a, b, c] if isinstance(patch, Triangle) else [a, b, b + patch.e1, c]
     v = [unit(np.subtract(each, o)) for each in corners]
     total = 0.0
     for a, b in zip(v, v[1:] + v[:1], strict=True):
@@ -453,48 +403,21 @@ def polygon_irradiance(corners, o, n) -> float:
     return abs(total) / 2
 
 
-def triangle_solid_angle(corners, o) -> float:
-    """By van Oosterom and Strackee's formula."""
-    a, b, c = (unit(np.subtract(each, o)) for each in corners)
-    return 2 * abs(math.atan2(a @ np.cross(b, c), 1 + a @ b + b @ c + c @ a))
-
-
-def corners_of(patch) -> list:
-    a, b, c = patch.corner, patch.corner + patch.e0, patch.corner + patch.e1
-    return [a, b, c] if isinstance(patch, Triangle) else [a, b, b + patch.e1, c]
-
-
 @pytest.mark.statistical
-@pytest.mark.parametrize("origin", ["behind", "side"])
-@pytest.mark.parametrize("patch", [QUAD, TRIANGLE], ids=repr)
-def test_solid_angle_of_patches(patch, origin):
-    """The mean of 1 / pdf."""
-    o = ORIGINS[origin]
-    a, b, *more = corners_of(patch)
-    exact = sum(triangle_solid_angle([a, *pair], o) for pair in zip([b, *more], more, strict=False))
-
-    def estimate(seed: int) -> float:
-        record = patch.sample(point(o, 4096), uniform(4096, seed))
-        return np.mean(1 / np.array(record.pdf, dtype=np.float64))
-
-    means = over_seeds(estimate, range(16))
-    assert agree(means, np.array(exact))
-    assert not agree(means, np.array(1.05 * exact))
-
-
-@pytest.mark.statistical
-def test_irradiance_of_patches():
-    for patch, o in ((Quad((1, 2), emission=1, transform=TILT), (0, 0, 4)), (TRIANGLE, (1, 1, -1))):
-        n = unit(patch.corner + 0.3 * patch.e0 + 0.3 * patch.e1 - np.array(o))
-        exact = patch.emission[0] * polygon_irradiance(corners_of(patch), o, n)
-        means = over_seeds(lambda seed: irradiance(patch, o, n, seed), range(16))  # noqa: B023
-        # Mitsuba's rule of sides: light where the normal is, none behind
-        lit = (np.array(o) - patch.corner) @ patch.normal > 0
+@pytest.mark.parametrize(
+    ("patch", "o"), [(Quad((1, 2), emission=1, transform=TILT), (0, 0, 4)), (TRIANGLE, (1, 1, -1))]
+)
+def test_irradiance_of_patches(patch, o):
+    """Mitsuba's rule of sides: light where the normal is, none behind."""
+    n = unit(patch.corner + 0.3 * patch.e0 + 0.3 * patch.e1 - np.array(o))
+    exact = patch.emission[0] * polygon_irradiance(patch, o, n)
+    away = (np.array(o) - patch.corner) @ patch.normal
+    mirrored = np.array(o) - 2 * away * patch.normal
+    back = n - 2 * (n @ patch.normal) * patch.normal
+    sides = [(o, n), (mirrored, back)]
+    for lit, (at, normal) in zip((True, False), sides if away > 0 else sides[::-1], strict=True):
+        means = over_seeds(lambda seed: irradiance(patch, at, normal, seed), range(16))  # noqa: B023
         assert agree(means, np.array(exact)) if lit else not means.any()
-        mirrored = np.array(o) - 2 * ((np.array(o) - patch.corner) @ patch.normal) * patch.normal
-        back = n - 2 * (n @ patch.normal) * patch.normal
-        means = over_seeds(lambda seed: irradiance(patch, mirrored, back, seed), range(16))  # noqa: B023
-        assert not means.any() if lit else agree(means, np.array(exact))
 
 
 @pytest.mark.statistical
@@ -508,25 +431,10 @@ def test_irradiance_of_a_sphere(radius):
     means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), n, seed), range(16))
     assert agree(means, np.array(exact))
     assert not agree(means, np.array(1.05 * exact))
+    distance = np.array(sphere.sample(point((0, 0, 0), 4096), uniform(4096)).distance)
+    assert distance.min() == pytest.approx(3 - radius, rel=1e-2)
+    assert distance.max() == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
 
-
-@pytest.mark.statistical
-def test_spheres_of_equal_power_differ_in_time_only():
-    """Equal irradiance; but a larger sphere's nearest points are nearer."""
-    spheres = [Sphere((0, 0, 3), r, emission=1 / r**2) for r in (0.05, 0.5, 1.5)]
-    for sphere in spheres:
-        means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), (0, 0, 1), seed), range(16))  # noqa: B023
-        assert agree(means, np.array(math.pi / 9))
-    ranges = []
-    for sphere in spheres:
-        distance = np.array(sphere.sample(point((0, 0, 0), 4096), uniform(4096)).distance)
-        ranges.append((distance.min(), distance.max()))
-    for (first, last), radius in zip(ranges, (0.05, 0.5, 1.5), strict=True):
-        assert first == pytest.approx(3 - radius, rel=1e-2)
-        assert last == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
-
-
-# ------------------------------------------------------------------------- groups
 
 GROUP = SurfaceGroup([QUAD, TRIANGLE, SPHERES["plain"]])
 NESTED = SurfaceGroup(
@@ -566,44 +474,39 @@ def test_density_of_a_group_is_the_mean_of_its_shapes(group):
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("group", [GROUP, NESTED], ids=["group", "nested"])
-def test_directions_of_groups_follow_the_density(group):
-    o = ORIGINS["below"]
+@pytest.mark.parametrize(
+    ("group", "o", "integral"),
+    [
+        (GROUP, ORIGINS["below"], 1),
+        (NESTED, ORIGINS["below"], 1),
+        # From the surface of a sphere, its share of half is lost
+        (SurfaceGroup([QUAD, SPHERES["plain"]]), (0, 0, 2), 1 - 0.5 / 2),
+    ],
+    ids=["group", "nested", "surface"],
+)
+def test_directions_of_groups_follow_the_density(group, o, integral):
     result = verdict(group, o, "sphere")
     assert result.passed, result
+    assert result.pdf_integral == pytest.approx(integral, abs=5e-3)
     first = lambda o, v, pdf: group.shapes[0].pdf(o, v)  # noqa: E731
     assert not verdict(with_pdf(group, first), o, "sphere").passed
-
-
-@pytest.mark.statistical
-def test_integral_of_a_groups_density():
-    """1 from outside; from the surface of a sphere, its share of half is lost."""
-    for o, exact in ((ORIGINS["below"], 1), ((0, 0, 2), 1 - 0.5 / 2)):
-        group = SurfaceGroup([QUAD, SPHERES["plain"]])
-
-        def estimate(seed: int, o=o, group=group) -> float:
-            v = mi.warp.square_to_uniform_sphere(uniform(1 << 16, seed))
-            return float(np.mean(np.array(group.pdf(point(o, 1 << 16), v))) * 4 * math.pi)
-
-        means = over_seeds(estimate, range(16))
-        assert agree(means, np.array(float(exact)))
-        assert not agree(means, np.array(1.1 * exact))
 
 
 def test_a_near_light_hides_a_far_one():
     """Two spheres of one solid angle: only the near one's radiance arrives."""
     near, far = Sphere((0, 0, 2), 0.5, emission=1), Sphere((0, 0, 8), 2, emission=7)
+    o, u = point((0, 0, 0), 4000), uniform(4000)
     for shapes in ([near, far], [far, near]):
         group = SurfaceGroup(shapes)
-        record = group.sample(point((0, 0, 0), 4000), uniform(4000))
+        record = group.sample(o, u)
         on_near = np.array(record.distance) < 3
         assert on_near.mean() > 0.998  # But for the rounding of their common edge
         assert np.array(record.radiance)[0] == pytest.approx(np.where(on_near, 1, 7))
         assert np.array(visible(group, record)).all()
-    record = far.sample(point((0, 0, 0), 4000), uniform(4000))
+    record = far.sample(o, u)
     assert np.array(visible(group, record)).mean() < 0.002
     assert np.array(visible(far, record)).all()
-    assert np.array(visible(near, near.sample(point((0, 0, 0), 4000), uniform(4000)))).all()
+    assert np.array(visible(near, near.sample(o, u))).all()
 
 
 def test_the_dark_side_of_a_light_hides_others():
@@ -615,17 +518,8 @@ def test_the_dark_side_of_a_light_hides_others():
     assert np.array(record.valid).all()
 
 
-def test_groups_of_one_are_the_shape():
-    for shape in (QUAD, SPHERES["plain"]):
-        o, u = point((0, 0, 4.5), 100), uniform(100)
-        a, b = SurfaceGroup([shape]).sample(o, u), shape.sample(o, u)
-        for name in ("p", "d", "pdf", "weight"):
-            assert np.array(getattr(a, name)) == pytest.approx(np.array(getattr(b, name)))
-
-
 def test_visibility_in_a_scene():
-    """A wall hides, the light itself does not, and a light nearer by does."""
-    area = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
+    area = {"type": "area"}
     parts = {
         "floor": {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(20)},
         "wall": {"type": "rectangle", "to_world": translate(-3, 0, 2)},
@@ -633,17 +527,15 @@ def test_visibility_in_a_scene():
         "far": {"type": "sphere", "center": [4, 0, 4], "radius": 0.8, "emitter": area},
         "lamp": {"type": "rectangle", "to_world": translate(0, 3, 2), "emitter": area},
     }
-    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    scene = load({"type": "scene", **parts})
     near, far = Sphere((2, 0, 2), 0.4), Sphere((4, 0, 4), 0.8)
     hidden, lamp = Sphere((-4.5, 0, 3), 0.3), Quad((2, 2), transform=translate(0, 3, 2))
-    n = 2000
+    o, u = point((0, 0, 0), 2000), uniform(2000)
     for floor in (mi.Vector3f(0, 0, 1), None):
         for light, share in ((near, 1), (far, 0), (hidden, 0), (lamp, 1)):
-            record = light.sample(point((0, 0, 0), n), uniform(n))
-            seen = np.array(visible(scene, record, floor)).mean()
+            seen = np.array(visible(scene, light.sample(o, u), floor)).mean()
             assert seen == pytest.approx(share, abs=2e-3)
-    group = emitters_of(scene)
-    record = group.sample(point((0, 0, 0), n), uniform(n))
+    record = emitters_of(scene).sample(o, u)
     assert np.array(visible(scene, record, mi.Vector3f(0, 0, 1))).all()
 
 
@@ -661,7 +553,7 @@ def test_emitters_of_a_scene(flip):
         "dark": {"type": "sphere", "center": [9, 9, 9]},
     }
     parts = {name: part | {"flip_normals": flip} for name, part in parts.items()}
-    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    scene = load({"type": "scene", **parts})
     group = emitters_of(scene)
     assert len(group.shapes) == 14
     rng = np.random.default_rng(0)
@@ -673,9 +565,6 @@ def test_emitters_of_a_scene(flip):
     wrong = np.abs(radiance - np.array(group.record(o, d).radiance)).max(axis=0) > 1e-4
     assert (radiance.max(axis=0) > 0).mean() > 0.01
     assert wrong.mean() < 2e-4
-
-
-# ------------------------------------------------------------------------- planted bugs
 
 
 def with_pdf(shape, change):
@@ -699,19 +588,13 @@ def cosine(shape, v):
     return dr.abs(dr.dot(v, mi.Vector3f(shape.normal)))
 
 
-def squared_distance(shape, o, v):
-    return dr.square(shape.intersect(o, v)[0])
-
-
 WRONG_PATCHES = {
-    "no geometry factor": lambda s: lambda o, v, pdf: dr.select(pdf > 0, 1 / s.area, 0),
-    "cosine twice": lambda s: lambda o, v, pdf: pdf / dr.maximum(cosine(s, v), 1e-6),
-    "no cosine": lambda s: lambda o, v, pdf: pdf * cosine(s, v),
-    "no distance": lambda s: (
-        lambda o, v, pdf: dr.select(pdf > 0, pdf / squared_distance(s, o, v), 0)
-    ),
-    "half the area": lambda s: lambda o, v, pdf: 2 * pdf,
-    "one side": lambda s: lambda o, v, pdf: dr.select(dr.dot(v, mi.Vector3f(s.normal)) < 0, pdf, 0),
+    "no geometry factor": lambda s, o, v, pdf: dr.select(pdf > 0, 1 / s.area, 0),
+    "cosine twice": lambda s, o, v, pdf: pdf / dr.maximum(cosine(s, v), 1e-6),
+    "no cosine": lambda s, o, v, pdf: pdf * cosine(s, v),
+    "no distance": lambda s, o, v, pdf: dr.select(pdf > 0, pdf / s.intersect(o, v)[0] ** 2, 0),
+    "half the area": lambda s, o, v, pdf: 2 * pdf,
+    "one side": lambda s, o, v, pdf: dr.select(dr.dot(v, mi.Vector3f(s.normal)) < 0, pdf, 0),
 }
 
 
@@ -719,33 +602,21 @@ WRONG_PATCHES = {
 @pytest.mark.parametrize("bug", WRONG_PATCHES)
 @pytest.mark.parametrize("patch", [QUAD, TRIANGLE], ids=repr)
 def test_wrong_densities_of_patches_are_found(patch, bug):
+    wrong = with_pdf(patch, partial(WRONG_PATCHES[bug], patch))
     origins = [ORIGINS[name] for name in ("below", "behind", "side")]
-    wrong = with_pdf(patch, WRONG_PATCHES[bug](patch))
-    assert not all(verdict(wrong, o, patch_domain(patch, o)).passed for o in origins)
+    assert not all(verdict(wrong, o).passed for o in origins)
 
 
-def squared(shape, o):
-    return dr.squared_norm(mi.Point3f(shape.centre) - o)
+def tangent_for_sine(s, o, v, pdf):
+    squared = dr.squared_norm(mi.Point3f(s.centre) - o)
+    wrong = 1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared)))
+    return dr.select(pdf > 0, wrong, 0)
 
 
 WRONG_SPHERES = {
-    "tangent for sine": lambda s: (
-        lambda o, v, pdf: dr.select(
-            pdf > 0,
-            1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared(s, o)))),
-            0,
-        )
-    ),
-    "geometry factor": lambda s: (
-        lambda o, v, pdf: dr.select(
-            pdf > 0,
-            squared_distance(s, o, v)
-            / (s.area / 2 * dr.abs(dr.dot(v, s.intersect(o, v)[2])) + 1e-9),
-            0,
-        )
-    ),
-    "radius before the transform": lambda s: lambda o, v, pdf: 4 * pdf,
-    "not 0 beside it": lambda s: lambda o, v, pdf: dr.maximum(pdf, 0.01),
+    "tangent for sine": tangent_for_sine,
+    "radius before the transform": lambda s, o, v, pdf: 4 * pdf,
+    "not 0 beside it": lambda s, o, v, pdf: dr.maximum(pdf, 0.01),
 }
 
 
@@ -753,49 +624,8 @@ WRONG_SPHERES = {
 @pytest.mark.parametrize("bug", WRONG_SPHERES)
 def test_wrong_densities_of_spheres_are_found(bug):
     sphere, o = SPHERES["plain"], ORIGINS["below"]
-    wrong = with_pdf(sphere, WRONG_SPHERES[bug](sphere))
-    domain = "sphere" if bug == "not 0 beside it" else sphere_domain(sphere, o)
-    assert not verdict(wrong, o, domain).passed
-
-
-@pytest.mark.statistical
-def test_a_wrong_density_from_inside_is_found():
-    """The cone's formula, cut where its root is negative, gives the hemisphere."""
-    sphere, o = SPHERES["plain"], (0.3, 0.2, 2.5)
-    half = lambda o, v, pdf: mi.Float(1 / (2 * math.pi))  # noqa: E731
-    assert not verdict(with_pdf(sphere, half), o, "sphere").passed
-
-
-def picked_only(group):
-    """A group whose sample has the density of the shape that was picked alone."""
-
-    class Wrong(SurfaceGroup):
-        def _nearest(self, hits, active):
-            record = super()._nearest(hits, active)
-            nearest = hits[0]
-            for hit in hits[1:]:
-                nearest = dr.select(hit.pdf > nearest.pdf, hit, nearest)
-            return self._weighted(record, nearest.pdf)
-
-        def _weighted(self, record, pdf):
-            record.pdf = pdf
-            record.weight = dr.select(pdf > 0, record.radiance / pdf, 0)
-            return record
-
-    return Wrong(group.shapes)
-
-
-def summed(group):
-    """A group whose density is the sum of all."""
-
-    class Wrong(SurfaceGroup):
-        def _nearest(self, hits, active):
-            record = super()._nearest(hits, active)
-            record.pdf *= len(hits)
-            record.weight /= len(hits)
-            return record
-
-    return Wrong(group.shapes)
+    wrong = with_pdf(sphere, partial(WRONG_SPHERES[bug], sphere))
+    assert not verdict(wrong, o, "sphere" if bug == "not 0 beside it" else None).passed
 
 
 def without_occlusion(group):
@@ -816,49 +646,27 @@ def without_occlusion(group):
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("bug", [picked_only, summed, without_occlusion])
-def test_wrong_groups_are_found(bug):
+def test_wrong_groups_are_found():
     """From "below", the triangle covers part of the sphere, and the quad part of both."""
-    o, n = ORIGINS["below"], unit([0.2, 0.1, 1])
-    sampled = over_seeds(lambda seed: irradiance(bug(GROUP), o, n, seed, 16384), range(16))
+    o, n, wrong = ORIGINS["below"], unit([0.2, 0.1, 1]), without_occlusion(GROUP)
+    sampled = over_seeds(lambda seed: irradiance(wrong, o, n, seed, 16384), range(16))
     by_chance = over_seeds(lambda seed: seen_by_chance(GROUP, o, n, seed), range(50, 66))
     assert not agree(sampled, by_chance)
 
 
-# ------------------------------------------------------------------------- bad input
-
 LINE = ([0, 0, 0], [1, 1, 1], [2, 2, 2])
 BAD = {
-    "triangle in a line": (
-        lambda: sample_triangle(*LINE, mi.Point2f(0.5)),
-        r"^v0 = .*span an area",
-    ),
+    "triangle in a line": (lambda: sample_triangle(*LINE, mi.Point2f(0.5)), r"^v0 = .*span an are"),
     "triangle density": (lambda: sample_triangle_pdf(mi.Point3f(0), *LINE), r"^v0 = .*span an"),
     "triangle light": (lambda: Triangle(*LINE), r"^v0 = .* v2 = \[2.0, 2.0, 2.0\]: must span"),
-    "triangle of NaN": (
-        lambda: Triangle([0, 0, math.nan], [1, 0, 0], [0, 1, 0]),
-        r"^v0 = .*finite",
-    ),
-    "point of two": (
-        lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]),
-        r"^v1 = \[1, 0\]: must be three",
-    ),
+    "triangle of NaN": (lambda: Triangle([0, 0, math.nan], *LINE[:2]), r"^v0 = .*finite"),
+    "point of two": (lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]), r"^v1 = \[1, 0\]: must be"),
     "cap beyond": (lambda: sample_sphere_cap(mi.Point2f(0.5), 1.5), r"^cos_theta_max = 1.5: must"),
-    "cap below": (
-        lambda: sample_sphere_cap(mi.Point2f(0.5), -1.01),
-        r"^cos_theta_max = -1.01: must",
+    "cap density": (
+        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), -1.01),
+        r"^cos_theta_max = -1.01: must be a finite number from -1 to 1$",
     ),
-    "cap of NaN": (
-        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), math.nan),
-        r"^cos_theta_max = nan: must be a finite number from -1 to 1$",
-    ),
-    "cap of text": (lambda: sample_sphere_cap(mi.Point2f(0.5), "wide"), r"^cos_theta_max = 'wide'"),
-    "no radius": (
-        lambda: Sphere((0, 0, 0), 0),
-        r"^radius = 0: must be a finite number .* above 0$",
-    ),
-    "negative radius": (lambda: Sphere((0, 0, 0), -1.0), r"^radius = -1.0: must"),
-    "radius NaN": (lambda: Sphere((0, 0, 0), math.nan), r"^radius = nan: must"),
+    "no radius": (lambda: Sphere((0, 0, 0), 0), r"^radius = 0: must be .* above 0$"),
     "centre": (lambda: Sphere((0, math.inf, 0), 1), r"^centre = \(0, inf, 0\): must be three"),
     "ellipsoid": (
         lambda: Sphere(transform=mi.ScalarTransform4f().scale([1, 1, 2])),
@@ -867,24 +675,13 @@ BAD = {
     "squashed sphere": (lambda: Sphere(transform=np.zeros((4, 4))), r"^transform = .*last row"),
     "point sphere": (lambda: Sphere(transform=np.diag([0.0, 0, 0, 1])), r"^transform: scales by 0"),
     "no quad": (lambda: Quad((0, 1)), r"^size = \(0, 1\): must be two finite numbers above 0$"),
-    "size of one": (lambda: Quad(3.0), r"^size = 3.0: must be two"),
     "flat transform": (lambda: Quad(transform=np.diag([1.0, 0, 1, 1])), r"^transform = .*an area"),
     "projection": (lambda: Quad(transform=np.ones((4, 4))), r"^transform = .*last row 0, 0, 0, 1$"),
-    "transform": (lambda: Quad(transform="up"), r"^transform = 'up': must be None, an mi.Scalar"),
     "edges": (lambda: Quad.from_edges([0, 0, 0], [1, 0, 0], [3, 0, 0]), r"^e0 = .*span an area"),
     "emission": (lambda: Quad(emission=-1), r"^emission = -1: must be one number or three, each"),
-    "emission NaN": (lambda: Sphere(emission=(1, math.nan, 1)), r"^emission = \(1, nan, 1\): must"),
-    "emission of two": (
-        lambda: Sphere(emission=(1, 2)),
-        r"^emission = \(1, 2\): must be one number",
-    ),
-    "flip": (lambda: Sphere(flip_normals=1), r"^flip_normals = 1: must be True or False$"),
-    "empty group": (
-        lambda: SurfaceGroup([]),
-        r"^shapes = \[\]: must be a list of at least one Quad",
-    ),
+    "emission of two": (lambda: Sphere(emission=(1, 2)), r"^emission = \(1, 2\): must be one"),
     "group of others": (lambda: SurfaceGroup([3]), r"^shapes = \[3\]: must be a list"),
-    "group of a shape": (lambda: SurfaceGroup(QUAD), r"^shapes = Quad\(.*must be a list"),
+    "empty group": (lambda: SurfaceGroup([]), r"^shapes = \[\]: must be a list of at least one"),
 }
 
 
@@ -897,10 +694,10 @@ def test_bad_input(name):
 
 
 BAD_SCENES = {
-    "no light": ({"a": {"type": "sphere"}}, r"^scene: has no emitter; must have area lights$"),
-    "point light": ({"a": {"type": "point"}}, r"^scene: emitter 'a' has no surface; must be area"),
+    "no light": ({"type": "sphere"}, r"^scene: has no emitter; must have area lights$"),
+    "point light": ({"type": "point"}, r"^scene: emitter 'a' has no surface; must be area"),
     "disk": (
-        {"a": {"type": "disk", "emitter": {"type": "area"}}},
+        {"type": "disk", "emitter": {"type": "area"}},
         r"^scene: emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64",
     ),
 }
@@ -908,10 +705,9 @@ BAD_SCENES = {
 
 @pytest.mark.parametrize("name", BAD_SCENES)
 def test_bad_scenes(name):
-    parts, message = BAD_SCENES[name]
-    scene = mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
+    part, message = BAD_SCENES[name]
     with pytest.raises(ValueError, match=message):
-        emitters_of(scene)
+        emitters_of(load({"type": "scene", "a": part}))
 
 
 def test_debug_mode_looks_at_samples_and_arrays():

@@ -1,7 +1,5 @@
 """Warps of the unit square: closed forms, edges, moments, integrals, and bugs that are found."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -11,25 +9,10 @@ import numpy as np
 import pytest
 from helpers.support import ALPHA, COMPARISONS
 
-import tofrender
-from tofrender.sampling import WARPS, warp_case
+from tofrender.sampling import WARPS, chi_square_test, warp_case, warps
 from tofrender.sampling.domains import find, to_drjit, to_numpy
 from tofrender.sampling.points import grid
 from tofrender.sampling.statistics import smallest_allowed
-from tofrender.sampling.warps import (
-    square_to_beckmann,
-    square_to_beckmann_pdf,
-    square_to_cosine_hemisphere,
-    square_to_cosine_hemisphere_pdf,
-    square_to_tent,
-    square_to_tent_pdf,
-    square_to_uniform_disk,
-    square_to_uniform_disk_pdf,
-    square_to_uniform_hemisphere,
-    square_to_uniform_hemisphere_pdf,
-    square_to_uniform_sphere,
-    square_to_uniform_sphere_pdf,
-)
 
 EACH = smallest_allowed(ALPHA, COMPARISONS)
 
@@ -46,23 +29,25 @@ CASES = {
 }
 
 
-def beckmann_moments(alpha: float) -> dict[str, float]:
-    """E[z] and E[z^2] of the normals: with t = tan^2 = alpha^2 s and s exponential, z^2 is
-    1 / (1 + alpha^2 s). By quadrature in the quantiles of s."""
-    u = (np.arange(1 << 16) + 0.5) / (1 << 16)
-    square = 1 / (1 - alpha**2 * np.log1p(-u))
-    zz = float(square.mean())
-    return {"z": float(np.sqrt(square).mean()), "zz": zz, "xx": (1 - zz) / 2, "yy": (1 - zz) / 2}
-
-
 def case_of(name: str):
     kind, _, alpha = name.partition(" ")
     return warp_case(kind, **({"alpha": float(alpha)} if alpha else {}))
 
 
 def moments_of(name: str) -> dict[str, float]:
+    """By hand. Of Beckmann's normals: with t = tan^2 = alpha^2 s and s exponential, z^2 is
+    1 / (1 + alpha^2 s); by quadrature in the quantiles of s."""
     alpha = name.partition(" ")[2]
-    return beckmann_moments(float(alpha)) if alpha else CASES[name]
+    if not alpha:
+        return CASES[name]
+    u = (np.arange(1 << 16) + 0.5) / (1 << 16)
+    square = 1 / (1 - float(alpha) ** 2 * np.log1p(-u))
+    zz = float(square.mean())
+    return {"z": float(np.sqrt(square).mean()), "zz": zz, "xx": (1 - zz) / 2, "yy": (1 - zz) / 2}
+
+
+def chi_square(sample, pdf, domain, **options):
+    return chi_square_test(sample, pdf, domain, **{"samples": 100_000, "alpha": EACH} | options)
 
 
 def edges_of_the_square() -> mi.Point2f:
@@ -72,33 +57,28 @@ def edges_of_the_square() -> mi.Point2f:
     return mi.Point2f(mi.Float(u), mi.Float(v))
 
 
-# --------------------------------------------------------------------------------- the values
-
-
-def test_registry_lists_every_warp():
-    kinds = {name.partition(" ")[0] for name in CASES}
-    assert set(WARPS) == kinds | {"hierarchical"}
-    for name in kinds:
-        assert callable(getattr(tofrender.sampling, f"square_to_{name}"))
-        assert callable(getattr(tofrender.sampling, f"square_to_{name}_pdf"))
+def test_every_warp_is_tested():
+    assert set(WARPS) == {name.partition(" ")[0] for name in CASES} | {"hierarchical"}
 
 
 @pytest.mark.parametrize(
     ("u", "t"), [(0, -1), (1 / 8, -0.5), (1 / 2, 0), (7 / 8, 0.5), (1, 1), (0.02, -0.8)]
 )
-def test_tent_inverts_its_cdf(u, t):
-    p = to_numpy(square_to_tent(mi.Point2f(u, 1 - u)), 1)
+def test_points_in_the_plane(u, t):
+    p = to_numpy(warps.square_to_tent(mi.Point2f(u, 1 - u)), 1)
     assert p.ravel() == pytest.approx([t, -t], abs=1e-6)
+    p = to_numpy(warps.square_to_uniform_disk(mi.Point2f(u, 0.125)), 1).ravel()
+    assert p == pytest.approx([math.sqrt(u / 2), math.sqrt(u / 2)], abs=1e-6)
 
 
 @pytest.mark.parametrize(
     ("warp", "z"),
     [
-        (square_to_uniform_sphere, lambda u: 1 - 2 * u),
-        (square_to_uniform_hemisphere, lambda u: 1 - u),
-        (square_to_cosine_hemisphere, lambda u: math.sqrt(1 - u)),
+        (warps.square_to_uniform_sphere, lambda u: 1 - 2 * u),
+        (warps.square_to_uniform_hemisphere, lambda u: 1 - u),
+        (warps.square_to_cosine_hemisphere, lambda u: math.sqrt(1 - u)),
         (
-            lambda s: square_to_beckmann(s, 0.7),
+            lambda s: warps.square_to_beckmann(s, 0.7),
             lambda u: 1 / math.sqrt(1 - 0.49 * math.log(1 - u)),
         ),
     ],
@@ -110,56 +90,37 @@ def test_directions(warp, z, u, v):
     assert to_numpy(warp(mi.Point2f(u, v)), 1).ravel() == pytest.approx([x, y, z(u)], abs=1e-6)
 
 
-def test_disk():
-    p = to_numpy(square_to_uniform_disk(mi.Point2f(0.25, 0.125)), 1).ravel()
-    assert p == pytest.approx([math.sqrt(1 / 8), math.sqrt(1 / 8)])
-
-
 def test_densities():
     up, down = mi.Vector3f(0.6, 0, 0.8), mi.Vector3f(0.6, 0, -0.8)
-    assert square_to_uniform_disk_pdf(mi.Point2f(0.3, -0.4))[0] == pytest.approx(1 / math.pi)
-    assert square_to_uniform_disk_pdf(mi.Point2f(0.8, -0.7))[0] == 0
-    assert square_to_tent_pdf(mi.Point2f(0.25, -0.5))[0] == pytest.approx(0.375)
-    assert [square_to_tent_pdf(mi.Point2f(*p))[0] for p in ((1, 0), (2, 2), (0, -1.1))] == [0] * 3
+    assert warps.square_to_uniform_disk_pdf(mi.Point2f(0.3, -0.4))[0] == pytest.approx(1 / math.pi)
+    assert warps.square_to_uniform_disk_pdf(mi.Point2f(0.8, -0.7))[0] == 0
+    assert warps.square_to_tent_pdf(mi.Point2f(0.25, -0.5))[0] == pytest.approx(0.375)
+    for p in ((1, 0), (2, 2), (0, -1.1)):
+        assert warps.square_to_tent_pdf(mi.Point2f(*p))[0] == 0
     for v in (up, down):
-        assert square_to_uniform_sphere_pdf(v)[0] == pytest.approx(1 / (4 * math.pi))
-    assert square_to_uniform_hemisphere_pdf(up)[0] == pytest.approx(1 / (2 * math.pi))
-    assert square_to_cosine_hemisphere_pdf(up)[0] == pytest.approx(0.8 / math.pi)
+        assert warps.square_to_uniform_sphere_pdf(v)[0] == pytest.approx(1 / (4 * math.pi))
+    assert warps.square_to_uniform_hemisphere_pdf(up)[0] == pytest.approx(1 / (2 * math.pi))
+    assert warps.square_to_cosine_hemisphere_pdf(up)[0] == pytest.approx(0.8 / math.pi)
     tan2 = (0.6 / 0.8) ** 2
     beckmann = math.exp(-tan2 / 0.16) / (math.pi * 0.16 * 0.8**3)
-    assert square_to_beckmann_pdf(up, 0.4)[0] == pytest.approx(beckmann, rel=1e-5)
+    assert warps.square_to_beckmann_pdf(up, 0.4)[0] == pytest.approx(beckmann, rel=1e-5)
 
 
 @pytest.mark.parametrize("z", [-1.0, -0.5, -1e-7, -1e-30, -0.0, 0.0, 1e-30, 1e-13, 1e-4])
 def test_below_and_at_the_horizon(z):
     """Nothing below; at the horizon 0 where the density vanishes, and never NaN."""
     v = mi.Vector3f(math.sqrt(1 - z * z), 0, z)
-    assert square_to_uniform_hemisphere_pdf(v)[0] == (
+    assert warps.square_to_uniform_hemisphere_pdf(v)[0] == (
         0 if z < 0 else pytest.approx(1 / (2 * math.pi))
     )
-    assert square_to_cosine_hemisphere_pdf(v)[0] == pytest.approx(max(z, 0) / math.pi)
+    assert warps.square_to_cosine_hemisphere_pdf(v)[0] == pytest.approx(max(z, 0) / math.pi)
     for alpha in (1e-6, 0.01, 0.3):
-        assert square_to_beckmann_pdf(v, alpha)[0] == 0
-    assert math.isfinite(square_to_beckmann_pdf(v, 100.0)[0])
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_densities_are_never_negative(name):
-    case = case_of(name)
-    sphere = to_numpy(square_to_uniform_sphere(grid(4096)), 4096)
-    points = sphere if find(case.domain).dimensions == 3 else 1.5 * sphere[:2]
-    density = np.array(case.pdf(to_drjit(points)))
-    assert density.shape == (4096,)
-    assert np.isfinite(density).all()
-    assert density.min() >= 0
-
-
-# ---------------------------------------------------------------------------------- the edges
+        assert warps.square_to_beckmann_pdf(v, alpha)[0] == 0
+    assert math.isfinite(warps.square_to_beckmann_pdf(v, 100.0)[0])
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_edges_of_the_square(name):
-    """Samples of exactly 0 and 1 give finite points in the domain, with a finite density."""
     case, u = case_of(name), edges_of_the_square()
     points = to_numpy(case.sample(u), dr.width(u))
     assert np.isfinite(points).all()
@@ -177,31 +138,30 @@ def test_edges_of_the_square(name):
 def test_alpha_from_small_to_large():
     """Angles and densities have all their digits where 1 - z^2 has none left."""
     for alpha in (1e-6, 1e-4, 0.01, 1.0, 100.0, 1e6):
-        m = square_to_beckmann(mi.Point2f(mi.Float(0.1, 0.5, 0.9), 0.0), alpha)
+        m = warps.square_to_beckmann(mi.Point2f(mi.Float(0.1, 0.5, 0.9), 0.0), alpha)
         x, _, z = to_numpy(m, 3)
         tan2 = -np.log1p(-np.array([0.1, 0.5, 0.9])) * alpha**2
         assert x / z == pytest.approx(np.sqrt(tan2), rel=1e-5)
         expected = np.exp(-tan2 / alpha**2) * (1 + tan2) ** 1.5 / (math.pi * alpha**2)
-        assert np.array(square_to_beckmann_pdf(m, alpha)) == pytest.approx(expected, rel=2e-5)
+        assert np.array(warps.square_to_beckmann_pdf(m, alpha)) == pytest.approx(expected, rel=2e-5)
 
 
 def test_one_alpha_for_each_lane():
     alphas = mi.Float(0.1, 0.5)
-    m = square_to_beckmann(mi.Point2f(0.5, 0.0), alphas)
-    pdf = square_to_beckmann_pdf(m, alphas)
+    m = warps.square_to_beckmann(mi.Point2f(0.5, 0.0), alphas)
+    pdf = warps.square_to_beckmann_pdf(m, alphas)
     for k, alpha in enumerate((0.1, 0.5)):
-        one = square_to_beckmann(mi.Point2f(0.5, 0.0), alpha)
+        one = warps.square_to_beckmann(mi.Point2f(0.5, 0.0), alpha)
         assert m.x[k] == pytest.approx(one.x[0])
-        assert pdf[k] == pytest.approx(square_to_beckmann_pdf(one, alpha)[0])
+        assert pdf[k] == pytest.approx(warps.square_to_beckmann_pdf(one, alpha)[0])
 
 
-@pytest.mark.parametrize("alpha", [0, -0.3, math.nan, math.inf, 1e-9, "rough", None, True])
+@pytest.mark.parametrize("alpha", [0, -0.3, math.nan, 1e-9, "rough", True])
 def test_bad_alpha(alpha):
     message = f"alpha = {alpha!r}: must be a finite number from 1e-06 to 1e\\+06"
     for call in (
-        lambda: square_to_beckmann(mi.Point2f(0.5, 0.5), alpha),
-        lambda: square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), alpha),
-        lambda: warp_case("beckmann", alpha=alpha),
+        lambda: warps.square_to_beckmann(mi.Point2f(0.5, 0.5), alpha),
+        lambda: warps.square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), alpha),
     ):
         with pytest.raises(ValueError, match=message):
             call()
@@ -225,7 +185,6 @@ def test_debug_mode_checks_samples(name, wrong):
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("symbolic", [True, False])
 def test_in_a_loop(name, symbolic):
-    """Warps are made for loops of light transport: symbolic or not, with their densities."""
     case, u = case_of(name), grid(16)
 
     def body(i, total):
@@ -247,24 +206,12 @@ def test_other_variants(variant):
         assert dr.all(case.pdf(case.sample(grid(4))) > 0)
 
 
-# ----------------------------------------------------------------------------- the statistics
-
-
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", CASES)
 def test_chi_square_moments_and_integral(name):
-    """Counts, first and second moments by hand, and the integral of the density."""
     case = case_of(name)
-    verdict = tofrender.sampling.chi_square_test(
-        case.sample,
-        case.pdf,
-        case.domain,
-        samples=400_000,
-        alpha=EACH,
-        seed=3,
-        expected_moments=moments_of(name),
-    )
+    options = {"samples": 400_000, "seed": 3, "expected_moments": moments_of(name)}
+    verdict = chi_square(case.sample, case.pdf, case.domain, **options)
     assert verdict.passed, str(verdict)
     assert verdict.pdf_integral == pytest.approx(1, abs=verdict.pdf_integral_error)
     assert verdict.pdf_integral_error < 1e-3
@@ -272,7 +219,6 @@ def test_chi_square_moments_and_integral(name):
 
 @pytest.mark.parametrize("name", CASES)
 def test_moments_on_a_fine_grid(name):
-    """Without noise: the midpoints of 1024 x 1024 cells."""
     case = case_of(name)
     points = to_numpy(case.sample(grid(1 << 20)), 1 << 20)
     for key, value in moments_of(name).items():
@@ -281,124 +227,73 @@ def test_moments_on_a_fine_grid(name):
         assert product.mean() == pytest.approx(value, abs=3e-4 * scale + 1e-7), key
 
 
-WRONG_DENSITIES = {
+def in_places(value):
+    """A density that is something else in a narrow strip."""
+    return lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), value(pdf), pdf)
+
+
+def sheared(u):
+    y = 1 - u.y + 0.2 * u.x
+    return mi.Point2f(1 - u.x, y - dr.floor(y))
+
+
+CHANGED_DENSITIES = {
     "too large by 1 %": lambda p, pdf: 1.01 * pdf,
     "too small by 1 %": lambda p, pdf: 0.99 * pdf,
     "leaning": lambda p, pdf: pdf * (1 + 0.1 * p.x),
-    "NaN in places": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), dr.nan, pdf),
-    "infinite in places": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), dr.inf, pdf),
-    "negative in places": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), -pdf, pdf),
-    "0 where samples are": lambda p, pdf: dr.select((p.x > 0) & (p.x < 1e-3), 0, pdf),
+    "NaN in places": in_places(lambda pdf: dr.nan),
+    "infinite in places": in_places(lambda pdf: dr.inf),
+    "negative in places": in_places(lambda pdf: -pdf),
+    "0 where samples are": in_places(lambda pdf: 0),
 }
-
-WRONG_WARPS = {
+CHANGED_NUMBERS = {
     "crowded": lambda u: mi.Point2f(u.x * u.x, u.y),
     "crowded a little": lambda u: mi.Point2f(u.x + 0.1 * u.x * (1 - u.x), u.y),
     "half": lambda u: mi.Point2f(u.x, 0.5 * u.y),
     "correlated": lambda u: mi.Point2f(u.x, dr.lerp(u.y, u.x, 0.1)),
     "wavy": lambda u: mi.Point2f(u.x, u.y + 0.1 * dr.sin(6 * math.pi * u.y) / (6 * math.pi)),
+    "sheared": sheared,  # As uniform as before
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("bug", WRONG_DENSITIES)
-def test_wrong_density_is_found(name, bug):
+@pytest.mark.parametrize(
+    ("name", "bug"),
+    [
+        (name, bug)
+        for i, name in enumerate(CASES)
+        for j, bug in enumerate([*CHANGED_DENSITIES, *CHANGED_NUMBERS])
+        if (i + j) % 3 == 0
+    ],
+)
+def test_bugs_are_found(name, bug):
     case = case_of(name)
-    spoil = WRONG_DENSITIES[bug]
-    verdict = tofrender.sampling.chi_square_test(
-        case.sample,
-        lambda p: spoil(p, case.pdf(p)),
-        case.domain,
-        samples=100_000,
-        resolution=41,
-        alpha=EACH,
-    )
-    harmless = name == "beckmann 0.01" and bug == "leaning"  # 0.1 x is at most 0.003 there
-    assert verdict.passed == harmless, str(verdict)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("bug", WRONG_WARPS)
-def test_wrong_warp_is_found(name, bug):
-    case = case_of(name)
-    spoil = WRONG_WARPS[bug]
-    verdict = tofrender.sampling.chi_square_test(
-        lambda u: case.sample(spoil(u)),
-        case.pdf,
-        case.domain,
-        samples=100_000,
-        resolution=41,
-        alpha=EACH,
-    )
-    assert not verdict.passed
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_other_numbers_do_not_matter(name):
-    """Flipped and sheared, the unit square is as uniform as before."""
-    case = case_of(name)
-
-    def sheared(u):
-        y = 1 - u.y + 0.2 * u.x
-        return mi.Point2f(1 - u.x, y - dr.floor(y))
-
-    verdict = tofrender.sampling.chi_square_test(
-        lambda u: case.sample(sheared(u)), case.pdf, case.domain, samples=100_000, alpha=EACH
-    )
-    assert verdict.passed, str(verdict)
+    density = CHANGED_DENSITIES.get(bug, lambda p, pdf: pdf)
+    numbers = CHANGED_NUMBERS.get(bug, lambda u: u)
+    sample, pdf = lambda u: case.sample(numbers(u)), lambda p: density(p, case.pdf(p))
+    verdict = chi_square(sample, pdf, case.domain, resolution=41)
+    assert verdict.passed == (bug == "sheared"), str(verdict)
 
 
 CLASSICS = {
-    "disk with r = u": (
-        lambda u: u.x * mi.Point2f(dr.cos(dr.two_pi * u.y), dr.sin(dr.two_pi * u.y)),
-        square_to_uniform_disk_pdf,
-        "disk",
-    ),
-    "uniform for cosine": (
-        square_to_uniform_hemisphere,
-        square_to_cosine_hemisphere_pdf,
-        "hemisphere",
-    ),
     "Mitsuba's cosine density is negative": (
-        square_to_cosine_hemisphere,
+        warps.square_to_cosine_hemisphere,
         lambda v: mi.warp.square_to_cosine_hemisphere_pdf(v),
-        "hemisphere",
-    ),
-    "tent without the square root": (lambda u: 2 * u - 1, square_to_tent_pdf, "plane"),
-    "sphere by its angle": (
-        lambda u: mi.Vector3f(
-            dr.sin(dr.pi * u.x) * dr.cos(dr.two_pi * u.y),
-            dr.sin(dr.pi * u.x) * dr.sin(dr.two_pi * u.y),
-            dr.cos(dr.pi * u.x),
-        ),
-        square_to_uniform_sphere_pdf,
-        "sphere",
-    ),
-    "Beckmann without the projected area": (
-        lambda u: square_to_beckmann(u, 0.3),
-        lambda m: square_to_beckmann_pdf(m, 0.3) / m.z,
-        "hemisphere",
-    ),
-    "Beckmann with alpha 3 % off": (
-        lambda u: square_to_beckmann(u, 0.3),
-        lambda m: square_to_beckmann_pdf(m, 0.309),
-        "hemisphere",
     ),
     "density mirrored below the horizon": (
-        square_to_cosine_hemisphere,
+        warps.square_to_cosine_hemisphere,
         lambda v: dr.abs(v.z) * dr.inv_pi,
-        "hemisphere",
+    ),
+    "Beckmann without the projected area": (
+        lambda u: warps.square_to_beckmann(u, 0.3),
+        lambda m: warps.square_to_beckmann_pdf(m, 0.3) / m.z,
+    ),
+    "Beckmann with alpha 3 % off": (
+        lambda u: warps.square_to_beckmann(u, 0.3),
+        lambda m: warps.square_to_beckmann_pdf(m, 0.309),
     ),
 }
 
 
 @pytest.mark.parametrize("bug", CLASSICS)
 def test_classic_mistakes_are_found(bug):
-    sample, pdf, domain = CLASSICS[bug]
-    verdict = tofrender.sampling.chi_square_test(
-        sample, pdf, domain, samples=100_000, resolution=41, alpha=EACH
-    )
-    assert not verdict.passed
+    assert not chi_square(*CLASSICS[bug], "hemisphere", resolution=41).passed

@@ -1,7 +1,5 @@
 """Pulses: density, cumulative energy and samples say the same, at every edge."""
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr
@@ -27,6 +25,7 @@ PULSES = {
 }
 
 BINS = 51  # An odd number: then the chi-square distribution has a closed form
+SMALLEST = smallest_allowed(ALPHA, COMPARISONS)
 
 
 def uniform(n: int, seed: int) -> np.ndarray:
@@ -47,31 +46,25 @@ def chi_square(samples: np.ndarray, pulse) -> float:
     return math.exp(-half) * sum(terms)
 
 
-def smallest_p() -> float:
-    return smallest_allowed(ALPHA, COMPARISONS)
-
-
-def grid(pulse, n: int = 4001) -> np.ndarray:
-    low, high = pulse.support
-    return np.linspace(low - 0.1 * (high - low), high + 0.1 * (high - low), n)
-
-
 def called(function, t) -> np.ndarray:
     return np.array(function(mi.Float(t)), dtype=np.float64)
+
+
+def drawn(pulse, count: int, seed: int = 7) -> np.ndarray:
+    return called(lambda xi: pulse.sample(xi)[0], uniform(count, seed))
 
 
 @pytest.mark.parametrize("name", PULSES)
 def test_density_integrates_to_one_and_to_the_cdf(name):
     pulse = PULSES[name]
-    t = grid(pulse)
+    low, high = pulse.support
+    t = np.linspace(1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low, 4001)
     density, cdf = called(pulse.eval, t), called(pulse.cdf, t)
     middle = called(pulse.eval, 0.5 * (t[1:] + t[:-1]))
     assert density.min() >= 0
-    assert np.sum(middle * np.diff(t)) == pytest.approx(1, abs=2e-3)
     assert np.cumsum(middle * np.diff(t)) == pytest.approx(cdf[1:], abs=2e-3)
     assert np.diff(cdf).min() >= -1e-7
-    assert cdf[0] == pytest.approx(0, abs=1e-6)
-    assert cdf[-1] == pytest.approx(1, abs=1e-6)
+    assert (cdf[0], cdf[-1]) == pytest.approx((0, 1), abs=1e-6)
 
 
 @pytest.mark.parametrize("name", PULSES)
@@ -88,13 +81,11 @@ def test_samples_follow_the_cdf(name):
 def test_samples_are_finite_at_both_ends(name):
     """A 24-bit random number is 0 now and then."""
     pulse = PULSES[name]
-    xi = [0.0, 2.0**-32, 2.0**-24, 0.5, 1 - 2.0**-24, 1.0]
-    t = np.array(pulse.sample(mi.Float(xi))[0])
+    t = called(lambda xi: pulse.sample(xi)[0], [0.0, 2.0**-32, 2.0**-24, 0.5, 1 - 2.0**-24, 1.0])
     low, high = pulse.support
     margin = 0.2 * (high - low)
     assert np.isfinite(t).all()
-    assert (t >= low - margin).all()
-    assert (t <= high + margin).all()
+    assert np.all((t >= low - margin) & (t <= high + margin))
     assert np.all(np.diff(t) >= 0)
 
 
@@ -107,22 +98,12 @@ def test_gaussian_values():
 
 
 @pytest.mark.statistical
-def test_gaussian_moments_of_samples():
-    """By the exact stratified numbers: mean 0, variance s², fourth moment 3 s⁴."""
-    xi = (np.arange(1 << 16) + 0.5) / (1 << 16)
-    t = np.array(GaussianPulse(0.5).sample(mi.Float(xi))[0], dtype=np.float64) / 0.5
-    assert t.mean() == pytest.approx(0, abs=1e-4)
-    assert (t**2).mean() == pytest.approx(1, abs=1e-3)
-    assert (t**4).mean() == pytest.approx(3, abs=0.02)
-
-
-@pytest.mark.statistical
 @pytest.mark.parametrize("name", PULSES)
 def test_samples_follow_the_density(name):
     """Chi-square of 100 000 samples, and none of them where the density is 0."""
     pulse = PULSES[name]
-    samples = called(lambda xi: pulse.sample(xi)[0], uniform(100_000, seed=7))
-    assert chi_square(samples, pulse) > smallest_p()
+    samples = drawn(pulse, 100_000)
+    assert chi_square(samples, pulse) > SMALLEST
     assert np.mean(called(pulse.eval, samples) == 0) < 1e-4
 
 
@@ -130,20 +111,15 @@ def test_samples_follow_the_density(name):
 def test_right_samples_seldom_fail():
     """Over 200 seeds: no false alarm, and p-values that are uniform."""
     pulse = GaussianPulse(0.03)
-    p = np.array(
-        [
-            chi_square(called(lambda xi: pulse.sample(xi)[0], uniform(4000, seed)), pulse)
-            for seed in range(200)
-        ]
-    )
-    assert p.min() > smallest_p()
+    p = np.array([chi_square(drawn(pulse, 4000, seed), pulse) for seed in range(200)])
+    assert p.min() > SMALLEST
     assert 0.4 < p.mean() < 0.6
     assert 0.01 < np.mean(p < 0.05) < 0.11
 
 
 @pytest.mark.statistical
 @pytest.mark.parametrize(
-    ("drawn", "claimed"),
+    ("right", "claimed"),
     [
         (GaussianPulse(0.03), GaussianPulse(0.0315)),
         (BoxPulse(0.3), BoxPulse(0.31)),
@@ -152,35 +128,16 @@ def test_right_samples_seldom_fail():
         (SampledPulse([1, 2, 3], 0, 0.1), SampledPulse([1.1, 2, 3], 0, 0.1)),
     ],
 )
-def test_a_wrong_density_is_found(drawn, claimed):
-    samples = called(lambda xi: drawn.sample(xi)[0], uniform(100_000, seed=7))
-    assert chi_square(samples, claimed) < smallest_p()
-
-
-@pytest.mark.parametrize("name", PULSES)
-def test_moments(name):
-    """Mean and variance of stratified samples are those of the density."""
-    pulse = PULSES[name]
-    low, high = pulse.support
-    t = np.linspace(low, high, 20_001)
-    t = 0.5 * (t[1:] + t[:-1])
-    mass = called(pulse.eval, t) / called(pulse.eval, t).sum()
-    samples = called(lambda xi: pulse.sample(xi)[0], (np.arange(1 << 16) + 0.5) / (1 << 16))
-    mean = np.sum(mass * t)
-    deviation = math.sqrt(np.sum(mass * (t - mean) ** 2))
-    assert samples.mean() == pytest.approx(mean, abs=2e-3 * deviation)
-    assert samples.std() == pytest.approx(deviation, rel=2e-3)
+def test_a_wrong_density_is_found(right, claimed):
+    assert chi_square(drawn(right, 100_000), claimed) < SMALLEST
 
 
 def test_box_values():
-    """Variance w²/12, and density 1/w from end to end."""
     pulse = BoxPulse(0.25)
     t = [-0.126, -0.125, 0.0, 0.125, 0.126]
     assert called(pulse.eval, t).tolist() == [0, 4, 4, 4, 0]
     assert called(pulse.cdf, t).tolist() == [0, 0, 0.5, 1, 1]
     assert pulse.support == (-0.125, 0.125)
-    samples = called(lambda xi: pulse.sample(xi)[0], (np.arange(4096) + 0.5) / 4096)
-    assert samples.var() == pytest.approx(0.25**2 / 12, rel=1e-5)
     assert repr(pulse) == "BoxPulse(width_opl=0.25)"
 
 
@@ -192,10 +149,6 @@ def test_numbers_give_numbers(name, number):
         value = function(number)
         assert isinstance(value, float)
         assert value == pytest.approx(called(function, number)[0], rel=1e-4, abs=1e-6)
-
-
-def test_convolution_of_gaussians_adds_variances():
-    assert convolve(GaussianPulse(0.3), GaussianPulse(0.4)).width_opl == pytest.approx(0.5)
 
 
 def test_convolution_of_bins():
@@ -228,51 +181,35 @@ def test_convolution_with_a_narrow_pulse_moves_nothing(narrow, centre, order):
     assert mean == pytest.approx(0.1 + centre, abs=0.01 * step)
 
 
-@pytest.mark.parametrize("width", [0, -0.1, math.nan, math.inf, "0.1", None, True])
-@pytest.mark.parametrize("kind", [GaussianPulse, BoxPulse])
-def test_bad_width(kind, width):
-    with pytest.raises(ValueError, match=r"width_opl = .*: must be a finite number") as error:
-        kind(width)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("width", [1e-50, 1e50])
 @pytest.mark.parametrize(
-    "make", [GaussianPulse, BoxPulse, lambda width_opl: SampledPulse([1], 0, width_opl)]
-)
-def test_widths_beyond_single_precision(make, width):
-    with pytest.raises(
-        ValueError, match=r"width_opl = 1e.50: must be .* metres from 1e-12 to 1e\+12"
-    ):
-        make(width)
-
-
-@pytest.mark.parametrize(
-    ("values", "start", "width", "message"),
+    ("make", "message"),
     [
-        ([], 0, 1, "shape"),
-        ([[1.0]], 0, 1, "shape"),
-        ([0.0, 0.0], 0, 1, "all are 0"),
-        ([1.0, -1.0], 0, 1, "-1"),
-        ([1.0, math.nan], 0, 1, "nan"),
-        (["much"], 0, 1, "values = .*: must be a list of finite numbers"),
-        ([[1.0], [1.0, 2.0]], 0, 1, "values = .*: must be a list of finite numbers"),
-        (None, 0, 1, "values = None: "),
-        ([1.0], 0, 0, "bin_width_opl = 0"),
-        ([1.0], math.inf, 1, "start_opl = inf"),
+        *(
+            (lambda kind=kind, width=width: kind(width), r"width_opl = .*: must be a finite number")
+            for kind in (GaussianPulse, BoxPulse, lambda width: SampledPulse([1], 0, width))
+            for width in (0, math.nan, "0.1", 1e-50, 1e50)
+        ),
+        (lambda: SampledPulse([], 0, 1), "shape"),
+        (lambda: SampledPulse([[1.0]], 0, 1), "shape"),
+        (lambda: SampledPulse([0.0, 0.0], 0, 1), "all are 0"),
+        (lambda: SampledPulse([1.0, -1.0], 0, 1), "-1"),
+        (lambda: SampledPulse([1.0, math.nan], 0, 1), "nan"),
+        (lambda: SampledPulse(["much"], 0, 1), "values = .*: must be a list of finite numbers"),
+        (lambda: SampledPulse(None, 0, 1), "values = None: "),
+        (lambda: SampledPulse([1.0], math.inf, 1), "start_opl = inf"),
     ],
 )
-def test_bad_samples(values, start, width, message):
+def test_bad_input(make, message):
     with pytest.raises(ValueError, match=message) as error:
-        SampledPulse(values, start, width)
+        make()
     assert "\n" not in str(error.value)
+
+
+MEASURED = SampledPulse([1.0, 4.0, 3.0], -0.02, 0.01)
 
 
 def test_values_whose_sum_overflows():
     assert SampledPulse([1e308, 1e308], 0, 1).density.tolist() == [0.5, 0.5]
-
-
-MEASURED = SampledPulse([1.0, 4.0, 3.0], -0.02, 0.01)
 
 
 @pytest.mark.parametrize(
@@ -303,6 +240,7 @@ def test_pulse_from_arrays(tmp_path):
     ("name", "content", "message"),
     [
         ("a.dat", b"", r"must end in .npz, .csv or .txt"),
+        ("none.csv", None, "must be a file that exists"),
         ("a.csv", b"", "has 0 rows; must have at least two"),
         ("a.csv", b"opl,value\n0,1", "has 1 rows"),
         ("a.csv", b"0,1\n1,2,3\n", "line 2 = '1,2,3': must be two numbers"),
@@ -317,36 +255,27 @@ def test_pulse_from_arrays(tmp_path):
         ("a.txt", b"\xff\xfe0\x000", "must be text in UTF-8"),
         ("a.npz", b"", "damaged or of another kind"),
         ("a.npz", b"PK\x03\x04 and then nothing", "damaged or of another kind"),
-        ("a.npz", {"values": [1.0], "start_opl": 0}, "has no bin_width_opl"),
-        ("a.npz", {"values": [1], "start_opl": [0, 1], "bin_width_opl": 1}, "must be one number"),
-        ("a.npz", {"values": [1], "start_opl": 0, "bin_width_opl": 0}, "bin_width_opl = 0"),
-        (
-            "a.npz",
-            {"values": ["a"], "start_opl": 0, "bin_width_opl": 1},
-            "values = .*: must be a list",
-        ),
-        ("a.npz", {"values": [0], "start_opl": 0, "bin_width_opl": 1}, "values: all are 0"),
+        ("a.npz", {"bin_width_opl": []}, "must be one number"),
+        ("a.npz", {"start_opl": [0, 1]}, "must be one number"),
+        ("a.npz", {"bin_width_opl": 0}, "bin_width_opl = 0"),
+        ("a.npz", {"values": ["a"]}, "values = .*: must be a list"),
+        ("a.npz", {"values": [0]}, "values: all are 0"),
     ],
 )
 def test_bad_files(tmp_path, name, content, message):
     path = tmp_path / name
     if isinstance(content, dict):
-        np.savez(path, **content)
-    else:
+        np.savez(path, **{"values": [1], "start_opl": 0, "bin_width_opl": 1} | content)
+    elif content is not None:
         path.write_bytes(content)
-    with pytest.raises(ValueError, match=message) as error:
+    kind = FileNotFoundError if content is None else ValueError
+    with pytest.raises(kind, match=message) as error:
         SampledPulse.from_file(path)
     assert str(error.value).startswith(f"path = {str(path)!r}: ")
     assert "\n" not in str(error.value)
 
 
-def test_missing_file(tmp_path):
-    for path in (tmp_path / "none.csv", tmp_path / "none.npz"):
-        with pytest.raises(FileNotFoundError, match=r"path = .*: must be a file that exists"):
-            SampledPulse.from_file(path)
-
-
-@pytest.mark.parametrize("path", [3, None, b"a.npz", ""])
-def test_files_are_given_by_name(path):
-    with pytest.raises(ValueError, match=r"^path = .*: must be text or an os.PathLike"):
-        SampledPulse.from_file(path)
+def test_an_array_that_is_missing(tmp_path):
+    np.savez(tmp_path / "a.npz", values=[1.0], start_opl=0)
+    with pytest.raises(ValueError, match="has no bin_width_opl"):
+        SampledPulse.from_file(tmp_path / "a.npz")
