@@ -58,7 +58,6 @@ def merge(rfilter: str, border: bool, tiles=TILES):
     return whole.sensors()[0].film(), merged
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("rfilter", "border"), [("box", False), ("tent", True)])
 def test_tiles_are_the_whole(rfilter, border):
     """A tile's pixels are complete if it samples as far beyond its border as its filter reaches."""

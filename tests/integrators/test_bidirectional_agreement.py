@@ -296,21 +296,18 @@ def of_tracer(name: str, technique: str) -> Seen:
     return seen(world.describe(), technique, world.spp[technique], SEEDS)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(("name", "technique"), EACH)
 def test_all_agree(name, technique):
     assert same(of_tracer(name, technique), of_path(name))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_connections_to_a_lamp_with_smooth_normals_find_what_paths_run_into():
     hits = seen(rounded_lamp(), PATH, 2048, OTHER_SEEDS, emitter_sampling=False)
     assert same(seen(rounded_lamp(), PATH, 256, SEEDS), hits)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["cornell", "textured lamp", "hidden lamp in view"])
 def test_mistakes_are_found(name):
@@ -370,7 +367,6 @@ def view_of_path(name: str) -> Seen:
     return seen(VIEWS[name](), PATH, 128, OTHER_SEEDS, n=0)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("technique", TRACERS)
 @pytest.mark.parametrize("name", VIEWS)
@@ -379,7 +375,6 @@ def test_every_pixel_agrees(name, technique):
     assert same(seen(VIEWS[name](), technique, spp, SEEDS, n=0), view_of_path(name))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_other_views_are_told_apart():
     """Each differs from the plain picture by more than its noise."""
@@ -388,7 +383,6 @@ def test_other_views_are_told_apart():
         assert not same(plain, view_of_path(name)), name
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_unlimited_paths_of_the_light_tracer():
     reference = seen(corner(40), PATH, 64, OTHER_SEEDS, max_depth=-1)
@@ -397,7 +391,6 @@ def test_unlimited_paths_of_the_light_tracer():
     assert not same(found, seen(corner(3), PATH, 64, OTHER_SEEDS))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("camera_connections", [True, False])
 @pytest.mark.parametrize("mis", ["power", "balance"])
@@ -410,7 +403,6 @@ def test_weights(mis, camera_connections):
 # ---------------------------------------------------------------------- variants, and Mitsuba's
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_variants(variant):
@@ -432,7 +424,6 @@ def mitsubas(described: dict, integrator: str, spp: int) -> np.ndarray:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(("integrator", "spp"), [("path", 128), ("ptracer", 512)])
 def test_mitsubas_picture(integrator, spp):

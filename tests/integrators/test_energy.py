@@ -43,7 +43,6 @@ OTHER_SEEDS = range(1000, 1016)
 # ----------------------------------------------------------- same random numbers, same picture
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_scene_has_all_its_light(name):
     described = SCENES[name]()
@@ -82,7 +81,6 @@ def test_depths(max_depth, rr_depth):
     assert largest(steady, path_image(described, spp=16, seed=2)) < 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("border", [False, True])
 @pytest.mark.parametrize("rfilter", FILTERS)
 def test_spatial_filters(rfilter, border):
@@ -136,7 +134,6 @@ def test_crop_in_expectation():
 # ---------------------------------------------------------------- bins against the steady image
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spp", [1, 2, 3, 4, 6, 7, 64])
 @pytest.mark.parametrize("bins", [2, 400])
 def test_no_deposit_is_lost_where_pixels_are_private(spp, bins):
@@ -250,7 +247,6 @@ def picture(described: dict, spp: int = 16):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["cornell", "glass", "many lights", "environment map"])
 def test_scene_in_expectation(name):

@@ -119,7 +119,6 @@ def seen(described: dict, seeds) -> np.ndarray:
     return over_seeds(estimate, seeds)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_light(name, monkeypatch):
@@ -137,7 +136,6 @@ def shifted(right: Callable) -> Callable:
     return lambda *arguments: right(*arguments) + 2
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mistake", ["pixels", "twice", "weight"])
 def test_mistakes_are_found(mistake, monkeypatch):
@@ -205,7 +203,6 @@ def test_many_rays_are_folded(monkeypatch):
         assert largest(a, b) < 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("border", [False, True])
 @pytest.mark.parametrize("rfilter", ["gaussian", "tent"])

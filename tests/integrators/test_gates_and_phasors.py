@@ -86,7 +86,6 @@ def test_all_gates_are_one_trace():
     assert float(gated().gate(5.0).closes[0]) == pytest.approx(5.5)
 
 
-@pytest.mark.slow
 def test_gates_are_the_histogram_convolved():
     loaded = box(width=16, height=16, temporal_bins=12000, start_opl=3.0, bin_width_opl=0.001)
     fine = tofrender.render(loaded, spp=16, progress=False)
@@ -176,7 +175,6 @@ def test_phasor_of_one_path(frequency):
     assert depth[0, 0, 0] == pytest.approx((opl / 2) % (C / (2 * frequency)), abs=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "own",
     [

@@ -47,7 +47,6 @@ SCENES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_each_step_has_one_large_kernel(name, monkeypatch):
     monkeypatch.setattr(passes, "FIRST_SAMPLES", 1 << 9)

@@ -98,7 +98,6 @@ SCENES = {
 # ----------------------------------------------------------------------------- every scene
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", GALLERY)
 @pytest.mark.parametrize("n", [4, 8])
@@ -305,7 +304,6 @@ def test_planted_bugs_are_noticed(kind):
 # -------------------------------------------------------------------------- against one point
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_bins_and_energy_are_those_of_one_point(name):

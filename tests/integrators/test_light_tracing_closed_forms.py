@@ -241,7 +241,6 @@ ALONE = [
 """About 0.3 % of noise in the mean."""
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(("name", "technique", "spp"), ALONE)
 def test_each_strategy_alone_has_all_light(name, technique, spp):
@@ -249,7 +248,6 @@ def test_each_strategy_alone_has_all_light(name, technique, spp):
     assert arrives(samples(name, technique, spp), light.masses(edges), edges)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", CASES)
 def test_all_strategies_together_have_all_light_once(name):
@@ -257,7 +255,6 @@ def test_all_strategies_together_have_all_light_once(name):
     assert arrives(samples(name, BDPT, 64), light.masses(edges), edges)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(
     ("name", "technique", "spp"), [("rectangle", "2,1", 512), ("disk", "0,3", 64)]
@@ -284,7 +281,6 @@ def test_an_unshifted_window_is_found():
     assert not arrives(other.masses(edges) + noise, masses, edges)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mis", ["power", "balance"])
 def test_shares_add_up(mis):
@@ -324,7 +320,6 @@ CONNECTED = [(s, n + 3 - s, n) for n in (0, 1, 2) for s in range(1, n + 2)]
 """Strategies of the n-th bounce whose connection ends on a surface that the camera's path found."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("s", "t", "n"), CONNECTED)
 def test_connections_in_a_sphere_have_no_noise(s, t, n):
     """The product of material and geometry is the same between any two points."""
@@ -338,7 +333,6 @@ def test_connections_in_a_sphere_have_no_noise(s, t, n):
         )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mis", ["power", "balance"])
 @pytest.mark.parametrize("max_depth", [2, 5])
 def test_weights_in_a_sphere_sum_to_one(mis, max_depth):
@@ -349,7 +343,6 @@ def test_weights_in_a_sphere_sum_to_one(mis, max_depth):
     assert steady == pytest.approx(np.full((4, 4, 3), expected), rel=5e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("technique", ["1,4", "2,3", "3,2"])
 def test_equal_strategies_have_equal_shares(technique):
     """Every vertex is found with the density 1 / (4 π) per area, from either end."""
@@ -372,7 +365,6 @@ def share(n: int, to_lens: bool, power: int) -> float:
     return float(np.mean((lens if to_lens else mine) / ((n + 1) * mine + lens)))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("mis", "power"), [("power", 2), ("balance", 1)])
 @pytest.mark.parametrize(("technique", "n"), [("1,2", 0), ("2,2", 1)])
 def test_shares_against_connections_to_the_lens(technique, n, mis, power):
@@ -382,7 +374,6 @@ def test_shares_against_connections_to_the_lens(technique, n, mis, power):
     assert abs(share(n, False, 3 - power) / share(n, False, power) - 1) > 0.01
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(("technique", "n"), [("2,1", 0), ("3,1", 1)])
 def test_shares_of_connections_to_the_lens(technique, n):
@@ -393,7 +384,6 @@ def test_shares_of_connections_to_the_lens(technique, n):
     assert not agree(1.03 * found, expected)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(
     ("technique", "bounces", "spp"),
@@ -439,7 +429,6 @@ def test_a_furnace_has_little_noise():
     assert steady.mean() == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(("technique", "spp"), [(LIGHT_TRACER, 256), (BDPT, 32)])
 def test_a_furnace_in_time(technique, spp):
@@ -459,7 +448,6 @@ def test_a_furnace_in_time(technique, spp):
 GLOBE = {"y": (0.5, -0.3, 2.0), "radius": 0.1, "radiance": 3.0, "lens": 0.2, "fov": 40.0}
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(
     ("technique", "spp"), [("1,1", 64), ("0,2", 2048), (LIGHT_TRACER, 64), (BDPT, 64)]
@@ -549,7 +537,6 @@ def caustic(name: str, technique: str, spp: int = 512) -> tuple[np.ndarray, np.n
     return cubes.mean(axis=(1, 2)), octant(cubes.sum(axis=3))
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("technique", TRACERS)
 @pytest.mark.parametrize("name", CAUSTICS)
@@ -565,7 +552,6 @@ def test_caustic(name, technique):
     assert not arrives(np.roll(bins, 1, axis=1), masses, it.edges)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_a_lamp_in_glass_is_as_far_as_its_index_says():
     """With the camera's segment: n d in the glass, whose index the light's path does not know."""
@@ -603,7 +589,6 @@ def pulse_masses(light: Light, edges: np.ndarray, width: float) -> np.ndarray:
     return np.diff(passed, axis=0) @ light.masses(fine)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @TECHNIQUES
 @pytest.mark.parametrize(
@@ -622,7 +607,6 @@ def test_a_pulse(technique, spp, options):
     assert not arrives(found, pulse_masses(light, edges, 1.5 * width), edges)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @TECHNIQUES
 def test_phasors(technique, spp):
@@ -651,7 +635,6 @@ def test_phasors(technique, spp):
     assert not agree(found * [1, -1, 1, -1, 1], expected, rounding=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @TECHNIQUES
 def test_steady_pictures(technique, spp):
@@ -670,7 +653,6 @@ def test_steady_pictures(technique, spp):
     assert not agree(1.03 * found, expected)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @TECHNIQUES
 def test_gates(technique, spp):
@@ -696,7 +678,6 @@ def test_gates(technique, spp):
     assert not agree(found * 0.1, expected, rounding=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("tracer", [LIGHT_TRACER, {"type": BDPT, "max_depth": 2}])
 def test_render_takes_a_name_or_a_dict(tracer):
@@ -713,7 +694,6 @@ def test_render_takes_a_name_or_a_dict(tracer):
     assert arrives(found, light.masses(edges), edges)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_a_window_of_its_own(tracer):
     """The window is found by paths of the same kind: no other path sees a caustic."""

@@ -147,14 +147,12 @@ def owner(imports: str, variants=()) -> list[str]:
 OURS = ["tofrender.integrators.transient_path", "tofrender.films.transient"]
 
 
-@pytest.mark.slow
 def test_names_belong_to_the_package_imported_last():
     assert owner("import tofrender, mitransient") == ["mitransient"] * 2 + OURS
     ours_last = "mi.set_variant('llvm_ad_rgb')\nimport mitransient, tofrender"
     assert owner(ours_last) == ["tofrender"] * 2 + OURS
 
 
-@pytest.mark.slow
 def test_names_stay_through_a_switch_of_variants():
     there_and_back = ["llvm_ad_mono", "llvm_ad_rgb"]
     theirs_last = "import tofrender, mitransient"

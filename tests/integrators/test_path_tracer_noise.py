@@ -24,7 +24,6 @@ from oracles import films as oracles
 from tofrender.scenes.light_transport import VEACH_LIGHTS, VEACH_PLATES
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", COURSE)
 def test_both_together_are_never_much_worse_than_the_better(name):

@@ -50,7 +50,6 @@ from tofrender.scenes import BUILT_IN
 # ----------------------------------------------------------- same random numbers, same picture
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("name", SCENES)
 def test_reuse_is_mitsubas_path(name):
@@ -60,7 +59,6 @@ def test_reuse_is_mitsubas_path(name):
     assert largest(picture(steady(traced(described, "reuse")), seed=1), reference) < 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("name", COURSE)
 def test_reuse_is_mitsubas_path_in_the_course(name):
@@ -70,7 +68,6 @@ def test_reuse_is_mitsubas_path_in_the_course(name):
     assert largest(found, reference) < 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("bounces", [0, 1, 2, -1])
 @pytest.mark.parametrize("options", [{"rr_depth": 1}, {"hide_emitters": True}])
@@ -83,7 +80,6 @@ def test_bounces_roulette_and_hidden_emitters_are_mitsubas(bounces, options):
     assert (reference.max() == 0) == (options == {"hide_emitters": True} and bounces == 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_without_a_bounce_there_are_only_lights(tracer):
     described = steady(SCENES["cornell"]())
@@ -93,7 +89,6 @@ def test_without_a_bounce_there_are_only_lights(tracer):
     assert picture(traced(described, tracer, max_bounces=0, hide_emitters=True)).max() == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_depth_is_one_more_than_bounces(tracer):
     described = steady(traced(SCENES["glass"](), tracer, max_bounces=2))
@@ -115,7 +110,6 @@ def test_the_techniques_differ():
 # ------------------------------------------------------------------------------- expectation
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_gallery_in_expectation(name):
@@ -138,7 +132,6 @@ def test_no_ray_runs_into_a_light_without_size(name):
     assert view(load(SCENES[name]()), TRACERS["mats"] | {"max_bounces": 5}, 1 << 12, 1).max() == 0
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", COURSE)
 def test_course_in_expectation(name):
@@ -221,7 +214,6 @@ SMALL_LAMPS = {
 SKY = {"sky": {"type": "constant", "radiance": grey(0.2)}}
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("lamps", [{}, SKY, SKY | SMALL_LAMPS], ids=["area", "sky", "all"])
 def test_materials_in_expectation(lamps):
@@ -241,7 +233,6 @@ def test_materials_in_expectation(lamps):
 # --------------------------------------------------------------- no light is counted twice
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 @pytest.mark.parametrize("bounces", [0, 1, 3, 60])
 def test_furnace(tracer, bounces):
@@ -262,7 +253,6 @@ def test_furnace_without_limit(tracer):
 VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_furnace_in_every_variant(variant, tracer):

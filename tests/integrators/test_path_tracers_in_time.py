@@ -48,7 +48,6 @@ def test_furnace_in_time(tracer):
 
 
 @pytest.mark.usefixtures("mitsubas_steps")
-@pytest.mark.slow
 @pytest.mark.parametrize("tracer", TRACERS)
 @pytest.mark.parametrize("name", ["glass", "environment map"])
 def test_bins_hold_the_picture(tracer, name):
@@ -65,7 +64,6 @@ def test_bins_hold_the_picture(tracer, name):
     assert largest(sum(parts), whole) < 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_tracers_agree_in_time():
     """The small box bin by bin, in the sum over its pixels."""

@@ -196,7 +196,6 @@ def test_simple_is_path_with_a_white_world():
 VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant(variant):
     mi.set_variant(variant)

@@ -54,7 +54,6 @@ def has_all(*pictures, expected: float | None = None, tolerance: float = NOISE) 
 # ----------------------------------------------------------------------------- nothing is lost
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("technique", ALONE)
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
 @pytest.mark.parametrize("size", [1, 8, 64])
@@ -79,7 +78,6 @@ def test_bins_hold_the_picture(technique, bins):
     assert transient.sum(axis=2) == pytest.approx(steady, rel=1e-4, abs=1e-5 * steady.max())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [(10, 10), (31, 31), (26, 18), (18, 26)])
 @pytest.mark.parametrize("spp", [1, 7, 24])
 def test_odd_sizes_and_counts(size, spp):
@@ -89,7 +87,6 @@ def test_odd_sizes_and_counts(size, spp):
     assert has_all(steady, transient, expected=expected, tolerance=NOISE + rim)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_every_sampler(sampler):
     loaded = load(with_sampler(under_the_spot(), sampler))
@@ -97,7 +94,6 @@ def test_every_sampler(sampler):
     assert has_all(*rendered(loaded, spp=900))
 
 
-@pytest.mark.slow
 def test_a_million_paths_in_one_pixel_are_not_low():
     """Added to one number in single precision, they lose 0.4 %."""
     assert has_all(*rendered(under_the_spot(width=1), spp=1 << 20))
@@ -189,7 +185,6 @@ def rendered_tiles(spp: int, seed: int) -> list:
     return [scene.sensors()[0].film() for scene in scenes]
 
 
-@pytest.mark.slow
 def test_tiles_merge_in_any_order():
     parts = rendered_tiles(64, 0)
     first, second = (merged(parts, order) for order in ((0, 1, 2), (2, 0, 1)))
@@ -201,7 +196,6 @@ def test_tiles_merge_in_any_order():
             assert whole[y : y + height, x : x + width] == pytest.approx(own, rel=1e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_tiles_are_the_whole():
     """A tile's splats count by its own number of paths."""
@@ -225,7 +219,6 @@ def test_tiles_are_the_whole():
 # --------------------------------------------------------- renders that stop, and that go on
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("technique", ALONE)
 @pytest.mark.parametrize("first", [256, 1000])
 def test_resumed_renders_contain_splats(technique, first):
@@ -239,7 +232,6 @@ def test_resumed_renders_contain_splats(technique, first):
     assert not np.allclose(whole.steady, start.steady, rtol=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("technique", ALONE)
 @pytest.mark.parametrize("size", [1, 8])
 def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypatch):
@@ -261,7 +253,6 @@ def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypat
     assert has_all(part.steady.values, part.transient.values, tolerance=2 * NOISE)
 
 
-@pytest.mark.slow
 def test_a_seed_repeats():
     described = under_the_spot(width=16)
     one, again, other = (

@@ -168,7 +168,6 @@ def test_lower_variance_than_independent():
     assert cube_variance("padded_sobol", 64) < 0.25 * cube_variance("independent", 64)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("kind", ["multijitter", "ldsampler"])
 def test_samplers_of_mitsuba_go_on_in_the_next_step(kind, monkeypatch):
