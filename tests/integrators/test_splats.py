@@ -53,29 +53,31 @@ def has_all(*pictures, expected: float | None = None, tolerance: float = NOISE) 
 
 # ----------------------------------------------------------------------------- nothing is lost
 
+ONE_BIN = {"temporal_bins": 1, "bin_width_opl": 8.0}
 
-@pytest.mark.parametrize("technique", ALONE)
-@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
-@pytest.mark.parametrize("size", [1, 8, 64])
-def test_no_splat_is_lost(size, variant, technique):
-    """In one pixel and one bin all threads meet; runs differ in how they do."""
+
+@pytest.mark.parametrize(
+    ("variant", "technique", "size", "window"),
+    [
+        # In one pixel and one bin all threads meet; runs differ in how they do
+        ("llvm_ad_rgb", LIGHT_TRACER, 1, ONE_BIN),
+        ("llvm_ad_mono", "2,1", 1, ONE_BIN),
+        ("llvm_ad_rgb", "2,1", 8, ONE_BIN),
+        ("llvm_ad_mono", LIGHT_TRACER, 8, {}),
+        ("llvm_ad_rgb", LIGHT_TRACER, 64, {}),
+        ("llvm_ad_mono", "2,1", 64, {}),
+    ],
+)
+def test_no_splat_is_lost(variant, technique, size, window):
+    """Pixel by pixel, a splat is in the picture and in a bin, or in none."""
     mi.set_variant(variant)
-    loaded = load(under_the_spot(technique, size, temporal_bins=1, bin_width_opl=8.0))
+    loaded = load(under_the_spot(technique, size, **window))
     for seed in range(6):
         steady, transient = rendered(loaded, PATHS // size**2, seed)
         assert has_all(steady, transient)
         assert transient.sum(axis=2) == pytest.approx(steady, rel=1e-4, abs=1e-4 * steady.max())
+    assert size == 1 or steady.max() > 1.5 * mean()
     assert not has_all(0.999 * steady)
-
-
-@pytest.mark.parametrize("technique", ALONE)
-@pytest.mark.parametrize("bins", [1, 8])
-def test_bins_hold_the_picture(technique, bins):
-    """Pixel by pixel: a splat is in both, or in none."""
-    described = under_the_spot(technique, 16, temporal_bins=bins, bin_width_opl=1.6 / bins)
-    steady, transient = rendered(described, spp=64)
-    assert steady.max() > 1.5 * mean()
-    assert transient.sum(axis=2) == pytest.approx(steady, rel=1e-4, abs=1e-5 * steady.max())
 
 
 @pytest.mark.parametrize("size", [(10, 10), (31, 31), (26, 18), (18, 26)])
@@ -90,8 +92,8 @@ def test_odd_sizes_and_counts(size, spp):
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_every_sampler(sampler):
     loaded = load(with_sampler(under_the_spot(), sampler))
-    assert has_all(*rendered(loaded, spp=1024))
-    assert has_all(*rendered(loaded, spp=900))
+    for spp in (1024, 900):
+        assert has_all(*rendered(loaded, spp))
 
 
 def test_a_million_paths_in_one_pixel_are_not_low():
@@ -170,47 +172,33 @@ def developed(film) -> list[np.ndarray]:
     return [np.array(tensor, float) for tensor in film.develop()]
 
 
-def merged(parts: list, order) -> list[np.ndarray]:
-    whole = load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT)).sensors()[0].film()
-    whole.prepare([])
-    for k in order:
-        whole.merge_tile(parts[k])
-    return developed(whole)
-
-
-def rendered_tiles(spp: int, seed: int) -> list:
-    scenes = [load(tile(*place)) for place in TILES]
-    for scene in scenes:
-        mi.render(scene, spp=spp, seed=seed)
-    return [scene.sensors()[0].film() for scene in scenes]
-
-
-def test_tiles_merge_in_any_order():
-    parts = rendered_tiles(64, 0)
-    first, second = (merged(parts, order) for order in ((0, 1, 2), (2, 0, 1)))
-    for one, other in zip(first, second, strict=True):
-        assert one == pytest.approx(other, rel=1e-6)
-    for part, (x, y, width, height) in zip(parts, TILES, strict=True):
-        for whole, own in zip(first, developed(part), strict=True):
-            assert own.max() > 0
-            assert whole[y : y + height, x : x + width] == pytest.approx(own, rel=1e-5)
-
-
 @pytest.mark.statistical
 def test_tiles_are_the_whole():
-    """A tile's splats count by its own number of paths."""
-    whole = load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT))
+    """In any order; a tile's splats count by its own number of paths."""
+    whole, target = (load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT)) for _ in range(2))
     scenes = [load(tile(*place)) for place in TILES]
-    target = load(under_the_spot(LIGHT_TRACER, WIDTH, HEIGHT)).sensors()[0].film()
+    merged, films = target.sensors()[0].film(), [each.sensors()[0].film() for each in scenes]
 
     def of_tiles(seed):
-        target.prepare([])
-        for part in scenes:
-            mi.render(part, spp=64, seed=seed)
-            target.merge_tile(part.sensors()[0].film())
-        return developed(target)[0][..., 0]
+        for each in scenes:
+            mi.render(each, spp=64, seed=seed)
+        return merge((0, 1, 2))
 
-    found = over_seeds(of_tiles, SEEDS)
+    def merge(order):
+        merged.prepare([])
+        for k in order:
+            merged.merge_tile(films[k])
+        return developed(merged)
+
+    first, second = of_tiles(0), merge((2, 0, 1))
+    for one, other in zip(first, second, strict=True):
+        assert one == pytest.approx(other, rel=1e-6)
+    for part, (x, y, width, height) in zip(films, TILES, strict=True):
+        for one, own in zip(first, developed(part), strict=True):
+            assert own.max() > 0
+            assert one[y : y + height, x : x + width] == pytest.approx(own, rel=1e-5)
+
+    found = over_seeds(lambda seed: of_tiles(seed)[0][..., 0], SEEDS)
     expected = over_seeds(lambda seed: rendered(whole, 256, seed)[0][..., 0], range(100, 116))
     assert agree(found, expected)
     assert not agree(1.5 * found, expected)
@@ -251,12 +239,3 @@ def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypat
     assert part.attrs["complete"] == 0
     assert part.attrs["spp"] * size**2 < 1 << 23
     assert has_all(part.steady.values, part.transient.values, tolerance=2 * NOISE)
-
-
-def test_a_seed_repeats():
-    described = under_the_spot(width=16)
-    one, again, other = (
-        tofrender.render(described, spp=64, seed=seed, progress=False) for seed in (3, 3, 4)
-    )
-    np.testing.assert_allclose(one.transient, again.transient, rtol=1e-4, atol=1e-6)
-    assert not np.allclose(one.steady, other.steady, rtol=0.01)
