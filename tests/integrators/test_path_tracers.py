@@ -23,6 +23,7 @@ from helpers.support import (
     path_image,
     plane,
     point_light,
+    refused,
     rendered,
     scene,
     translate,
@@ -46,38 +47,39 @@ from helpers.tracers import (
 import tofrender
 from tofrender.runtime import plugins
 from tofrender.scenes import BUILT_IN
+from tofrender.scenes.loading import load_plugin
 
 # ----------------------------------------------------------- same random numbers, same picture
 
 
 @pytest.mark.usefixtures("mitsubas_steps")
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, *COURSE])
 def test_reuse_is_mitsubas_path(name):
-    described = SCENES[name]()
-    reference = path_image(described, seed=1)
+    if name in SCENES:
+        reference = path_image(SCENES[name](), seed=1)
+        found = picture(steady(traced(SCENES[name](), "reuse")), seed=1)
+    else:
+        reference = picture(course(name, integrator="path"), seed=1)
+        found = picture(course(name, integrator="path_tracer_mis"), seed=1)
     assert reference.max() > 0.05
-    assert largest(picture(steady(traced(described, "reuse")), seed=1), reference) < 1e-5
-
-
-@pytest.mark.usefixtures("mitsubas_steps")
-@pytest.mark.parametrize("name", COURSE)
-def test_reuse_is_mitsubas_path_in_the_course(name):
-    reference = picture(course(name, integrator="path"), seed=1)
-    assert reference.max() > 0.05
-    found = picture(course(name, integrator="path_tracer_mis"), seed=1)
     assert largest(found, reference) < 1e-5
 
 
 @pytest.mark.usefixtures("mitsubas_steps")
-@pytest.mark.parametrize("bounces", [0, 1, 2, -1])
-@pytest.mark.parametrize("options", [{"rr_depth": 1}, {"hide_emitters": True}])
+@pytest.mark.parametrize(
+    ("bounces", "options"),
+    [
+        *[(bounces, {"rr_depth": 1}) for bounces in (1, -1)],
+        *[(bounces, {"hide_emitters": True}) for bounces in (0, 2)],
+    ],
+)
 def test_bounces_roulette_and_hidden_emitters_are_mitsubas(bounces, options):
     described = steady(SCENES["many lights"]())
     ours = traced(described, "reuse", max_bounces=bounces, **options)
     depth = bounces + 1 if bounces >= 0 else -1
     reference = path_image(described, seed=2, max_depth=depth, **options)
     assert np.abs(picture(ours, seed=2) - reference).max() <= 1e-5 * reference.max()
-    assert (reference.max() == 0) == (options == {"hide_emitters": True} and bounces == 0)
+    assert (reference.max() == 0) == (bounces == 0)
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
@@ -234,7 +236,7 @@ def test_materials_in_expectation(lamps):
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
-@pytest.mark.parametrize("bounces", [0, 1, 3, 60])
+@pytest.mark.parametrize("bounces", [1, 60])
 def test_furnace(tracer, bounces):
     expected = GLOW * (1 - ALBEDO ** (bounces + 1)) / (1 - ALBEDO)
     found = picture(steady(furnace(tracer, bounces)), spp=256).mean(axis=(0, 1))
@@ -269,16 +271,12 @@ def test_furnace_in_every_variant(variant, tracer):
 @pytest.mark.parametrize("tracer", ["path_tracer_mats", "path_tracer_nee", "path_tracer_mis"])
 @pytest.mark.parametrize("name", ["veach", "small_box"])
 def test_load_scene_changes_the_tracer(name, tracer):
-    size = {"width": 8, "height": 6}
-    loaded = tofrender.load_scene(name, integrator=tracer, **size)
-    assert plugins.PLUGINS[type(loaded.integrator()).__name__][0] == tracer
     bounces = BUILT_IN[name]()["integrator"]["max_bounces"]
-    assert (loaded.integrator().max_bounces, loaded.integrator().max_depth) == (
-        bounces,
-        bounces + 1,
-    )
-    deeper = tofrender.load_scene(name, integrator=tracer, max_depth=4, **size)
-    assert (deeper.integrator().max_bounces, deeper.integrator().max_depth) == (3, 4)
+    for changes, expected in (({}, bounces), ({"max_depth": 4}, 3)):
+        loaded = tofrender.load_scene(name, integrator=tracer, width=8, height=6, **changes)
+        found = loaded.integrator()
+        assert plugins.PLUGINS[type(found).__name__][0] == tracer
+        assert (found.max_bounces, found.max_depth) == (expected, expected + 1)
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
@@ -297,7 +295,6 @@ def test_render_in_time(tracer):
 # ------------------------------------------------------------------------------- bad input
 
 
-@pytest.mark.parametrize("tracer", TRACERS)
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
@@ -313,15 +310,12 @@ def test_render_in_time(tracer):
         ({"bounces": 3}, "bounces"),
     ],
 )
-def test_bad_input_is_one_line(tracer, parameters, text):
-    described = course("small_box") | {"integrator": TRACERS[tracer] | parameters}
-    with pytest.raises(ValueError, match=text) as error:
-        tofrender.load_scene(described)
-    assert "\n" not in str(error.value)
+def test_bad_input_is_one_line(parameters, text):
+    for tracer in TRACERS.values():
+        described = course("small_box") | {"integrator": tracer | parameters}
+        refused(text, tofrender.load_scene, described)
 
 
 def test_bad_technique():
-    with pytest.raises(ValueError, match="technique = 'foo': must be one of reuse, one_sample"):
-        tofrender.scenes.loading.load_plugin(
-            "integrator", {"type": "path_tracer_mis", "technique": "foo"}
-        )
+    given = {"type": "path_tracer_mis", "technique": "foo"}
+    refused("technique = 'foo': must be one of reuse, one_sample", load_plugin, "integrator", given)
