@@ -117,17 +117,6 @@ def test_cornell_light_over_the_floor():
     assert not agree(np.roll(samples, 1, axis=1), expected)
 
 
-def test_circle_in_rectangle():
-    """The angle against counting points of the circle, centre inside and outside."""
-    angle = (np.arange(200_000) + 0.5) / 200_000 * 2 * np.pi
-    for x, y in [((-1, 2), (-0.5, 0.7)), ((0.3, 2), (-0.5, 0.7)), ((0.3, 2), (0.2, 0.7))]:
-        for s in (0.1, 0.6, 1.3, 2.05, 3.0):
-            u, v = s * np.cos(angle), s * np.sin(angle)
-            inside = (u > x[0]) & (u < x[1]) & (v > y[0]) & (v < y[1])
-            found = oracles.angle_in_rectangle(np.array([s]), x, y)[0]
-            assert found == pytest.approx(2 * np.pi * inside.mean(), abs=1e-4)
-
-
 # ------------------------------------------------------------- c: inside of a diffuse sphere
 
 

@@ -14,7 +14,6 @@ from helpers.gallery import SCENES, emitter_grid
 from helpers.support import (
     agree,
     camera,
-    diffuse,
     film,
     grey,
     largest,
@@ -22,7 +21,6 @@ from helpers.support import (
     over_seeds,
     path_image,
     plane,
-    point_light,
     rendered,
     rotate,
     scene,
@@ -112,18 +110,6 @@ def test_crop_is_the_crop_of_the_whole():
     assert whole[..., 0] == pytest.approx(expected, rel=1e-6)
     assert part == pytest.approx(whole[3:5, 4:7], rel=1e-6)
     assert steady == pytest.approx(whole[3:5, 4:7].sum(axis=2), rel=1e-6)
-
-
-@pytest.mark.statistical
-def test_crop_in_expectation():
-    described = with_film(SCENES["cornell"](), temporal_bins=40, bin_width_opl=0.5)
-    whole = load(described)
-    part = load(with_film(described, **CROP))
-    ours = over_seeds(lambda s: rendered(part, 64, s)[1].sum(axis=(0, 1)), SEEDS)
-    full = over_seeds(lambda s: rendered(whole, 64, s)[1][5:7, 4:7].sum(axis=(0, 1)), OTHER_SEEDS)
-    beside = over_seeds(lambda s: rendered(whole, 64, s)[1][4:6, 4:7].sum(axis=(0, 1)), OTHER_SEEDS)
-    assert agree(ours, full)
-    assert not agree(ours, beside)
 
 
 # ---------------------------------------------------------------- bins against the steady image
@@ -290,17 +276,3 @@ def test_samplers_agree_in_time(kind):
     independent = cube(with_sampler(large_light()), 256, OTHER_SEEDS)
     assert agree(points, independent)
     assert not agree(np.roll(points, 1, axis=1), independent)
-
-
-@pytest.mark.statistical
-def test_two_lamps_add_up():
-    """Light is linear: both lamps at once are the sum of each alone, bin by bin."""
-
-    def lit(**lamps):
-        parts = {"floor": plane(bsdf=diffuse(0.5)), **lamps}
-        window = film(4, 4, bins=32, bin_width=0.2)
-        return cube(scene(parts, camera((0, 0, 2), (0, 0, 0), window, sampler="padded_sobol")))
-
-    a, b = point_light((1, 0, 1), 2.0), point_light((-1, 1, 2), 3.0)
-    assert agree(lit(a=a, b=b), lit(a=a) + lit(b=b))
-    assert not agree(lit(a=a, b=b), lit(a=a) + 1.1 * lit(b=b))

@@ -11,7 +11,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.support import (
-    area_light,
     camera,
     diffuse,
     film,
@@ -257,15 +256,6 @@ def test_direct_phasors_are_the_fourier_sum_of_fine_bins():
         assert np.abs(I[k] + 1j * Q[k] - expected).max() < bound * cube.steady.values.max()
 
 
-def test_many_frequencies_are_one_trace():
-    loaded = box()
-    several = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], FREQUENCIES, spp=16)
-    for k, frequency in enumerate(FREQUENCIES):
-        alone = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], frequency, spp=16)
-        for many, one in zip(several[:3], alone[:3], strict=True):
-            np.testing.assert_allclose(many[k], one, rtol=1e-5, atol=1e-6)
-
-
 def test_correlation_images_are_the_parts_of_the_phasor():
     """The sine is phase_offset -pi/2."""
     loaded = box()
@@ -355,14 +345,6 @@ def test_a_pulse_dims_phasors_by_its_fourier_transform():
     )
     assert amplitude[0, 0, 0] == pytest.approx(radiance * dimmed, rel=1e-4)
     assert math.cos(phase[0, 0, 0] - k * opl) == pytest.approx(1, abs=1e-5)
-
-
-def test_lamps_seen_directly_count():
-    """Emitter hits are light too: without them a gate on a lamp would be dark."""
-    parts = {"lamp": plane(translate(0, 0, 0), emitter=area_light(2.0))}
-    loaded = load(scene(parts, camera((0, 0, 3.0), (0, 0, 0), film(), fov=1e-3)))
-    image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], 3.0, spp=4)
-    assert image[0, 0, 0] == pytest.approx(2.0 * PEAK, rel=1e-4)
 
 
 def test_a_scene_of_another_variant_is_refused_in_a_line():

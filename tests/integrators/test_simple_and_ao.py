@@ -86,21 +86,6 @@ def test_simple_is_its_formula(colour):
     assert error.max() < 2e-5 * found.max()
 
 
-def test_simple_in_the_picture():
-    """Every pixel is the formula's mean over its area."""
-    described = with_plugin(FLOOR_AND_BALL, looking(film(12, 12), fov=40), SIMPLE)
-    loaded = load(steady(described))
-    found = np.array(mi.render(loaded, spp=1024), float)[..., 0]
-    n = 12 * 16
-    index = dr.arange(mi.UInt32, n * n)
-    at = (mi.Point2f(index % n, index // n) + 0.5) / n
-    ray, _ = loaded.sensors()[0].sample_ray(0, 0.5, at, mi.Point2f(0.5))
-    expected = ENERGY * formula(np.array(ray.d, float).T)[0]
-    expected = expected.reshape(12, 16, 12, 16).mean(axis=(1, 3))
-    assert np.abs(found - expected).max() < 0.03 * expected.max()
-    assert found.mean() == pytest.approx(expected.mean(), rel=2e-3)
-
-
 @pytest.mark.parametrize("unwarp", [False, True])
 def test_simple_arrives_at_camera_to_surface_to_light(unwarp):
     """Pixels of a camera that is nearly a ray; one on the ball, one in its shadow."""
@@ -173,24 +158,6 @@ def test_lights_and_materials_of_the_scene_make_no_difference(plugin, name):
     else:  # One bit per path; rounding may change a few
         assert (pictures[1] != pictures[0]).mean() < 2e-3
     assert (values(load(scene(odd | LIT, looking(film()))), plugin, EYE, (0.3, 0.2, 1)) == 0).all()
-
-
-def test_simple_is_path_with_a_white_world():
-    """A point light of intensity Phi / (4 pi) over surfaces of albedo 1, also on the bust."""
-    size = {"width": 24, "height": 32}
-    described = BUILT_IN["bust_simple"](**size)
-    light = described["integrator"]
-    white = described | {
-        "integrator": {"type": "path", "max_depth": 2},
-        "white": diffuse(1.0),
-        "bust": bust_mesh(bsdf=diffuse(1.0)),
-        "lamp": point_light(light["position"], light["energy"] / (4 * math.pi)),
-    }
-    pictures = [
-        np.array(mi.render(tofrender.load_scene(each), spp=64, seed=3), float)
-        for each in (described, white)
-    ]
-    assert largest(*pictures) < 1e-4
 
 
 VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
