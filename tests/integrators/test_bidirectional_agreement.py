@@ -457,8 +457,7 @@ def test_smooth_materials_take_no_connections(material):
     assert rendered(through(described, LIGHT_TRACER), spp=64)[0].max() == 0
 
 
-@pytest.mark.parametrize("loaded", [False, True])
-@pytest.mark.parametrize("depth", [-1, 6])
+@pytest.mark.parametrize(("loaded", "depth"), [(False, 6), (True, -1)])
 def test_a_pyramid_has_no_light_that_the_scene_hides(loaded, depth):
     """Depth is the pyramid's own; what the scene's integrator hides stays hidden."""
     own = {"type": "transient_path", "hide_emitters": True, "max_depth": depth}

@@ -132,17 +132,17 @@ def test_no_deposit_is_lost_where_pixels_are_private(spp, bins):
     assert transient[:, :, :, 0].sum() == pytest.approx(steady[:, :, 0].sum(), rel=1e-6)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (31, 33), (40, 30), (129, 8)])
-def test_no_deposit_is_lost_in_films_of_odd_sizes(size):
-    steady, transient = rendered(full_window(*size), spp=24, seed=6)
+@pytest.mark.parametrize(
+    ("variant", "size", "spp"),
+    [
+        *[("rgb", size, 24) for size in ((1, 1), (5, 3), (31, 33), (40, 30), (129, 8))],
+        *[("mono", (64, 64), spp) for spp in (1, 3, 4, 16)],
+    ],
+)
+def test_no_deposit_is_lost_in_odd_films_and_in_a_single_channel(variant, size, spp):
+    mi.set_variant(f"llvm_ad_{variant}")
+    steady, transient = rendered(full_window(*size), spp=spp, seed=6)
     assert largest(transient.sum(axis=2), steady) < 3e-6
-
-
-def test_no_deposit_is_lost_in_a_single_channel():
-    mi.set_variant("llvm_ad_mono")
-    for spp in (1, 3, 4, 16):
-        steady, transient = rendered(full_window(64, 64), spp=spp, seed=5)
-        assert largest(transient.sum(axis=2), steady) < 3e-6
 
 
 @pytest.mark.parametrize(

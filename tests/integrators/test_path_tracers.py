@@ -22,7 +22,6 @@ from helpers.support import (
     grey,
     largest,
     load,
-    over_seeds,
     path_image,
     plane,
     point_light,
@@ -357,27 +356,6 @@ def test_bins_hold_the_picture(tracer, name):
         parts.append(part.sum(axis=2))
     assert all(part.max() > 0 for part in parts)
     assert largest(sum(parts), whole) < 1e-5
-
-
-@pytest.mark.statistical
-def test_tracers_agree_in_time():
-    """The small box bin by bin, in the sum over its pixels."""
-    window = film(8, 8, bins=24, start=2.5, bin_width=0.2)
-    described = course("small_box")
-    described["sensor"] = described["sensor"] | {"film": window}
-
-    def bins(integrator, spp, seeds):
-        loaded = load(described | {"integrator": integrator | {"max_depth": 5}})
-        return over_seeds(lambda s: rendered(loaded, spp, s)[1].mean(axis=(0, 1, 3)), seeds)
-
-    reference = bins({"type": "transient_path"}, 256, range(100, 116))
-    found = {
-        tracer: bins(TRACERS[tracer], 1024 if tracer == "mats" else 256, range(16))
-        for tracer in ("mats", "nee", "one_sample")
-    }
-    assert all_equal(found, reference)
-    for tracer in found:
-        assert not agree(np.roll(found[tracer], 1, axis=1), reference)
 
 
 HEIGHT, POWER = 2.8, 260.0

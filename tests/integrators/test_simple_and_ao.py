@@ -218,8 +218,7 @@ def test_beside_an_infinite_wall(steepness):
 @pytest.mark.statistical
 @pytest.mark.parametrize("x", [(0.2, 0.1), (0.9, 0.1), (-0.5, -1.2)])
 def test_under_a_ball(x):
-    parts = {"floor": plane(size=100.0), "ball": ball()}
-    expected = 1 - occluded(np.array([*x, 0]))
+    parts, expected = {"floor": plane(size=100.0), "ball": ball()}, 1 - occluded(np.array([*x, 0]))
     found = at_point(parts, (*x, 0), count=1 << 17)
     assert agree(found, np.array(expected))
     assert not agree(found + 0.02, np.array(expected))
