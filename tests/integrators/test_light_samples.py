@@ -65,27 +65,65 @@ def environment() -> dict:
     return described
 
 
+def rough() -> dict:
+    metal = {"type": "twosided", "bsdf": {"type": "roughconductor", "alpha": 0.2}}
+    described = box()
+    described["back"] = described["back"] | {"bsdf": metal}
+    described["floor"] = described["floor"] | {"bsdf": metal}
+    return described
+
+
+SCENES = {
+    "area": box,
+    "sixteen lamps": sixteen_lamps,
+    "environment": environment,
+    "rough conductor": rough,
+    "glass": lambda: box(cornell_box_glass),
+}
+
+
 # ----------------------------------------------------------------------------- every scene
 
 
-SCENES = GALLERY | {"sixteen lamps": sixteen_lamps}
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", GALLERY)
+def test_every_scene_has_the_bins_of_one_point(name):
+    """Twenty groups of bins, all pixels together."""
+
+    def bins(points: int, seeds) -> np.ndarray:
+        loaded = load(with_integrator(GALLERY[name](), light_samples=points))
+        found = over_seeds(lambda seed: rendered(loaded, 16, seed)[1].sum(axis=(0, 1, 3)), seeds)
+        groups = np.linspace(0, found.shape[1], 20, endpoint=False, dtype=int)
+        return np.add.reduceat(found, groups, axis=1)
+
+    assert agree(bins(8, range(12)), bins(1, range(1000, 1012)), rounding=1e-4)
 
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
-def test_every_scene_has_the_bins_of_one_point(name):
-    """Twenty groups of bins, all pixels together, and all light."""
+def test_bins_and_energy_are_those_of_one_point(name):
+    """Whole pictures, bin by bin where there is light to speak of, and pixel by pixel."""
+    described = SCENES[name]()
 
-    def bins(points: int, seeds) -> np.ndarray:
-        loaded = load(with_integrator(SCENES[name](), light_samples=points))
-        found = over_seeds(lambda seed: rendered(loaded, 64, seed)[1].sum(axis=(0, 1, 3)), seeds)
-        groups = np.linspace(0, found.shape[1], 20, endpoint=False, dtype=int)
-        return np.column_stack([np.add.reduceat(found, groups, axis=1), found.sum(axis=1)])
+    def samples(n, seeds):
+        loaded = load(with_integrator(described, light_samples=n))
 
-    several, one = bins(8, range(12)), bins(1, range(1000, 1012))
-    assert agree(several, one, rounding=1e-4)
-    if name in ("cornell", "sixteen lamps"):
-        assert not agree(1.1 * several, one, rounding=1e-4)
+        def estimate(seed):
+            steady, transient = rendered(loaded, 256, seed)
+            return np.concatenate(
+                [transient.sum(axis=(0, 1, 3)), steady.mean(axis=2).ravel(), [steady.sum()]]
+            )
+
+        return over_seeds(estimate, seeds)
+
+    one = samples(1, range(100, 140))
+    bins = one.mean(axis=0)[:24]
+    lit = np.append(bins > 0.01 * bins.max(), np.ones(17, bool))
+    assert lit.sum() > 25
+    for n in (4, 8):
+        several = samples(n, range(1000 * n, 1000 * n + 40))
+        assert agree(several[:, lit], one[:, lit]), n
+        assert not agree(1.1 * several[:, lit], one[:, lit])
 
 
 # -------------------------------------------------------------------------- what auto takes
