@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from oracles.films import disk_light_masses, rectangle_light_masses
 from oracles.light_paths import View
 
 from helpers.support import (
     agree,
     area_light,
+    beam,
     camera,
     diffuse,
     film,
+    follow,
     grey,
     load,
     over_seeds,
@@ -24,6 +28,7 @@ from helpers.support import (
     scene,
     translate,
 )
+from tofrender.scenes import cornell_box
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
 ALBEDO = 0.5
@@ -92,6 +97,46 @@ def lamp(position, intensity: float = 1.0) -> dict:
 
 
 # ----------------------------------------------------------------------------------- estimates
+
+
+def disk_over_receiver(
+    eye=(2.5, 0.0, 1.5), lanes: int = 1024, parts: dict | None = None, **options: Any
+):
+    """A receiver at the origin under a disk, seen from above the disk's edge.
+
+    Returns:
+        What arrives with a seed, what is exact, and the edges of bins of the light's distance.
+    """
+    h, radius, radiance = 1.0, 1.5, 4.0
+    lit = floor() | facing_down("disk", h, radius, radiance) | (parts or {})
+    loaded = load(scene(lit, camera(eye, (0, 0, 0), film())))
+    edges = np.linspace(h, math.hypot(h, radius), 17)
+    segment = math.hypot(*eye)
+
+    def estimate(seed):
+        ray = beam(eye, (0, 0, 0), lanes)
+        return follow(loaded, ray, seed=seed, **options).histogram(edges + segment)
+
+    exact = ALBEDO / math.pi * disk_light_masses(edges, h, radius, radiance)
+    total = ALBEDO * radiance * radius**2 / (h**2 + radius**2)
+    np.testing.assert_allclose(exact.sum(), total)
+    return estimate, exact, edges
+
+
+def cornell_light_over_floor(lanes: int, **options: Any):
+    """The same for a point of the floor of the Cornell box that neither box shades."""
+    x, eye, h = (-0.5, -1.0, 0.7), (0.0, 0.0, 3.9), 1.99
+    loaded = load(cornell_box(width=4, height=4, max_depth=2))
+    ranges = (-0.23 - x[0], 0.23 - x[0]), (0.01 - 0.19 - x[2], 0.01 + 0.19 - x[2])
+    edges = np.linspace(1.95, 2.4, 19)
+    segment = np.linalg.norm(np.subtract(x, eye))
+
+    def estimate(seed):
+        return follow(loaded, beam(eye, x, lanes), seed=seed, **options).histogram(edges + segment)
+
+    masses = rectangle_light_masses(edges, h, *ranges, radiance=18.387)
+    assert 0 == masses[0] == masses[-1] < masses.sum()  # the bins hold all of it
+    return estimate, 0.885809 / math.pi * masses
 
 
 def arrivals(described: dict | mi.Scene, spp: int, seeds=SEEDS) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import pytest
 
 from tofrender.integrators.plan import Plan
 from tofrender.paths.camera import sample_camera
@@ -214,6 +215,16 @@ def require_equal(nodes: dict, others: dict, atol: float = 1e-6) -> None:
             else:
                 both = np.array(found, dtype=float), np.array(value, dtype=float)
                 np.testing.assert_allclose(*both, rtol=1e-5, atol=atol, err_msg=f"{name}.{key}")
+
+
+# ----------------------------------------------------------------------------------- bad input
+
+
+def refused(text: str, call: Callable, *args: Any, kind=(ValueError, TypeError), **options) -> None:
+    """The call raises an error of one line, in which the regular expression is found."""
+    with pytest.raises(kind, match=text) as error:
+        call(*args, **options)
+    assert "\n" not in str(error.value)
 
 
 # ---------------------------------------------------------------------------------- rendering

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
-from helpers.support import camera, film, load, scene, translate
+from helpers.support import camera, film, load, refused, scene, translate
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -49,13 +49,12 @@ def no_work(monkeypatch):
 # ---------------------------------------------------------------------------------- parameters
 
 BOTH = [
-    *[("max_depth", value) for value in (1, 0, -2, 2.5, "deep")],
-    *[("rr_depth", value) for value in (0, -1, 1.5)],
-    *[(name, 1) for name in ("camera_unwarp", "discard_direct_light")],
-    ("temporal_filter", "tent"),
-    *[("gaussian_stddev", value) for value in (0.0, -1.0, NAN)],
-    *[("pulse_width_opl", value) for value in (0.0, -0.1, NAN)],
+    *[("max_depth", value) for value in (1, 0, -2)],
+    ("rr_depth", 0),
+    ("camera_unwarp", 1),
+    ("pulse_width_opl", NAN),
 ]
+"""What is bad for other integrators, too, is in `test_plugins.py`."""
 OWN = [
     *[("max_depth", value) for value in (-1, 65, 1 << 20)],
     ("camera_connections", "no"),
@@ -83,7 +82,7 @@ def test_bad_parameter(plugin, name, value):
 def test_unknown_parameter(name, value):
     """The light tracer has one strategy for each length, and no weights."""
     with_value = described() | {"integrator": {"type": LIGHT_TRACER, name: value}}
-    assert name in refusal(lambda: tofrender.load_scene(with_value))
+    refused(name, tofrender.load_scene, with_value)
 
 
 @pytest.mark.parametrize(
@@ -92,11 +91,9 @@ def test_unknown_parameter(name, value):
         {"type": LIGHT_TRACER},
         {"type": LIGHT_TRACER, "max_depth": -1},
         {"type": LIGHT_TRACER, "max_depth": 1000, "rr_depth": 3, "hide_emitters": True},
-        {"type": BDPT},
         {"type": BDPT, "max_depth": 2},
         {"type": BDPT, "max_depth": 64, "mis": "balance", "camera_connections": False},
         {"type": BDPT, "strategy": "", "mis": "power"},
-        {"type": BDPT, "strategy": "1,2"},
         {"type": BDPT, "strategy": "0,2", "mis": "none"},
         {"type": BDPT, "strategy": "6,1", "mis": "power"},
         {"type": BDPT, "strategy": "0,7", "mis": "balance"},
@@ -106,54 +103,43 @@ def test_what_is_allowed(integrator):
     loaded = mi.load_dict(integrator, parallel=False)
     assert loaded.max_depth == integrator.get("max_depth", 6)
     assert loaded.rr_depth == integrator.get("rr_depth", 5)
-    for name in ("camera_unwarp", "discard_direct_light"):
-        assert getattr(loaded, name) is False
-    assert loaded.pulse is None
+    assert (loaded.camera_unwarp, loaded.discard_direct_light, loaded.pulse) == (False, False, None)
 
 
 @pytest.mark.parametrize("name", ["transient_bdtp", "transient_light_trace"])
 def test_a_name_that_is_nearly_right(name):
-    with pytest.raises(ValueError, match=rf"integrator = '{name}': did you mean") as error:
-        tofrender.render(described(), integrator=name, progress=False)
-    assert "\n" not in str(error.value)
+    text = rf"integrator = '{name}': did you mean"
+    refused(text, tofrender.render, described(), integrator=name, progress=False)
 
 
 def test_a_scenes_unlimited_depth_is_not_taken_over():
     """The scene's own integrator has no bound, and this one must have one."""
     endless = described() | {"integrator": {"type": "transient_path", "max_depth": -1}}
-    text = refusal(lambda: tofrender.render(endless, integrator=BDPT, spp=1, progress=False))
-    assert "max_depth = -1" in text
+    refused("max_depth = -1", tofrender.render, endless, integrator=BDPT, spp=1, progress=False)
 
 
 # -------------------------------------------------------------------------------------- scenes
 
 
-def meter(kind: str) -> dict:
-    """A sensor that nothing can be joined to."""
-    one = film(2 if kind == "batch" else 1, 1, bins=50)
-    if kind == "orthographic":
-        return camera((0, 0, 1.5), (0, 0, 0), one, kind=kind)
-    more = {
-        "radiancemeter": {"origin": [0, 0, 1.5], "direction": [0, 0, -1]},
-        "distant": {"direction": [0, 0, -1]},
-        "batch": {
-            "one": {"type": "perspective", "film": one},
-            "two": {"type": "perspective", "film": one},
-        },
-    }
-    return {"type": kind, "film": one, **more[kind]}
+TWO = {name: {"type": "perspective", "film": film(1, 1, bins=50)} for name in ("one", "two")}
+METERS = {
+    "orthographic": camera((0, 0, 1.5), (0, 0, 0), film(bins=50), kind="orthographic"),
+    "radiancemeter": {"origin": [0, 0, 1.5], "direction": [0, 0, -1], "film": film(bins=50)},
+    "distant": {"direction": [0, 0, -1], "film": film(bins=50)},
+    "batch": TWO | {"film": film(2, 1, bins=50)},
+}
+"""Sensors that nothing can be joined to."""
 
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT, "0,3"])
-@pytest.mark.parametrize("kind", ["orthographic", "radiancemeter", "distant", "batch"])
+@pytest.mark.parametrize("kind", METERS)
 def test_sensors_that_are_no_camera(kind, technique):
-    loaded = load(described(technique) | {"sensor": meter(kind)})
+    loaded = load(described(technique) | {"sensor": METERS[kind] | {"type": kind}})
     text = refusal(lambda: render(loaded))
-    assert "sensor" in text
-    assert "perspective" in text
+    assert {"sensor", "perspective"} <= set(re.findall(r"\w+", text))
     assert "thinlens" in text or kind == "batch"
-    refusal(lambda: tofrender.render(loaded, spp=1, progress=False))
+    refused("sensor", tofrender.render, loaded, spp=1, progress=False)
 
 
 @pytest.mark.usefixtures("no_work")
@@ -161,37 +147,27 @@ def test_sensors_that_are_no_camera(kind, technique):
 def test_a_meter_on_a_wall(technique):
     wall = floor()["floor"] | {"sensor": {"type": "irradiancemeter", "film": film(1, 1, bins=50)}}
     parts = {"type": "scene", "floor": wall, **lamp((0.3, 0, 2)), "integrator": by(technique)}
-    loaded = load(parts)
-    assert "sensor" in refusal(lambda: render(loaded))
+    refused("sensor", render, load(parts))
 
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT, "1,2"])
 def test_scenes_without_light(technique):
     dark = load(described(technique, floor()))
-    for act in (
-        lambda: render(dark),
-        lambda: tofrender.render(dark, spp=1, progress=False),
-        lambda: tofrender.render_at_time(dark, gated(technique), dark.sensors()[0], 3.0, spp=1),
-    ):
-        assert re.search("light|emitter", refusal(act))
-
-
-def gated(technique: str) -> Any:
-    return mi.load_dict(by(technique, pulse_width_opl=0.1), parallel=False)
+    gated, sensor = mi.load_dict(by(technique, pulse_width_opl=0.1)), dark.sensors()[0]
+    refused("light|emitter", render, dark)
+    refused("light|emitter", tofrender.render, dark, spp=1, progress=False)
+    refused("light|emitter", tofrender.render_at_time, dark, gated, sensor, 3.0, spp=1)
 
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("technique", TRACERS)
 def test_gates_need_a_pulse(technique):
-    loaded = load(described(technique))
-    bare = mi.load_dict(by(technique), parallel=False)
+    loaded, bare = load(described(technique)), mi.load_dict(by(technique), parallel=False)
     sensor = loaded.sensors()[0]
     config = {"temporal_bins": 4, "start_opl": 3.0, "bin_width_opl": 0.5}
-    assert "pulse" in refusal(lambda: tofrender.render_at_time(loaded, bare, sensor, 3.5, spp=1))
-    assert "pulse" in refusal(
-        lambda: tofrender.render_transient(loaded, bare, sensor, config, spp=1)
-    )
+    refused("pulse", tofrender.render_at_time, loaded, bare, sensor, 3.5, spp=1)
+    refused("pulse", tofrender.render_transient, loaded, bare, sensor, config, spp=1)
 
 
 @pytest.mark.usefixtures("no_work")
@@ -200,8 +176,7 @@ def test_scenes_of_another_variant(technique):
     loaded = load(described(technique))
     mi.set_variant("llvm_ad_mono")
     tracer = mi.load_dict(by(technique), parallel=False)
-    text = refusal(lambda: tracer.render(loaded, spp=1))
-    assert "belongs to the variant llvm_ad_rgb" in text
+    refused("belongs to the variant llvm_ad_rgb", tracer.render, loaded, spp=1)
 
 
 @pytest.mark.parametrize("technique", TRACERS)

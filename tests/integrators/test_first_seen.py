@@ -62,9 +62,8 @@ def ball(radius: float) -> dict:
 
 def glass_before(parts: dict) -> dict:
     glass = {"type": "sphere", "center": [0.07, 0.03, -1.2], "radius": 0.2}
-    return view(parts | {"glass": glass | {"bsdf": {"type": "dielectric"}}}) | {
-        "integrator": {"type": "transient_path", "max_depth": 4}
-    }
+    described = view(parts | {"glass": glass | {"bsdf": {"type": "dielectric"}}})
+    return with_integrator(described, max_depth=4)
 
 
 CROP = {"crop_width": 6, "crop_height": 5, "crop_offset_x": 6, "crop_offset_y": 4}
@@ -119,7 +118,6 @@ def seen(described: dict, seeds) -> np.ndarray:
     return over_seeds(estimate, seeds)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_light(name, monkeypatch):
@@ -137,7 +135,6 @@ def shifted(right: Callable) -> Callable:
     return lambda *arguments: right(*arguments) + 2
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mistake", ["pixels", "twice", "weight"])
 def test_mistakes_are_found(mistake, monkeypatch):
@@ -205,17 +202,14 @@ def test_many_rays_are_folded(monkeypatch):
         assert largest(a, b) < 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize("border", [False, True])
-@pytest.mark.parametrize("rfilter", ["gaussian", "tent"])
+@pytest.mark.parametrize(("rfilter", "border"), [("gaussian", True), ("tent", False)])
 def test_few_samples_and_wide_filters(rfilter, border):
     """A lamp of even radiance in a corner of the film, which no weights of others make brighter.
 
     False alarms: 1e-6 each.
     """
-    corner = {"lamp": plane(translate(-0.5, 0.5, -2), size=0.25)}
-    corner["lamp"]["emitter"] = area_light(2.0)
+    corner = {"lamp": plane(translate(-0.5, 0.5, -2), size=0.25, emitter=area_light(2.0))}
     more = {"rfilter": {"type": rfilter}, "sample_border": border}
     described = with_integrator(with_film(view(corner, 16), **more), temporal_filter="box")
     assert found_apart(described) is not None
@@ -231,39 +225,28 @@ def test_few_samples_and_wide_filters(rfilter, border):
     assert (error < 0.01).all()
 
 
-def test_resumed_renders_are_whole_ones():
-    described = SCENES["disk"]()
-    whole = tofrender.render(described, spp=64, progress=False)
-    first = tofrender.render(described, spp=16, progress=False)
-    resumed = tofrender.render(described, spp=64, resume=first, progress=False)
-    np.testing.assert_allclose(resumed.transient, whole.transient, rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(resumed.steady, whole.steady, rtol=1e-4, atol=1e-6)
-
-
 def beside_the_camera() -> dict:
     tall = plane(translate(0, 0.5, 0) @ rotate((1, 0, 0), 90), size=3, emitter=area_light(1.0))
     return view({"lamp": tall})
 
 
-@pytest.mark.parametrize(
-    "described",
-    [
-        lambda: view({"lamp": lamp(5.0)}),
-        lambda: with_integrator(view({"lamp": lamp()}), hide_emitters=True),
-        lambda: with_integrator(view({"lamp": lamp()}), discard_direct_light=True),
-        lambda: view({"sky": SKY}),
-        lambda: view({"lamp": lamp(z=3.0)} | {"sky": SKY}),
-        beside_the_camera,
-        lambda: with_integrator(view({"lamp": lamp()}), type="transient_bdpt"),
-        lambda: view({"lamp": lamp()}, type="orthographic"),
-    ],
-    ids=["fills", "hidden", "discarded", "sky", "behind", "beside", "both ends", "orthographic"],
-)
-def test_paths_find_what_is_not_apart(described):
-    description = described()
-    if description["sensor"]["type"] == "orthographic":
-        del description["sensor"]["fov"]
-    assert found_apart(description) is None
+LAMP = {"lamp": lamp()}
+NOT_APART = {
+    "fills": view({"lamp": lamp(5.0)}),
+    "hidden": with_integrator(view(LAMP), hide_emitters=True),
+    "discarded": with_integrator(view(LAMP), discard_direct_light=True),
+    "sky": view({"sky": SKY}),
+    "behind": view({"lamp": lamp(z=3.0), "sky": SKY}),
+    "beside": beside_the_camera(),
+    "both ends": with_integrator(view(LAMP), type="transient_bdpt"),
+    "orthographic": view(LAMP, type="orthographic"),
+}
+del NOT_APART["orthographic"]["sensor"]["fov"]
+
+
+@pytest.mark.parametrize("name", NOT_APART)
+def test_paths_find_what_is_not_apart(name):
+    assert found_apart(NOT_APART[name]) is None
 
 
 def test_steady_pictures_are_left_as_they_are(monkeypatch):

@@ -16,8 +16,6 @@ import tofrender
 from tofrender.runtime import plugins
 from tofrender.scenes import cornell_box_glass
 
-NAMES = ("transient_path", "transient_hdr_film")
-
 
 @pytest.fixture
 def theirs(monkeypatch):
@@ -72,18 +70,12 @@ def test_their_integrator_on_our_film(theirs):
 
 
 @pytest.mark.usefixtures("mitsubas_steps")
-def test_our_integrator_on_their_film(theirs):
-    on_ours = picture(tofrender, tofrender)
-    on_theirs = picture(tofrender, theirs)
+@pytest.mark.parametrize("more", [{}, {"pulse_width_opl": 0.1}], ids=["", "pulse"])
+def test_our_integrator_on_their_film(theirs, more):
+    on_ours = picture(tofrender, tofrender, **more)
+    on_theirs = picture(tofrender, theirs, **more)
     assert on_ours[1].max() > 0
     assert largest(on_theirs[0], on_ours[0]) < 1e-3
-    assert largest(on_theirs[1], on_ours[1]) < 1e-5
-
-
-@pytest.mark.usefixtures("mitsubas_steps")
-def test_our_pulse_on_their_film(theirs):
-    on_ours = picture(tofrender, tofrender, pulse_width_opl=0.1)
-    on_theirs = picture(tofrender, theirs, pulse_width_opl=0.1)
     assert largest(on_theirs[1], on_ours[1]) < 1e-5
 
 
@@ -131,15 +123,8 @@ print(type(film).__module__.split(".")[0], type(path).__module__.split(".")[0],
 
 def owner(imports: str, variants=()) -> list[str]:
     program = PROGRAM.format(imports=imports, variants=list(variants))
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        cwd=root,
-        check=False,
-    )
+    options = {"capture_output": True, "text": True, "timeout": 120, "check": False}
+    done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parents[2], **options)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
 
@@ -147,17 +132,9 @@ def owner(imports: str, variants=()) -> list[str]:
 OURS = ["tofrender.integrators.transient_path", "tofrender.films.transient"]
 
 
-@pytest.mark.slow
-def test_names_belong_to_the_package_imported_last():
-    assert owner("import tofrender, mitransient") == ["mitransient"] * 2 + OURS
+@pytest.mark.parametrize("variants", [(), ("llvm_ad_mono", "llvm_ad_rgb")], ids=["", "switched"])
+def test_names_belong_to_the_package_imported_last(variants):
+    """Also through a switch of variants, there and back."""
+    assert owner("import tofrender, mitransient", variants) == ["mitransient"] * 2 + OURS
     ours_last = "mi.set_variant('llvm_ad_rgb')\nimport mitransient, tofrender"
-    assert owner(ours_last) == ["tofrender"] * 2 + OURS
-
-
-@pytest.mark.slow
-def test_names_stay_through_a_switch_of_variants():
-    there_and_back = ["llvm_ad_mono", "llvm_ad_rgb"]
-    theirs_last = "import tofrender, mitransient"
-    assert owner(theirs_last, there_and_back) == ["mitransient"] * 2 + OURS
-    ours_last = "mi.set_variant('llvm_ad_rgb')\nimport mitransient, tofrender"
-    assert owner(ours_last, there_and_back) == ["tofrender"] * 2 + OURS
+    assert owner(ours_last, variants) == ["tofrender"] * 2 + OURS

@@ -19,6 +19,7 @@ from helpers.support import (
     load,
     plane,
     point_light,
+    refused,
     rendered,
     scene,
     translate,
@@ -85,21 +86,6 @@ def test_simple_is_its_formula(colour):
     assert error.max() < 2e-5 * found.max()
 
 
-def test_simple_in_the_picture():
-    """Every pixel is the formula's mean over its area."""
-    described = with_plugin(FLOOR_AND_BALL, looking(film(12, 12), fov=40), SIMPLE)
-    loaded = load(steady(described))
-    found = np.array(mi.render(loaded, spp=1024), float)[..., 0]
-    n = 12 * 16
-    index = dr.arange(mi.UInt32, n * n)
-    at = (mi.Point2f(index % n, index // n) + 0.5) / n
-    ray, _ = loaded.sensors()[0].sample_ray(0, 0.5, at, mi.Point2f(0.5))
-    expected = ENERGY * formula(np.array(ray.d, float).T)[0]
-    expected = expected.reshape(12, 16, 12, 16).mean(axis=(1, 3))
-    assert np.abs(found - expected).max() < 0.03 * expected.max()
-    assert found.mean() == pytest.approx(expected.mean(), rel=2e-3)
-
-
 @pytest.mark.parametrize("unwarp", [False, True])
 def test_simple_arrives_at_camera_to_surface_to_light(unwarp):
     """Pixels of a camera that is nearly a ray; one on the ball, one in its shadow."""
@@ -132,9 +118,8 @@ def test_simple_uses_the_shading_normal():
     found = values(loaded, SIMPLE, (0.1, 0.2, 2.0), (0, 0, -1))[0, 0]
     to_light = POSITION - [0.1, 0.2, 0]
     cosine = unit(to_light) @ [0, 0.5, math.sqrt(0.75)]
-    assert found == pytest.approx(
-        ENERGY * cosine / (4 * math.pi**2 * to_light @ to_light), rel=1e-5
-    )
+    expected = ENERGY * cosine / (4 * math.pi**2 * to_light @ to_light)
+    assert found == pytest.approx(expected, rel=1e-5)
 
 
 def test_simple_lights_the_side_that_is_seen():
@@ -175,28 +160,9 @@ def test_lights_and_materials_of_the_scene_make_no_difference(plugin, name):
     assert (values(load(scene(odd | LIT, looking(film()))), plugin, EYE, (0.3, 0.2, 1)) == 0).all()
 
 
-def test_simple_is_path_with_a_white_world():
-    """A point light of intensity Phi / (4 pi) over surfaces of albedo 1, also on the bust."""
-    size = {"width": 24, "height": 32}
-    described = BUILT_IN["bust_simple"](**size)
-    light = described["integrator"]
-    white = described | {
-        "integrator": {"type": "path", "max_depth": 2},
-        "white": diffuse(1.0),
-        "bust": bust_mesh(bsdf=diffuse(1.0)),
-        "lamp": point_light(light["position"], light["energy"] / (4 * math.pi)),
-    }
-    pictures = [
-        np.array(mi.render(tofrender.load_scene(each), spp=64, seed=3), float)
-        for each in (described, white)
-    ]
-    assert largest(*pictures) < 1e-4
-
-
 VARIANTS = [n for n in mi.variants() if n.startswith("llvm") and "polarized" not in n]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant(variant):
     mi.set_variant(variant)
@@ -223,19 +189,16 @@ def at_point(parts: dict, x, seed: int = 0, eye=(0.0, 0.0, 1e-2), count: int = 1
     return found[:, 0].reshape(32, -1).mean(axis=1)
 
 
-@pytest.mark.parametrize("eye", [(0.0, 0.0, 0.5), (0.3, -0.4, 0.2), (0.3, 0.1, -0.5)])
-def test_open_plane_is_one(eye):
-    assert (at_point({"floor": plane()}, (0.7, 0.2, 0), eye=eye, count=4096) == 1).all()
-
-
-@pytest.mark.parametrize("flip", [False, True])
-def test_closed_box_is_zero(flip):
-    box = {"type": "cube", "flip_normals": flip}
-    assert (at_point({"box": box}, (0.3, 0.2, -1.0), count=4096) == 0).all()
+def test_open_plane_is_one_and_a_closed_box_zero():
+    for eye in ((0.0, 0.0, 0.5), (0.3, -0.4, 0.2), (0.3, 0.1, -0.5)):
+        assert (at_point({"floor": plane()}, (0.7, 0.2, 0), eye=eye, count=4096) == 1).all()
+    for flip in (False, True):
+        box = {"type": "cube", "flip_normals": flip}
+        assert (at_point({"box": box}, (0.3, 0.2, -1.0), count=4096) == 0).all()
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("steepness", [0.25, 1.0, 4.0])
+@pytest.mark.parametrize("steepness", [0.25, 4.0])
 def test_beside_an_infinite_wall(steepness):
     """AO = (1 + cos b) / 2 with b = atan(H / d).
 
@@ -255,8 +218,7 @@ def test_beside_an_infinite_wall(steepness):
 @pytest.mark.statistical
 @pytest.mark.parametrize("x", [(0.2, 0.1), (0.9, 0.1), (-0.5, -1.2)])
 def test_under_a_ball(x):
-    parts = {"floor": plane(size=100.0), "ball": ball()}
-    expected = 1 - occluded(np.array([*x, 0]))
+    parts, expected = {"floor": plane(size=100.0), "ball": ball()}, 1 - occluded(np.array([*x, 0]))
     found = at_point(parts, (*x, 0), count=1 << 17)
     assert agree(found, np.array(expected))
     assert not agree(found + 0.02, np.array(expected))
@@ -337,14 +299,15 @@ def test_hidden_emitters_still_cast_shadows(plugin):
 
 @pytest.mark.parametrize("name", ["bust_simple", "bust_ao"])
 def test_busts_render_without_an_emitter(name):
+    """A window makes them transient."""
     loaded = tofrender.load_scene(name, width=12, height=16, spp=4)
     assert loaded.emitters() == []
     picture = np.array(mi.render(loaded), float)
     assert np.isfinite(picture).all()
     assert picture.mean() > 0.05
-    described = BUILT_IN[name](width=12, height=16, spp=4)
-    sensor = described["sensor"] | {"film": film(12, 16, bins=64, bin_width=4.0)}
-    dataset = tofrender.render(described | {"sensor": sensor}, progress=False)
+    window = {"temporal_bins": 64, "start_opl": 0.0, "bin_width_opl": 4.0}
+    loaded = tofrender.load_scene(name, width=12, height=16, spp=4, **window)
+    dataset = tofrender.render(loaded, progress=False)
     assert dataset.sizes["opl"] == 64
     assert dataset["steady"].values.mean() == pytest.approx(picture.mean(), rel=0.1)
     assert dataset["transient"].values.sum() == pytest.approx(dataset["steady"].values.sum())
@@ -353,18 +316,11 @@ def test_busts_render_without_an_emitter(name):
 @pytest.mark.parametrize(
     ("plugin", "text"),
     [
-        ({"type": "simple"}, "position: is missing; must be given"),
         ({"type": "simple", "energy": 1.0}, "position: is missing; must be given"),
         ({"type": "simple", "position": [0, 0, 1]}, "energy: is missing; must be given"),
-        (
-            SIMPLE | {"position": [0, 0, math.nan]},
-            "position = .*nan.*: must be a point of three fin",
-        ),
-        (SIMPLE | {"position": 3.0}, "position = 3.0: must be a point"),
+        (SIMPLE | {"position": [0, 0, math.nan]}, "position = .*nan.*: must be a point of three"),
         (SIMPLE | {"energy": -1.0}, "energy = -1.0: must be a number or an RGB colour, 0 or more"),
-        (SIMPLE | {"energy": math.nan}, "energy = nan: must be"),
         (SIMPLE | {"energy": math.inf}, "energy = inf: must be"),
-        (SIMPLE | {"energy": "x"}, "energy = 'x': must be"),
         (SIMPLE | {"energy": {"type": "rgb", "value": [1, -2, 3]}}, "energy = .*-2.*: must be"),
         (SIMPLE | {"max_bounces": 1}, "max_bounces = 1: must be left out"),
         (AO | {"max_bounces": 1}, "max_bounces = 1: must be left out"),
@@ -375,14 +331,4 @@ def test_busts_render_without_an_emitter(name):
 )
 def test_bad_input_is_one_line(plugin, text):
     described = BUILT_IN["bust_ao"](width=4, height=4) | {"integrator": plugin}
-    with pytest.raises(ValueError, match=text) as error:
-        tofrender.load_scene(described)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("name", ["bust_simple", "bust_ao"])
-def test_a_window_makes_them_transient(name):
-    window = {"temporal_bins": 20, "start_opl": 0.0, "bin_width_opl": 50.0}
-    loaded = tofrender.load_scene(name, width=4, height=4, **window)
-    dataset = tofrender.render(loaded, spp=4, progress=False)
-    assert float(dataset.transient.sum()) == pytest.approx(float(dataset.steady.sum()), rel=1e-3)
+    refused(text, tofrender.load_scene, described)

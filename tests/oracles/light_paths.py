@@ -39,17 +39,9 @@ class Light:
         value, opl = np.broadcast_arrays(value, opl)
         return cls(value.ravel(), opl.ravel())
 
-    def __mul__(self, factor: float) -> Light:
-        return Light(self.value * factor, self.opl)
-
     @property
     def total(self) -> float:
         return float(self.value.sum())
-
-    @property
-    def length(self) -> float:
-        """Mean path length [m]."""
-        return float(self.value @ self.opl) / self.total
 
     def masses(self, edges) -> np.ndarray:
         return np.histogram(self.opl, edges, weights=self.value)[0]
