@@ -33,7 +33,6 @@ def find(target=None, params=None, **options):
 # ------------------------------------------------------------------------------- what it finds
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "frequency_hz"), [("l2", None), ("wasserstein", None), ("phasor", [5e7, 1e8])]
 )
@@ -49,7 +48,6 @@ def test_finds_a_lamp(loss, frequency_hz):
     assert np.array_equal(written, found.values[POSITION])
 
 
-@pytest.mark.slow
 def test_finds_what_other_values_follow_from():
     """A height alone: the lamp moves on a vertical line."""
 
@@ -64,7 +62,6 @@ def test_finds_what_other_values_follow_from():
     assert abs(found.values["power"] - 2) < 1e-2
 
 
-@pytest.mark.slow
 def test_albedo_and_power_from_a_picture_of_mitsubas():
     """By `prb`, in a picture without time: half of it is a wall of known albedo."""
     white = mi.ScalarTransform4f().translate([1, 0, 0])
@@ -95,7 +92,6 @@ def diffuse(albedo: float) -> dict:
     return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [albedo] * 3}}
 
 
-@pytest.mark.slow
 def test_parameters_of_mitsubas_do():
     made = scene(START, 2.0)
     params = mi.traverse(made)
@@ -105,7 +101,6 @@ def test_parameters_of_mitsubas_do():
     assert np.abs(found.values[POSITION] - TRUE).max() < 0.01
 
 
-@pytest.mark.slow
 def test_takes_a_dataset():
     target = np.array(measured()[1])
     dataset = along_opl(target, 0.5)
@@ -123,7 +118,6 @@ def along_opl(target: np.ndarray, start: float):
     return labelled(dataset.drop_vars("time").assign_coords(opl=opl))
 
 
-@pytest.mark.slow
 def test_own_losses_and_optimisers():
     def loss(rendered, target):
         return dr.sum(dr.abs(rendered - target), axis=None)
@@ -148,7 +142,6 @@ def test_seeds():
     assert len(set(np.round(one, 6))) == 4
 
 
-@pytest.mark.slow
 def test_ends_where_the_loss_no_longer_falls():
     """Each rate is half of the one before it, down to the tolerance."""
     noisy = {"scene": scene(TRUE, 2.0, noise=0.05), "params": {POSITION: TRUE}}
@@ -199,7 +192,6 @@ def test_callback_sees_each_step_and_may_end_it():
     assert found.why == "the callback ended it"
 
 
-@pytest.mark.slow
 def test_values_stay_within_bounds():
     found = find(bounds={POSITION: (None, 1.3), INTENSITY: (2.5, None)}, steps=40)
     assert found.history[POSITION].max() == np.float32(1.3)

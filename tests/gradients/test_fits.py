@@ -199,13 +199,11 @@ def along(problem: Problem, loss: Callable[[Any, Any], Any], points: int = 9) ->
     return np.array(found)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_arrival_times_fall_on_the_way(name):
     assert np.all(np.diff(along(PROBLEMS[name], tofrender.wasserstein_loss)) < 0)
 
 
-@pytest.mark.slow
 def test_bins_and_phasors_of_a_far_wall_do_not():
     """A difference of bins rises at first, phasors of too high a frequency as well."""
     axis = {"start_opl": 1.5, "bin_width_opl": 0.05}
@@ -216,7 +214,6 @@ def test_bins_and_phasors_of_a_far_wall_do_not():
         assert np.all(falls[-2:] < 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_is_found(name):
     problem = PROBLEMS[name]
@@ -230,7 +227,6 @@ def test_the_patch_starts_ten_centimetres_off():
     assert 0.0995 < problem.off(problem.start)["place"] < 0.1005
 
 
-@pytest.mark.slow
 def test_a_far_wall_goes_away_and_turns_black_by_bins():
     """The nearest that L2 finds to light in wrong bins is no light."""
     found = PROBLEMS["wall"].fit(loss="l2", steps=80)

@@ -218,7 +218,6 @@ def forward(case: Case) -> tuple[float, float]:
     return value, light_of(dr.grad(transient))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_forward_and_reverse_are_the_closed_form(name):
     case = CASES[name]
@@ -230,7 +229,6 @@ def test_forward_and_reverse_are_the_closed_form(name):
     assert dr.grad(theta)[0] == pytest.approx(found, rel=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["blend of mirrors", "pane", "mask of a mirror"])
 def test_choices_whose_chance_counts_once_too_little_or_too_much(name, monkeypatch):
     case, right = CASES[name], Choices.change

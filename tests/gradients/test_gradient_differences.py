@@ -176,7 +176,6 @@ SETTINGS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SETTINGS)
 def test_scenes_hold_their_parameter_and_its_light(name):
     """The key is there, and what it changes is in the window."""
@@ -189,7 +188,6 @@ def test_scenes_hold_their_parameter_and_its_light(name):
     assert max(left[:, :, :2].max(), left[:, :, -2:].max()) < 1e-2 * left.max()
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SETTINGS)
 def test_derivative_agrees_with_differences(name):

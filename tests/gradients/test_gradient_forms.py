@@ -54,7 +54,6 @@ def central(function, x: float, step: float) -> np.ndarray:
     return (8 * near - far) / (12 * step)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_are_those_of_differences(name):
     """All that is seen in every case, one by one, in double precision."""
@@ -68,7 +67,6 @@ def test_derivatives_are_those_of_differences(name):
     assert np.abs(found).max() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if has_moments(case)])
 def test_moments_are_those_of_the_bins(name):
     """Windows hold all light but a corridor's tail, and bins as wide as the pulse move no mean."""
@@ -115,7 +113,6 @@ def test_g2_inside(radius):
         assert change == pytest.approx([-2 * bounce[0] / radius, -bounce[1] / radius])
 
 
-@pytest.mark.slow
 def test_g2_bins_are_those_of_chords():
     """Against the convolution of chords, both in bins that are wide beside the pulse."""
     edges = Bins(0.5, 0.5, 26, 1e-4)

@@ -88,7 +88,6 @@ def other_integrator(kind: str) -> Callable[[dict], dict]:
     return change
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", OTHERS)
 def test_integrators_without_derivatives(kind):
     case = with_described(PLANE, other_integrator(kind))

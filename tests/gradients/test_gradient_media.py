@@ -93,7 +93,6 @@ def moment(transient) -> float:
     return float(np.array(transient, dtype=np.float64).mean(axis=(0, 1, 3)) @ CENTRES)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("medium", [fog, smoke])
 @pytest.mark.parametrize("coefficient", ["sigma_t", "albedo"])
 def test_reverse_is_forward_in_media(medium, coefficient):
@@ -103,7 +102,6 @@ def test_reverse_is_forward_in_media(medium, coefficient):
     assert varied.reverse(1 << 12, seed=3) == pytest.approx(found, rel=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("medium", [fog, smoke])
 @pytest.mark.parametrize(("coefficient", "within"), [("sigma_t", 0.1), ("albedo", 0.02)])

@@ -200,7 +200,6 @@ def deviation(mistake: Mistake) -> tuple[np.ndarray, float]:
     return found / expected - 1, backward / expected - 1
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", MISTAKES)
 def test_planted_mistakes_are_found(name, monkeypatch):
@@ -216,7 +215,6 @@ def test_planted_mistakes_are_found(name, monkeypatch):
     assert not_a_number or max(surely, abs(off_backward)) > 2 * HALF_PERCENT, (off, off_backward)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["area Jacobian of a lamp left out", "derivative of masked lanes"])
 def test_right_code_is_right_where_the_table_does_not_look(name):

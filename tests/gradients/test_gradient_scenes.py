@@ -19,7 +19,6 @@ NOISY = {"index": 0.2}
 """Rows whose differences are noisy, since light takes the other way at an interface: how much."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_weights_of_tensors_are_those_of_what_is_seen(name):
     """A loss by entries of the tensor is the weighted sum of its mean over pixels and colours."""
@@ -33,7 +32,6 @@ def test_weights_of_tensors_are_those_of_what_is_seen(name):
         assert loss == pytest.approx(weights @ seen, abs=1e-5 * scale), what
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_renders_are_what_the_forms_say(name):
     case = CASES[name]

@@ -54,7 +54,6 @@ def require_close(samples: np.ndarray, expected: float, what: str = "") -> None:
     assert off <= STANDARD_ERRORS * error + ROUNDING * abs(expected), (what, off, error)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", CASES)
 def test_derivative_is_the_closed_form(name):
@@ -67,7 +66,6 @@ def test_derivative_is_the_closed_form(name):
         assert agree(samples + whole, expected + whole, rounding=OF_BINS)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_reverse_is_forward(name):
     """The same seed gives the same paths: all moments, and a sum of bins with random weights."""
@@ -81,7 +79,6 @@ def test_reverse_is_forward(name):
         ), what
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["detached", "attached"])
 @pytest.mark.parametrize("case", [PLANE_2, LIGHT, CORRIDOR], ids=lambda case: case.row)
 def test_both_kinds_of_sampling(case, sampling):
@@ -94,7 +91,6 @@ def test_both_kinds_of_sampling(case, sampling):
     assert found == pytest.approx(float(samples[3] @ weights), rel=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.row != "index"])
 def test_derivative_is_that_of_differences(name):
     """The pass for derivatives has a seed of its own, with which differences have its paths.
@@ -109,7 +105,6 @@ def test_derivative_is_that_of_differences(name):
         assert weights @ found == pytest.approx(weights @ expected, abs=1e-2 * scale), what
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", [RADIUS_2, LIGHT_2], ids=lambda case: case.scene)
 def test_lamps_that_paths_run_into(case):
     """Without connections: a lamp that moves or grows takes the hit points of paths with it.
@@ -125,7 +120,6 @@ def test_lamps_that_paths_run_into(case):
 # ------------------------------------------------------------------------------- many samples
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", [PLANE, RADIUS, DEPTH, GATED_PLANE, MIRROR], ids=lambda c: c.name)
 def test_steps_add_up(case, monkeypatch):
     """A render of many steps has the derivative of one of a single step, in both modes."""
@@ -140,7 +134,6 @@ def test_steps_add_up(case, monkeypatch):
         assert reverse(case, weights, seed=3) == pytest.approx(float(weights @ found), rel=1e-4)
 
 
-@pytest.mark.slow
 def test_more_samples_than_a_pass_takes():
     """Sums in single precision take 2^16 samples of a pixel at most."""
     expected = PLANE.expected()[1]
@@ -150,7 +143,6 @@ def test_more_samples_than_a_pass_takes():
         assert reverse(PLANE, weights, spp=1 << 17) == pytest.approx(value, rel=1e-3), what
 
 
-@pytest.mark.slow
 def test_hidden_lamps_that_move():
     """Camera rays go on behind them, which is no derivative of theirs; light still comes."""
     found = forward(LIGHT_2, seed=3, hide_emitters=True)
@@ -160,7 +152,6 @@ def test_hidden_lamps_that_move():
     assert back == pytest.approx(found @ weights, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_many_samples_are_not_lost():
     """Single precision would lose small addends beside a large sum: 6e-4 of a million."""
     few, many = (forward(PLANE, seed=3, spp=spp).sum() for spp in (1 << 14, 1 << 20))
@@ -249,7 +240,6 @@ def test_two_parameters_at_once():
     assert dr.grad(albedo)[0] == pytest.approx(weights @ value / 0.5, rel=HALF_PERCENT)
 
 
-@pytest.mark.slow
 def test_pixels_keep_their_own_derivatives():
     """A film of 4 x 4: forward of each pixel's bins, and reverse of one pixel alone."""
     case = replace(PLANE, spp=1 << 8)

@@ -25,7 +25,6 @@ def colours(tensor) -> np.ndarray:
     return values[..., :count].mean(axis=-1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_plane_in_all_variants(variant):
     mi.set_variant(variant)
@@ -39,7 +38,6 @@ def test_plane_in_all_variants(variant):
         assert weights @ found == pytest.approx(value, rel=tolerance), what
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_reverse_is_forward_in_all_variants(variant):
     mi.set_variant(variant)
@@ -55,7 +53,6 @@ def test_reverse_is_forward_in_all_variants(variant):
         assert dr.grad(theta)[0] == pytest.approx(weights @ gradient, abs=1e-4 * scale), case.name
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_mono_polarized"])
 def test_an_albedo_without_colours(variant):
     """In grey variants a reflectance is a single number."""
@@ -73,7 +70,6 @@ def test_an_albedo_without_colours(variant):
         assert weights @ found == pytest.approx(weights @ expected, rel=2e-2), what
 
 
-@pytest.mark.slow
 def test_colours_have_their_own_derivatives():
     """The red of an albedo changes the red of the bins alone."""
     loaded = PLANE.load()

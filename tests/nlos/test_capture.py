@@ -67,7 +67,6 @@ def looked_at(loaded: mi.Scene, width: int, height: int, offset: float = 0.5) ->
 # ------------------------------------------------------------------------------------- pixels
 
 
-@pytest.mark.slow
 def test_every_resolution_hits_its_pixels():
     """From 1 to 128 on both axes, on two walls, wherever in the pixel the sample is."""
     for size in range(1, 129):
@@ -229,7 +228,6 @@ def sums(data) -> np.ndarray:
     return data["transient"].sum("opl").values[..., 0].astype(float)
 
 
-@pytest.mark.slow
 def test_exhaustive_capture_is_the_formula():
     """Each laser point with each sensor point; what is on its diagonal is the confocal capture."""
     expected = np.array(
@@ -243,7 +241,6 @@ def test_exhaustive_capture_is_the_formula():
     assert sums(quiet("confocal", 4096)) == pytest.approx(diagonal, rel=0.02)
 
 
-@pytest.mark.slow
 def test_single_capture_is_one_laser_point_of_the_exhaustive():
     loaded = load_nlos(nlos())
     focus_laser(loaded, pixel=(2, 0))
@@ -252,7 +249,6 @@ def test_single_capture_is_one_laser_point_of_the_exhaustive():
     assert found == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_both_integrators_make_the_same_confocal_capture():
     """Watts here, irradiance there: in each bin, legs included."""
@@ -281,7 +277,6 @@ def test_power_of_a_projector():
     assert agree(over_seeds(estimates(loaded, 1024), range(16)), np.array(expected), rounding=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_a_capture_tells_the_light_that_its_window_loses(mode):
     """Form f1, beyond the window's end; the lit point is before its start and does not count."""
@@ -308,7 +303,6 @@ def test_a_capture_tells_the_light_that_its_window_loses(mode):
 # ------------------------------------------------------------------------------------ contract
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_dataset(mode):
     data = quiet(mode, 16)

@@ -65,7 +65,6 @@ def test_only_the_lasers_leg_counts(mode):
     assert arrival(bare) == pytest.approx(expected, abs=0.01)
 
 
-@pytest.mark.slow
 def test_reconstruction_of_an_unwarped_capture():
     """A plate at 1 m is found there, not at .57 m."""
     plate = Rectangle((0.0, 0.0, DEPTH), (-0.3, 0, 0), (0, 0.3, 0))
@@ -164,7 +163,6 @@ def test_an_interrupted_capture_leaves_the_laser_as_it_was(monkeypatch):
     np.testing.assert_array_equal(looks(loaded), before)
 
 
-@pytest.mark.slow
 def test_other_captures_leave_the_laser_as_it_was():
     for mode in ("single", "confocal"):
         loaded = around(film(2, 2, bins=4, bin_width=1.0))

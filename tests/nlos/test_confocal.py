@@ -66,7 +66,6 @@ def facing(patch: Rectangle) -> Rectangle:
     return patch if np.dot(patch.normal, patch.centre) < 0 else patch.flipped()
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", PATCHES)
 def test_confocal_patch(name):
@@ -75,7 +74,6 @@ def test_confocal_patch(name):
     assert agree(found(confocal(setup, {"hidden": patch.shape()}, small_film())), expected)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", PATCHES)
 def test_single_patch(name):
@@ -95,7 +93,6 @@ def test_small_patch_is_f1():
     assert steady[0, 0, 0] == pytest.approx(f1, rel=0.03)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("legs", [True, False])
 @pytest.mark.parametrize("mode", ["confocal", "single"])
@@ -171,7 +168,6 @@ def test_perspective_camera():
 # ------------------------------------------------------------------------- f2, spheres, grooves
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("half_width", [12, 200])
 def test_infinite_plane(half_width):
@@ -237,7 +233,6 @@ def test_light_between_the_faces_of_a_groove():
     assert agree(samples, expected)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["patch", "sphere"])
 def test_four_bounces_need_two_hidden_surfaces(name):
     """A flat wall and a convex object do not light themselves."""
@@ -271,7 +266,6 @@ def test_what_something_hides_does_not_count(mode):
     assert agree(both, alone)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_two_sided_is_one_sided_turned(mode):

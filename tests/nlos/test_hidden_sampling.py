@@ -64,7 +64,6 @@ def test_panel_faces_the_scene():
     assert PANEL.normal == pytest.approx([-1, 0, 0])
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", OPTIONS)
 def test_hidden_geometry_that_touches_the_wall(name):
@@ -82,7 +81,6 @@ def test_confocal_sampling_is_optional(sampling):
     assert agree(found(described, 512), expected, rounding=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_box_in_a_corner_of_the_wall():
     """Five faces, one of them on the wall: with and without area sampling."""
@@ -145,7 +143,6 @@ def mesh(plate: Rectangle, normal) -> mi.Mesh:
     return made
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("as_file", [False, True])
 def test_mesh_with_other_normals(as_file, tmp_path):
@@ -186,7 +183,6 @@ def limited(description: dict, depth: int, **options) -> dict:
     return description | {"integrator": integrator}
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_bounces_are_a_partition(mode):
@@ -204,7 +200,6 @@ def test_bounces_are_a_partition(mode):
     assert not agree(sum(each[:-1]), whole)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
@@ -225,7 +220,6 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
     assert agree(only + alone, every)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_bounces_without_hidden_surfaces(mode):
     """Alone, walls at right angles have paths of two bounces if the laser lights the other one."""
@@ -288,7 +282,6 @@ def by_mitsuba(depth: int, spp: int) -> np.ndarray:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_emitter_itself(name):
@@ -308,7 +301,6 @@ BOARD = {"type": "diffuse", "reflectance": {"type": "checkerboard"}}
 MIRRORS = {"type": "retroreflector", "reflectance": 0.5, "lobe_exponent": 20.0}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "bsdf", "plain"),
     [

@@ -14,7 +14,7 @@ from helpers.support import agree, diffuse, film, load, over_seeds, plane, rotat
 import tofrender
 from tofrender.nlos.light.laser_in_media import LaserInMedia
 
-pytestmark = [pytest.mark.statistical, pytest.mark.slow]
+pytestmark = pytest.mark.statistical
 SEEDS, OTHER_SEEDS = range(12), range(1000, 1012)
 DEVICE, SPOT = (0.0, -1.2, 1.4), (-0.5, -0.5, 0.0)
 BINS, START, WIDTH = 40, 2.5, 0.15

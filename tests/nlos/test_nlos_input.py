@@ -60,7 +60,6 @@ def refusal(described: dict) -> str:
     return str(error.value)
 
 
-@pytest.mark.slow
 def test_the_scenes_are_right_otherwise():
     for described in (scan(), shot(), by_camera(scan()), by_camera(shot())):
         steady, _ = rendered(load_nlos(described), spp=256)
@@ -92,7 +91,6 @@ def test_capture_type(value):
     assert "capture_type" in refusal(shot(capture_type=value))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "options"),
     [
@@ -236,7 +234,6 @@ def test_capture_with_an_ordinary_integrator():
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_pixels_beside_the_wall(mode):
     """Some: dark, and marked. All: refused."""
@@ -276,14 +273,12 @@ def test_capture_whose_laser_misses():
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
 def test_scans_do_not_care_where_the_laser_looks(mode):
     described = shot() | {"laser": spot(LASER, (3.0, 0.0, 0.0))}
     assert capture(described, mode=mode, spp=16, progress=False)["transient"].max() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spot_sigma", [0.0, 0.02])
 def test_rays_that_miss_are_black(spot_sigma):
     """A small wall in a wide view; also rays that meet the hidden patch instead."""
@@ -312,7 +307,6 @@ def test_load_without_optimization_keeps_shapes_apart():
     assert rendered(loaded, spp=256)[0].max() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("nlos_only", [True, False])
 def test_a_default_load_is_right_or_refused(nlos_only):
     described = alike()
@@ -362,7 +356,6 @@ def two_plates(**options) -> dict:
     return scan({name: plate.shape() for name, plate in PLATES.items()}, **options)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("value", ["hidden", "other", "hidden, other"])
 def test_hidden_shapes_change_the_noise_alone(value):
@@ -400,7 +393,6 @@ def test_hidden_shapes_without_sampling():
     assert "hidden_shapes = 'hidden': must be left out without" in refusal(two_plates(**options))
 
 
-@pytest.mark.slow
 def test_the_box_can_be_left_out():
     """A capture of a scene of the text, whose box blocks half of the view."""
     described = tofrender.wall_box_sphere_nlos(width=8, height=8, spp=4)
@@ -416,7 +408,6 @@ def test_the_box_can_be_left_out():
 # ------------------------------------------------------------------------------ other walls
 
 
-@pytest.mark.slow
 def test_nothing_says_which_shape_is_the_wall():
     described = by_camera(shot(), fov=120)
     described["screen"] = described.pop("relay_wall")

@@ -65,7 +65,6 @@ test.render_as_peer(*sys.argv[2:])
 
 
 @pytest.mark.statistical
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["single", "confocal"])
 def test_same_capture(mode, tmp_path):
     path = tmp_path / "peer.npy"

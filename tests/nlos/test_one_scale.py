@@ -37,7 +37,6 @@ def bounces(data) -> tuple[np.ndarray, np.ndarray]:
     return values[..., early].sum(axis=-1), values[..., ~early].sum(axis=-1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("watts", "intensity"), [(None, 0.3), (None, 30.0), (2.5, 30.0)])
 def test_single_capture(watts, intensity):
     """The power that the lit footprint shows is the power that lights the hidden patch.
@@ -66,7 +65,6 @@ def test_single_capture(watts, intensity):
     assert shown == pytest.approx(lighting, rel=0.03)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("watts", "fov"), [(None, 0.2), (None, 3.0), (2.5, 0.2)])
 def test_confocal_capture(watts, fov):
     """A beam of α x α lights A = 4 tan²(α / 2) d² / cos; before a plane at D, with form f2,

@@ -190,7 +190,6 @@ def test_samples_follow_the_pattern(name, tries):
 # ------------------------------------------------------------------------------ around the corner
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("sigma", [0.0, 1e-3])
 def test_a_narrow_spot_is_a_point(sigma):
@@ -268,7 +267,6 @@ def test_wide_spot_is_many_points():
     assert agree(samples.sum(axis=1), np.array(light.sum()), rounding=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_wide_spots_are_an_ordinary_light():
     """All paths up to four bounces against Mitsuba's projector and path tracer."""

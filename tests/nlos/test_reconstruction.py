@@ -86,7 +86,6 @@ LIMITS = {("plane", "bp"): 0.06, ("spheres", "bp"): 0.11}
 COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
 def test_depth_of_scenes(scene, mode, method):
@@ -99,7 +98,6 @@ def test_depth_of_scenes(scene, mode, method):
         assert error.extra < 0.45
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("mode", ["confocal", "single"])
 def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
@@ -132,7 +130,6 @@ def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
     return float(np.nanmedian(middle)) - z
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("bins", [125, 500])
 @pytest.mark.parametrize("z", [0.25, 0.3, 0.5, 1.0])
 def test_light_cone_transform_errs_by_half_a_step(z, bins):
@@ -147,7 +144,6 @@ def test_light_cone_transform_errs_by_half_a_step(z, bins):
         assert abs(error) < 0.005
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "wavelength"), [("confocal", 0.5), ("single", 0.25)])
 @pytest.mark.parametrize("z", [0.5, 1.0])
 def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
@@ -158,7 +154,6 @@ def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
     assert 0.05 < error / (wavelength**2 / z) < 0.4
 
 
-@pytest.mark.slow
 def test_exhaustive():
     capture = light_of(letter_z, turned(16), "exhaustive")
     for method in ("bp", "fbp", "phasor"):
@@ -168,7 +163,6 @@ def test_exhaustive():
         assert error.found > 0.9
 
 
-@pytest.mark.slow
 @pairs
 def test_a_letter_is_no_mirror_image(mode, method):
     """The projection is the letter's, and none of its seven turned or flipped images'."""
@@ -199,7 +193,6 @@ def opposite(wall: Wall) -> tuple:
     return float(x[abs(x - POINT[0]).argmin()]), float(y[abs(y - POINT[1]).argmin()]), POINT[2]
 
 
-@pytest.mark.slow
 @pairs
 @pytest.mark.parametrize("wall", [STRAIGHT, turned(32)], ids=["straight", "turned"])
 @pytest.mark.parametrize("legs", [False, True])
@@ -215,7 +208,6 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
     np.testing.assert_allclose(frame, wall.world(brightest(volume)), atol=1e-5)
 
 
-@pytest.mark.slow
 @pairs
 @pytest.mark.parametrize("shift", [0.5, 20.5])
 def test_the_window_may_start_anywhere(mode, method, shift):
@@ -229,7 +221,6 @@ def test_the_window_may_start_anywhere(mode, method, shift):
     np.testing.assert_allclose(places[0], places[1], atol=0.005)
 
 
-@pytest.mark.slow
 @pairs
 def test_a_planted_half_bin_is_seen(mode, method):
     """A path that is counted half a bin (6 mm) too long is 3 mm too far away."""
@@ -276,7 +267,6 @@ def test_any_geometry_for_backprojection():
         run(capture, "phasor")
 
 
-@pytest.mark.slow
 @each_method
 def test_noise(method):
     """Noise of 2 % of the largest value in each bin: the letter is still at its depth."""

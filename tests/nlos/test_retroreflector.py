@@ -58,7 +58,6 @@ def samples(bsdf, degrees: float, seed: int = 0) -> tuple:
 # ------------------------------------------------------------------- sample, pdf, eval agree
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_samples_have_the_density(exponent):

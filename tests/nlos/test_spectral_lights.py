@@ -60,13 +60,11 @@ def walls_colour(described: dict) -> dict:
     return described | {"relay_wall": described["relay_wall"] | {"bsdf": TINTED}}
 
 
-@pytest.mark.slow
 def test_a_confocal_laser_is_white():
     found = ratio(lambda: point_laser(diffuse(0.7)))
     assert found == pytest.approx([1, 1, 1], abs=0.03)
 
 
-@pytest.mark.slow
 def test_the_lit_point_keeps_its_colour():
     """Of three bounces, two are on a tinted wall, the lit point's too."""
     found = ratio(lambda: walls_colour(point_laser(diffuse(0.7))))
@@ -89,7 +87,6 @@ def pattern(colours, bounces: int) -> dict:
     return described | {"integrator": integrator | {"confocal_projector": lamp | spots}}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("colours", "bounces"),
     [
@@ -106,7 +103,6 @@ def test_a_projectors_spots(colours, bounces):
     assert found / expected.max() == pytest.approx(expected / expected.max(), abs=0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "power",
     [None, 2.0],
