@@ -25,7 +25,7 @@ from oracles.gradients import (
     slab,
     sphere_light,
 )
-from oracles.nlos import Rectangle, Setup, confocal, single
+from oracles.nlos import Rectangle, Setup, confocal, picture_film, single
 
 from helpers.gradient_of import PULSE_KEY, Case
 from helpers.support import area_light, camera, diffuse, film, plane, point_light, scene
@@ -424,11 +424,6 @@ def phasor_film() -> dict:
     rfilter = {"type": "box"}
     sizes = {"width": 1, "height": 1, "rfilter": rfilter}
     return {"type": "phasor_hdr_film", "frequencies_hz": repr(MIRROR_HZ)} | sizes
-
-
-def picture_film(size: int = 1) -> dict:
-    sizes = {"width": size, "height": size, "rfilter": {"type": "box"}}
-    return {"type": "hdrfilm", "pixel_format": "rgb", "component_format": "float32"} | sizes
 
 
 MIRROR = Case(

@@ -326,6 +326,18 @@ def load_nlos(description: dict) -> mi.Scene:
     return tofrender.load_scene(description, optimize=False)
 
 
+def picture_film(width: int = 1, height: int | None = None) -> dict:
+    sizes = {"width": width, "height": height or width, "rfilter": {"type": "box"}}
+    return {"type": "hdrfilm", "pixel_format": "rgb", "component_format": "float32"} | sizes
+
+
+def in_pictures(described: dict, the_film: dict, **integrator: Any) -> dict:
+    """The same wall and lights, for an integrator of Mitsuba's that knows no time."""
+    wall = described["relay_wall"]
+    wall = wall | {"sensor": wall["sensor"] | {"film": the_film}}
+    return described | {"relay_wall": wall, "integrator": integrator}
+
+
 def estimates(description: dict | mi.Scene, spp: int, what: str = "steady"):
     """A function of the seed: the first channel of the picture (y, x) or the bins (y, x, t)."""
     gc.collect()  # Dr.Jit compiles what all living scenes might do
