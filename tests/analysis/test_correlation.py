@@ -36,9 +36,8 @@ C = 299_792_458.0
 
 
 def one_line(match, function, *args, **kwargs):
-    with pytest.raises(ValueError, match=match) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{match}.*\Z"):
         function(*args, **kwargs)
-    assert "\n" not in str(caught.value)
 
 
 # --------------------------------------------------------------------------------- the sensor
@@ -81,27 +80,18 @@ def test_phase_needs_neither_offset_nor_contrast():
     assert offset == pytest.approx(2.5)
 
 
-@pytest.mark.parametrize("contrast", [0, -0.5, 1.01, np.nan, "half", None, True])
-def test_bad_contrast(contrast):
-    match = r"contrast = .*: must be a finite number above 0 and at most 1"
-    one_line(match, four_bucket, 1.0, 0.0, offset=2.0, contrast=contrast)
-    one_line(match, from_four_bucket, 1.0, 1.0, 1.0, 1.0, contrast=contrast)
-
-
-@pytest.mark.parametrize(
-    ("match", "offset"),
-    [
+def test_bad_contrast_offset_or_shape():
+    for contrast in (0, -0.5, 1.01, np.nan, "half", None, True):
+        match = r"contrast = .*: must be a finite number above 0 and at most 1"
+        one_line(match, four_bucket, 1.0, 0.0, offset=2.0, contrast=contrast)
+        one_line(match, from_four_bucket, 1.0, 1.0, 1.0, 1.0, contrast=contrast)
+    for match, offset in (
         ("offset = -1: must be at least 0", -1.0),
         ("offset = 0.4: must be at least contrast", np.full((2, 2), 0.4)),
         ("offset with shape", np.ones((3, 2, 2))),
         ("offset of type", "bright"),
-    ],
-)
-def test_bad_offset(match, offset):
-    one_line(match, four_bucket, np.ones((2, 2)), np.zeros((2, 2)), offset=offset)
-
-
-def test_shapes_that_do_not_fit():
+    ):
+        one_line(match, four_bucket, np.ones((2, 2)), np.zeros((2, 2)), offset=offset)
     one_line("must be equal", four_bucket, np.ones(2), np.ones(3), offset=9)
     one_line("must be equal", from_four_bucket, np.ones(2), np.ones(3), np.ones(2), np.ones(2))
     one_line("must be equal, but", multipath_error, np.ones((2, 3)), np.ones((3, 2)))
@@ -153,15 +143,11 @@ def test_error_wraps_and_is_unknown_without_truth():
     plain = multipath_error(depth, truth)
     assert plain.error[0, :3] == pytest.approx([7.3, -14.8, 0.5])
     unknown = multipath_error(depth, np.full((1, 5), np.nan), 7.5)
-    assert np.isnan([unknown.median, unknown.percentile_95]).all()
-    assert np.isnan(unknown.error).all()
-
-
-def test_half_a_range_of_error_has_one_sign():
-    result = multipath_error(np.array([3.75, 1.25]), np.array([0.0, 5.0]), 7.5)
-    assert result.error == pytest.approx([-3.75, -3.75])
-    assert result.median == pytest.approx(-3.75)
-    assert result.percentile_95 == pytest.approx(3.75)
+    assert np.isnan([unknown.median, unknown.percentile_95, *unknown.error[0]]).all()
+    half = multipath_error(np.array([3.75, 1.25]), np.array([0.0, 5.0]), 7.5)
+    assert half.error == pytest.approx([-3.75, -3.75])  # Half a range has one sign
+    assert half.median == pytest.approx(-3.75)
+    assert half.percentile_95 == pytest.approx(3.75)
 
 
 # -------------------------------------------------------------------------------- true depth
@@ -206,16 +192,16 @@ def room_depth(width, height):
 
 def test_true_depth_of_planes():
     """From the camera itself, not from its near plane, and along the ray, not along the axis."""
-    depth, expected = true_depth(load(room(film(24, 18)))), room_depth(24, 18)
+    loaded, expected = load(room(film(24, 18))), room_depth(24, 18)
+    depth = true_depth(loaded)
     assert np.isnan(expected).any()
     assert depth == pytest.approx(expected, abs=2e-6, nan_ok=True)
     assert depth.dtype == np.float64
-
-
-def test_true_depth_of_a_crop():
     crop = {"crop_width": 7, "crop_height": 5, "crop_offset_x": 10, "crop_offset_y": 4}
     depth = true_depth(load(room(film(24, 18, sample_border=True, **crop))))
-    assert depth == pytest.approx(room_depth(24, 18)[4:9, 10:17], abs=2e-6, nan_ok=True)
+    assert depth == pytest.approx(expected[4:9, 10:17], abs=2e-6, nan_ok=True)
+    one_line("sensor = 1", true_depth, loaded, 1)
+    one_line("no sensor", true_depth, mi.load_dict({"type": "scene"}))
 
 
 def test_true_depth_of_a_name_and_under_another_variant():
@@ -240,12 +226,6 @@ def test_a_hidden_lamp_has_no_depth(kind):
     assert true_depth(loaded) == pytest.approx(expected, abs=2e-5, nan_ok=True)
     plain = true_normals(load(room(film(24, 18))))
     assert true_normals(loaded) == pytest.approx(plain, abs=1e-6, nan_ok=True)
-
-
-def test_true_depth_refuses():
-    loaded = load(room(film(2, 2)))
-    one_line("sensor = 1", true_depth, loaded, 1)
-    one_line("no sensor", true_depth, mi.load_dict({"type": "scene"}))
 
 
 def test_true_normals_of_planes():

@@ -1,6 +1,6 @@
 """Phasors of transient data: one and two paths, conventions, bad input."""
 
-# ruff: noqa: E741, SIM300 (I and Q are what the field calls them)
+# ruff: noqa: E741 (I and Q are what the field calls them)
 
 from __future__ import annotations
 
@@ -24,6 +24,15 @@ FREQUENCIES = (20e6, 50e6, 100e6)
 
 def centre(bin_index, start=START, width=WIDTH):
     return start + (bin_index + 0.5) * width
+
+
+def converted(data, f=20e6, start=START, width=WIDTH, **options):
+    return transient_to_phasor(data, f, start, width, **options)
+
+
+def require_same(parts, others, **tolerance):
+    for one, other in zip(parts, others, strict=True):
+        assert one == pytest.approx(other, **tolerance)
 
 
 def paths(*arrivals, bins=300, channels=1):
@@ -51,40 +60,22 @@ def dataset(data=None, drop=(), **attrs):
     return result
 
 
-def phasors(arrivals, f):
-    """The sum over arrivals, in pure Python: (I, Q)."""
-    terms = [(light, 2 * np.pi * f * opl / C) for opl, light in arrivals]
-    return sum(a * np.cos(p) for a, p in terms), sum(a * np.sin(p) for a, p in terms)
-
-
 # ------------------------------------------------------------------------------ closed forms
 
 
+@pytest.mark.parametrize("arrivals", [[(137, 0.25)], [(20, 1), (111, 0.4)]], ids=["one", "two"])
 @pytest.mark.parametrize("f", FREQUENCIES)
-def test_one_path(f):
-    """One path: phase k l modulo 2 pi, depth l / 2 modulo c / 2f."""
-    length = centre(137)
-    I, Q, amplitude, phase, depth = transient_to_phasor(paths((137, 0.25)), f, START, WIDTH)
+def test_paths(arrivals, f):
+    """z is the sum of a exp(i k l), the depth its phase / 2k modulo c / 2f."""
     k = 2 * np.pi * f / C
-    assert I == pytest.approx(np.full((2, 3, 1), 0.25 * np.cos(k * length)), abs=1e-12)
-    assert Q == pytest.approx(np.full((2, 3, 1), 0.25 * np.sin(k * length)), abs=1e-12)
-    assert amplitude == pytest.approx(np.full((2, 3, 1), 0.25))
-    assert np.exp(1j * phase) == pytest.approx(np.exp(1j * k * np.full((2, 3, 1), length)))
-    assert depth == pytest.approx(np.full((2, 3, 1), (length / 2) % (C / (2 * f))))
-
-
-@pytest.mark.parametrize("f", FREQUENCIES)
-def test_two_paths(f):
-    """Two paths: z = exp(i k d1) + a exp(i k d2)."""
-    k, a = 2 * np.pi * f / C, 0.4
-    z = np.exp(1j * k * centre(20)) + a * np.exp(1j * k * centre(111))
-    I, Q, amplitude, phase, depth = (
-        v[1, 2, 0] for v in transient_to_phasor(paths((20, 1), (111, a)), f, START, WIDTH)
-    )
-    assert (I, Q, amplitude, phase) == pytest.approx(
-        (z.real, z.imag, abs(z), np.angle(z)), rel=1e-6
-    )
-    assert depth == pytest.approx(C * (np.angle(z) % (2 * np.pi)) / (4 * np.pi * f), rel=1e-6)
+    z = sum(a * np.exp(1j * k * centre(index)) for index, a in arrivals)
+    depth = (np.angle(z) % (2 * np.pi)) / (2 * k)
+    for found, expected in zip(
+        converted(paths(*arrivals), f), (z.real, z.imag, abs(z), np.angle(z), depth), strict=True
+    ):
+        assert found == pytest.approx(np.full((2, 3, 1), expected), rel=1e-6)
+    if len(arrivals) == 1:
+        assert depth == pytest.approx((centre(137) / 2) % (C / (2 * f)))
 
 
 def test_fourier_sums_of_noise_for_many_frequencies():
@@ -102,28 +93,15 @@ def test_fourier_sums_of_noise_for_many_frequencies():
             assert alone == pytest.approx(among[index])
 
 
-def test_one_frequency_in_a_list_keeps_its_axis():
-    assert transient_to_phasor(paths((5, 1)), [20e6], START, WIDTH)[4].shape == (1, 2, 3, 1)
-    assert transient_to_phasor(paths((5, 1)), np.float32(20e6), START, WIDTH)[4].shape == (2, 3, 1)
-
-
-def test_later_light_has_a_larger_phase():
-    early, late = (
-        transient_to_phasor(paths((index, 1)), 20e6, 0.0, WIDTH)[3][0, 0, 0] for index in (10, 40)
-    )
-    assert 0 < early < late
-    assert late - early == pytest.approx(2 * np.pi * 20e6 * 0.6 / C)
-
-
 def test_scale_of_film_data_and_of_densities():
     """Film values are summed as they are; radiance per metre is multiplied by the bin width."""
     film = paths((30, 0.5), (31, 0.25))
-    bins = transient_to_phasor(film, 20e6, START, WIDTH)
-    density = transient_to_phasor(film / WIDTH, 20e6, START, WIDTH, quantity="radiance per metre")
-    for ours, theirs in zip(bins, density, strict=True):
-        assert ours == pytest.approx(theirs, rel=1e-6)
-    slow = transient_to_phasor(film, 1.0, START, WIDTH)  # A period of 300 000 km: nothing wraps
+    density = converted(film / WIDTH, quantity="radiance per metre")
+    require_same(converted(film), density, rel=1e-6)
+    slow = converted(film, 1.0)  # A period of 300 000 km: nothing wraps
     assert slow[2] == pytest.approx(np.full((2, 3, 1), 0.75))
+    assert converted(film, [20e6])[4].shape == (1, 2, 3, 1)
+    assert converted(film, np.float32(20e6))[4].shape == (2, 3, 1)
 
 
 def test_binning_error_is_as_documented():
@@ -146,11 +124,9 @@ def test_phase_is_in_half_open_interval_and_depth_below_the_range():
     amplitude, phase, depth = phasor_parts(I, Q, 20e6)
     full = C / 40e6
     assert amplitude == pytest.approx([1, 1, 1, 1, 1, 1, 0])
-    assert (phase > -np.pi).all()
-    assert (phase <= np.pi).all()
+    assert ((phase > -np.pi) & (phase <= np.pi)).all()
     assert phase[:4] == pytest.approx([0, np.pi, np.pi, np.pi])
-    assert (depth >= 0).all()
-    assert (depth < full).all()
+    assert ((depth >= 0) & (depth < full)).all()
     assert depth == pytest.approx([0, full / 2, full / 2, full / 2, full, 0.75 * full, 0])
 
 
@@ -168,16 +144,10 @@ def test_channels_are_summed_as_phasors():
 
 def test_sum_of_channels_equals_conversion_of_the_sum():
     data = np.random.default_rng(2).random((2, 2, 50, 3))
-    colour = transient_to_phasor(data, FREQUENCIES, 1.0, WIDTH)
-    grey = transient_to_phasor(data.sum(axis=3, keepdims=True), FREQUENCIES, 1.0, WIDTH)
-    for ours, theirs in zip(sum_channels(*colour[:2], FREQUENCIES), grey, strict=True):
-        assert ours == pytest.approx(theirs)
-
-
-def test_three_axes_are_one_channel():
-    data = np.random.default_rng(3).random((2, 3, 50))
-    flat, full = (transient_to_phasor(d, 20e6, 1.0, WIDTH) for d in (data, data[..., None]))
-    assert flat[0].shape == (2, 3, 1)
+    colour, grey = (converted(d, FREQUENCIES) for d in (data, data.sum(axis=3, keepdims=True)))
+    require_same(sum_channels(*colour[:2], FREQUENCIES), grey)
+    flat, full = (converted(d) for d in (data[..., 0], data[..., :1]))
+    assert flat[0].shape == (2, 2, 1)
     assert all((a == b).all() for a, b in zip(flat, full, strict=True))
 
 
@@ -192,21 +162,12 @@ def test_light_that_is_not_finite_is_refused(bad):
 
 def test_memory_stays_below_twice_the_input():
     data = np.ones((32, 32, 1000, 3), np.float32)
-    for view in (data, data[:, ::-1]):
+    for view in (data, data[:, ::-1], np.ones((1, 1000, 3000, 1), np.float32)):
         tracemalloc.start()
-        transient_to_phasor(view, (20e6, 50e6), START, WIDTH)
+        converted(view, (20e6, 50e6))
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert peak < 0.6 * data.nbytes
-
-
-def test_memory_of_one_row_too():
-    data = np.ones((1, 1000, 3000, 1), np.float32)
-    tracemalloc.start()
-    transient_to_phasor(data, 20e6, START, WIDTH)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 0.6 * data.nbytes
+        assert peak < 0.6 * view.nbytes
 
 
 # ------------------------------------------------------------------------------------ Dataset
@@ -214,43 +175,29 @@ def test_memory_of_one_row_too():
 
 def test_a_dataset_knows_its_time_axis_and_quantity():
     data = paths((137, 0.25), (20, 1.0))
-    expected = transient_to_phasor(data, FREQUENCIES, START, WIDTH)
-    for ours, theirs in zip(transient_to_phasor(dataset(data), FREQUENCIES), expected, strict=True):
-        assert ours == pytest.approx(theirs, abs=1e-12)
+    expected = converted(data, FREQUENCIES)
+    require_same(transient_to_phasor(dataset(data), FREQUENCIES), expected, abs=1e-12)
     density = dataset(data / WIDTH, quantity="radiance per metre")
-    for ours, theirs in zip(transient_to_phasor(density, FREQUENCIES), expected, strict=True):
-        assert ours == pytest.approx(theirs, rel=1e-6, abs=1e-9)
-    agreeing = transient_to_phasor(dataset(data), FREQUENCIES, START, WIDTH)
-    assert agreeing[0] == pytest.approx(expected[0])
+    require_same(transient_to_phasor(density, FREQUENCIES), expected, rel=1e-6, abs=1e-9)
+    require_same(converted(dataset(data), FREQUENCIES), expected)
+    part = transient_to_phasor(dataset().isel(opl=slice(30, 60)), 20e6)[3]
+    assert part == pytest.approx(transient_to_phasor(dataset(), 20e6)[3])
 
 
-def test_part_of_a_dataset_keeps_its_time():
-    part = dataset().isel(opl=slice(30, 60))
-    assert transient_to_phasor(part, 20e6)[3] == pytest.approx(
-        transient_to_phasor(dataset(), 20e6)[3]
-    )
-
-
-@pytest.mark.parametrize("outside", [0.0101, 0.3])
-def test_lost_energy_warns(outside):
-    with pytest.warns(UserWarning, match="outside the window") as caught:
-        transient_to_phasor(dataset(energy_outside_window=outside), 20e6)
-    assert caught[0].filename == __file__
-    assert "\n" not in str(caught[0].message)
-
-
-def test_little_lost_energy_does_not_warn():
+def test_lost_energy_warns():
     transient_to_phasor(dataset(energy_outside_window=0.0099), 20e6)  # Warnings are errors here
-
-
-@pytest.mark.parametrize("name", ["quantity", "bin_width_opl", "energy_outside_window"])
-def test_a_dataset_without_an_attribute(name):
-    one_line(rf"dataset: attribute {name} is missing", dataset(drop=[name]), 20e6)
+    for outside in (0.0101, 0.3):
+        with pytest.warns(UserWarning, match=r"\A.*outside the window.*\Z") as caught:
+            transient_to_phasor(dataset(energy_outside_window=outside), 20e6)
+        assert caught[0].filename == __file__
 
 
 @pytest.mark.parametrize(
-    ("match", "bad"),
+    ("said", "bad"),
     [
+        ("attribute quantity is missing", dataset(drop=["quantity"])),
+        ("attribute bin_width_opl is missing", dataset(drop=["bin_width_opl"])),
+        ("attribute energy_outside_window is missing", dataset(drop=["energy_outside_window"])),
         ("coordinate opl is missing", dataset().drop_vars("opl")),
         ("must hold transient", dataset().rename(transient="light")),
         ("must hold transient", dataset().transpose("y", "x", "channel", "opl")),
@@ -260,25 +207,25 @@ def test_a_dataset_without_an_attribute(name):
         ("energy_outside_window = 'none'", dataset(energy_outside_window="none")),
     ],
 )
-def test_a_dataset_that_is_wrong(match, bad):
-    one_line(match, bad, 20e6)
+def test_a_dataset_that_is_wrong(said, bad):
+    one_line(said, bad, 20e6)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("start_opl", 0.0), ("bin_width_opl", 0.01), ("quantity", "radiance per metre")],
-)
-def test_arguments_that_contradict_the_dataset(name, value):
-    one_line(rf"{name} = .* as the Dataset has it", dataset(), 20e6, **{name: value})
+def test_arguments_that_contradict_the_dataset():
+    for name, value in (
+        ("start_opl", 0.0),
+        ("bin_width_opl", 0.01),
+        ("quantity", "radiance per metre"),
+    ):
+        one_line(rf"{name} = .* as the Dataset has it", dataset(), 20e6, **{name: value})
 
 
 # ---------------------------------------------------------------------------------- bad input
 
 
 def one_line(match, *args, function=transient_to_phasor, **kwargs):
-    with pytest.raises(ValueError, match=match) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{match}.*\Z"):
         function(*args, **kwargs)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("f", [0, -20e6, np.nan, np.inf, "20e6", None, True, [20e6, 0], ["50e6"]])
@@ -296,58 +243,40 @@ def test_bad_frequencies(f, function):
     )
 
 
-@pytest.mark.parametrize("empty", [[], (), np.zeros(0)])
-def test_no_frequency(empty):
-    one_line("at least one frequency", paths((5, 1)), empty, START, WIDTH)
-
-
-def test_frequency_that_bins_cannot_hold():
-    one_line("must be below 7.49481e[+]09", paths((5, 1)), [20e6, 7.5e9], START, WIDTH)
-
-
 @pytest.mark.parametrize(
     "shape",
     [
-        (4, 5, 3, 300),
-        (4, 5, 1, 300),
-        (4, 5, 3),
-        (4, 5, 300, 2),
-        (300,),
-        (2, 4, 5, 300, 3),
-        (4, 5, 0, 3),
-        (0, 5, 300, 3),
+        *((4, 5, 3, 300), (4, 5, 1, 300), (4, 5, 3), (4, 5, 300, 2), (300,)),
+        *((2, 4, 5, 300, 3), (4, 5, 0, 3), (0, 5, 300, 3)),
     ],
 )
 def test_wrong_axis_order(shape):
-    one_line(r"transient_data with shape .*channels last", np.ones(shape), 20e6, START, WIDTH)
+    said = r"transient_data with shape .*channels last"
+    said += ".*moveaxis" if shape == (4, 5, 3, 300) else ""
+    one_line(said, np.ones(shape), 20e6, START, WIDTH)
 
 
-def test_wrong_axis_order_says_what_helps():
-    one_line("moveaxis", np.ones((4, 5, 3, 300)), 20e6, START, WIDTH)
-
-
-@pytest.mark.parametrize("data", ["light", None, paths((5, 1)).astype(complex), [[1], [1, 2]]])
-def test_data_that_is_not_real(data):
-    one_line("transient_data of type .* must hold real numbers", data, 20e6, START, WIDTH)
+LIGHT = paths((5, 1))
+NO_REAL = "transient_data of type .* must hold real numbers"
 
 
 @pytest.mark.parametrize(
-    ("start", "width", "match"),
+    ("match", "arguments"),
     [
-        (None, WIDTH, "start_opl"),
-        (np.nan, WIDTH, "start_opl"),
-        (START, None, "bin_width_opl"),
-        (START, 0, "bin_width_opl"),
-        (START, -1, "bin_width_opl"),
-        (START, "1", "bin_width_opl"),
+        ("start_opl = ", (LIGHT, 20e6, None, WIDTH)),
+        ("start_opl = ", (LIGHT, 20e6, np.nan, WIDTH)),
+        *(("bin_width_opl = ", (LIGHT, 20e6, START, width)) for width in (None, 0, -1, "1")),
+        ("quantity = 'radiance'", (LIGHT, 20e6, START, WIDTH, "radiance")),
+        *(("at least one frequency", (LIGHT, none, START, WIDTH)) for none in ([], np.zeros(0))),
+        ("must be below 7.49481e[+]09", (LIGHT, [20e6, 7.5e9], START, WIDTH)),
+        (NO_REAL, ("light", 20e6, START, WIDTH)),
+        (NO_REAL, (None, 20e6, START, WIDTH)),
+        (NO_REAL, (LIGHT.astype(complex), 20e6, START, WIDTH)),
+        (NO_REAL, ([[1], [1, 2]], 20e6, START, WIDTH)),
     ],
 )
-def test_bad_time_axis(start, width, match):
-    one_line(f"{match} = ", paths((5, 1)), 20e6, start, width)
-
-
-def test_bad_quantity():
-    one_line("quantity = 'radiance'", paths((5, 1)), 20e6, START, WIDTH, quantity="radiance")
+def test_bad_arguments(match, arguments):
+    one_line(match, *arguments)
 
 
 def test_parts_that_do_not_fit():

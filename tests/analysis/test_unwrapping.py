@@ -17,6 +17,16 @@ def phases_of(depth, frequencies):
     return np.stack([np.angle(np.exp(4j * np.pi * f * depth / C)) for f in frequencies])
 
 
+def chances(frequencies, count: int, least: float, seed: int):
+    """Phases that fit no depth, amplitudes, and ranges and weights of the frequencies."""
+    rng = np.random.default_rng(seed)
+    phases = rng.uniform(-np.pi, np.pi, (len(frequencies), count))
+    amplitudes = 10 ** rng.uniform(least, 0, phases.shape)
+    ranges = C / 2 / np.array(frequencies)[:, None]
+    weights = (amplitudes / ranges) ** 2 / ((amplitudes / ranges) ** 2).sum(axis=0)
+    return phases, amplitudes, ranges, weights
+
+
 @pytest.mark.parametrize(
     ("frequencies", "hertz"),
     [
@@ -56,27 +66,11 @@ def test_unwrap_with_noise(frequencies):
     assert np.sqrt((residual**2).mean()) == pytest.approx(scatter, rel=0.1)
 
 
-def test_unwrap_weighs_by_amplitude():
-    """A frequency that is all noise but dark does no harm, the reference included."""
-    rng = np.random.default_rng(5)
-    frequencies = (20e6, 30e6, 100e6)
-    depth = rng.uniform(0.5, 14.0, (200,))
-    phases = phases_of(depth, frequencies)
-    phases[2] = rng.uniform(-np.pi, np.pi, 200)
-    amplitudes = np.array([1.0, 1.0, 1e-6])[:, None] * np.ones(200)
-    assert unwrap(phases, frequencies, amplitudes=amplitudes)[0] == pytest.approx(depth, abs=1e-6)
-    assert np.abs(unwrap(phases, frequencies)[0] - depth).max() > 0.1
-
-
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (20e6, 30e6, 40e6), (90e6, 80e6, 100e6)])
 def test_unwrap_finds_the_best_of_all_wrap_counts(frequencies):
     """Of all combinations, for phases that fit no depth at all and amplitudes from 0.01 to 1."""
-    rng = np.random.default_rng(0)
-    phases = rng.uniform(-np.pi, np.pi, (len(frequencies), 400))
-    amplitudes = 10 ** rng.uniform(-2, 0, phases.shape)
+    phases, amplitudes, ranges, weights = chances(frequencies, 400, -2, seed=0)
     limit = unambiguous_range(frequencies)
-    ranges = C / 2 / np.array(frequencies)[:, None]
-    weights = (amplitudes / ranges) ** 2 / ((amplitudes / ranges) ** 2).sum(axis=0)
     best, least = np.full(400, np.nan), np.full(400, np.inf)
     for wraps in product(*(range(-2, int(limit / r) + 2) for r in ranges[:, 0])):
         each = (phases / (2 * np.pi) + np.array(wraps)[:, None]) * ranges
@@ -112,22 +106,12 @@ def test_unwrap_takes_the_smaller_of_two_depths_that_fit_equally():
     assert residual.item() == pytest.approx(R / 20 * 10 / 29)
 
 
-def test_unwrap_up_to_a_depth_that_is_known():
-    """Noise that would lead to a far candidate does no harm if the room is known to be small."""
-    frequencies = (20e6, 50e6)
-    phases = phases_of(np.array([2.0, 5.0]), frequencies) + np.array([[0.8], [0.0]])
-    free, bounded = (unwrap(phases, frequencies, limit)[0] for limit in (None, 5.5))
-    assert np.abs(free - [2.0, 5.0]).max() > 1
-    assert bounded == pytest.approx([2.0, 5.0], abs=0.4)
-
-
 def test_unwrap_of_converted_phasors():
     """From bins to a depth of 9 m, beyond the range of each of the two frequencies."""
-    start, width, index = 0.0, 0.04, 449
     data = np.zeros((2, 3, 500, 3), np.float32)
-    data[:, :, index] = 0.3
-    _, _, amplitude, phase, depth = transient_to_phasor(data, (20e6, 50e6), start, width)
-    true = (start + (index + 0.5) * width) / 2
+    data[:, :, 449] = 0.3
+    _, _, amplitude, phase, depth = transient_to_phasor(data, (20e6, 50e6), 0.0, 0.04)
+    true = 449.5 * 0.04 / 2
     assert (np.abs(depth - true) > 1).all()
     found, _ = unwrap(phase, (20e6, 50e6), amplitudes=amplitude)
     assert found == pytest.approx(np.full((2, 3, 3), true), abs=1e-9)
@@ -166,11 +150,7 @@ def test_unwrap_with_noise_at_the_ends(frequencies):
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (20e6, 30e6, 40e6)])
 def test_unwrap_is_the_likeliest_depth_of_the_range(frequencies, limit):
     """Of all depths from 0 to the limit, a millimetre apart, for phases that fit none at all."""
-    rng = np.random.default_rng(2)
-    phases = rng.uniform(-np.pi, np.pi, (len(frequencies), 300))
-    amplitudes = 10 ** rng.uniform(-1, 0, phases.shape)
-    ranges = C / 2 / np.array(frequencies)[:, None]
-    weights = (amplitudes / ranges) ** 2 / ((amplitudes / ranges) ** 2).sum(axis=0)
+    phases, amplitudes, ranges, weights = chances(frequencies, 300, -1, seed=2)
     said = phases / (2 * np.pi) * ranges
     depths = np.linspace(0, limit, round(1000 * limit) + 1)[:, None, None]
     off = depths - said - np.rint((depths - said) / ranges) * ranges
@@ -179,14 +159,6 @@ def test_unwrap_is_the_likeliest_depth_of_the_range(frequencies, limit):
     assert residual**2 == pytest.approx(costs.min(axis=0), abs=3e-7)  # (1 mm / 2)^2
     best = np.abs(depth - depths[costs.argmin(axis=0), 0, 0])
     assert np.mean(best < 1e-3) > 0.99  # But where two depths are as likely
-
-
-def test_depth_beyond_the_range_shows_in_the_residual():
-    """A wall at 2 m cannot be at most 1 m away; the answer says by how much it does not fit."""
-    frequencies = (20e6, 50e6)
-    depth, residual = unwrap(phases_of(np.array([2.0]), frequencies), frequencies, 1.0)
-    assert 0 <= depth.item() <= 1
-    assert residual.item() > 0.5
 
 
 @pytest.mark.parametrize(
@@ -208,6 +180,5 @@ def test_depth_beyond_the_range_shows_in_the_residual():
     ],
 )
 def test_unwrap_refuses(match, arguments, options):
-    with pytest.raises(ValueError, match=match) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{match}.*\Z"):
         unwrap(*arguments, **options)
-    assert "\n" not in str(caught.value)

@@ -15,47 +15,39 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.gradient_of import fog_box, from_above, grid_of, moved_render, tracked
+from oracles.gradients import Bins
 
 import tofrender
 from tofrender.paths.choices import Choices
-from tofrender.runtime.plugins import own_name
 
 T = mi.ScalarTransform4f
 LIGHT = 3.0
+ABSORBING = {"type": "homogeneous", "sigma_t": 0.4, "albedo": 0.0}
 INDEX = 1.5
 ONE_PERCENT = 1e-2
 
 
-def seen(parts: dict, **integrator: Any) -> dict:
+SEEN = Bins(0.0, 2.0, 60, 1.0)
+
+
+def seen(parts: dict) -> dict:
     """What one ray along -z sees of some things, 3 m before it."""
-    film = {"type": own_name("transient_hdr_film"), "width": 1, "height": 1}
-    bins = {"temporal_bins": 60, "start_opl": 0.0, "bin_width_opl": 2.0, "rfilter": {"type": "box"}}
-    look = T().look_at([0, 0, 3], [0, 0, 0], [0, 1, 0])
-    way = {"type": own_name("transient_path"), "max_depth": 3, "pulse_width_opl": 1.0}
-    return {
-        "type": "scene",
-        "integrator": way | integrator,
-        "sensor": {"type": "perspective", "fov": 0.001, "to_world": look, "film": film | bins},
-    } | parts
+    return from_above(3, 0.001, SEEN, parts, max_depth=3)
 
 
-def around(radius: float = 20.0) -> dict:
-    """A sphere of light without a material that reflects."""
-    lamp = {"type": "area", "radiance": LIGHT}
-    black = {"type": "diffuse", "reflectance": 0.0}
-    place = T().scale(radius)
-    return {
-        "type": "sphere",
-        "to_world": place,
-        "flip_normals": True,
-        "bsdf": black,
-        "emitter": lamp,
-    }
+AROUND = {
+    "type": "sphere",
+    "to_world": T().scale(20.0),
+    "flip_normals": True,
+    "bsdf": {"type": "diffuse", "reflectance": 0.0},
+    "emitter": {"type": "area", "radiance": LIGHT},
+}
 
 
 def plate(bsdf: dict, degrees: float = 0.0) -> dict:
     turned = T().rotate([1, 0, 0], degrees).scale(5)
-    return seen({"plate": {"type": "rectangle", "to_world": turned, "bsdf": bsdf}, "all": around()})
+    return seen({"plate": {"type": "rectangle", "to_world": turned, "bsdf": bsdf}, "all": AROUND})
 
 
 def fresnel(degrees: float) -> float:
@@ -71,8 +63,9 @@ def tinted(reflectance: float) -> dict:
     return {"type": "conductor", "material": "none", "specular_reflectance": reflectance}
 
 
-def blend(**others: Any) -> dict:
-    return {"type": "blendbsdf", "weight": 0.4, "one": tinted(1.0), "two": tinted(0.25)} | others
+BLEND = {"type": "blendbsdf", "weight": 0.4, "one": tinted(1.0), "two": tinted(0.25)}
+MASK = {"type": "mask", "opacity": 0.4, "mirror": tinted(0.25)}
+PLASTIC = {"type": "plastic", "int_ior": INDEX, "ext_ior": 1.0, "diffuse_reflectance": 0.0}
 
 
 def pane(transmitted: float) -> dict:
@@ -91,11 +84,6 @@ def pane_reflects(degrees: float) -> float:
     return r + (1 - r) ** 2 * r / (1 - r**2)
 
 
-def hemisphere_of_plastic() -> dict:
-    coat = {"type": "plastic", "int_ior": INDEX, "ext_ior": 1.0, "diffuse_reflectance": 0.0}
-    return plate(coat, 60.0)
-
-
 @dataclass(frozen=True)
 class Case:
     """A parameter, and the light that comes by it."""
@@ -105,101 +93,67 @@ class Case:
     value: Callable[[Any], Any]
     theta: float
     light: Callable[[float], float]
-    step: float = 1e-3
 
     def expected(self) -> float:
-        return (self.light(self.theta + self.step) - self.light(self.theta - self.step)) / (
-            2 * self.step
-        )
+        right, left = (self.light(self.theta + step) for step in (1e-3, -1e-3))
+        return (right - left) / 2e-3
 
-    def render(self, spp: int) -> tuple[mi.Float, mi.TensorXf]:
+    def render(self) -> tuple[mi.Float, mi.TensorXf]:
         scene = tofrender.load_scene(self.describe(), optimize=False)
-        parameters, theta = mi.traverse(scene), mi.Float(self.theta)
-        dr.enable_grad(theta)
-        parameters[self.key] = self.value(theta)
-        parameters.update()
-        return theta, mi.render(scene, parameters, spp=spp, seed=3)[1]
+        theta = tracked(self.theta)
+        return theta, moved_render(scene, self.key, self.value(theta), spp=1 << 17, seed=3)[1]
 
 
 def sky(medium: dict) -> dict:
-    box = {"type": "cube", "to_world": T().translate([0, 0, 0.7]).scale([6, 6, 0.5])}
-    fog = box | {"bsdf": {"type": "null"}, "interior": medium}
-    return seen({"fog": fog, "sky": {"type": "constant", "radiance": LIGHT}})
+    return seen(
+        {"fog": fog_box(0.2, 1.2, 6, medium), "sky": {"type": "constant", "radiance": LIGHT}}
+    )
 
 
-def grid(value: float, place: Any) -> dict:
-    density = mi.VolumeGrid(np.full((2, 2, 2, 1), value, np.float32))
-    volume = {"type": "gridvolume", "to_world": place, "grid": density}
-    return {"type": "heterogeneous", "albedo": 0.0, "sigma_t": volume}
+def grid(z: float) -> dict:
+    return grid_of(np.full((2, 2, 2, 1), 0.4), [-6, -6, z], 12, 0.0)
 
 
 def in_a_grid() -> dict:
     """The camera is in it, 3 m above where it ends."""
-    smoke = grid(0.4, T().translate([-6, -6, -6]).scale(12))
-    box = {"type": "cube", "to_world": T().translate([0, 0, 2]).scale([6, 6, 2])}
-    fog = box | {"bsdf": {"type": "null"}, "interior": {"type": "ref", "id": "smoke"}}
-    parts = {"smoke": smoke, "fog": fog, "sky": {"type": "constant", "radiance": LIGHT}}
-    described = seen(parts)
-    described["sensor"]["medium"] = {"type": "ref", "id": "smoke"}
-    return {"type": "scene", "smoke": described.pop("smoke")} | described
+    smoke = {"type": "ref", "id": "smoke"}
+    described = sky(smoke) | {"fog": fog_box(0, 4, 6, smoke)}
+    described["sensor"]["medium"] = smoke
+    return {"type": "scene", "smoke": grid(-6)} | described
 
 
 def grey(value: Any) -> Any:
     return mi.TensorXf(dr.repeat(value, 8), (2, 2, 2, 1))
 
 
-def absorbing() -> dict:
-    return {"type": "homogeneous", "sigma_t": 0.4, "albedo": 0.0}
-
-
+SIGMA = "fog.interior_medium.sigma_t"
 CASES = {
     "blend of mirrors": Case(
-        lambda: plate(blend()),
-        "plate.bsdf.weight.value",
-        mi.Float,
-        0.4,
+        *(lambda: plate(BLEND), "plate.bsdf.weight.value", mi.Float, 0.4),
         lambda w: LIGHT * (1 - w + 0.25 * w),
     ),
     "mask of a mirror": Case(
-        lambda: plate({"type": "mask", "opacity": 0.4, "mirror": tinted(0.25)}),
-        "plate.bsdf.opacity.value",
-        mi.Float,
-        0.4,
+        *(lambda: plate(MASK), "plate.bsdf.opacity.value", mi.Float, 0.4),
         lambda o: LIGHT * (1 - o + 0.25 * o),
     ),
     "pane": Case(
-        lambda: plate(pane(0.0), 60.0),
-        "plate.to_world",
-        turned,
-        60.0,
+        *(lambda: plate(pane(0.0), 60.0), "plate.to_world", turned, 60.0),
         lambda degrees: LIGHT * pane_reflects(degrees),
     ),
     "plastic": Case(
-        hemisphere_of_plastic,
-        "plate.to_world",
-        turned,
-        60.0,
+        *(lambda: plate(PLASTIC, 60.0), "plate.to_world", turned, 60.0),
         lambda degrees: LIGHT * fresnel(degrees),
     ),
     "fog before a sky": Case(
-        lambda: sky(absorbing()),
-        "fog.interior_medium.sigma_t.value.value",
-        mi.Float,
-        0.4,
+        *(lambda: sky(ABSORBING), f"{SIGMA}.value.value", mi.Float, 0.4),
         lambda σ: LIGHT * math.exp(-σ),
     ),
     "grid before a sky": Case(
-        lambda: sky(grid(0.4, T().translate([-6, -6, 0]).scale(12))),
-        "fog.interior_medium.sigma_t.data",
-        grey,
-        0.4,
+        *(lambda: sky(grid(0)), f"{SIGMA}.data", grey, 0.4),
         lambda σ: LIGHT * math.exp(-σ),
     ),
     "in a grid under a sky": Case(
-        in_a_grid,
-        "smoke.sigma_t.data",
-        grey,
-        0.4,
+        *(in_a_grid, "smoke.sigma_t.data", grey, 0.4),
         lambda σ: LIGHT * math.exp(-3 * σ),
     ),
 }
@@ -212,7 +166,7 @@ def light_of(transient: Any) -> float:
 
 def forward(case: Case) -> tuple[float, float]:
     """The light, and its derivative."""
-    theta, transient = case.render(1 << 17)
+    theta, transient = case.render()
     value = light_of(dr.detach(transient))
     dr.forward(theta)
     return value, light_of(dr.grad(transient))
@@ -223,7 +177,7 @@ def test_forward_and_reverse_are_the_closed_form(name):
     case = CASES[name]
     value, found = forward(case)
     assert value == pytest.approx(case.light(case.theta), rel=ONE_PERCENT)
-    theta, transient = case.render(1 << 17)
+    theta, transient = case.render()
     dr.backward(dr.sum(transient.array) / transient.shape[3])
     assert found == pytest.approx(case.expected(), rel=ONE_PERCENT)
     assert dr.grad(theta)[0] == pytest.approx(found, rel=1e-3)
@@ -242,25 +196,17 @@ def test_choices_whose_chance_counts_once_too_little_or_too_much(name, monkeypat
 
 
 MIXED = {
-    "blend of mirror and diffuse": {
-        "type": "blendbsdf", "weight": 0.5, "one": tinted(1.0), "two": {"type": "diffuse"},
-    },
+    "blend of mirror and diffuse": BLEND | {"two": {"type": "diffuse"}},
     "mask over a pane": {"type": "mask", "opacity": 0.5, "pane": pane(1.0)},
-    "both sides of it": {
-        "type": "twosided", "it": {"type": "mask", "opacity": 0.5, "blend": blend()},
-    },
-}  # fmt: skip
+    "mask over a blend": {"type": "mask", "opacity": 0.5, "blend": BLEND},
+}
 
 
 @pytest.mark.parametrize("name", MIXED)
 def test_mixtures_whose_chances_are_not_known(name):
-    bsdf = MIXED[name]
-    if bsdf["type"] == "twosided":
-        bsdf = bsdf["it"]  # Mitsuba's takes no transmission
-    scene = tofrender.load_scene(plate(bsdf), optimize=False)
+    scene = tofrender.load_scene(plate(MIXED[name]), optimize=False)
     parameters = mi.traverse(scene)
     dr.enable_grad(parameters["all.emitter.radiance.value"])
     parameters.update()
-    with pytest.raises(ValueError, match="has no derivatives; must be a material") as caught:
+    with pytest.raises(ValueError, match=r"\A.*has no derivatives; must be a material.*\Z"):
         tofrender.render(scene, params=parameters, spp=1)
-    assert "\n" not in str(caught.value)

@@ -69,44 +69,27 @@ def test_of_another_integrator():
     assert found[2] > 1.05 * found[0]
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("size", (4, 4)),
-        ("bins", 4),
-        ("start_opl", 0.0),
-        ("bin_width", 0.1),
-        ("window", (3.0, 5.0)),
-        ("pulse_width", 0.1),
-        ("max_depth", 2),
-        ("sampler", "independent"),
-        ("define", {}),
-        ("errors", True),
-        ("resume", xr.Dataset()),
-        ("checkpoint", "a.npz"),
-        ("out", "a.zarr"),
-        ("workers", 2),
-        ("scheduler", "tcp://localhost:1"),
-        ("client", 1),
-        ("settings", {}),
-        ("temporal_bins", 4),
-    ],
-)
-def test_what_only_datasets_have(name, value, tmp_path, monkeypatch):
+DATASETS = {
+    **{"size": (4, 4), "bins": 4, "start_opl": 0.0, "bin_width": 0.1, "window": (3.0, 5.0)},
+    **{"pulse_width": 0.1, "max_depth": 2, "sampler": "independent", "define": {}, "errors": True},
+    **{"resume": xr.Dataset(), "checkpoint": "a.npz", "out": "a.zarr", "workers": 2},
+    **{"scheduler": "tcp://localhost:1", "client": 1, "settings": {}, "temporal_bins": 4},
+}
+
+
+def test_what_only_datasets_have(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene = box()
-    with pytest.raises(ValueError, match=rf"^{name} = .*: must be left out with `params`$"):
-        tofrender.render(scene, params=mi.traverse(scene), **{name: value})
+    for name, value in DATASETS.items():
+        with pytest.raises(ValueError, match=rf"^{name} = .*: must be left out with `params`$"):
+            tofrender.render(scene, params=mi.traverse(scene), **{name: value})
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("described", ["cornell_box", tofrender.cornell_box()], ids=type)
-def test_scenes_that_are_not_loaded(described):
-    with pytest.raises(ValueError, match=r"^scene = .*: must be a loaded scene with `params`"):
-        tofrender.render(described, params=mi.traverse(box()))
-
-
-def test_parameters_of_another_kind():
+def test_scenes_and_parameters_of_another_kind():
+    for described in ("cornell_box", tofrender.cornell_box()):
+        with pytest.raises(ValueError, match=r"^scene = .*: must be a loaded scene with `params`"):
+            tofrender.render(described, params=mi.traverse(box()))
     with pytest.raises(ValueError, match=r"^params = {'a': 1}: must be those of mi.traverse"):
         tofrender.render(box(), params={"a": 1})
 

@@ -9,17 +9,16 @@ import pytest
 import xarray as xr
 from helpers.hidden_scenes import (
     STRAIGHT,
-    Patches,
     Wall,
     capture_of,
     letter_f,
     letter_z,
     rectangle,
-    sphere,
     true_depth,
     turned,
     two_spheres,
 )
+from oracles.nlos import Nodes
 
 from tofrender.nlos import (
     METHODS,
@@ -50,15 +49,9 @@ SCENES = {
 
 
 @lru_cache
-def _light_of(scene, place, mode, options) -> xr.Dataset:
-    wall = {"straight": Wall, "turned": turned}[place[0]](place[1])
-    return capture_of(scene(), wall, mode, **TIME | dict(options))
-
-
 def light_of(scene, wall: Wall, mode: str, **options) -> xr.Dataset:
     """The capture of a scene; made once for all methods, so it must stay as it is."""
-    name = "straight" if wall.origin == STRAIGHT.origin else "turned"
-    return _light_of(scene, (name, wall.size), mode, tuple(options.items()))
+    return capture_of(scene(), wall, mode, **TIME | options)
 
 
 def run(capture: xr.Dataset, method: str, **options) -> xr.Dataset:
@@ -71,10 +64,8 @@ def brightest(volume: xr.Dataset) -> np.ndarray:
     at = np.unravel_index(values.argmax(), values.shape)
     near = tuple(slice(max(i - 1, 0), i + 2) for i in at)
     axes = [volume[axis].values[part] for axis, part in zip("zyx", near, strict=True)]
-    weight = values[near]
-    return np.array([(weight * g).sum() for g in np.meshgrid(*axes, indexing="ij")[::-1]]) / (
-        weight.sum()
-    )
+    places = np.stack(np.meshgrid(*axes, indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return np.average(places, axis=0, weights=values[near].ravel())
 
 
 # ------------------------------------------------------------------------------- scenes' depths
@@ -89,8 +80,7 @@ COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
 def test_depth_of_scenes(scene, mode, method):
-    capture = light_of(SCENES[scene], turned(32), mode)
-    volume = run(capture, method)
+    volume = run(light_of(SCENES[scene], turned(32), mode), method)
     error = depth_error(volume, true_depth(SCENES[scene](), volume))
     assert error.median < (COARSE | LIMITS).get((scene, method), 0.02)
     if method != "bp" and mode == "confocal":
@@ -98,28 +88,25 @@ def test_depth_of_scenes(scene, mode, method):
         assert error.extra < 0.45
 
 
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("mode", ["confocal", "single"])
+@pytest.mark.parametrize(
+    ("scene", "mode"), [("plane", "confocal"), ("Z", "single"), ("spheres", "confocal")]
+)
 def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
     """64 x 64 points, bins of 6 mm, depth 1 m: below 2 cm."""
     capture = light_of(SCENES[scene], Wall(64), mode, width=0.006, bins=250)
-    projections = {}  # fbp goes on with what bp ends with
+    project = lru_cache(lambda *what: backprojection.backproject(measured[0], *what, False))
+    measured = []
 
-    def once(measured, grid, weighting, progress, client):
-        assert client is None
-        if (grid, weighting) not in projections:
-            found = backprojection.backproject(measured, grid, weighting, progress)
-            projections[grid, weighting] = found
-        return projections[grid, weighting].copy()
+    def once(of, grid, weighting, progress, client):  # fbp goes on with what bp ends with
+        measured[:] = [of]
+        return project(grid, weighting).copy()
 
     monkeypatch.setattr(methods, "backproject", once)
-    medians = {}
     for method in [each for at, each in ALLOWED if at == mode]:
         volume = run(capture, method)
-        medians[method] = depth_error(volume, true_depth(SCENES[scene](), volume)).median
-    wrong = {m: e for m, e in medians.items() if not e < LIMITS.get((scene, m), 0.02)}
-    assert not wrong
-    assert len(projections) == 1
+        error = depth_error(volume, true_depth(SCENES[scene](), volume))
+        assert error.median < LIMITS.get((scene, method), 0.02), method
+    assert project.cache_info().misses == 1
 
 
 def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
@@ -154,23 +141,11 @@ def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
     assert 0.05 < error / (wavelength**2 / z) < 0.4
 
 
-def test_exhaustive():
-    capture = light_of(letter_z, turned(16), "exhaustive")
-    for method in ("bp", "fbp", "phasor"):
-        volume = run(capture, method, volume=((-1, 1, 32), (-1, 1, 32), (0.8, 1.2, 20)))
-        error = depth_error(volume, true_depth(letter_z(), volume))
-        assert error.median < 0.02
-        assert error.found > 0.9
-
-
 @pairs
 def test_a_letter_is_no_mirror_image(mode, method):
     """The projection is the letter's, and none of its seven turned or flipped images'."""
-    volume = run(
-        light_of(letter_f, turned(24), mode),
-        method,
-        volume=((-1, 1, 24), (-1, 1, 24), (0.7, 1.3, 20)),
-    )
+    grid = ((-1, 1, 24), (-1, 1, 24), (0.7, 1.3, 20))
+    volume = run(light_of(letter_f, turned(24), mode), method, volume=grid)
     picture = max_projection(volume).values
     truth = np.isfinite(true_depth(letter_f(), volume)).astype(float)
     images = [turn(np.rot90(truth, k)) for k in range(4) for turn in (np.array, np.transpose)]
@@ -183,8 +158,12 @@ def test_a_letter_is_no_mirror_image(mode, method):
 POINT = np.array([0.32, -0.21, 0.93])
 
 
-def point(at: tuple = tuple(POINT)) -> Patches:
-    return Patches(np.array([at]), np.array([[0.0, 0, -1]]), np.array([1e-4]))
+@lru_cache
+def point_at(place: tuple):
+    return partial(Nodes, np.array([place]), np.array([[0.0, 0, -1]]), np.array([1e-4]))
+
+
+point = point_at(tuple(POINT))
 
 
 def opposite(wall: Wall) -> tuple:
@@ -199,7 +178,7 @@ def opposite(wall: Wall) -> tuple:
 def test_a_point_is_where_it_is(mode, method, wall, legs):
     wall = Wall(16 if mode == "exhaustive" else 24, wall.origin, wall.axes)
     place = opposite(wall)
-    capture = light_of(partial(point, place), wall, mode, legs=legs, lasers=3)
+    capture = light_of(point_at(place), wall, mode, legs=legs, lasers=3)
     volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.75, 1.1, 35)))
     off = brightest(volume) - place
     assert abs(off[2]) < 0.012  # a bin of path length is 6 mm of depth
@@ -209,16 +188,13 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
 
 
 @pairs
-@pytest.mark.parametrize("shift", [0.5, 20.5])
-def test_the_window_may_start_anywhere(mode, method, shift):
+def test_the_window_may_start_anywhere(mode, method):
     """Another start of the window, by whole and half bins, changes nothing that is seen."""
-    grid = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50))
-    wall = Wall(16)
-    places = [
-        brightest(run(light_of(point, wall, mode, start=start, lasers=2), method, volume=grid))
-        for start in (1.3, 1.3 + shift * 0.012)
-    ]
-    np.testing.assert_allclose(places[0], places[1], atol=0.005)
+    grid, places = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50)), []
+    for shift in (0, 0.5, 20.5):
+        capture = light_of(point, Wall(16), mode, start=1.3 + shift * 0.012, lasers=2)
+        places.append(brightest(run(capture, method, volume=grid)))
+        np.testing.assert_allclose(places[-1], places[0], atol=0.005)
 
 
 @pairs
@@ -238,9 +214,8 @@ def test_a_planted_half_bin_is_seen(mode, method):
 @each_method
 def test_a_negative_start_of_the_window(method):
     """Bins before light can come back are dark, not wrong."""
-    capture = light_of(
-        partial(point, opposite(Wall(16))), Wall(16), "confocal", start=-0.301, bins=210
-    )
+    place = opposite(Wall(16))
+    capture = light_of(point_at(place), Wall(16), "confocal", start=-0.301, bins=210)
     volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.8, 1.05, 50)))
     np.testing.assert_allclose(brightest(volume)[2], POINT[2], atol=0.004)
 
@@ -321,11 +296,12 @@ def test_backprojection_in_steps(monkeypatch):
 def test_light_that_is_not_finite_is_refused(bad):
     capture = capture_of(letter_z(), Wall(8), **TIME)
     capture["transient"].values[3, 4:7, 20:22] = bad
-    said = rf"^capture: transient: 6 of 8000 values .*, the first is {bad:g} at \[3, 4, 20, 0\]"
+    said = (
+        rf"\Acapture: transient: 6 of 8000 values .*, the first is {bad:g} at \[3, 4, 20, 0\].*\Z"
+    )
     for method in METHODS:
-        with pytest.raises(ValueError, match=said) as error:
+        with pytest.raises(ValueError, match=said):
             run(capture, method)
-        assert "\n" not in str(error.value)
 
 
 def test_volumes_that_are_not_finite_are_refused():
@@ -345,20 +321,18 @@ def test_falloff_of_retroreflectors(method):
     near, far = (
         rectangle((x, x + 0.15), (-0.1, 0.05), z, 0.03) for x, z in ((-0.5, 0.8), (0.4, 1.3))
     )
-    light = []
-    for power in (0, 2):  # f1 falls with r^4, a retroreflector's light with r^2
+    ratios = {}
+    for light, power in (("diffuse", 0), ("retroreflective", 2)):  # r^-4 by f1, and r^-2
         capture = capture_of(near + far, Wall(32), **TIME)
-        scale = (capture["opl"].values[:, None] / 2) ** power
-        capture["transient"].values[:] *= scale
-        surface = "retroreflective" if power else "diffuse"
-        volume = run(capture, method, surface=surface)["intensity"]
-        parts = volume.sel(x=slice(None, 0)), volume.sel(x=slice(0, None))
-        light.append([float(part.max()) for part in parts])
-        other = run(capture, method, surface="diffuse" if power else "retroreflective")["intensity"]
-        wrong = [float(other.sel(x=s).max()) for s in (slice(None, 0), slice(0, None))]
-        ratio, wrong_ratio = light[-1][0] / light[-1][1], wrong[0] / wrong[1]
-        assert abs(np.log(wrong_ratio / ratio)) > 0.5
-    np.testing.assert_allclose(light[0][0] / light[0][1], light[1][0] / light[1][1], rtol=0.15)
+        capture["transient"].values[:] *= (capture["opl"].values[:, None] / 2) ** power
+        for surface in ("diffuse", "retroreflective"):
+            volume = run(capture, method, surface=surface)["intensity"]
+            left, right = volume.sel(x=slice(None, 0)), volume.sel(x=slice(0, None))
+            ratios[light, surface] = np.log(float(left.max()) / float(right.max()))
+        other = {"diffuse": "retroreflective", "retroreflective": "diffuse"}[light]
+        assert abs(ratios[light, other] - ratios[light, light]) > 0.5
+    right = [ratios[each, each] for each in ("diffuse", "retroreflective")]
+    assert right[0] == pytest.approx(right[1], abs=0.14)
 
 
 def test_options_change_what_they_say():
@@ -440,27 +414,26 @@ BASE = capture_of(point(), Wall(8), bins=20, width=0.05)
     ],
 )
 def test_bad_options_in_one_line(options, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{message}.*\Z"):
         reconstruct(BASE, **options)
-    assert "\n" not in str(caught.value)
 
 
 def test_captures_that_a_method_does_not_allow():
+    uneven = BASE.isel(x=[0, 1, 3])
+    run(uneven, "bp")
+    early = capture_of(point(), Wall(4), start=-2, bins=10)
+    refused = [
+        (uneven, "lct", "a confocal capture on a grid that is not even.* bp, fbp$"),
+        (BASE["transient"], "bp", "capture = DataArray"),
+        (early, "bp", "bins end before light can come back"),
+    ]
     for mode in ("single", "exhaustive"):
         capture = capture_of(point(), Wall(4), mode, bins=10, lasers=2)
-        for method in ("lct", "fk"):
-            with pytest.raises(ValueError, match=f"a {mode} capture .* allows bp, fbp, phasor$"):
-                run(capture, method)
-    uneven = BASE.isel(x=[0, 1, 3])
-    with pytest.raises(
-        ValueError, match=r"a confocal capture on a grid that is not even.* bp, fbp$"
-    ):
-        run(uneven, "lct")
-    run(uneven, "bp")
-    with pytest.raises(ValueError, match="capture = DataArray"):
-        run(BASE["transient"], "bp")
-    with pytest.raises(ValueError, match="bins end before light can come back"):
-        run(capture_of(point(), Wall(4), start=-2, bins=10), "bp")
+        said = f"a {mode} capture .* allows bp, fbp, phasor$"
+        refused += [(capture, "lct", said), (capture, "fk", said)]
+    for capture, method, said in refused:
+        with pytest.raises(ValueError, match=said):
+            run(capture, method)
 
 
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
@@ -480,11 +453,13 @@ def volume_of(values) -> xr.Dataset:
 
 
 def test_depth_map():
-    values = np.zeros((5, 1, 4))
-    values[:, 0, 0] = 0, 1, 3, 1, 0
-    values[:, 0, 1] = 0, 0, 2, 3, 2  # the parabola's peak is on the voxel
-    values[:, 0, 2] = 4, 0, 0, 0, 0  # at the edge: as it is
-    values[:, 0, 3] = 0, 0, 0.5, 0, 0
+    columns = [
+        (0, 1, 3, 1, 0),
+        (0, 0, 2, 3, 2),  # the parabola's peak is on the voxel
+        (4, 0, 0, 0, 0),  # at the edge: as it is
+        (0, 0, 0.5, 0, 0),
+    ]
+    values = np.transpose(columns)[:, None]
     np.testing.assert_allclose(depth_map(volume_of(values))[0], [0.2, 0.3, 0, np.nan])
     np.testing.assert_allclose(depth_map(volume_of(values), 0.1)[0, 3], 0.2)
     z = np.arange(5) * 0.1
@@ -493,9 +468,7 @@ def test_depth_map():
     assert np.isnan(depth_map(volume_of(0 * values))).all()
     np.testing.assert_array_equal(max_projection(volume_of(values))[0], [3, 3, 4, 0.5])
     for threshold in (-0.1, 1.1, np.nan):
-        with pytest.raises(
-            ValueError, match=r"threshold = .*: must be a finite number from 0 to 1"
-        ):
+        with pytest.raises(ValueError, match=r"threshold = .*: must be a finite number from 0 to"):
             depth_map(volume_of(values), threshold)
 
 
@@ -532,10 +505,3 @@ def test_figure():
         assert views[0].yaxis_inverted() == rows_down
         assert down is None or rows_down == down
     figure.canvas.draw()
-
-
-def test_sphere_normals_face_the_wall():
-    """The scenes themselves: half of the sphere is lit, and its area is right."""
-    ball = sphere((0, 0, 1), 0.25)
-    np.testing.assert_allclose(ball.areas.sum(), 2 * np.pi * 0.25**2, rtol=0.01)
-    np.testing.assert_allclose(letter_z().areas.sum(), 3 * 0.08, rtol=1e-6)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers.hidden_scenes import capture_of, rectangle, turned
+from oracles.nlos import Rectangle
 
 import tofrender
 from tofrender.nlos import hidden_depth
@@ -60,29 +61,31 @@ def test_the_letter_through_its_occluder():
 
 
 def test_what_is_hidden_can_be_said():
-    described = {
-        "type": "scene",
-        "near": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, 1])},
-        "far": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, 2])},
-        "relay_wall": {"type": "rectangle"},
-    }
+    plates = {"near": 1.0, "far": 2.0}
+    described = {"type": "scene", "relay_wall": {"type": "rectangle"}}
+    for name, z in plates.items():
+        place = mi.ScalarTransform4f().translate([0, 0, z])
+        described[name] = {"type": "rectangle", "to_world": place}
     scene = mi.load_dict(described, optimize=False)
-    where = volume(np.eye(3), size=5)
-    for names, z in ((None, 1), ("far", 2), (["far", "near"], 1), (scene.shapes()[1], None)):
-        depth = hidden_depth(scene, where, hidden_shapes=names).values[1:4, 1:4]
-        expected = z or {"far": 2, "near": 1}.get(scene.shapes()[1].id(), math.nan)
-        assert depth == pytest.approx(np.full((3, 3), expected), abs=1e-5, nan_ok=True)
+    second = scene.shapes()[1]
+    for names, z in (
+        (None, 1),
+        ("far", 2),
+        (["far", "near"], 1),
+        (second, plates.get(second.id(), math.nan)),
+    ):
+        depth = hidden_depth(scene, volume(np.eye(3), size=5), hidden_shapes=names).values[1:4, 1:4]
+        assert depth == pytest.approx(np.full((3, 3), z), abs=1e-5, nan_ok=True)
 
 
 def test_captures_have_their_own_points():
     wall = turned(8)
     capture = capture_of(rectangle((-0.5, 0.6), (-0.4, 0.8), 1.2, 0.2), wall, bins=4)
-    corners = wall.world(np.array([[-0.5, -0.4, 1.2], [0.6, -0.4, 1.2], [-0.5, 0.8, 1.2]]))
-    u, v = (corners[1] - corners[0]) / 2, (corners[2] - corners[0]) / 2
-    matrix = np.eye(4)
-    matrix[:3] = np.stack([u, v, np.cross(u, v), corners[0] + u + v], axis=1)
-    plate = {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix)}
-    depth = hidden_depth(mi.load_dict({"type": "scene", "hidden": plate}), capture).values
+    places = [(-0.5, -0.4, 1.2), (0.6, -0.4, 1.2), (-0.5, 0.8, 1.2)]
+    corner, across, along = wall.world(np.array(places))
+    u, v = (across - corner) / 2, (along - corner) / 2
+    scene = {"type": "scene", "hidden": Rectangle(corner + u + v, u, v).shape()}
+    depth = hidden_depth(mi.load_dict(scene), capture).values
     x, y = np.moveaxis(wall.grid()[..., :2], -1, 0)
     inside = (x > -0.5) & (x < 0.6) & (y > -0.4) & (y < 0.8)
     assert depth == pytest.approx(np.where(inside, 1.2, np.nan), abs=1e-5, nan_ok=True)
