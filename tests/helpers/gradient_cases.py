@@ -28,7 +28,17 @@ from oracles.gradients import (
 from oracles.nlos import Rectangle, Setup, confocal, picture_film, single
 
 from helpers.gradient_of import PULSE_KEY, Case
-from helpers.support import area_light, camera, diffuse, film, plane, point_light, scene
+from helpers.support import (
+    area_light,
+    camera,
+    diffuse,
+    film,
+    plane,
+    point_light,
+    rotate,
+    scene,
+    translate,
+)
 
 Z = np.array([0.0, 0.0, 1.0])
 SINGLE_PATH = {"light_samples": 1}
@@ -93,24 +103,22 @@ def floor_scene(view: View = ABOVE, lamp: Any = LAMP, seen: Bins = BINS) -> dict
     return scene(parts, eye(view, flat_film(seen)), **direct(seen))
 
 
-PLANE = Case(
-    "plane",
-    "a floor, moved up",
-    floor_scene,
-    "floor.to_world",
-    moved((0, 0, 1), lambda: np.diag([10.0, 10, 1, 1])),
-    0.0,
-    0.002,
-    lambda z: lit_plane(ABOVE, z * Z, Z, LAMP, 1.0, 0.5),
-    BINS,
-)
+UP = ("floor.to_world", moved((0, 0, 1), lambda: np.diag([10.0, 10, 1, 1])), 0.0, 0.002)
+"""Key, θ -> its value, θ, and the step of differences."""
+
+
+def floor_form(z, view: View = ABOVE, lamp: Any = LAMP) -> tuple[Any, Any]:
+    return lit_plane(view, z * Z, Z, lamp, 1.0, 0.5)
+
+
+PLANE = Case("plane", "a floor, moved up", floor_scene, *UP, floor_form, BINS)
 
 CENTRE = View((0, 0, 2), (0, 0, 0), 0.001)
 PLANE_CENTRE = replace(
     PLANE,
     scene="a floor, moved up, one ray",
     describe=partial(floor_scene, view=CENTRE),
-    form=lambda z: lit_plane(CENTRE, z * Z, Z, LAMP, 1.0, 0.5),
+    form=partial(floor_form, view=CENTRE),
     spp=1 << 8,
 )
 
@@ -128,20 +136,17 @@ def tilted_scene() -> dict:
 
 
 def tilted_base() -> np.ndarray:
-    turn = mi.ScalarTransform4f().rotate([0, 1, 0], 25).scale([10, 10, 10])
-    return matrix(turn)
+    return matrix(mi.ScalarTransform4f().rotate([0, 1, 0], 25).scale(10))
 
 
+def tilted_form(z, moved=0) -> tuple[Any, Any]:
+    return lit_plane(ASIDE, z * NORMAL, NORMAL, TILTED_LAMP, 2.0, 0.7, moved)
+
+
+ALONG = ("floor.to_world", moved(NORMAL, tilted_base), 0.0, 0.002)
 PLANE_2 = Case(
-    "plane",
-    "a tilted plane, moved along its normal",
-    tilted_scene,
-    "floor.to_world",
-    moved(NORMAL, tilted_base),
-    0.0,
-    0.002,
-    lambda z: lit_plane(ASIDE, z * NORMAL, NORMAL, TILTED_LAMP, 2.0, 0.7),
-    TILTED_BINS,
+    *("plane", "a tilted plane, moved along its normal", tilted_scene, *ALONG),
+    *(tilted_form, TILTED_BINS),
 )
 
 LIGHT = replace(
@@ -150,41 +155,29 @@ LIGHT = replace(
     scene="a point light over a floor, moved up",
     key="lamp.position",
     value=lambda z: mi.Point3f(LAMP[0], LAMP[1], LAMP[2] + z),
-    form=lambda z: lit_plane(ABOVE, 0 * Z, Z, np.array(LAMP) + z * Z, 1.0, 0.5),
+    form=lambda z: floor_form(0.0, lamp=np.array(LAMP) + z * Z),
 )
 
 DISK = Bins(2.6, 0.05, 34, 0.05)
 DISK_EYE = (1.5, 0.0, 1.0)
 
 
+def disk_base(h: float = 1.2) -> np.ndarray:
+    return matrix((translate(0, 0, h) @ rotate((1, 0, 0), 180)).scale(0.8))
+
+
 def disk_scene() -> dict:
-    parts = {
-        "floor": plane(bsdf=diffuse(0.6)),
-        "lamp": {
-            "type": "disk",
-            "to_world": mi.ScalarTransform4f(disk_base()).translate([0, 0, 0]),
-            "bsdf": diffuse(0),
-            "emitter": area_light(4.0),
-        },
-    }
+    place = mi.ScalarTransform4f(disk_base())
+    lamp = {"type": "disk", "to_world": place, "bsdf": diffuse(0), "emitter": area_light(4.0)}
     view = View(DISK_EYE, (0, 0, 0), 0.001)
     integrator = {"max_depth": 2, "pulse_width_opl": DISK.sigma}
+    parts = {"floor": plane(bsdf=diffuse(0.6)), "lamp": lamp}
     return scene(parts, eye(view, flat_film(DISK)), **integrator)
 
 
-def disk_base(h: float = 1.2) -> np.ndarray:
-    turn = mi.ScalarTransform4f().translate([0, 0, h]).rotate([1, 0, 0], 180)
-    return matrix(turn.scale(0.8))
-
-
 LIGHT_2 = Case(
-    "light",
-    "a disk over a receiver, moved up",
-    disk_scene,
-    "lamp.to_world",
-    moved((0, 0, 1), lambda: disk_base(0)),
-    1.2,
-    0.01,
+    *("light", "a disk over a receiver, moved up", disk_scene),
+    *("lamp.to_world", moved((0, 0, 1), lambda: disk_base(0)), 1.2, 0.01),
     lambda h: disk_light(h, 0.8, 4.0, 0.6, math.hypot(*DISK_EYE)),
     DISK,
     spp=1 << 13,
@@ -211,34 +204,29 @@ CAMERA_2 = replace(
     scene="moved sideways over a tilted plane",
     key="sensor.to_world",
     value=moved(SIDEWAYS, lambda: matrix(eye(ASIDE, {})["to_world"])),
-    form=lambda x: lit_plane(ASIDE, 0 * Z, NORMAL, TILTED_LAMP, 2.0, 0.7, x * SIDEWAYS),
+    form=lambda x: tilted_form(0.0, x * SIDEWAYS),
 )
 
 LONG = Bins(3.4, 0.15, 120, 0.15)
 
 
-def corridor_scene(
-    seen: Bins, view: View, ceiling: float, lamp, intensity: float, albedos: tuple[float, float]
-) -> dict:
-    above = mi.ScalarTransform4f().translate([0, 0, ceiling]).rotate([1, 0, 0], 180)
+def corridor_scene(seen: Bins, view: View, *room: Any) -> dict:
+    ceiling, lamp, intensity, albedos = room
+    above = translate(0, 0, ceiling) @ rotate((1, 0, 0), 180)
     parts = {
         "floor": plane(bsdf=diffuse(albedos[0]), size=40.0),
         "ceiling": plane(above, bsdf=diffuse(albedos[1]), size=40.0),
         "lamp": point_light(lamp, intensity),
     }
-    integrator = {"max_depth": 3, "pulse_width_opl": seen.sigma} | SINGLE_PATH
-    return scene(parts, eye(view, flat_film(seen)), **integrator)
+    return scene(parts, eye(view, flat_film(seen)), **direct(seen) | {"max_depth": 3})
 
 
+ROOM = (3.0, LAMP, 1.0, (0.5, 0.4))
 CORRIDOR = Case(
-    "corridor",
-    "a floor under a ceiling, moved up",
-    partial(corridor_scene, LONG, ABOVE, 3.0, LAMP, 1.0, (0.5, 0.4)),
-    "floor.to_world",
-    moved((0, 0, 1), lambda: np.diag([40.0, 40, 1, 1])),
-    0.0,
-    0.02,
-    lambda z: corridor(ABOVE, z, 3.0, LAMP, 1.0, (0.5, 0.4)),
+    *("corridor", "a floor under a ceiling, moved up"),
+    partial(corridor_scene, LONG, ABOVE, *ROOM),
+    *("floor.to_world", moved((0, 0, 1), lambda: np.diag([40.0, 40, 1, 1])), 0.0, 0.02),
+    lambda z: corridor(ABOVE, z, *ROOM),
     LONG,
     spp=1 << 15,
 )
@@ -253,13 +241,9 @@ def low_corridor(ceiling, albedo=0.8) -> tuple[Any, Any]:
 
 
 CORRIDOR_2 = Case(
-    "corridor",
-    "a ceiling over a floor, moved up",
+    *("corridor", "a ceiling over a floor, moved up"),
     partial(corridor_scene, LOW_BINS, LOW, 1.6, LOW_LAMP, 3.0, (0.6, 0.8)),
-    "ceiling.to_world",
-    moved((0, 0, 1), lambda: np.diag([40.0, -40, -1, 1])),
-    1.6,
-    0.02,
+    *("ceiling.to_world", moved((0, 0, 1), lambda: np.diag([40.0, -40, -1, 1])), 1.6, 0.02),
     low_corridor,
     LOW_BINS,
     spp=1 << 15,
@@ -281,29 +265,17 @@ ALBEDO_2 = replace(
 HOLLOW = Bins(0.5, 0.1, 132, 0.1)
 
 
-def hollow_scene(radius: float = 1.2, **changes: Any) -> dict:
-    parts = {
-        "ball": {
-            "type": "sphere",
-            "to_world": mi.ScalarTransform4f().scale(radius),
-            "flip_normals": True,
-            "bsdf": diffuse(0.8),
-        },
-        "lamp": point_light((0, 0, 0), 2.0),
-    }
+def hollow_scene(radius: float = 1.2) -> dict:
+    ball = {"type": "sphere", "to_world": mi.ScalarTransform4f().scale(radius)}
+    ball |= {"flip_normals": True, "bsdf": diffuse(0.8)}
     view = View((0, 0, 0), (0, 0, -1), 60)
-    integrator = {"max_depth": 4, "pulse_width_opl": HOLLOW.sigma} | SINGLE_PATH
-    return scene(parts, eye(view, flat_film(HOLLOW)), **integrator | changes)
+    parts = {"ball": ball, "lamp": point_light((0, 0, 0), 2.0)}
+    return scene(parts, eye(view, flat_film(HOLLOW)), **direct(HOLLOW) | {"max_depth": 4})
 
 
 RADIUS = Case(
-    "sphere radius",
-    "light and camera within a diffuse sphere",
-    hollow_scene,
-    "ball.to_world",
-    scaled(),
-    1.2,
-    0.01,
+    *("sphere radius", "light and camera within a diffuse sphere", hollow_scene),
+    *("ball.to_world", scaled(), 1.2, 0.01),
     lambda radius: inside_sphere(radius, 0.8, 2.0, 2),
     HOLLOW,
     spp=1 << 14,
@@ -315,7 +287,7 @@ BALL_EYE = (-1.0, 0.0, 1.5)
 
 def ball_scene(radius: float = 0.5) -> dict:
     """A sphere light 2 m from what the camera sees, whose normal is at the cosine of 0.6."""
-    place = mi.ScalarTransform4f().translate([1.6, 0, 1.2]).scale(radius)
+    place = translate(1.6, 0, 1.2).scale(radius)
     lamp = {"type": "sphere", "to_world": place, "bsdf": diffuse(0), "emitter": area_light(3.0)}
     parts = {"floor": plane(bsdf=diffuse(0.7)), "lamp": lamp}
     view = View(BALL_EYE, (0, 0, 0), 0.001)
@@ -324,13 +296,8 @@ def ball_scene(radius: float = 0.5) -> dict:
 
 
 RADIUS_2 = Case(
-    "sphere radius",
-    "a sphere light over a receiver",
-    ball_scene,
-    "lamp.to_world",
-    scaled((1.6, 0, 1.2)),
-    0.5,
-    0.01,
+    *("sphere radius", "a sphere light over a receiver", ball_scene),
+    *("lamp.to_world", scaled((1.6, 0, 1.2)), 0.5, 0.01),
     lambda radius: sphere_light(radius, 2.0, 0.6, 3.0, 0.7, math.hypot(*BALL_EYE)),
     BALL,
     spp=1 << 13,
@@ -359,13 +326,11 @@ def slab_scene(degrees: float, seen: Bins) -> dict:
     s, c = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
     view = View((s / c, 0, 1.0), (0, 0, 0), 0.001)
     glass = {"type": "roughdielectric", "int_ior": 1.5, "ext_ior": 1.0, "alpha": ALPHA}
-    under = mi.ScalarTransform4f().translate([0, 0, -0.3]).rotate([1, 0, 0], 180)
-    lamp = mi.ScalarTransform4f().translate([0, 0, -1])
-    parts = {
-        "glass": plane(size=20.0, bsdf={"type": "ref", "id": "material"}),
-        "back": plane(under, size=20.0, bsdf={"type": "ref", "id": "material"}),
-        "lamp": plane(lamp, size=40.0, bsdf=diffuse(0), emitter=area_light(1.0)),
-    }
+    under = translate(0, 0, -0.3) @ rotate((1, 0, 0), 180)
+    material = {"bsdf": {"type": "ref", "id": "material"}}
+    lamp = plane(translate(0, 0, -1), size=40.0, bsdf=diffuse(0), emitter=area_light(1.0))
+    sides = {"glass": plane(size=20.0, **material), "back": plane(under, size=20.0, **material)}
+    parts = sides | {"lamp": lamp}
     integrator = {"max_depth": 10, "rr_depth": 99, "emitter_sampling": False}
     integrator["pulse_width_opl"] = seen.sigma
     described = scene(parts, eye(view, flat_film(seen)), **integrator)
@@ -373,13 +338,8 @@ def slab_scene(degrees: float, seen: Bins) -> dict:
 
 
 INDEX = Case(
-    "index",
-    "a glass slab before a lamp",
-    partial(slab_scene, 0.0, SLAB),
-    "material.eta",
-    lambda n: mi.Float(n),
-    1.5,
-    0.02,
+    *("index", "a glass slab before a lamp", partial(slab_scene, 0.0, SLAB)),
+    *("material.eta", mi.Float, 1.5, 0.02),
     lambda n: slab(n, 0.3, 0.0, 1.7, 1.0, 3),
     SLAB,
     spp=1 << 14,
@@ -387,19 +347,19 @@ INDEX = Case(
     until=2.8,
 )
 
+FORTY = math.radians(40)
 SLAB_2 = Bins(2.2, 0.05, 76, 0.05)
 INDEX_2 = replace(
     INDEX,
     scene="a glass slab, seen at 40 degrees",
     describe=partial(slab_scene, 40.0, SLAB_2),
-    form=lambda n: slab(
-        n, 0.3, math.sin(math.radians(40)), 1.7 / math.cos(math.radians(40)), 1.0, 3
-    ),
+    form=lambda n: slab(n, 0.3, math.sin(FORTY), 1.7 / math.cos(FORTY), 1.0, 3),
     seen=SLAB_2,
     until=3.4,
 )
 
 MIRROR_HZ = 20e6
+ONE_PIXEL = {"width": 1, "height": 1, "rfilter": {"type": "box"}}
 
 
 def mirror_scene(degrees: float, the_film: dict, **integrator: Any) -> dict:
@@ -407,49 +367,31 @@ def mirror_scene(degrees: float, the_film: dict, **integrator: Any) -> dict:
     s, c = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
     view = View((-s, 0, c), (0, 0, 0), 0.001)
     away = np.array([s, 0, c])
+    lamp = {"type": "rectangle", "to_world": facing(1.5 * away, -away, 0.5), "bsdf": diffuse(0)}
     parts = {
         "mirror": plane(size=2.0, bsdf={"type": "conductor", "material": "none"}),
-        "lamp": {
-            "type": "rectangle",
-            "to_world": facing(1.5 * away, -away, 0.5),
-            "bsdf": diffuse(0),
-            "emitter": area_light(2.0),
-        },
+        "lamp": lamp | {"emitter": area_light(2.0)},
     }
     plain = {"max_depth": 3, "type": "transient_path"}
     return scene(parts, eye(view, the_film), **plain | integrator)
 
 
-def phasor_film() -> dict:
-    rfilter = {"type": "box"}
-    sizes = {"width": 1, "height": 1, "rfilter": rfilter}
-    return {"type": "phasor_hdr_film", "frequencies_hz": repr(MIRROR_HZ)} | sizes
-
-
+PHASOR_FILM = {"type": "phasor_hdr_film", "frequencies_hz": repr(MIRROR_HZ), **ONE_PIXEL}
 MIRROR = Case(
-    "mirror phase",
-    "a lamp in a mirror moved towards it",
-    partial(mirror_scene, 0.0, phasor_film()),
-    "mirror.to_world",
-    moved((0, 0, 1), lambda: np.diag([2.0, 2, 1, 1])),
-    0.0,
-    0.03,
+    *("mirror phase", "a lamp in a mirror moved towards it"),
+    partial(mirror_scene, 0.0, PHASOR_FILM),
+    *("mirror.to_world", moved((0, 0, 1), lambda: np.diag([2.0, 2, 1, 1])), 0.0, 0.03),
     lambda z: seen_in_mirror(z, 2.5, 1.0, 2.0),
     Phasor(MIRROR_HZ),
     spp=1 << 8,
 )
+CORRELATED = {"type": "amcw_transient_path", "frequency_hz": MIRROR_HZ}
+CORRELATED |= {"phase_offset": -math.pi / 2}
 MIRROR_2 = replace(
     MIRROR,
     scene="a lamp in a mirror at 40 degrees",
-    describe=partial(
-        mirror_scene,
-        40.0,
-        picture_film(),
-        type="amcw_transient_path",
-        frequency_hz=MIRROR_HZ,
-        phase_offset=-math.pi / 2,
-    ),
-    form=lambda z: seen_in_mirror(z, 2.5, math.cos(math.radians(40)), 2.0),
+    describe=partial(mirror_scene, 40.0, picture_film(), **CORRELATED),
+    form=lambda z: seen_in_mirror(z, 2.5, math.cos(FORTY), 2.0),
     seen=Correlation(MIRROR_HZ, -math.pi / 2),
 )
 
@@ -475,13 +417,8 @@ def hidden_form(setup: Setup, patch: Rectangle, lit, z) -> tuple[Any, Any]:
 
 
 DEPTH = Case(
-    "hidden depth",
-    "a tilted patch, confocal",
-    hidden_scene,
-    "hidden.to_world",
-    moved((0, 0, 1), PATCH.matrix),
-    0.0,
-    0.004,
+    *("hidden depth", "a tilted patch, confocal", hidden_scene),
+    *("hidden.to_world", moved((0, 0, 1), PATCH.matrix), 0.0, 0.004),
     partial(hidden_form, SETUP, PATCH, SEEN),
     HIDDEN,
     spp=1 << 13,
@@ -500,13 +437,8 @@ def single_scene() -> dict:
 
 
 DEPTH_2 = Case(
-    "hidden depth",
-    "a patch, lit from another point",
-    single_scene,
-    "hidden.to_world",
-    moved((0, 0, 1), PATCH_2.matrix),
-    0.0,
-    0.004,
+    *("hidden depth", "a patch, lit from another point", single_scene),
+    *("hidden.to_world", moved((0, 0, 1), PATCH_2.matrix), 0.0, 0.004),
     partial(hidden_form, SINGLE, PATCH_2, LIT),
     HIDDEN_2,
     spp=1 << 13,
@@ -522,7 +454,7 @@ PULSE = replace(
     value=lambda s: mi.Float(s),
     theta=BINS.sigma,
     step=0.001,
-    form=lambda s: lit_plane(ABOVE, 0 * Z, Z, LAMP, 1.0, 0.5),
+    form=lambda s: floor_form(0.0),
     of_pulse=True,
 )
 
@@ -537,10 +469,7 @@ def gate_scene() -> dict:
     return described
 
 
-def wide_form(z) -> tuple[Any, Any]:
-    return lit_plane(WIDE, z * Z, Z, NEAR_LAMP, 1.0, 0.5)
-
-
+wide_form = partial(floor_form, view=WIDE, lamp=NEAR_LAMP)
 PULSE_2 = replace(
     PULSE,
     scene="a gate over a lit floor",
