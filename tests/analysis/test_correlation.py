@@ -40,9 +40,6 @@ def one_line(match, function, *args, **kwargs):
         function(*args, **kwargs)
 
 
-# --------------------------------------------------------------------------------- the sensor
-
-
 def test_buckets_are_what_a_pixel_integrates():
     """Light 1 + cos(wt) from paths, sorted by a gain of (1 + cos(wt - theta)) / 2.
 
@@ -99,9 +96,6 @@ def test_bad_contrast_offset_or_shape():
     one_line("range_m = 0", multipath_error, np.ones(2), np.ones(2), 0)
 
 
-# ------------------------------------------------------------------------------- error maps
-
-
 @pytest.mark.parametrize("f", [20e6, 50e6])
 def test_error_map_of_a_corner(f):
     """A diffuse floor beside a mirror: light reaches a point directly and through the mirror.
@@ -150,9 +144,6 @@ def test_error_wraps_and_is_unknown_without_truth():
     assert half.percentile_95 == pytest.approx(3.75)
 
 
-# -------------------------------------------------------------------------------- true depth
-
-
 def perspective_rays(width, height, fov):
     """Unit directions through pixel centres of a camera that looks along -z, x to the right."""
     x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
@@ -191,7 +182,6 @@ def room_depth(width, height):
 
 
 def test_true_depth_of_planes():
-    """From the camera itself, not from its near plane, and along the ray, not along the axis."""
     loaded, expected = load(room(film(24, 18))), room_depth(24, 18)
     depth = true_depth(loaded)
     assert np.isnan(expected).any()
@@ -215,7 +205,6 @@ def test_true_depth_of_a_name_and_under_another_variant():
 
 @pytest.mark.parametrize("kind", ["transient_path", "path"])
 def test_a_hidden_lamp_has_no_depth(kind):
-    """The camera looks through it, as the integrator does."""
     described = room(film(24, 18))
     described["lamp"] = plane(translate(0.2, 0.1, 1), size=0.4, emitter=area_light(1.0))
     described["integrator"] = {"type": kind}
@@ -229,7 +218,6 @@ def test_a_hidden_lamp_has_no_depth(kind):
 
 
 def test_true_normals_of_planes():
-    """On the side that is seen, of the floor and of the wall that leans."""
     normals, depth = true_normals(load(room(film(24, 18)))), room_depth(24, 18)
     assert (np.isnan(normals).all(axis=-1) == np.isnan(depth)).all()
     floor, wall = np.array([0, 0, 1]), np.array([-np.sin(np.radians(60)), 0, 0.5])
@@ -242,7 +230,6 @@ def test_true_normals_of_planes():
 
 
 def test_direct_light_measures_the_true_depth():
-    """Light at the camera, no multi-path light: what phases say is the distance, modulo a range."""
     width, f = 1e-3, 50e6
     loaded = load(room(film(24, 18, bins=6000, start=2.0, bin_width=width)))
     _, transient = mi.render(loaded, spp=4)

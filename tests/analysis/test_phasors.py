@@ -60,13 +60,9 @@ def dataset(data=None, drop=(), **attrs):
     return result
 
 
-# ------------------------------------------------------------------------------ closed forms
-
-
 @pytest.mark.parametrize("arrivals", [[(137, 0.25)], [(20, 1), (111, 0.4)]], ids=["one", "two"])
 @pytest.mark.parametrize("f", FREQUENCIES)
 def test_paths(arrivals, f):
-    """z is the sum of a exp(i k l), the depth its phase / 2k modulo c / 2f."""
     k = 2 * np.pi * f / C
     z = sum(a * np.exp(1j * k * centre(index)) for index, a in arrivals)
     depth = (np.angle(z) % (2 * np.pi)) / (2 * k)
@@ -113,9 +109,6 @@ def test_binning_error_is_as_documented():
     assert ratio == pytest.approx(np.sinc(f * width / C), abs=1e-7)
     assert ratio == pytest.approx(1 - (np.pi * f * width / C) ** 2 / 6, abs=2e-5)
     assert exact[3].item() == pytest.approx(coarse[3].item())
-
-
-# -------------------------------------------------------------------------------- conventions
 
 
 def test_phase_is_in_half_open_interval_and_depth_below_the_range():
@@ -170,9 +163,6 @@ def test_memory_stays_below_twice_the_input():
         assert peak < 0.6 * view.nbytes
 
 
-# ------------------------------------------------------------------------------------ Dataset
-
-
 def test_a_dataset_knows_its_time_axis_and_quantity():
     data = paths((137, 0.25), (20, 1.0))
     expected = converted(data, FREQUENCIES)
@@ -220,9 +210,6 @@ def test_arguments_that_contradict_the_dataset():
         one_line(rf"{name} = .* as the Dataset has it", dataset(), 20e6, **{name: value})
 
 
-# ---------------------------------------------------------------------------------- bad input
-
-
 def one_line(match, *args, function=transient_to_phasor, **kwargs):
     with pytest.raises(ValueError, match=rf"\A.*{match}.*\Z"):
         function(*args, **kwargs)
@@ -266,7 +253,6 @@ NO_REAL = "transient_data of type .* must hold real numbers"
         ("start_opl = ", (LIGHT, 20e6, None, WIDTH)),
         ("start_opl = ", (LIGHT, 20e6, np.nan, WIDTH)),
         *(("bin_width_opl = ", (LIGHT, 20e6, START, width)) for width in (None, 0, -1, "1")),
-        ("quantity = 'radiance'", (LIGHT, 20e6, START, WIDTH, "radiance")),
         *(("at least one frequency", (LIGHT, none, START, WIDTH)) for none in ([], np.zeros(0))),
         ("must be below 7.49481e[+]09", (LIGHT, [20e6, 7.5e9], START, WIDTH)),
         (NO_REAL, ("light", 20e6, START, WIDTH)),
@@ -280,6 +266,7 @@ def test_bad_arguments(match, arguments):
 
 
 def test_parts_that_do_not_fit():
+    one_line("quantity = 'radiance'", LIGHT, 20e6, START, WIDTH, quantity="radiance")
     one_line("must be equal", np.ones(3), np.ones(4), 20e6, function=phasor_parts)
     one_line("2 frequencies first", np.ones(3), np.ones(3), [1e6, 2e6], function=phasor_parts)
     one_line("channels in the last axis", 1.0, 1.0, 20e6, function=sum_channels)

@@ -44,7 +44,6 @@ def test_unambiguous_range(frequencies, hertz):
 
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (50e6, 20e6), (20e6, 50e6, 100e6)])
 def test_unwrap_is_right_beyond_one_range(frequencies):
-    """All of the common range of 15 m, twice that of 20 MHz and ten times that of 100 MHz."""
     depth = np.linspace(0, unambiguous_range(frequencies), 501, endpoint=False).reshape(3, 167)
     found, residual = unwrap(phases_of(depth, frequencies), frequencies)
     assert found == pytest.approx(depth, abs=1e-9)
@@ -107,7 +106,6 @@ def test_unwrap_takes_the_smaller_of_two_depths_that_fit_equally():
 
 
 def test_unwrap_of_converted_phasors():
-    """From bins to a depth of 9 m, beyond the range of each of the two frequencies."""
     data = np.zeros((2, 3, 500, 3), np.float32)
     data[:, :, 449] = 0.3
     _, _, amplitude, phase, depth = transient_to_phasor(data, (20e6, 50e6), 0.0, 0.04)
@@ -134,7 +132,6 @@ def test_phases_a_hair_beyond_an_end_give_that_end(limit, hair):
 
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (20e6, 50e6, 100e6), (80e6, 50e6)])
 def test_unwrap_with_noise_at_the_ends(frequencies):
-    """No pixel near an end is off by more than six deviations, and none lies outside."""
     rng = np.random.default_rng(11)
     noise, limit = 0.01, 0.47 * unambiguous_range(frequencies)
     depth = np.concatenate([rng.uniform(0, 0.01, 4000), limit - rng.uniform(0, 0.01, 4000)])

@@ -31,9 +31,6 @@ def find(target=None, params=None, **options):
     return tofrender.fit(made, params, measured() if target is None else target, **options)
 
 
-# ------------------------------------------------------------------------------- what it finds
-
-
 @pytest.mark.parametrize(
     ("loss", "frequency_hz"), [("l2", None), ("wasserstein", None), ("phasor", [5e7, 1e8])]
 )
@@ -50,8 +47,6 @@ def test_finds_a_lamp(loss, frequency_hz):
 
 
 def test_finds_what_other_values_follow_from():
-    """A height alone: the lamp moves on a vertical line."""
-
     def apply(params, values):
         params[POSITION] = mi.Point3f(TRUE[0], TRUE[1], 0) + values["up"] * mi.Vector3f(0, 0, 1)
         params[INTENSITY] = mi.Color3f(values["power"])
@@ -121,11 +116,7 @@ def test_own_losses_and_optimisers():
     assert np.all(np.diff(slow.losses) < 0)
 
 
-# -------------------------------------------------------------------------------- when it ends
-
-
 def test_seeds():
-    """Equal ones agree, and each step has random numbers of its own."""
     steps = {"steps": 4, "learning_rate": 1e-6}
     one, same, other = (
         find(scene=scene(START, 3.0, noise=0.1), seed=seed, **steps).losses for seed in (1, 1, 2)
@@ -207,9 +198,6 @@ def test_a_loss_that_is_no_number_ends_it():
     assert found.steps == 4
     assert np.isfinite(found.loss)
     assert found.loss == np.nanmin(found.losses)
-
-
-# ----------------------------------------------------------------------------- what it refuses
 
 
 def texture(params, values):

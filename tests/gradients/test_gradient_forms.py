@@ -7,41 +7,18 @@ from functools import partial
 
 import numpy as np
 import pytest
-from helpers.gradient_cases import (
-    CASES,
-)
-from oracles import films as oracles
-from oracles.gradients import (
-    Arrived,
-    Bins,
-    Gate,
-    Phasor,
-    View,
-    corridor,
-    derived,
-    disk_light,
-    hidden_patch,
-    inside_sphere,
-    lit_plane,
-    seen_in_mirror,
-    slab,
-    sphere_light,
-)
+from helpers import gradient_cases as cases
+from oracles import films as oracles, gradients as forms
 
 Z = np.array([0.0, 0.0, 1.0])
 LAMP = (0.5, 0.0, 2.0)
 
 
-VIEW = View((0, 0, 2), (0, 0, 0), 20)
-
-
-def on_floor(fov: float):
-    view = View((0, 0, 2), (0, 0, 0), fov)
-    return derived(lambda z: lit_plane(view, z * Z, Z, LAMP, 1.0, 0.5), 0.0)
+VIEW = forms.View((0, 0, 2), (0, 0, 0), 20)
 
 
 def has_moments(case) -> bool:
-    return isinstance(case.seen, Bins) and not case.of_pulse
+    return isinstance(case.seen, forms.Bins) and not case.of_pulse
 
 
 def central(function, x: float, step: float) -> np.ndarray:
@@ -50,23 +27,22 @@ def central(function, x: float, step: float) -> np.ndarray:
     return (8 * near - far) / (12 * step)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases.CASES)
 def test_derivatives_are_those_of_differences(name):
-    """All that is seen in every case, one by one, in double precision."""
-    case = CASES[name]
+    case = cases.CASES[name]
 
     def value(theta):
-        return case.at(theta).seen.value(derived(case.form, theta))
+        return case.at(theta).seen.value(forms.derived(case.form, theta))
 
     found, by_differences = case.expected()[1], central(value, case.theta, 2e-4)
     assert found == pytest.approx(by_differences, abs=1e-6 * np.abs(found).max())
     assert np.abs(found).max() > 0
 
 
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if has_moments(case)])
+@pytest.mark.parametrize("name", [name for name, case in cases.CASES.items() if has_moments(case)])
 def test_moments_are_those_of_the_bins(name):
     """Windows hold all light but a corridor's tail, and bins as wide as the pulse move no mean."""
-    case = CASES[name]
+    case = cases.CASES[name]
     light = case.arrived()
     value, change = case.expected()
     both = np.stack([np.ones(case.seen.count), case.seen.centres])
@@ -76,27 +52,11 @@ def test_moments_are_those_of_the_bins(name):
     assert both @ change == pytest.approx(light.d_moments(), abs=tolerance * scale)
 
 
-# --------------------------------------------------------------------------- section 9's numbers
-
-
-def test_g1_one_ray():
-    light = on_floor(1e-6)
-    assert light.d_moments() == pytest.approx([0.03312451, 0.06296146], abs=1e-8)
-    assert light.d_opl == pytest.approx(-1.97014250, abs=1e-8)
-    # By hand: L = ρ H / (π r³), opl = H + r
-    h, r = 2.0, math.sqrt(4.25)
-    assert light.d_light.sum() == pytest.approx(-0.5 / math.pi * (1 / r**3 - 3 * h**2 / r**5))
-
-
-def test_g1_film_and_bounces_of_a_ceiling():
-    assert on_floor(20).d_moments() == pytest.approx([0.03250383, 0.06257378], abs=3e-8)
-    light = derived(lambda z: corridor(VIEW, z, 3.0, LAMP, 1.0, (0.5, 0.4)), 0.0)
-    assert light.d_moments() == pytest.approx([0.03571043, 0.06998518], abs=3e-8)
-
-
 @pytest.mark.parametrize("radius", [0.7, 1.2])
 def test_g2_inside(radius):
-    orders = [derived(lambda R, n=n: inside_sphere(R, 0.8, 2.0, n), radius) for n in range(3)]
+    orders = [
+        forms.derived(lambda R, n=n: forms.inside_sphere(R, 0.8, 2.0, n), radius) for n in range(3)
+    ]
     totals = np.array([[np.zeros(2)] * 2] + [[o.moments(), o.d_moments()] for o in orders])
     for n, (bounce, change) in enumerate(np.diff(totals, axis=0)):
         assert bounce[0] == pytest.approx(oracles.sphere_bounce_total(n, radius, 0.8, 2.0))
@@ -104,26 +64,57 @@ def test_g2_inside(radius):
         assert change == pytest.approx([-2 * bounce[0] / radius, -bounce[1] / radius])
 
 
-def test_g2_sphere_light():
-    light = derived(lambda R: sphere_light(R, 2.0, 0.6, 3.0, 0.7, 0.0), 0.5)
-    assert light.moments() == pytest.approx([0.07875, 0.12876281], abs=1e-8)
-    assert light.d_moments() == pytest.approx([0.315, 0.45249487], abs=2e-8)
+def floor(fov: float):
+    view = forms.View((0, 0, 2), (0, 0, 0), fov)
+    return lambda z: forms.lit_plane(view, z * Z, Z, LAMP, 1.0, 0.5)
+
+
+def under_ceiling(z):
+    view = forms.View((0, 0, 2), (0, 0, 0), 20)
+    return forms.corridor(view, z, 3.0, LAMP, 1.0, (0.5, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("form", "theta", "expected"),
+    [
+        (floor(1e-6), 0.0, [0.03312451, 0.06296146]),
+        (floor(20), 0.0, [0.03250383, 0.06257378]),
+        (under_ceiling, 0.0, [0.03571043, 0.06998518]),
+        (lambda R: forms.sphere_light(R, 2.0, 0.6, 3.0, 0.7, 0.0), 0.5, [0.315, 0.45249487]),
+    ],
+    ids=["g1, one ray", "g1, film", "g1, with a ceiling", "g2, sphere light"],
+)
+def test_changes_of_sum_and_moment(form, theta, expected):
+    light = forms.derived(form, theta)
+    assert light.d_moments() == pytest.approx(expected, abs=3e-8)
+    if theta:
+        assert light.moments() == pytest.approx([0.07875, 0.12876281], abs=1e-8)
+
+
+def test_g1_by_hand():
+    """L = ρ H / (π r³), opl = H + r."""
+    light = forms.derived(floor(1e-6), 0.0)
+    assert light.d_opl == pytest.approx(-1.97014250, abs=1e-8)
+    h, r = 2.0, math.sqrt(4.25)
+    assert light.d_light.sum() == pytest.approx(-0.5 / math.pi * (1 / r**3 - 3 * h**2 / r**5))
 
 
 def test_g3():
-    straight = derived(lambda n: slab(n, 0.3, 0.0, 0.0, 1.0, 2), 1.5)
+    straight = forms.derived(lambda n: forms.slab(n, 0.3, 0.0, 0.0, 1.0, 2), 1.5)
     assert straight.d_light == pytest.approx([-0.24576, 0.009043968])
     assert straight.d_opl == pytest.approx([0.3, 0.9])
     assert straight.light[0] == pytest.approx(oracles.slab_order(0, 1.5, 1.0))
-    tilted = derived(lambda n: slab(n, 0.3, math.sin(math.radians(40)), 0.0, 1.0, 3), 1.5)
+    tilted = forms.derived(
+        lambda n: forms.slab(n, 0.3, math.sin(math.radians(40)), 0.0, 1.0, 3), 1.5
+    )
     assert tilted.d_opl[0] == pytest.approx(0.25734388, abs=1e-8)
     assert tilted.light == pytest.approx([0.91062428, 0.0019046309, 3.98366e-6], rel=1e-6)
 
 
 def test_g4():
-    phasor = Phasor(20e6)
+    phasor = forms.Phasor(20e6)
     z, change = (
-        getattr(phasor, what)(derived(lambda z: seen_in_mirror(z, 2.0, 1.0, 3.0), 0.0))
+        getattr(phasor, what)(forms.derived(lambda z: forms.seen_in_mirror(z, 2.0, 1.0, 3.0), 0.0))
         for what in ("value", "derivative")
     )
     phase = (z[0] * change[1] - z[1] * change[0]) / (z @ z)
@@ -132,28 +123,29 @@ def test_g4():
 
 @pytest.mark.parametrize("bounces", [0, 1, 2])
 def test_g5(bounces):
-    """Light that met an albedo j times changes by j / ρ of itself."""
-    light = derived(lambda a: inside_sphere(1.2, a, 2.0, bounces), 0.8)
-    met = slice(inside_sphere(1.2, 0.8, 2.0, bounces - 1)[0].size if bounces else 0, None)
+    light = forms.derived(lambda a: forms.inside_sphere(1.2, a, 2.0, bounces), 0.8)
+    met = slice(forms.inside_sphere(1.2, 0.8, 2.0, bounces - 1)[0].size if bounces else 0, None)
     assert light.d_light[met] == pytest.approx((bounces + 1) / 0.8 * light.light[met])
     assert not light.d_opl.any()
 
 
 @pytest.mark.parametrize("x", [-0.3, 0.02, 0.25])
 def test_g6(x):
-    """A gate beside a path of the length 1, and a bin of it."""
-    one = Arrived(np.array([2.0]), np.array([1.0]), np.zeros(1), np.zeros(1))
+    one = forms.Arrived(np.array([2.0]), np.array([1.0]), np.zeros(1), np.zeros(1))
     s = 0.1
     p = math.exp(-0.5 * (x / s) ** 2) / math.sqrt(2 * math.pi)
-    assert Gate(1 + x, s).by_width(one) == pytest.approx([2 * p / s * (x * x / s**3 - 1 / s)])
-    for of, within in ((partial(Gate, 1 + x), 1e-6), (partial(Bins, 1 + x, 0.05, 1), 1e-8)):
+    assert forms.Gate(1 + x, s).by_width(one) == pytest.approx([2 * p / s * (x * x / s**3 - 1 / s)])
+    for of, within in (
+        (partial(forms.Gate, 1 + x), 1e-6),
+        (partial(forms.Bins, 1 + x, 0.05, 1), 1e-8),
+    ):
         found = central(lambda s, of=of: of(s).value(one), s, 1e-4)
         assert of(s).by_width(one) == pytest.approx(found, abs=within)
 
 
 def test_disk_light():
     h, radius, radiance = 1.2, 0.8, 4.0
-    light = derived(lambda h: disk_light(h, radius, radiance, 1.0, 0.0), h)
+    light = forms.derived(lambda h: forms.disk_light(h, radius, radiance, 1.0, 0.0), h)
     square = h * h + radius**2
     total = radiance * radius**2 / square
     assert light.moments() == pytest.approx(
@@ -162,31 +154,11 @@ def test_disk_light():
     assert light.d_moments()[0] == pytest.approx(-2 * h * total / square)
 
 
-def test_f1_small_patch():
-    """L = Φ ρ_w² ρ_h A cos_w² cos_h² / (π³ r⁴) at 2 r: its derivative along the depth, by hand."""
-    x, z, tilt, half = 0.3, 1.1, math.radians(30), 1e-3
-    normal = np.array([-math.sin(tilt), 0, -math.cos(tilt)])
-    u, v = half * np.array([0, 1.0, 0]), half * np.cross(normal, [0, 1.0, 0])
-    u, v = (u, v) if np.cross(u, v) @ normal > 0 else (v, u)
-    light = derived(
-        lambda t: hidden_patch(t * Z, (x, 0, z), u, v, (0, 0, 0), (0, 0, 0), 0.0, 1.0), 0.0
-    )
-    r, facing = math.hypot(x, z), -(normal @ [x, 0, z])
-    total = 4 * half**2 * z**2 * facing**2 / r**8
-    assert light.moments()[0] == pytest.approx(total, rel=1e-5)
-    change = total * (2 / z - 2 * normal[2] / facing - 8 * z / r**2)
-    assert light.d_moments()[0] == pytest.approx(change, rel=1e-5)
-    assert light.d_opl == pytest.approx(2 * z / r, rel=3e-3)
-
-
-# ----------------------------------------------------------------------- what is seen of light
-
-
 def test_phasors_are_sums_of_fine_bins():
-    light = derived(lambda R: inside_sphere(R, 0.8, 2.0, 1), 1.2)
-    k = Phasor(20e6).k
+    light = forms.derived(lambda R: forms.inside_sphere(R, 0.8, 2.0, 1), 1.2)
+    k = forms.Phasor(20e6).k
     z = (light.light * np.exp(1j * k * light.opl)).sum()
-    fine = Bins(1.0, 0.01, 500, 0.01)
+    fine = forms.Bins(1.0, 0.01, 500, 0.01)
     sum_of_bins = (fine.value(light) * np.exp(1j * k * fine.centres)).sum()
-    assert [z.real, z.imag] == pytest.approx(Phasor(20e6).value(light))
+    assert [z.real, z.imag] == pytest.approx(forms.Phasor(20e6).value(light))
     assert abs(sum_of_bins / z - 1) < 1e-4

@@ -68,9 +68,6 @@ def gate(target: float, pixels: str = "rgb") -> dict:
     }
 
 
-# ------------------------------------------------------------------------------ pulse width
-
-
 def square_of_bins(scene: mi.Scene, parameters: Any) -> Any:
     return dr.sum(dr.square(mi.render(scene, parameters, spp=64)[1]), axis=None)
 
@@ -170,9 +167,6 @@ def test_pulses_of_integrators_are_their_own():
     assert widths == pytest.approx([0.1, 0.4, 0.1])
 
 
-# ------------------------------------------------------------------------- what is refused
-
-
 SKIES = {
     "constant": {"type": "constant"},
     "directional": {"type": "directional"},
@@ -235,9 +229,6 @@ def test_pictures_of_all_formats_have_equal_modes(pixels):
     assert found[1] == pytest.approx(found[0], rel=1e-3)
 
 
-# --------------------------------------------------------------------------- what is warned of
-
-
 @pytest.mark.parametrize("name", ["principal_point_offset_x", "x_fov"])
 @pytest.mark.parametrize("apart", [False, True])
 def test_what_changes_the_view_is_warned_of(name, apart):
@@ -247,9 +238,6 @@ def test_what_changes_the_view_is_warned_of(name, apart):
     parameters.update()
     with pytest.warns(tofrender.VisibilityWarning, match=name):
         mi.render(scene, parameters, sensor=sensor, spp=1)
-
-
-# ------------------------------------------------------------------------- what is left behind
 
 
 def lit() -> tuple[mi.Scene, Any]:

@@ -16,19 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.gradient_cases import (
-    CORRIDOR,
-    DEPTH,
-    INDEX_2,
-    LIGHT_2,
-    MIRROR_2,
-    PLANE,
-    PLANE_2,
-    PULSE,
-    RADIUS,
-    RADIUS_2,
-    floor_scene,
-)
+from helpers import gradient_cases as cases
 from helpers.gradient_of import Case, forward, reverse
 from helpers.support import area_light, over_seeds
 from oracles.gradients import Bins
@@ -151,32 +139,34 @@ NEAR = Bins(1.7, 0.05, 66, 0.05)
 
 def glowing_scene() -> dict:
     """A floor whose own light comes straight to the camera, and does not count."""
-    described = floor_scene(seen=NEAR)
+    described = cases.floor_scene(seen=NEAR)
     described["floor"]["emitter"] = area_light(1.0)
     described["integrator"]["discard_direct_light"] = True
     return described
 
 
-GLOWING = replace(PLANE, scene="a floor that glows", describe=glowing_scene, seen=NEAR)
+GLOWING = replace(cases.PLANE, scene="a floor that glows", describe=glowing_scene, seen=NEAR)
 
 MISTAKES = {
-    "shift left out": Mistake("length of light", shift(0), PLANE_2, "moment"),
-    "shift left out, phase": Mistake("length of light", shift(0), MIRROR_2, "correlation"),
-    "shift left out, hidden": Mistake("length of light", shift(0), DEPTH, "moment"),
-    "shift with the other sign": Mistake("length of light", shift(-1), PLANE_2, "moment"),
-    "shift twice": Mistake("length of light", shift(2), CORRIDOR, "moment"),
-    "first Jacobian left out": Mistake("first vertex", following_surface, PLANE_2, "sum"),
+    "shift left out": Mistake("length of light", shift(0), cases.PLANE_2, "moment"),
+    "shift left out, phase": Mistake("length of light", shift(0), cases.MIRROR_2, "correlation"),
+    "shift left out, hidden": Mistake("length of light", shift(0), cases.DEPTH, "moment"),
+    "shift with the other sign": Mistake("length of light", shift(-1), cases.PLANE_2, "moment"),
+    "shift twice": Mistake("length of light", shift(2), cases.CORRIDOR, "moment"),
+    "first Jacobian left out": Mistake("first vertex", following_surface, cases.PLANE_2, "sum"),
     "first Jacobian left out, moment": Mistake(
-        "first vertex", following_surface, PLANE_2, "moment"
+        "first vertex", following_surface, cases.PLANE_2, "moment"
     ),
-    "area Jacobian without derivative": Mistake("area Jacobian", detached, RADIUS, "sum"),
-    "area Jacobian of a lamp left out": Mistake("area Jacobian", detached, RADIUS_2, "sum", HITS),
-    "solid angle without derivative": Mistake("solid angle", detached, CORRIDOR, "sum"),
-    "weights of one strategy attached": Mistake("share of a link", detached, LIGHT_2, "sum"),
-    "index not attached": Mistake("bounce", index_left_out, INDEX_2, "moment", ATTACHED),
+    "area Jacobian without derivative": Mistake("area Jacobian", detached, cases.RADIUS, "sum"),
+    "area Jacobian of a lamp left out": Mistake(
+        "area Jacobian", detached, cases.RADIUS_2, "sum", HITS
+    ),
+    "solid angle without derivative": Mistake("solid angle", detached, cases.CORRIDOR, "sum"),
+    "weights of one strategy attached": Mistake("share of a link", detached, cases.LIGHT_2, "sum"),
+    "index not attached": Mistake("bounce", index_left_out, cases.INDEX_2, "moment", ATTACHED),
     "derivative of masked lanes": Mistake("active lanes", all_lanes, GLOWING, "moment"),
-    "width left out": Mistake("pulse", width(0), PULSE, "square"),
-    "width with the other sign": Mistake("pulse", width(-1), PULSE, "square"),
+    "width left out": Mistake("pulse", width(0), cases.PULSE, "square"),
+    "width with the other sign": Mistake("pulse", width(-1), cases.PULSE, "square"),
 }
 
 

@@ -17,19 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.gradient_cases import (
-    CASES,
-    CORRIDOR,
-    DEPTH,
-    GATED_PLANE,
-    LIGHT,
-    LIGHT_2,
-    MIRROR,
-    PLANE,
-    PLANE_2,
-    RADIUS,
-    RADIUS_2,
-)
+from helpers import gradient_cases as cases
 from helpers.gradient_of import (
     attached,
     differences,
@@ -66,9 +54,9 @@ def require_close(samples: np.ndarray, expected: float, what: str = "") -> None:
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases.CASES)
 def test_derivative_is_the_closed_form(name):
-    case = CASES[name]
+    case = cases.CASES[name]
     samples, expected = forward_samples(case), case.expected()[1]
     for what, weights in case.weights().items():
         require_close(samples @ weights, float(weights @ expected), what)
@@ -77,10 +65,10 @@ def test_derivative_is_the_closed_form(name):
         assert agree(samples + whole, expected + whole, rounding=OF_BINS)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases.CASES)
 def test_reverse_is_forward(name):
     """The same seed gives the same paths: all moments, and a sum of bins with random weights."""
-    case = CASES[name]
+    case = cases.CASES[name]
     found = forward(case, seed=3)
     weights = {**case.weights(), "random": np.random.default_rng(5).normal(size=found.size)}
     for what, each in weights.items():
@@ -91,7 +79,9 @@ def test_reverse_is_forward(name):
 
 
 @pytest.mark.parametrize("sampling", ["detached", "attached"])
-@pytest.mark.parametrize("case", [PLANE_2, LIGHT, CORRIDOR], ids=lambda case: case.row)
+@pytest.mark.parametrize(
+    "case", [cases.PLANE_2, cases.LIGHT, cases.CORRIDOR], ids=lambda case: case.row
+)
 def test_both_kinds_of_sampling(case, sampling):
     samples = forward_samples(case, gradient_sampling=sampling)
     expected = case.expected()[1]
@@ -106,9 +96,9 @@ NOISY = {"index": 0.2}
 """Rows whose differences are noisy, since light takes the other way at an interface: how much."""
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases.CASES)
 def test_renders_are_what_the_forms_say(name):
-    case = CASES[name]
+    case = cases.CASES[name]
     expected, change = case.expected()
     values, found = (
         over_seeds(lambda seed, of=of: of(case, seed=seed), range(1, 5)).mean(axis=0)
@@ -130,7 +120,7 @@ def test_renders_are_what_the_forms_say(name):
     assert found == pytest.approx(apart, abs=tolerance)
 
 
-@pytest.mark.parametrize("case", [RADIUS_2, LIGHT_2], ids=lambda case: case.scene)
+@pytest.mark.parametrize("case", [cases.RADIUS_2, cases.LIGHT_2], ids=lambda case: case.scene)
 def test_lamps_that_paths_run_into(case):
     """Without connections: a lamp that moves or grows takes the hit points of paths with it.
 
@@ -142,12 +132,12 @@ def test_lamps_that_paths_run_into(case):
     assert (samples @ weights).mean() == pytest.approx(weights @ expected, rel=2e-2)
 
 
-# ------------------------------------------------------------------------------- many samples
-
-
-@pytest.mark.parametrize("case", [PLANE, RADIUS, DEPTH, GATED_PLANE, MIRROR], ids=lambda c: c.name)
+@pytest.mark.parametrize(
+    "case",
+    [cases.PLANE, cases.RADIUS, cases.DEPTH, cases.GATED_PLANE, cases.MIRROR],
+    ids=lambda c: c.name,
+)
 def test_steps_add_up(case, monkeypatch):
-    """A render of many steps has the derivative of one of a single step, in both modes."""
     whole, expected = forward(case, seed=3), case.expected()[1]
     for name in ("STEP_SAMPLES", "FIRST_SAMPLES"):
         monkeypatch.setattr(passes, name, case.spp // 8)
@@ -161,36 +151,37 @@ def test_steps_add_up(case, monkeypatch):
 
 def test_many_samples():
     """Sums in single precision take 2^16 samples of a pixel at most, and lose nothing."""
-    for what, weights in PLANE.weights().items():
-        value = pytest.approx(float(weights @ PLANE.expected()[1]), rel=1e-3)
-        assert forward(PLANE, spp=1 << 17) @ weights == value, what
-        assert reverse(PLANE, weights, spp=1 << 17) == value, what
-    few, many = (forward(PLANE, seed=3, spp=spp).sum() for spp in (1 << 14, 1 << 20))
+    for what, weights in cases.PLANE.weights().items():
+        value = pytest.approx(float(weights @ cases.PLANE.expected()[1]), rel=1e-3)
+        assert forward(cases.PLANE, spp=1 << 17) @ weights == value, what
+        assert reverse(cases.PLANE, weights, spp=1 << 17) == value, what
+    few, many = (forward(cases.PLANE, seed=3, spp=spp).sum() for spp in (1 << 14, 1 << 20))
     assert many == pytest.approx(few, rel=2e-4)  # A single sum would lose 6e-4 of a million
 
 
 def test_hidden_lamps_that_move():
     """Camera rays go on behind them, which is no derivative of theirs; light still comes."""
-    found = forward(LIGHT_2, seed=3, hide_emitters=True)
-    weights = LIGHT_2.weights()["sum"]
-    assert found @ weights == pytest.approx(LIGHT_2.expected()[1] @ weights, rel=HALF_PERCENT)
-    back = reverse(LIGHT_2, weights, seed=3, hide_emitters=True)
+    found = forward(cases.LIGHT_2, seed=3, hide_emitters=True)
+    weights = cases.LIGHT_2.weights()["sum"]
+    assert found @ weights == pytest.approx(cases.LIGHT_2.expected()[1] @ weights, rel=HALF_PERCENT)
+    back = reverse(cases.LIGHT_2, weights, seed=3, hide_emitters=True)
     assert back == pytest.approx(found @ weights, rel=1e-3)
 
 
 def test_samples_for_derivatives_alone():
-    """`spp_grad` and `seed_grad`, as Mitsuba has them."""
-    theta, transient = attached(PLANE, spp=4, options={"spp_grad": 1 << 12, "seed_grad": 9})
+    theta, transient = attached(cases.PLANE, spp=4, options={"spp_grad": 1 << 12, "seed_grad": 9})
     dr.forward(theta)
-    found, expected = PLANE.mean(dr.grad(transient)), PLANE.expected()[1]
-    for what, weights in PLANE.weights().items():
+    found, expected = cases.PLANE.mean(dr.grad(transient)), cases.PLANE.expected()[1]
+    for what, weights in cases.PLANE.weights().items():
         assert weights @ found == pytest.approx(weights @ expected, rel=HALF_PERCENT), what
 
 
 def test_steady_and_transient_have_the_same_derivative():
     """The window holds all light: bins add up to the picture, and so do their derivatives."""
     theta = tracked(0.0)
-    rendered = moved_render(PLANE.load(), PLANE.key, PLANE.value(theta), spp=1 << 10)
+    rendered = moved_render(
+        cases.PLANE.load(), cases.PLANE.key, cases.PLANE.value(theta), spp=1 << 10
+    )
     dr.forward(theta)
     picture, bins = (np.array(dr.grad(each), dtype=np.float64) for each in rendered)
     assert bins.sum(axis=2) == pytest.approx(picture[..., : bins.shape[-1]], rel=1e-3)
@@ -199,11 +190,11 @@ def test_steady_and_transient_have_the_same_derivative():
 
 def test_a_loss_that_is_not_linear():
     """Squares of bins against a target: the chain rule, by Dr.Jit, in both modes."""
-    expected, change = PLANE.expected()
+    expected, change = cases.PLANE.expected()
     target = 0.8 * expected
 
     def loss():
-        theta, transient = attached(PLANE, spp=1 << 14)
+        theta, transient = attached(cases.PLANE, spp=1 << 14)
         goal = mi.TensorXf(np.repeat(target, 3).reshape(transient.shape).astype(np.float32))
         return theta, dr.sum(dr.square(transient - goal), axis=None) / 3
 
@@ -217,36 +208,33 @@ def test_a_loss_that_is_not_linear():
 
 
 def test_a_primal_render_is_not_changed():
-    """With and without parameters, the same picture."""
-    loaded = PLANE.load()
+    loaded = cases.PLANE.load()
     parameters = mi.traverse(loaded)
-    dr.enable_grad(parameters[PLANE.key])
+    dr.enable_grad(parameters[cases.PLANE.key])
     parameters.update()
     attached = mi.render(loaded, parameters, spp=64, seed=2)
-    plain = mi.render(PLANE.load(), spp=64, seed=2)
+    plain = mi.render(cases.PLANE.load(), spp=64, seed=2)
     for mine, other in zip(attached, plain, strict=True):
         assert np.array(mine) == pytest.approx(np.array(other), rel=1e-5)
 
 
 def test_two_parameters_at_once():
-    """The gradient of one render by several parameters is each one's own."""
-    loaded, z, albedo = PLANE.load(), tracked(0.0), tracked(0.5)
+    loaded, z, albedo = cases.PLANE.load(), tracked(0.0), tracked(0.5)
     parameters = mi.traverse(loaded)
-    PLANE.set(parameters, z)
+    cases.PLANE.set(parameters, z)
     parameters["floor.bsdf.reflectance.value"] = mi.Color3f(albedo)
     parameters.update()
     _, transient = mi.render(loaded, parameters, spp=1 << 13)
-    weights = PLANE.weights()["moment"]
-    dr.backward(dr.sum(transient.array * PLANE.tensor_weights(weights, transient.shape)))
-    value, change = PLANE.expected()
+    weights = cases.PLANE.weights()["moment"]
+    dr.backward(dr.sum(transient.array * cases.PLANE.tensor_weights(weights, transient.shape)))
+    value, change = cases.PLANE.expected()
     assert dr.grad(z)[0] == pytest.approx(weights @ change, rel=HALF_PERCENT)
     assert dr.grad(albedo)[0] == pytest.approx(weights @ value / 0.5, rel=HALF_PERCENT)
 
 
 def test_pixels_keep_their_own_derivatives():
-    """A film of 4 x 4: forward of each pixel's bins, and reverse of one pixel alone."""
-    wide = with_film(PLANE.describe(), width=4, height=4)
-    case = replace(PLANE, spp=1 << 8, describe=lambda: dict(wide))
+    wide = with_film(cases.PLANE.describe(), width=4, height=4)
+    case = replace(cases.PLANE, spp=1 << 8, describe=lambda: dict(wide))
     theta, transient = attached(case, seed=2)
     dr.forward(theta)
     pixels = np.array(dr.grad(transient), dtype=np.float64)

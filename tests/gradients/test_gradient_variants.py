@@ -61,7 +61,6 @@ def test_reverse_is_forward_in_all_variants(variant):
 
 
 def test_colours_have_their_own_derivatives():
-    """The red of an albedo changes the red of the bins alone."""
     red, key = tracked(0.5), "floor.bsdf.reflectance.value"
     _, transient = moved_render(PLANE.load(), key, mi.Color3f(red, 0.5, 0.5), spp=1 << 10)
     dr.forward(red)

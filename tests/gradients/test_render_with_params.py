@@ -44,7 +44,6 @@ def test_is_mitsubas_render(options):
 
 
 def test_has_the_light_of_a_dataset():
-    """Of as many samples, up to noise: both have seen the same scene."""
     scene = box()
     steady, transient = tofrender.render(scene, params=mi.traverse(scene), spp=1024)
     dataset = tofrender.render(scene, spp=1024)
@@ -56,7 +55,6 @@ def test_has_the_light_of_a_dataset():
 
 
 def test_of_another_integrator():
-    """By name, dict or object."""
     described = {"type": "transient_path", "max_depth": 2, "pulse_width_opl": 0.2}
     given = (described, mi.load_dict(described), "transient_volpath")
     scene = box()

@@ -8,21 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.support import agree, camera, film, over_seeds
-from oracles.nlos import (
-    Grid,
-    Rectangle,
-    Setup,
-    confocal,
-    estimates,
-    in_pictures,
-    load_nlos,
-    picture_film,
-    relay_wall,
-    single,
-    spot,
-    three_bounces,
-    total,
-)
+from oracles import nlos
 
 import tofrender
 from tofrender.nlos import check_capture, focus_laser, without_first_and_last_legs
@@ -32,8 +18,8 @@ from tofrender.nlos.device.wall_points import wall_points
 DEVICE = (-0.6, 0.3, 1.2)
 LASER = (-0.8, -0.5, 0.6)
 LIT = (-0.3, 0.25, 0.0)
-PATCH = Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
-PLATE = Rectangle((0.0, 0.0, 1.0), (-0.05, 0, 0), (0, 0.05, 0))
+PATCH = nlos.Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
+PLATE = nlos.Rectangle((0.0, 0.0, 1.0), (-0.05, 0, 0), (0, 0.05, 0))
 MOVED = (
     mi.ScalarTransform4f()
     .translate([0.5, -2, 3])
@@ -47,7 +33,7 @@ def matrix(to_world) -> np.ndarray:
 
 
 def capture(scene, progress: bool = False, **options):
-    loaded = load_nlos(scene) if isinstance(scene, dict) else scene
+    loaded = nlos.load_nlos(scene) if isinstance(scene, dict) else scene
     return tofrender.capture(loaded, progress=progress, **options)
 
 
@@ -57,7 +43,9 @@ def in_front(to_world) -> tuple:
 
 
 def meter_scene(width: int, height: int, to_world=None, **more) -> dict:
-    wall = relay_wall(Setup(sensor=in_front(to_world)), film(width, height, **more), to_world)
+    wall = nlos.relay_wall(
+        nlos.Setup(sensor=in_front(to_world)), film(width, height, **more), to_world
+    )
     integrator = {"type": "confocal_transient_path"}
     return {"type": "scene", "integrator": integrator, "relay_wall": wall}
 
@@ -73,19 +61,16 @@ def looked_at(loaded: mi.Scene, width: int, height: int, offset: float = 0.5) ->
     return np.array(si.p).T.reshape(height, width, 3)
 
 
-# ------------------------------------------------------------------------------------- pixels
-
-
 def test_every_resolution_hits_its_pixels():
     """From 1 to 128 on both axes, on two walls, wherever in the pixel the sample is."""
     for size in range(1, 129):
         to_world = (None, MOVED)[size % 2]
         width, height = size, 129 - size
-        loaded = load_nlos(meter_scene(width, height, to_world))
+        loaded = nlos.load_nlos(meter_scene(width, height, to_world))
         # all columns of one row and all rows of one column
         x = np.concatenate([np.arange(width), np.full(height, width // 2)])
         y = np.concatenate([np.full(width, height // 2), np.arange(height)])
-        grid = Grid(width, height, matrix(to_world))
+        grid = nlos.Grid(width, height, matrix(to_world))
         expected = np.array([grid.point(*pixel) for pixel in zip(x, y, strict=True)])
         offsets = np.array([[1e-4], [0.5], [0.9999]])
         sample = mi.Point2f(*(((a + offsets) / n).ravel() for a, n in ((x, width), (y, height))))
@@ -95,9 +80,8 @@ def test_every_resolution_hits_its_pixels():
 
 
 def test_crop():
-    """A crop window's pixels look where those of the whole film do."""
-    whole = load_nlos(meter_scene(7, 5))
-    part = load_nlos(meter_scene(7, 5, **CROP))
+    whole = nlos.load_nlos(meter_scene(7, 5))
+    part = nlos.load_nlos(meter_scene(7, 5, **CROP))
     expected = looked_at(whole, 7, 5)[1:3, 2:5]
     assert looked_at(part, 3, 2) == pytest.approx(expected, abs=1e-6)
     points, _, _ = wall_points(part, part.sensors()[0], find_relay_wall(part))
@@ -105,11 +89,10 @@ def test_crop():
 
 
 def test_mitsuba_renders_with_the_meter():
-    """Direct light of a spot without a beam's edge, pixel by pixel, by Mitsuba's own integrator."""
     described = meter_scene(5, 3) | {"lamp": {"type": "point", "position": list(LASER)}}
-    described = in_pictures(described, picture_film(5, 3), type="direct")
-    image = np.array(mi.render(load_nlos(described), spp=16))[..., 1]
-    away = np.array(LASER) - Grid(5, 3).points()
+    described = nlos.in_pictures(described, nlos.picture_film(5, 3), type="direct")
+    image = np.array(mi.render(nlos.load_nlos(described), spp=16))[..., 1]
+    away = np.array(LASER) - nlos.Grid(5, 3).points()
     expected = away[..., 2] / np.linalg.norm(away, axis=-1) ** 3
     ratio = image / expected
     assert ratio == pytest.approx(np.full((3, 5), ratio[0, 0]), rel=1e-4)
@@ -117,16 +100,13 @@ def test_mitsuba_renders_with_the_meter():
 
 @pytest.mark.parametrize("to_world", [None, MOVED])
 def test_wall_points(to_world):
-    loaded = load_nlos(meter_scene(4, 3, to_world))
+    loaded = nlos.load_nlos(meter_scene(4, 3, to_world))
     points, normals, on_wall = wall_points(loaded, loaded.sensors()[0], find_relay_wall(loaded))
     assert on_wall.all()
-    assert points == pytest.approx(Grid(4, 3, matrix(to_world)).points(), abs=1e-5)
+    assert points == pytest.approx(nlos.Grid(4, 3, matrix(to_world)).points(), abs=1e-5)
     across, along = matrix(to_world)[:3, 0], matrix(to_world)[:3, 1]
     normal = np.cross(across, along) / np.linalg.norm(np.cross(across, along))
     assert normals == pytest.approx(np.broadcast_to(normal, normals.shape), abs=1e-5)
-
-
-# -------------------------------------------------------------------------------------- lasers
 
 
 CROP = {"crop_width": 3, "crop_height": 2, "crop_offset_x": 2, "crop_offset_y": 1}
@@ -144,16 +124,16 @@ def laser_of(loaded: mi.Scene) -> np.ndarray:
 
 
 def aimed(the_film: dict, **options) -> mi.Scene:
-    setup = Setup(sensor=DEVICE, laser=LASER, legs=False)
-    return load_nlos(single(setup, {"hidden": PLATE.shape()}, LIT, the_film, **options))
+    setup = nlos.Setup(sensor=DEVICE, laser=LASER, legs=False)
+    return nlos.load_nlos(nlos.single(setup, {"hidden": PLATE.shape()}, LIT, the_film, **options))
 
 
 def aimed_by_camera(the_film: dict, target=(0, 0, 0)) -> mi.Scene:
-    setup = Setup(sensor=DEVICE, laser=LASER)
-    described = single(setup, {"hidden": PLATE.shape()}, LIT, film())
+    setup = nlos.Setup(sensor=DEVICE, laser=LASER)
+    described = nlos.single(setup, {"hidden": PLATE.shape()}, LIT, film())
     described["relay_wall"].pop("sensor")
     eye = camera((0.2, 0.1, 1.5), target, the_film, fov=40)
-    return load_nlos(described | {"sensor": eye})
+    return nlos.load_nlos(described | {"sensor": eye})
 
 
 def projector() -> dict:
@@ -163,14 +143,16 @@ def projector() -> dict:
 
 @pytest.mark.parametrize("kind", ["spot", "projector"])
 def test_focus(kind):
-    lamp = spot(LASER, (0, 0, 0)) if kind == "spot" else projector()
-    described = single(Setup(sensor=DEVICE, laser=LASER), {}, LIT, film(4, 3)) | {"laser": lamp}
-    loaded = load_nlos(described)
+    lamp = nlos.spot(LASER, (0, 0, 0)) if kind == "spot" else projector()
+    described = nlos.single(nlos.Setup(sensor=DEVICE, laser=LASER), {}, LIT, film(4, 3)) | {
+        "laser": lamp
+    }
+    loaded = nlos.load_nlos(described)
     for aim, expected in (
         ({"point": [0.2, -0.7, 0]}, (0.2, -0.7, 0)),
         ({"uv": [0.25, 0.9]}, (-0.5, 0.8, 0)),
-        ({"pixel": (0, 0)}, Grid(4, 3).point(0, 0)),
-        ({"pixel": (3, 1)}, Grid(4, 3).point(3, 1)),
+        ({"pixel": (0, 0)}, nlos.Grid(4, 3).point(0, 0)),
+        ({"pixel": (3, 1)}, nlos.Grid(4, 3).point(3, 1)),
         ({"point": [*LASER[:2], 0]}, (*LASER[:2], 0)),  # straight down
     ):
         assert focus_laser(loaded, **aim) == pytest.approx(expected, abs=1e-6)
@@ -182,19 +164,18 @@ def test_focus_on_every_pixel():
         loaded = aimed(film(size, 2))
         for x in {0, 1, size // 3, size // 2, size - 2, size - 1}:
             point = focus_laser(loaded, pixel=(x, 1))
-            assert point == pytest.approx(Grid(size, 2).point(x, 1), abs=1e-6), (size, x)
+            assert point == pytest.approx(nlos.Grid(size, 2).point(x, 1), abs=1e-6), (size, x)
 
 
 @pytest.mark.parametrize("scene_of", [aimed, aimed_by_camera])
 def test_focus_on_a_pixel_of_a_crop(scene_of):
-    """Pixels have their numbers in the whole film."""
     whole, part = scene_of(film(7, 5)), scene_of(film(7, 5, **CROP))
     for pixel in ((2, 1), (4, 2), (3, 1)):
         points = [focus_laser(loaded, pixel=pixel) for loaded in (whole, part)]
         assert points[1] == pytest.approx(points[0], abs=1e-5)
         assert laser_of(part) == pytest.approx(points[0], abs=1e-5)
         if scene_of is aimed:
-            assert points[0] == pytest.approx(Grid(7, 5).point(*pixel), abs=1e-6)
+            assert points[0] == pytest.approx(nlos.Grid(7, 5).point(*pixel), abs=1e-6)
 
 
 def test_focus_on_a_pixel_that_sees_nothing_is_refused():
@@ -257,23 +238,23 @@ def test_bad_aims(aim, words):
         focus_laser(loaded, **aim)
 
 
-# --------------------------------------------------------------------------------------- modes
-
-SETUP = Setup(sensor=DEVICE, laser=LASER, legs=False)
+SETUP = nlos.Setup(sensor=DEVICE, laser=LASER, legs=False)
 
 
-def nlos(mode: str = "single", the_film=None, **options) -> dict:
+def around_the_corner(mode: str = "single", the_film=None, **options) -> dict:
     the_film = the_film or film(3, 2, bins=60, start=1.8, bin_width=0.1)
-    return single(SETUP, {"hidden": PATCH.shape()}, LIT, the_film, capture_type=mode, **options)
+    return nlos.single(
+        SETUP, {"hidden": PATCH.shape()}, LIT, the_film, capture_type=mode, **options
+    )
 
 
 def quiet(mode: str, spp: int = 2048, seed: int = 1, **options):
-    return capture(nlos(**options), mode=mode, spp=spp, seed=seed)
+    return capture(around_the_corner(**options), mode=mode, spp=spp, seed=seed)
 
 
 def intensity() -> float:
     """Of the scene's spot, which gives LIT one watt on one square metre."""
-    return float(nlos()["laser"]["intensity"]["value"][0])
+    return float(around_the_corner()["laser"]["intensity"]["value"][0])
 
 
 def power(point) -> float:
@@ -283,11 +264,11 @@ def power(point) -> float:
 
 
 def three(lit, seen) -> float:
-    setup = Setup(sensor=DEVICE, laser=LASER, legs=False, power=power(lit))
-    return total(setup, PATCH.nodes(), 0.7, lit, seen)
+    setup = nlos.Setup(sensor=DEVICE, laser=LASER, legs=False, power=power(lit))
+    return nlos.total(setup, PATCH.nodes(), 0.7, lit, seen)
 
 
-POINTS = Grid(3, 2).points()
+POINTS = nlos.Grid(3, 2).points()
 
 
 def sums(data) -> np.ndarray:
@@ -295,7 +276,6 @@ def sums(data) -> np.ndarray:
 
 
 def test_captures_are_the_formula():
-    """Each laser point with each sensor point; what is on its diagonal is the confocal capture."""
     expected = np.array(
         [[[[three(p, s) for s in row] for row in POINTS] for p in lit] for lit in POINTS]
     )
@@ -305,7 +285,7 @@ def test_captures_are_the_formula():
     assert exhaustive.sum() == pytest.approx(expected.sum(), rel=0.003)
     diagonal = np.einsum("yxyx->yx", expected)
     assert sums(quiet("confocal", 4096)) == pytest.approx(diagonal, rel=0.02)
-    loaded = load_nlos(nlos())
+    loaded = nlos.load_nlos(around_the_corner())
     focus_laser(loaded, pixel=(2, 0))
     single_capture = sums(capture(loaded, mode="single", spp=4096))
     assert single_capture == pytest.approx(expected[0, 2], rel=0.02)
@@ -314,16 +294,18 @@ def test_captures_are_the_formula():
 @pytest.mark.statistical
 def test_power_of_a_projector():
     """The irradiance that Mitsuba sees at the lit point, on one square metre."""
-    described = nlos() | {"laser": projector()}
-    loaded = load_nlos(described)
+    described = around_the_corner() | {"laser": projector()}
+    loaded = nlos.load_nlos(described)
     focus_laser(loaded, point=LIT)
     si = mi.Interaction3f(t=0, time=0, wavelengths=[], p=mi.Point3f(*LIT), n=mi.Normal3f(0, 0, 1))
     _, weight = loaded.emitters()[0].sample_direction(si, [0.5, 0.5])
     away = np.subtract(LASER, LIT)
     watts = float(np.array(weight).ravel()[0]) * away[2] / np.linalg.norm(away)
-    setup = Setup(sensor=DEVICE, laser=LASER, power=watts)
-    expected = [[total(setup, PATCH.nodes(), 0.7, LIT, s) for s in row] for row in POINTS]
-    assert agree(over_seeds(estimates(loaded, 1024), range(16)), np.array(expected), rounding=1e-3)
+    setup = nlos.Setup(sensor=DEVICE, laser=LASER, power=watts)
+    expected = [[nlos.total(setup, PATCH.nodes(), 0.7, LIT, s) for s in row] for row in POINTS]
+    assert agree(
+        over_seeds(nlos.estimates(loaded, 1024), range(16)), np.array(expected), rounding=1e-3
+    )
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
@@ -331,7 +313,7 @@ def test_a_capture_tells_the_light_that_its_window_loses(mode):
     """Form f1, beyond the window's end; the lit point is before its start and does not count."""
     stop = 2.5
     window = film(3, 2, bins=7, start=1.8, bin_width=0.1)
-    loaded = load_nlos(nlos(the_film=window, filter_bounces=-1, max_depth=3))
+    loaded = nlos.load_nlos(around_the_corner(the_film=window, filter_bounces=-1, max_depth=3))
     seen = POINTS.reshape(-1, 3)
     pairs = {
         "single": [(LIT, s) for s in seen],
@@ -340,16 +322,13 @@ def test_a_capture_tells_the_light_that_its_window_loses(mode):
     }
     light, lost = 0.0, 0.0
     for lit, s in pairs[mode]:
-        setup = Setup(sensor=DEVICE, laser=LASER, legs=False, power=power(lit))
-        opl, each = three_bounces(setup, PATCH.nodes(), 0.7, lit, s)
+        setup = nlos.Setup(sensor=DEVICE, laser=LASER, legs=False, power=power(lit))
+        opl, each = nlos.three_bounces(setup, PATCH.nodes(), 0.7, lit, s)
         light, lost = light + each.sum(), lost + each[opl >= stop].sum()
     with pytest.warns(UserWarning, match="% of the energy arrives outside the window 1.8 to 2.5 m"):
         data = capture(loaded, mode=mode, spp=1024)
     assert 0.2 < lost / light < 0.95
     assert data.attrs["energy_outside_window"] == pytest.approx(lost / light, abs=0.01)
-
-
-# ------------------------------------------------------------------------------------ contract
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
@@ -375,12 +354,11 @@ def test_dataset(mode):
 
 @pytest.mark.statistical
 def test_capture_with_a_camera():
-    """A perspective camera's pixels on a wall that is turned; its points, and its light."""
     to_world = mi.ScalarTransform4f().rotate([0, 1, 0], 25)
     eye = (-0.5, 0.1, 1.6)
-    wall = {k: v for k, v in relay_wall(SETUP, to_world=to_world).items() if k != "sensor"}
+    wall = {k: v for k, v in nlos.relay_wall(SETUP, to_world=to_world).items() if k != "sensor"}
     window = film(2, 2, bins=200, start=4, bin_width=0.02)
-    described = confocal(SETUP, {"hidden": PATCH.shape()}, account_first_and_last_bounces=True)
+    described = nlos.confocal(SETUP, {"hidden": PATCH.shape()}, account_first_and_last_bounces=True)
     described |= {"relay_wall": wall, "sensor": camera(eye, (0, 0, 0), window, fov=1)}
     data = capture(described, mode="confocal", spp=1 << 15)
     local = data["sensor_grid"].values @ matrix(to_world)[:3, :3]
@@ -390,22 +368,19 @@ def test_capture_with_a_camera():
     assert data["sensor_normals"].values == pytest.approx(np.tile(normal, (2, 2, 1)), abs=1e-5)
     assert data["sensor_origin"].values == pytest.approx(eye)
     assert data["laser_origin"].values == pytest.approx(eye)
-    setup = Setup(sensor=eye, normal=normal)
+    setup = nlos.Setup(sensor=eye, normal=normal)
     for seen, row in zip(data["sensor_grid"].values, data["transient"].values, strict=True):
         for point, bins in zip(seen, row, strict=True):
-            opl, light = three_bounces(setup, PATCH.nodes(), 0.7, point, point)
+            opl, light = nlos.three_bounces(setup, PATCH.nodes(), 0.7, point, point)
             assert bins[:, 0].sum() == pytest.approx(light.sum(), rel=0.02)
             mean = (bins[:, 0] * data["opl"].values).sum() / bins[:, 0].sum()
             assert mean == pytest.approx(np.average(opl, weights=light), abs=0.003)
 
 
 def test_grid_changes_the_film():
-    data = tofrender.capture(nlos(), mode="single", grid=(5, 4), spp=1, progress=False)
+    data = tofrender.capture(around_the_corner(), mode="single", grid=(5, 4), spp=1, progress=False)
     assert data["transient"].shape[:2] == (4, 5)
-    assert data["sensor_grid"].values == pytest.approx(Grid(5, 4).points(), abs=1e-6)
-
-
-# ------------------------------------------------------------------------------------- lengths
+    assert data["sensor_grid"].values == pytest.approx(nlos.Grid(5, 4).points(), abs=1e-6)
 
 
 def unwarped(kind: str, mode: str) -> dict:
@@ -414,10 +389,10 @@ def unwarped(kind: str, mode: str) -> dict:
     more = {"camera_unwarp": True, "account_first_and_last_bounces": True}
     hidden = {"hidden": PLATE.shape()}
     if kind == "confocal_transient_path":
-        return confocal(Setup(sensor=DEVICE), hidden, window, **more)
-    setup = Setup(sensor=DEVICE, laser=LASER)
+        return nlos.confocal(nlos.Setup(sensor=DEVICE), hidden, window, **more)
+    setup = nlos.Setup(sensor=DEVICE, laser=LASER)
     mode = mode if mode == "confocal" else "single"
-    return single(setup, hidden, LIT, window, capture_type=mode, **more)
+    return nlos.single(setup, hidden, LIT, window, capture_type=mode, **more)
 
 
 @pytest.mark.parametrize(
@@ -430,9 +405,8 @@ def unwarped(kind: str, mode: str) -> dict:
     ],
 )
 def test_legs_are_what_the_lengths_count(kind, mode, spp):
-    """Without legs, lengths are those from the lit point to the patch and to the seen point."""
     data = without_first_and_last_legs(capture(unwarped(kind, mode), mode=mode, spp=spp))
-    points = Grid(3, 3).points()
+    points = nlos.Grid(3, 3).points()
     r, r_lit = (np.linalg.norm(p - np.asarray(PLATE.centre), axis=-1) for p in (points, LIT))
     expected = {"confocal": 2 * r, "single": r_lit + r, "exhaustive": np.add.outer(r, r)}[mode]
     values = data["transient"].values[..., 1].astype(float)

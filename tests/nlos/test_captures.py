@@ -105,9 +105,6 @@ def test_luminance():
     assert luminance(make()["transient"].values).shape == (4, 4, 10)
 
 
-# ------------------------------------------------------------------------ first and last legs
-
-
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_without_legs_is_the_capture_that_does_not_count_them(mode):
     patches = sphere((0.2, -0.1, 1), 0.1, 60)

@@ -8,19 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.support import agree, diffuse, film, over_seeds, rendered
-from oracles.nlos import (
-    Groove,
-    Nodes,
-    Rectangle,
-    Setup,
-    confocal,
-    in_pictures,
-    load_nlos,
-    picture_film,
-    single,
-    sphere_nodes,
-    spot,
-)
+from oracles import nlos
 from test_confocal import (
     LASER,
     LIT,
@@ -49,11 +37,9 @@ OPTIONS = {
 }
 
 
-# ---------------------------------------------------------------------------------- sampling
-
-PANEL = Rectangle((0.8, 0.0, 0.3), (0, 0.4, 0), (0, 0, -0.3))
+PANEL = nlos.Rectangle((0.8, 0.0, 0.3), (0, 0.4, 0), (0, 0, -0.3))
 """Stands on the wall at x = 0.8 and faces -x."""
-PLATE = facing(Rectangle.turned((0.1, 0.2, 1.0), 25, 60, half=(0.25, 0.2)))
+PLATE = facing(nlos.Rectangle.turned((0.1, 0.2, 1.0), 25, 60, half=(0.25, 0.2)))
 
 
 @pytest.mark.statistical
@@ -63,7 +49,8 @@ PLATE = facing(Rectangle.turned((0.1, 0.2, 1.0), 25, 60, half=(0.25, 0.2)))
 )
 def test_hidden_geometry_that_touches_the_wall(mode, name):
     expected = sum(
-        totals(Setup(), nodes, lit=MODES[mode]) for nodes in (PANEL.nodes(400, 400), PLATE.nodes())
+        totals(nlos.Setup(), nodes, lit=MODES[mode])
+        for nodes in (PANEL.nodes(400, 400), PLATE.nodes())
     )
     hidden = {"panel": PANEL.shape(), "plate": PLATE.shape()}
     assert agree(found(three_of(mode, hidden, **OPTIONS[name]), 512), expected, rounding=1e-3)
@@ -71,7 +58,6 @@ def test_hidden_geometry_that_touches_the_wall(mode, name):
 
 @pytest.mark.statistical
 def test_box_in_a_corner_of_the_wall():
-    """Five faces, one of them on the wall: with and without area sampling."""
     to_world = mi.ScalarTransform4f().translate([0.45, -0.4, 0.2]).scale([0.2, 0.15, 0.2])
     box = {"box": {"type": "cube", "to_world": to_world, "bsdf": diffuse(0.7)}}
     by_material, by_area = (
@@ -85,8 +71,8 @@ def test_box_in_a_corner_of_the_wall():
 def test_shapes_of_very_different_areas():
     """A sphere, an ellipse, a plate of 4 m² and one of 16 cm²; none is in another's way."""
     plates = [
-        facing(Rectangle.turned((0.0, 0.3, 2.0), 10, 20, half=(1.0, 1.0))),
-        facing(Rectangle.turned((-0.35, -0.2, 0.5), 20, 200, half=(0.02, 0.02))),
+        facing(nlos.Rectangle.turned((0.0, 0.3, 2.0), 10, 20, half=(1.0, 1.0))),
+        facing(nlos.Rectangle.turned((-0.35, -0.2, 0.5), 20, 200, half=(0.02, 0.02))),
     ]
     shapes = {f"plate_{n}": p.shape() for n, p in enumerate(plates)}
     centre, radius = (0.7, -0.75, 0.5), 0.15
@@ -96,18 +82,18 @@ def test_shapes_of_very_different_areas():
     part = (np.arange(200) + 0.5) / 200
     r, a = (v.ravel() for v in np.meshgrid(np.sqrt(part), 2 * np.pi * part))
     on_ellipse = np.column_stack([0.1 * r * np.cos(a), 0.2 * r * np.sin(a), 0 * r])
-    around = Nodes(
+    around = nlos.Nodes(
         on_ellipse + np.array([0.9, 0.75, 0.6]),
         np.tile([0.0, 0, -1], (len(r), 1)),
         np.full(len(r), np.pi * 0.02 / len(r)),
     )
-    nodes = plates[0].nodes() + plates[1].nodes() + sphere_nodes(centre, radius) + around
+    nodes = plates[0].nodes() + plates[1].nodes() + nlos.sphere_nodes(centre, radius) + around
     for mode, lit in MODES.items():
         described = three_of(mode, shapes | {"ball": ball, "ellipse": ellipse})
-        assert agree(found(described, 512), totals(Setup(), nodes, lit=lit), rounding=1e-3)
+        assert agree(found(described, 512), totals(nlos.Setup(), nodes, lit=lit), rounding=1e-3)
 
 
-def mesh(plate: Rectangle, normal) -> mi.Mesh:
+def mesh(plate: nlos.Rectangle, normal) -> mi.Mesh:
     """The plate as two triangles whose vertices have other normals."""
     corners = [(-1, -1, 0, 1), (1, -1, 0, 1), (1, 1, 0, 1), (-1, 1, 0, 1)]
     properties = mi.Properties()
@@ -126,7 +112,7 @@ def mesh(plate: Rectangle, normal) -> mi.Mesh:
 @pytest.mark.parametrize("as_file", [False, True])
 def test_mesh_with_other_normals(as_file, tmp_path):
     """Areas and densities belong to the triangles, materials to the vertex normals."""
-    tilt = facing(Rectangle.turned(PLATE.centre, 45, -100)).normal
+    tilt = facing(nlos.Rectangle.turned(PLATE.centre, 45, -100)).normal
     assert 0.3 < tilt @ PLATE.normal < 0.9
     shape = mesh(PLATE, tilt)
     if as_file:
@@ -136,25 +122,22 @@ def test_mesh_with_other_normals(as_file, tmp_path):
     for mode, lit in MODES.items():
         nodes = PLATE.nodes(100, 100)
         shading = np.broadcast_to(tilt, nodes.points.shape)
-        expected = totals(Setup(), nodes, lit=lit, shading=shading)
-        flat = totals(Setup(), nodes, lit=lit)
+        expected = totals(nlos.Setup(), nodes, lit=lit, shading=shading)
+        flat = totals(nlos.Setup(), nodes, lit=lit)
         assert np.abs(expected / flat - 1).max() > 0.1
         assert agree(found(three_of(mode, {"hidden": shape}), 256), expected, rounding=1e-3)
-
-
-# ------------------------------------------------------------------------------------ bounces
 
 
 def folded(mode: str) -> dict:
     """A groove before two walls at right angles; in "single", the laser lights the second one."""
     to_world = mi.ScalarTransform4f().translate([-1.3, 0, 0.9]).rotate([0, 1, 0], 90).scale(0.5)
     side = {"type": "rectangle", "to_world": to_world, "bsdf": diffuse(0.6)}
-    hidden = {"side_wall": side} | groove_shapes(Groove(z=1.3, half_length=0.3))
+    hidden = {"side_wall": side} | groove_shapes(nlos.Groove(z=1.3, half_length=0.3))
     walls = {"relay_wall": "relay_wall, side_wall"}
     if mode == "confocal":
-        return confocal(Setup(), hidden, film(), **walls)
-    lamp = {"laser": spot((0.5, -0.3, 0.4), (-1.3, 0.2, 0.6), 3.0)}
-    return single(Setup(laser=LASER), hidden, LIT, film(), **walls) | lamp
+        return nlos.confocal(nlos.Setup(), hidden, film(), **walls)
+    lamp = {"laser": nlos.spot((0.5, -0.3, 0.4), (-1.3, 0.2, 0.6), 3.0)}
+    return nlos.single(nlos.Setup(laser=LASER), hidden, LIT, film(), **walls) | lamp
 
 
 def limited(description: dict, depth: int, **options) -> dict:
@@ -165,7 +148,6 @@ def limited(description: dict, depth: int, **options) -> dict:
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_bounces_are_a_partition(mode):
-    """Paths of 3 to 5 surface points, the lit one included, and all of them together."""
     described = folded(mode)
     hidden = {"use_nlos_only": True, "rr_depth": 100}  # the walls alone are mostly noise
     each = [found(limited(described, 8, filter_bounces=n, **hidden), 1024) for n in (3, 4, 5)]
@@ -186,8 +168,8 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
     described = folded(mode)
     black = {k: described[k] | {"bsdf": diffuse(0.0)} for k in ("left", "right")}
     only, every, alone, never = (
-        found(limited(scene, 5, use_nlos_only=nlos), 2048, seeds)
-        for scene, nlos, seeds in (
+        found(limited(scene, 5, use_nlos_only=alone), 2048, seeds)
+        for scene, alone, seeds in (
             (described, True, SEEDS),
             (described, False, range(100, 116)),
             (described | black, False, SEEDS),
@@ -208,10 +190,7 @@ def test_bounces_without_hidden_surfaces(mode):
     for bounces in range(1, 6):
         scene = limited(described, 8, filter_bounces=bounces, **options)
         there = bounces in ((3, 5) if mode == "confocal" else (2, 4))
-        assert (rendered(load_nlos(scene), 4096)[0].max() > 0) == there, bounces
-
-
-# ----------------------------------------------------- ordinary connections to the real emitter
+        assert (rendered(nlos.load_nlos(scene), 4096)[0].max() > 0) == there, bounces
 
 
 def lamp_scene(**options) -> dict:
@@ -219,14 +198,16 @@ def lamp_scene(**options) -> dict:
     ball = {"type": "sphere", "center": [-0.5, -0.6, 1.3], "radius": 0.3, "bsdf": diffuse(0.9)}
     hidden = {"panel": PANEL.shape(), "plate": PLATE.shape(), "ball": ball}
     options = {"nlos_laser_sampling": False} | options
-    described = single(Setup(laser=LASER), hidden, LIT, small_film(bins=400, start=0), **options)
-    return described | {"laser": spot(LASER, (0.3, 0.2, 0), 3.0, angle=45)}
+    described = nlos.single(
+        nlos.Setup(laser=LASER), hidden, LIT, small_film(bins=400, start=0), **options
+    )
+    return described | {"laser": nlos.spot(LASER, (0.3, 0.2, 0), 3.0, angle=45)}
 
 
 @functools.cache
 def by_mitsuba(depth: int) -> np.ndarray:
     path = {"type": "path", "max_depth": depth, "rr_depth": 100}
-    loaded = load_nlos(in_pictures(lamp_scene(), picture_film(2), **path))
+    loaded = nlos.load_nlos(nlos.in_pictures(lamp_scene(), nlos.picture_film(2), **path))
     return over_seeds(
         lambda s: np.array(mi.render(loaded, spp=4096, seed=s), dtype=float)[..., 0], range(50, 66)
     )
@@ -241,9 +222,6 @@ def test_the_emitter_itself(name):
     assert agree(three, by_mitsuba(4) - by_mitsuba(3)[::-1])
     up_to_four = found(lamp_scene(filter_bounces=-1, max_depth=5, **options), 512)
     assert agree(up_to_four, by_mitsuba(5))
-
-
-# ----------------------------------------------------------- points that need not be found
 
 
 RED = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.5, 0.3]}}
@@ -267,11 +245,10 @@ MIRRORS = {"type": "retroreflector", "reflectance": 0.5, "lobe_exponent": 20.0}
 )
 @pytest.mark.parametrize("flip", [False, True])
 def test_sampled_points_are_those_that_rays_find(kind, bsdf, plain, flip, monkeypatch):
-    """Where the shortcut is taken, it gives the light that a ray to the point gives."""
     pose = mi.ScalarTransform4f().translate([0.3, 0.1, 1]).rotate([0, 1, 0], 200).scale(0.3)
     shape = {"type": kind, "to_world": pose, "bsdf": bsdf, "flip_normals": flip}
-    setup = Setup(sensor=(-0.6, 0.3, 1.2))
-    loaded = load_nlos(confocal(setup, {"hidden": shape}, film(2, 2)))
+    setup = nlos.Setup(sensor=(-0.6, 0.3, 1.2))
+    loaded = nlos.load_nlos(nlos.confocal(setup, {"hidden": shape}, film(2, 2)))
 
     def picture() -> np.ndarray:
         return np.array(mi.render(loaded, spp=1024, seed=1)[0], dtype=np.float64)

@@ -105,7 +105,6 @@ def test_absorption_separates(mode, where):
 
 
 def test_a_single_bounce_is_in_fog_on_both_ways():
-    """In a box of fog, light that comes straight back to device and laser is in it all the way."""
     integrator = EACH | {"discard_direct_paths": False, "use_nlos_only": False}
     fogs, μ, _ = ABSORBING["in a box"]
     clear = bins(corner(integrator, 2), 64, range(4))
@@ -162,7 +161,6 @@ def test_infinite_light_is_refused(integrator):
 
 
 def test_captures_through_fog():
-    """The built-in scene: the letter is still there, and the fog between it and the wall, too."""
     for mode, spp in (("single", 256), ("confocal", 256), ("exhaustive", 16)):
         clear, foggy = (
             tofrender.capture(name, mode=mode, grid=(2, 2), spp=spp, progress=False)
@@ -187,7 +185,6 @@ def test_fog_of_no_density_changes_nothing(mode, spp):
 
 
 def test_depth_is_that_of_surfaces():
-    """A boundary of fog is none."""
     foggy = corner(SINGLE, **slab(THIN, 0.1))
     depths = [tofrender.true_depth(load(each)) for each in (corner(SINGLE), foggy)]
     np.testing.assert_allclose(depths[0], depths[1], rtol=1e-5)

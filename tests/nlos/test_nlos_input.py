@@ -9,17 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.support import agree, camera, diffuse, film, over_seeds, point_light, rendered
-from oracles.nlos import (
-    Grid,
-    Rectangle,
-    Setup,
-    confocal,
-    estimates,
-    load_nlos,
-    single,
-    spot,
-    total,
-)
+from oracles import nlos
 from test_projector import lit_by, projector, spots
 
 import tofrender
@@ -30,19 +20,19 @@ from tofrender.nlos.device.relay_wall import find_relay_wall, is_on_relay_wall
 DEVICE = (-0.6, 0.3, 1.2)
 LASER = (-0.8, -0.5, 0.6)
 LIT = (-0.3, 0.25, 0.0)
-PATCH = {"hidden": Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)).shape()}
+PATCH = {"hidden": nlos.Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)).shape()}
 WINDOW = {"bins": 60, "start": 0.0, "bin_width": 0.1}
 
 
 def scan(hidden: dict | None = None, **options) -> dict:
     hidden = PATCH if hidden is None else hidden
-    return confocal(Setup(sensor=DEVICE), hidden, film(2, 2, **WINDOW), **options)
+    return nlos.confocal(nlos.Setup(sensor=DEVICE), hidden, film(2, 2, **WINDOW), **options)
 
 
 def shot(hidden: dict | None = None, **options) -> dict:
     hidden = PATCH if hidden is None else hidden
-    setup = Setup(sensor=DEVICE, laser=LASER)
-    return single(setup, hidden, LIT, film(2, 2, **WINDOW), **options)
+    setup = nlos.Setup(sensor=DEVICE, laser=LASER)
+    return nlos.single(setup, hidden, LIT, film(2, 2, **WINDOW), **options)
 
 
 def by_camera(described: dict, fov: float = 20, **wall) -> dict:
@@ -55,17 +45,14 @@ def by_camera(described: dict, fov: float = 20, **wall) -> dict:
 def refusal(described: dict) -> str:
     """What is said of a scene, whether it is loaded, rendered or captured."""
     with pytest.raises((ValueError, TypeError)) as error:
-        tofrender.render(load_nlos(described), spp=4, progress=False)
+        tofrender.render(nlos.load_nlos(described), spp=4, progress=False)
     assert "\n" not in str(error.value)
     return str(error.value)
 
 
 def test_the_scenes_are_right_otherwise():
     for described in (scan(), shot(), by_camera(scan()), by_camera(shot())):
-        assert rendered(load_nlos(described), spp=256)[0].max() > 0
-
-
-# ------------------------------------------------------------------------------------ numbers
+        assert rendered(nlos.load_nlos(described), spp=256)[0].max() > 0
 
 
 @pytest.mark.parametrize(
@@ -95,16 +82,13 @@ def test_parameters(described, name, values):
         assert name in refusal(described(**{name: value})), value
 
 
-# --------------------------------------------------------------------------------- wall, laser
-
-
 def renamed(described: dict, name: str) -> dict:
     """The same with another id of the wall."""
     return {name if key == "relay_wall" else key: part for key, part in described.items()}
 
 
-AWAY = {"laser": spot(LASER, (3.0, 0.0, 0.0))}
-IN_THE_WAY = Rectangle((-0.55, -0.125, 0.3), (0.05, 0, 0), (0, 0.05, 0)).shape()
+AWAY = {"laser": nlos.spot(LASER, (3.0, 0.0, 0.0))}
+IN_THE_WAY = nlos.Rectangle((-0.55, -0.125, 0.3), (0.05, 0, 0), (0, 0.05, 0)).shape()
 NO_SHAPE = "the scene has no such shape; must be one of 'relay_wall'"
 REFUSED = {
     "no relay wall": (
@@ -153,9 +137,6 @@ def test_scenes(name):
     described, words = REFUSED[name]
     said = refusal(described())
     assert all(word in said for word in words), said
-
-
-# ------------------------------------------------------------------------------- projectors
 
 
 BENT = np.eye(4)
@@ -214,9 +195,6 @@ def test_small_frames_are_frames():
     mi.load_dict(projector(frame=small))
 
 
-# ------------------------------------------------------------------------------------ captures
-
-
 def fixed_projector() -> dict:
     frame = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0])
     return lit_by(projector(is_confocal=False, frame=frame), PATCH)
@@ -263,7 +241,6 @@ ORDINARY = {"type": "tofrender_transient_path"}
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_pixels_beside_the_wall(mode):
-    """Some: dark, and marked. All: refused."""
     described = by_camera(shot(nlos_hidden_geometry_sampling=True), fov=120)
     with pytest.warns(UserWarning, match=r"\Asensor: 12 of 16 pixels do not look at .* dark.*\Z"):
         data = capture(described, mode=mode, spp=64, progress=False)
@@ -301,17 +278,13 @@ def test_scans_do_not_care_where_the_laser_looks():
 
 @pytest.mark.parametrize("spot_sigma", [0.0, 0.02])
 def test_rays_that_miss_are_black(spot_sigma):
-    """A small wall in a wide view; also rays that meet the hidden patch instead."""
     small = mi.ScalarTransform4f().scale([0.4, 0.4, 1])
     described = by_camera(scan(spot_sigma=spot_sigma, filter_bounces=-1), 90, to_world=small)
-    steady, transient = rendered(load_nlos(described), spp=64)
+    steady, transient = rendered(nlos.load_nlos(described), spp=64)
     assert np.isfinite(steady).all()
     assert np.isfinite(transient).all()
     assert np.all(steady[[0, 0, -1, -1], [0, -1, 0, -1]] == 0)
     assert steady.max() > 0
-
-
-# ------------------------------------------------------------------------------------ identity
 
 
 def alike() -> dict:
@@ -320,7 +293,7 @@ def alike() -> dict:
 
 
 def test_load_without_optimization_keeps_shapes_apart():
-    loaded = load_nlos(alike())
+    loaded = nlos.load_nlos(alike())
     wall = find_relay_wall(loaded)
     rays = mi.Ray3f(mi.Point3f([0, 0.35], [0, 0.3], 0.2), mi.Vector3f([0, 0], [0, 0], [-1, 1]))
     assert np.array(is_on_relay_wall(loaded.ray_intersect(rays), wall)).tolist() == [True, False]
@@ -333,7 +306,7 @@ def test_a_default_load_is_right_or_refused(nlos_only):
     described["integrator"] = described["integrator"] | {"use_nlos_only": nlos_only}
     merged = tofrender.load_scene(described)
     assert len(merged.shapes()) == 1
-    apart = rendered(load_nlos(described), spp=1 << 12)[0]
+    apart = rendered(nlos.load_nlos(described), spp=1 << 12)[0]
     if nlos_only:
         with pytest.raises(ValueError, match=r"^[^\n]*optimize=False[^\n]*$"):
             tofrender.render(merged, spp=1, progress=False)
@@ -343,7 +316,6 @@ def test_a_default_load_is_right_or_refused(nlos_only):
 
 
 def test_capture_loads_shapes_apart():
-    """From a dict, without a word of how to load it."""
     described = alike()
     described["integrator"] = described["integrator"] | {"use_nlos_only": False}
     data = capture(described, mode="confocal", spp=64, progress=False)
@@ -352,18 +324,14 @@ def test_capture_loads_shapes_apart():
 
 
 def test_named_walls_of_a_meter():
-    """The wall is the shape that the meter is a child of, whatever it is called."""
     described = scan(use_nlos_only=True)
     described["anything"] = described.pop("relay_wall")
-    assert rendered(load_nlos(described), spp=64)[0].max() > 0
-
-
-# ----------------------------------------------------------------- what sampling aims at
+    assert rendered(nlos.load_nlos(described), spp=64)[0].max() > 0
 
 
 PLATES = {
-    "hidden": Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)),
-    "other": Rectangle.turned((-0.4, -0.3, 0.9), 20, 30, half=(0.2, 0.2)),
+    "hidden": nlos.Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2)),
+    "other": nlos.Rectangle.turned((-0.4, -0.3, 0.9), 20, 30, half=(0.2, 0.2)),
 }
 
 
@@ -379,15 +347,15 @@ def two_plates(**options) -> dict:
 @pytest.mark.statistical
 @pytest.mark.parametrize("value", ["hidden", "other", "hidden, other"])
 def test_hidden_shapes_change_the_noise_alone(value):
-    setup, points = Setup(sensor=DEVICE), Grid(2, 2).points().reshape(4, 3)
-    expected = sum(total(setup, p.nodes(), 0.7, w, w) for p in PLATES.values() for w in points)
-    loaded = load_nlos(two_plates(hidden_shapes=value))
-    found = over_seeds(lambda seed: estimates(loaded, 1 << 14)(seed).sum(), range(12))
+    setup, points = nlos.Setup(sensor=DEVICE), nlos.Grid(2, 2).points().reshape(4, 3)
+    expected = sum(nlos.total(setup, p.nodes(), 0.7, w, w) for p in PLATES.values() for w in points)
+    loaded = nlos.load_nlos(two_plates(hidden_shapes=value))
+    found = over_seeds(lambda seed: nlos.estimates(loaded, 1 << 14)(seed).sum(), range(12))
     assert agree(found, np.array(expected), rounding=1e-3)
     assert not agree(1.1 * found, np.array(expected), rounding=1e-3)
     names = [shape.id() for shape in aims(loaded)]
     assert names == value.split(", ")
-    by_list = load_nlos(two_plates())
+    by_list = nlos.load_nlos(two_plates())
     by_list.integrator().hidden_shapes = [s for s in by_list.shapes() if s.id() in names]
     assert rendered(by_list, spp=64)[0] == pytest.approx(rendered(loaded, spp=64)[0], rel=1e-4)
 
@@ -396,7 +364,7 @@ def test_the_box_can_be_left_out():
     """A capture of a scene of the text, whose box blocks half of the view."""
     described = tofrender.wall_box_sphere_nlos(width=8, height=8, spp=4)
     described["integrator"] = described["integrator"] | {"hidden_shapes": "hidden_sphere"}
-    loaded = load_nlos(described)
+    loaded = nlos.load_nlos(described)
     with pytest.warns(UserWarning, match="32 of 64 pixels"):
         data = capture(loaded, progress=False)
     assert [s.id() for s in aims(loaded)] == ["hidden_sphere"]
@@ -404,13 +372,10 @@ def test_the_box_can_be_left_out():
     assert not data["on_wall"].values[4:].any()
 
 
-# ------------------------------------------------------------------------------ other walls
-
-
 def test_nothing_says_which_shape_is_the_wall():
     described = by_camera(shot(), fov=120)
     described["screen"] = described.pop("relay_wall")
-    described["plate"] = Rectangle((3.0, 0, -0.5), (4.0, 0, 0), (0, 8.0, 0)).shape()
+    described["plate"] = nlos.Rectangle((3.0, 0, -0.5), (4.0, 0, 0), (0, 8.0, 0)).shape()
     with pytest.raises(ValueError, match=r"\Arelay_wall: is not known, and the sensor sees .*\Z"):
         capture(described, progress=False)
     with pytest.warns(UserWarning, match="do not look"):

@@ -9,25 +9,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.support import agree, film, load, over_seeds, rendered, with_sampler
-from oracles import films as oracles
-from oracles.nlos import (
-    Grid,
-    Rectangle,
-    Setup,
-    confocal,
-    estimates,
-    load_nlos,
-    masses,
-    three_bounces,
-    total,
-)
+from oracles import films as oracles, nlos
 
 from tofrender.scenes import cornell_box
 
 SEEDS = range(16)
 PLACE = (-0.3, 0.2, 1.4)
 FOV = 1.0
-PATCH = Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
+PATCH = nlos.Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
 
 
 def pointed(target=(0.1, -0.1, 0.0)) -> mi.ScalarTransform4f:
@@ -46,7 +35,9 @@ def spots(positions, sigmas, powers) -> dict:
 
 
 def lit_by(pattern: dict, hidden: dict | None = None, the_film=None, **options) -> dict:
-    described = confocal(Setup(sensor=PLACE), hidden or {}, the_film or film(8, 8), **options)
+    described = nlos.confocal(
+        nlos.Setup(sensor=PLACE), hidden or {}, the_film or film(8, 8), **options
+    )
     integrator = {k: v for k, v in described["integrator"].items() if k != "power"}
     return described | {"integrator": integrator | {"confocal_projector": pattern}}
 
@@ -84,9 +75,6 @@ def direct(points, value: np.ndarray, albedo: float = 0.8) -> np.ndarray:
     return albedo / math.pi * value * away[..., 2] / r**3
 
 
-# --------------------------------------------------------------------------------- direct light
-
-
 WHERE = [(0.5, -0.25), (-0.6, 0.1), (0.0, 0.7)]
 PATTERNS = {
     "one spot": ([(0.0, 0.0)], [0.3], [2.0]),
@@ -122,8 +110,8 @@ def test_direct_light(name):
     """Each point of the wall reflects ρ / π I(w) cos / d², without noise."""
     options, (positions, sigmas, powers) = DIRECT[name]
     described = lit_by(projector(**options), filter_bounces=1)
-    steady, transient = rendered(load_nlos(described), spp=4)
-    points = Grid(8, 8).points()
+    steady, transient = rendered(nlos.load_nlos(described), spp=4)
+    points = nlos.Grid(8, 8).points()
     for channel in range(3):
         each = [np.broadcast_to(power, 3)[channel] for power in powers]
         expected = direct(points, intensity(points, positions, sigmas, each))
@@ -136,19 +124,16 @@ def test_direct_light(name):
 def test_confocal_spots_are_where_the_camera_looks():
     """On its own axis each beam has the radiant intensity Φ / (2 π σ²), a small σ in rad."""
     beam = {"type": "confocal_projector", "fov": 0.4, "grid_sigma": 0.1, "grid_intensity": 3.0}
-    by_angle = confocal(
-        Setup(sensor=PLACE, power=3.0), {}, film(8, 8), spot_sigma=0.004, filter_bounces=1
+    by_angle = nlos.confocal(
+        nlos.Setup(sensor=PLACE, power=3.0), {}, film(8, 8), spot_sigma=0.004, filter_bounces=1
     )
     for described, σ, within in (
         (lit_by(beam, filter_bounces=1), 0.1 * math.tan(0.2), 1e-4),
         (by_angle, 0.004, 2e-3),
     ):
-        steady, _ = rendered(load_nlos(described), spp=4)
-        expected = direct(Grid(8, 8).points(), np.full((8, 8), 3.0 / (2 * math.pi * σ**2)))
+        steady, _ = rendered(nlos.load_nlos(described), spp=4)
+        expected = direct(nlos.Grid(8, 8).points(), np.full((8, 8), 3.0 / (2 * math.pi * σ**2)))
         assert steady[..., 0] == pytest.approx(expected, rel=within)
-
-
-# ------------------------------------------------------------------------------------- sampling
 
 
 @pytest.mark.statistical
@@ -181,45 +166,42 @@ def test_samples_follow_the_pattern(name, tries):
     assert agree(samples.sum(axis=(1, 2)), np.array(expected.sum()), rounding=1e-3)
 
 
-# ------------------------------------------------------------------------------ around the corner
-
-
 @pytest.mark.statistical
 def test_a_narrow_spot_is_a_point():
-    setup = Setup(sensor=PLACE, power=2.0)
-    described = confocal(setup, {"hidden": PATCH.shape()}, film(2, 2), spot_sigma=1e-3)
+    setup = nlos.Setup(sensor=PLACE, power=2.0)
+    described = nlos.confocal(setup, {"hidden": PATCH.shape()}, film(2, 2), spot_sigma=1e-3)
     expected = np.array(
-        [[total(setup, PATCH.nodes(), 0.7, p, p) for p in row] for row in Grid(2, 2).points()]
+        [
+            [nlos.total(setup, PATCH.nodes(), 0.7, p, p) for p in row]
+            for row in nlos.Grid(2, 2).points()
+        ]
     )
-    assert agree(over_seeds(estimates(described, 1024), SEEDS), expected, rounding=2e-3)
+    assert agree(over_seeds(nlos.estimates(described, 1024), SEEDS), expected, rounding=2e-3)
 
 
 @pytest.mark.statistical
 def test_wide_spot_is_many_points():
     """The sum over the wall's points, each lit with the power I(w) cos / d² dA, in time."""
-    pattern, seen, setup = PATTERNS["beside the axis"], (0.5, 0.5, 0.0), Setup(sensor=PLACE)
-    wall = Rectangle((0, 0, 0), (1, 0, 0), (0, 1, 0)).nodes(80, 80)
+    pattern, seen, setup = PATTERNS["beside the axis"], (0.5, 0.5, 0.0), nlos.Setup(sensor=PLACE)
+    wall = nlos.Rectangle((0, 0, 0), (1, 0, 0), (0, 1, 0)).nodes(80, 80)
     away = np.asarray(PLACE) - wall.points
     r = np.linalg.norm(away, axis=1)
     powers = intensity(wall.points, *pattern) * away[:, 2] / r**3 * wall.areas
     lit = powers > 1e-6 * powers.sum()
     hidden = PATCH.nodes(20, 20)
-    found = [three_bounces(setup, hidden, 0.7, p, seen) for p in wall.points[lit]]
+    found = [nlos.three_bounces(setup, hidden, 0.7, p, seen) for p in wall.points[lit]]
     opl = np.concatenate([each[0] for each in found])
     light = np.concatenate([p * each[1] for p, each in zip(powers[lit], found, strict=True)])
     edges = 4.0 + 0.25 * np.arange(13)
     lamp = projector(**spots(*pattern), pulse_width_opl=1e-4)
     window = film(2, 2, bins=12, start=4.0, bin_width=0.25)
     described = lit_by(lamp, {"hidden": PATCH.shape()}, window, filter_bounces=3, max_depth=4)
-    samples = over_seeds(estimates(described, 1024, "transient"), SEEDS)[:, 1, 1]
-    expected = masses(edges, opl, light)
+    samples = over_seeds(nlos.estimates(described, 1024, "transient"), SEEDS)[:, 1, 1]
+    expected = nlos.masses(edges, opl, light)
     there = expected > 0.01 * expected.sum()
     assert there.sum() > 3
     assert agree(samples[:, there], expected[there], rounding=5e-3)
     assert agree(samples.sum(axis=1), np.array(light.sum()), rounding=1e-3)
-
-
-# ------------------------------------------------------------------------------ pulses, nesting
 
 
 HISTOGRAM = {
@@ -245,11 +227,11 @@ HISTOGRAM = {
 )
 def test_pulses(pulse, start, width, expected, within):
     """What a patch of 2 mm makes of them: shares of the energy."""
-    small = Rectangle.turned((0.0, 0.0, 1.0), 0, 0, half=(1e-3, 1e-3))
+    small = nlos.Rectangle.turned((0.0, 0.0, 1.0), 0, 0, half=(1e-3, 1e-3))
     window = film(bins=len(expected), start=start + 2 + 2 * math.hypot(*PLACE), bin_width=width)
     narrow = projector(grid_sigma=1e-3, frame=pointed((0, 0, 0)), **pulse)
     described = lit_by(narrow, {"hidden": small.shape()}, window)
-    found = rendered(load_nlos(described), spp=1 << 14)[1][0, 0, :, 0]
+    found = rendered(nlos.load_nlos(described), spp=1 << 14)[1][0, 0, :, 0]
     assert found / found.sum() == pytest.approx(expected / expected.sum(), abs=within)
 
 
@@ -257,7 +239,7 @@ def test_projector_nests_in_both_integrators():
     pattern = projector(**spots(*PATTERNS["several"]))
     named = lit_by(pattern, {"hidden": PATCH.shape()}, film(2, 2))
     plain = named | {"integrator": named["integrator"] | {"type": "transient_path"}}
-    one, other = (load_nlos(d) for d in (named, plain))
+    one, other = (nlos.load_nlos(d) for d in (named, plain))
     assert type(one.integrator()) is type(other.integrator())
     np.testing.assert_array_equal(rendered(one, 16)[1], rendered(other, 16)[1])
 

@@ -7,17 +7,7 @@ from functools import lru_cache, partial
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.hidden_scenes import (
-    STRAIGHT,
-    Wall,
-    capture_of,
-    letter_f,
-    letter_z,
-    rectangle,
-    true_depth,
-    turned,
-    two_spheres,
-)
+from helpers import hidden_scenes as scenes
 from oracles.nlos import Nodes
 
 from tofrender.nlos import (
@@ -42,16 +32,16 @@ pairs = pytest.mark.parametrize(("mode", "method"), ALLOWED)
 each_method = pytest.mark.parametrize("method", METHODS)
 SCENES = {
     # A plane that is parallel to the wall and reaches past its edge on one side
-    "plane": partial(rectangle, (-0.8, 1.1), (-0.7, 0.9), 1.0, 0.04),
-    "Z": letter_z,
-    "spheres": two_spheres,
+    "plane": partial(scenes.rectangle, (-0.8, 1.1), (-0.7, 0.9), 1.0, 0.04),
+    "Z": scenes.letter_z,
+    "spheres": scenes.two_spheres,
 }
 
 
 @lru_cache
-def light_of(scene, wall: Wall, mode: str, **options) -> xr.Dataset:
+def light_of(scene, wall: scenes.Wall, mode: str, **options) -> xr.Dataset:
     """The capture of a scene; made once for all methods, so it must stay as it is."""
-    return capture_of(scene(), wall, mode, **TIME | options)
+    return scenes.capture_of(scene(), wall, mode, **TIME | options)
 
 
 def run(capture: xr.Dataset, method: str, **options) -> xr.Dataset:
@@ -68,8 +58,6 @@ def brightest(volume: xr.Dataset) -> np.ndarray:
     return np.average(places, axis=0, weights=values[near].ravel())
 
 
-# ------------------------------------------------------------------------------- scenes' depths
-
 # Backprojection without a filter has no maximum at a plane (all that is before it is as bright),
 # nor on a sphere; everything else finds surfaces to 2 cm. Points that are 62 mm apart see the
 # slopes of spheres less well.
@@ -80,8 +68,8 @@ COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
 def test_depth_of_scenes(scene, mode, method):
-    volume = run(light_of(SCENES[scene], turned(32), mode), method)
-    error = depth_error(volume, true_depth(SCENES[scene](), volume))
+    volume = run(light_of(SCENES[scene], scenes.turned(32), mode), method)
+    error = depth_error(volume, scenes.true_depth(SCENES[scene](), volume))
     assert error.median < (COARSE | LIMITS).get((scene, method), 0.02)
     if method != "bp" and mode == "confocal":
         assert error.found > 0.15
@@ -93,7 +81,7 @@ def test_depth_of_scenes(scene, mode, method):
 )
 def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
     """64 x 64 points, bins of 6 mm, depth 1 m: below 2 cm."""
-    capture = light_of(SCENES[scene], Wall(64), mode, width=0.006, bins=250)
+    capture = light_of(SCENES[scene], scenes.Wall(64), mode, width=0.006, bins=250)
     project = lru_cache(lambda *what: backprojection.backproject(measured[0], *what, False))
     measured = []
 
@@ -104,15 +92,17 @@ def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
     monkeypatch.setattr(methods, "backproject", once)
     for method in [each for at, each in ALLOWED if at == mode]:
         volume = run(capture, method)
-        error = depth_error(volume, true_depth(SCENES[scene](), volume))
+        error = depth_error(volume, scenes.true_depth(SCENES[scene](), volume))
         assert error.median < LIMITS.get((scene, method), 0.02), method
     assert project.cache_info().misses == 1
 
 
 def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
     """How much too deep the middle of a square plate that faces the wall is found [m]."""
-    plate = rectangle((-half, half), (-half, half), z, half / 10)
-    depth = depth_map(run(capture_of(plate, Wall(size), mode, start=0.0, **window), method))
+    plate = scenes.rectangle((-half, half), (-half, half), z, half / 10)
+    depth = depth_map(
+        run(scenes.capture_of(plate, scenes.Wall(size), mode, start=0.0, **window), method)
+    )
     middle = depth.sel(x=slice(-0.15, 0.15), y=slice(-0.15, 0.15))
     return float(np.nanmedian(middle)) - z
 
@@ -143,17 +133,14 @@ def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
 
 @pairs
 def test_a_letter_is_no_mirror_image(mode, method):
-    """The projection is the letter's, and none of its seven turned or flipped images'."""
     grid = ((-1, 1, 24), (-1, 1, 24), (0.7, 1.3, 20))
-    volume = run(light_of(letter_f, turned(24), mode), method, volume=grid)
+    volume = run(light_of(scenes.letter_f, scenes.turned(24), mode), method, volume=grid)
     picture = max_projection(volume).values
-    truth = np.isfinite(true_depth(letter_f(), volume)).astype(float)
+    truth = np.isfinite(scenes.true_depth(scenes.letter_f(), volume)).astype(float)
     images = [turn(np.rot90(truth, k)) for k in range(4) for turn in (np.array, np.transpose)]
     fits = [np.corrcoef(picture.ravel(), image.ravel())[0, 1] for image in images]
     assert fits[0] > max(fits[1:]) + 0.03
 
-
-# ----------------------------------------------------------------------------- points and walls
 
 POINT = np.array([0.32, -0.21, 0.93])
 
@@ -166,17 +153,17 @@ def point_at(place: tuple):
 point = point_at(tuple(POINT))
 
 
-def opposite(wall: Wall) -> tuple:
+def opposite(wall: scenes.Wall) -> tuple:
     """A place opposite to a point of the wall, near POINT."""
     x, y = wall.grid()[0, :, 0], wall.grid()[:, 0, 1]
     return float(x[abs(x - POINT[0]).argmin()]), float(y[abs(y - POINT[1]).argmin()]), POINT[2]
 
 
 @pairs
-@pytest.mark.parametrize("wall", [STRAIGHT, turned(32)], ids=["straight", "turned"])
+@pytest.mark.parametrize("wall", [scenes.STRAIGHT, scenes.turned(32)], ids=["straight", "turned"])
 @pytest.mark.parametrize("legs", [False, True])
 def test_a_point_is_where_it_is(mode, method, wall, legs):
-    wall = Wall(16 if mode == "exhaustive" else 24, wall.origin, wall.axes)
+    wall = scenes.Wall(16 if mode == "exhaustive" else 24, wall.origin, wall.axes)
     place = opposite(wall)
     capture = light_of(point_at(place), wall, mode, legs=legs, lasers=3)
     volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.75, 1.1, 35)))
@@ -189,10 +176,9 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
 
 @pairs
 def test_the_window_may_start_anywhere(mode, method):
-    """Another start of the window, by whole and half bins, changes nothing that is seen."""
     grid, places = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50)), []
     for shift in (0, 0.5, 20.5):
-        capture = light_of(point, Wall(16), mode, start=1.3 + shift * 0.012, lasers=2)
+        capture = light_of(point, scenes.Wall(16), mode, start=1.3 + shift * 0.012, lasers=2)
         places.append(brightest(run(capture, method, volume=grid)))
         np.testing.assert_allclose(places[-1], places[0], atol=0.005)
 
@@ -200,7 +186,7 @@ def test_the_window_may_start_anywhere(mode, method):
 @pairs
 def test_a_planted_half_bin_is_seen(mode, method):
     """A path that is counted half a bin (6 mm) too long is 3 mm too far away."""
-    wall, grid = Wall(16), ((0.2, 0.5, 12), (-0.3, -0.1, 8), (0.85, 1.01, 64))
+    wall, grid = scenes.Wall(16), ((0.2, 0.5, 12), (-0.3, -0.1, 8), (0.85, 1.01, 64))
     captures = [light_of(point, wall, mode, lasers=2, delay=d) for d in (0.0, 0.006, 0.012)]
     right, half, whole = (
         float(np.nanmedian(depth_map(run(capture, method, volume=grid), 0.9)))
@@ -213,15 +199,13 @@ def test_a_planted_half_bin_is_seen(mode, method):
 
 @each_method
 def test_a_negative_start_of_the_window(method):
-    """Bins before light can come back are dark, not wrong."""
-    place = opposite(Wall(16))
-    capture = light_of(point_at(place), Wall(16), "confocal", start=-0.301, bins=210)
+    place = opposite(scenes.Wall(16))
+    capture = light_of(point_at(place), scenes.Wall(16), "confocal", start=-0.301, bins=210)
     volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.8, 1.05, 50)))
     np.testing.assert_allclose(brightest(volume)[2], POINT[2], atol=0.004)
 
 
 def test_any_geometry_for_backprojection():
-    """Points scattered over a bent wall."""
     rng = np.random.default_rng(2)
     grid = rng.uniform(-1, 1, (1, 300, 3))
     grid[..., 2] = 0.1 * np.sin(3 * grid[..., 0])
@@ -244,20 +228,18 @@ def test_any_geometry_for_backprojection():
 
 @each_method
 def test_noise(method):
-    """Noise of 2 % of the largest value in each bin: the letter is still at its depth."""
-    volume = run(capture_of(letter_z(), Wall(32), noise=0.02, **TIME), method)
+    volume = run(scenes.capture_of(scenes.letter_z(), scenes.Wall(32), noise=0.02, **TIME), method)
     # Where the letter is: how much else is above the threshold depends on the method.
-    assert depth_error(volume, true_depth(letter_z(), volume), 0.0).median < 0.025
-
-
-# ---------------------------------------------------------------------------- backprojection
+    assert depth_error(volume, scenes.true_depth(scenes.letter_z(), volume), 0.0).median < 0.025
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 @pytest.mark.parametrize("weighting", backprojection.WEIGHTINGS)
 def test_backprojection_is_its_formula(mode, weighting):
     rng = np.random.default_rng(0)
-    capture = capture_of(point(), turned(4), mode, bins=60, width=0.03, legs=True, lasers=2)
+    capture = scenes.capture_of(
+        point(), scenes.turned(4), mode, bins=60, width=0.03, legs=True, lasers=2
+    )
     light = rng.random(capture["transient"].shape, dtype=np.float32)
     capture["transient"] = (capture["transient"].dims, light)
     grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 4), (0.1, 1.4, 6))
@@ -285,8 +267,7 @@ def test_backprojection_is_its_formula(mode, weighting):
 
 
 def test_backprojection_in_steps(monkeypatch):
-    """How the volume is divided does not matter."""
-    capture = capture_of(letter_z(), Wall(8), bins=50, width=0.03)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), bins=50, width=0.03)
     whole = run(capture, "bp")
     monkeypatch.setattr(backprojection, "_PAIRS_A_STEP", 64 * 77)
     np.testing.assert_array_equal(run(capture, "bp")["intensity"], whole["intensity"])
@@ -294,7 +275,7 @@ def test_backprojection_in_steps(monkeypatch):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_light_that_is_not_finite_is_refused(bad):
-    capture = capture_of(letter_z(), Wall(8), **TIME)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), **TIME)
     capture["transient"].values[3, 4:7, 20:22] = bad
     said = (
         rf"\Acapture: transient: 6 of 8000 values .*, the first is {bad:g} at \[3, 4, 20, 0\].*\Z"
@@ -305,25 +286,21 @@ def test_light_that_is_not_finite_is_refused(bad):
 
 
 def test_volumes_that_are_not_finite_are_refused():
-    volume = run(capture_of(letter_z(), Wall(8), **TIME), "bp")
+    volume = run(scenes.capture_of(scenes.letter_z(), scenes.Wall(8), **TIME), "bp")
     volume["intensity"].values[3, 2, 1] = np.nan
     for function in (max_projection, depth_map, reconstruction_figure):
         with pytest.raises(ValueError, match=r"^volume: intensity: 1 of .* nan at \[3, 2, 1\]"):
             function(volume)
 
 
-# --------------------------------------------------------------------------- options, volumes
-
-
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_falloff_of_retroreflectors(method):
-    """Two patches at different distances are as bright as each other with the right falloff."""
     near, far = (
-        rectangle((x, x + 0.15), (-0.1, 0.05), z, 0.03) for x, z in ((-0.5, 0.8), (0.4, 1.3))
+        scenes.rectangle((x, x + 0.15), (-0.1, 0.05), z, 0.03) for x, z in ((-0.5, 0.8), (0.4, 1.3))
     )
     ratios = {}
     for light, power in (("diffuse", 0), ("retroreflective", 2)):  # r^-4 by f1, and r^-2
-        capture = capture_of(near + far, Wall(32), **TIME)
+        capture = scenes.capture_of(near + far, scenes.Wall(32), **TIME)
         capture["transient"].values[:] *= (capture["opl"].values[:, None] / 2) ** power
         for surface in ("diffuse", "retroreflective"):
             volume = run(capture, method, surface=surface)["intensity"]
@@ -336,7 +313,7 @@ def test_falloff_of_retroreflectors(method):
 
 
 def test_options_change_what_they_say():
-    capture = capture_of(letter_z(), Wall(16), noise=0.05, **TIME)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(16), noise=0.05, **TIME)
     for method, option, low, high in (
         ("lct", "snr", 1, 1e4),
         ("phasor", "wavelength", 0.3, 0.6),
@@ -349,7 +326,7 @@ def test_options_change_what_they_say():
 
 @each_method
 def test_a_volume_of_ones_own(method):
-    capture = capture_of(letter_z(), Wall(16), **TIME)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(16), **TIME)
     axes = ((-0.5, 0.7, 9), (-0.6, 0.5, 7), (0.8, 1.3, 11))
     volume = run(capture, method, volume=axes)
     assert volume["intensity"].shape == (11, 7, 9)
@@ -381,7 +358,7 @@ def test_resample():
 
 def test_default_volume_holds_what_the_window_holds():
     for mode in ("confocal", "single"):
-        capture = capture_of(point(), Wall(16), mode, start=1.5, **TIME)
+        capture = scenes.capture_of(point(), scenes.Wall(16), mode, start=1.5, **TIME)
         volume = run(capture, "bp")
         assert volume["intensity"].shape[1:] == (16, 16)
         np.testing.assert_allclose(volume["x"], capture["sensor_grid"].values[0, :, 0], atol=1e-6)
@@ -390,7 +367,7 @@ def test_default_volume_holds_what_the_window_holds():
     assert Measured.of(capture).spacing == pytest.approx(0.125)
 
 
-BASE = capture_of(point(), Wall(8), bins=20, width=0.05)
+BASE = scenes.capture_of(point(), scenes.Wall(8), bins=20, width=0.05)
 
 
 @pytest.mark.parametrize(
@@ -421,14 +398,14 @@ def test_bad_options_in_one_line(options, message):
 def test_captures_that_a_method_does_not_allow():
     uneven = BASE.isel(x=[0, 1, 3])
     run(uneven, "bp")
-    early = capture_of(point(), Wall(4), start=-2, bins=10)
+    early = scenes.capture_of(point(), scenes.Wall(4), start=-2, bins=10)
     refused = [
         (uneven, "lct", "a confocal capture on a grid that is not even.* bp, fbp$"),
         (BASE["transient"], "bp", "capture = DataArray"),
         (early, "bp", "bins end before light can come back"),
     ]
     for mode in ("single", "exhaustive"):
-        capture = capture_of(point(), Wall(4), mode, bins=10, lasers=2)
+        capture = scenes.capture_of(point(), scenes.Wall(4), mode, bins=10, lasers=2)
         said = f"a {mode} capture .* allows bp, fbp, phasor$"
         refused += [(capture, "lct", said), (capture, "fk", said)]
     for capture, method, said in refused:
@@ -441,9 +418,6 @@ def test_too_little_memory(monkeypatch, method):
     monkeypatch.setattr(memory, "available", lambda: 1 << 10)
     with pytest.raises(MemoryError, match=f"^method = '{method}': takes .*is free; must be"):
         run(BASE, method)
-
-
-# -------------------------------------------------------------------------- depths and figure
 
 
 def volume_of(values) -> xr.Dataset:
@@ -491,8 +465,11 @@ def test_depth_error():
 
 
 def test_figure():
-    for wall, down in ((STRAIGHT, False), (turned(16), None)):
-        volume = run(capture_of(letter_z(), Wall(16, wall.origin, wall.axes), **TIME), "lct")
+    for wall, down in ((scenes.STRAIGHT, False), (scenes.turned(16), None)):
+        volume = run(
+            scenes.capture_of(scenes.letter_z(), scenes.Wall(16, wall.origin, wall.axes), **TIME),
+            "lct",
+        )
         figure = reconstruction_figure(volume.assign_attrs(scene="letter"))
         views = figure.axes[:4]
         assert [a.get_title() for a in views] == ["front", "side", "top", "depth"]

@@ -65,9 +65,6 @@ def evaluated(bsdf, wi, wo, context=None, lanes: int = 1) -> tuple[np.ndarray, n
     return np.array(value), np.array(density)
 
 
-# ------------------------------------------------------------------- sample, pdf, eval agree
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_samples_have_the_density(exponent):
@@ -126,12 +123,8 @@ def test_nothing_goes_below_the_surface_or_farther_than_a_right_angle():
         assert value.max() == density.max() == 0, (wi, wo)
 
 
-# ---------------------------------------------------------------------------------- energy
-
-
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_albedo_is_at_most_the_reflectance(exponent):
-    """By quadrature of `eval`, and by samples, whose weights never exceed it either."""
     bsdf = mi.load_dict(described(exponent, reflectance=1.0))
     theta = (dr.arange(mi.Float, 1024) + 0.5) * (pi / 2 / 1024)
     turn = (dr.arange(mi.Float, 512) + 0.5) * (2 * pi / 512)
@@ -151,9 +144,6 @@ def test_albedo_is_at_most_the_reflectance(exponent):
             assert albedo == pytest.approx((exponent + 1) / (exponent + 2), rel=1e-4)
     if exponent >= 100:
         assert albedo == pytest.approx(0.5, abs=0.03)  # grazing: half of the lobe is lost
-
-
-# -------------------------------------------------------------------------------- plugin
 
 
 def test_flags_and_text():
@@ -214,9 +204,6 @@ def test_every_variant(variant):
     weight, value = (np.array(mi.unpolarized_spectrum(x)) for x in (weight, value))
     np.testing.assert_allclose(weight * np.array(density), value, rtol=1e-4, atol=1e-6)
     assert 0.5 < weight.max() <= 0.801
-
-
-# ------------------------------------------------------------------------------- bad input
 
 
 def picture(value: float) -> dict:

@@ -84,8 +84,6 @@ def test_lasers_are_white(name):
     ],
 )
 def test_a_projectors_spots(colours, bounces):
-    """Spots beside the camera's axis, each of its own colour."""
-
     def pattern() -> dict:
         lamp = {"type": "confocal_projector", "fov": 0.8, "is_confocal": False}
         lamp["frame"] = mi.ScalarTransform4f().look_at(list(DEVICE), [0, 0, 0], [0, 1, 0])

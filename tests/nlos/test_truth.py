@@ -30,7 +30,6 @@ def volume(frame: np.ndarray, origin=(0.0, 0, 0), size: int = 41) -> xr.Dataset:
 
 @pytest.mark.parametrize("steps", [0, 70])
 def test_a_sphere(steps):
-    """On a wall in its place and on one that is turned, with the scene before it."""
     pose = mi.ScalarTransform4f().translate([1, -2, 3]).rotate([0.6, 0, 0.8], steps)
     matrix = np.array(pose.matrix)
     ball = {"type": "sphere", "center": [0.2, -0.1, 1.5], "radius": 0.4, "to_world": pose}
@@ -47,7 +46,6 @@ def test_a_sphere(steps):
 
 
 def test_the_letter_through_its_occluder():
-    """The plate between wall and letter does not count, the letter does: its own area."""
     where = volume(np.eye(3), size=401)
     depth = hidden_depth("nlos_z", where).values
     assert np.nanmin(depth) == pytest.approx(1, abs=1e-5)
