@@ -20,7 +20,6 @@ from helpers.support import (
     translate,
 )
 
-from tofrender import phasor_parts
 from tofrender.analysis import (
     four_bucket,
     from_four_bucket,
@@ -68,13 +67,6 @@ def test_round_trip(contrast):
     back = from_four_bucket(*buckets, contrast=contrast)
     for ours, given in zip(back, (I, Q, np.broadcast_to(offset, I.shape)), strict=True):
         assert ours == pytest.approx(given, abs=1e-12)
-
-
-def test_phase_needs_neither_offset_nor_contrast():
-    buckets = four_bucket(0.3, -0.4, offset=2.0, contrast=0.3)
-    I, Q, offset = from_four_bucket(*(b + 0.25 for b in buckets), contrast=0.9)
-    assert phasor_parts(I, Q, 20e6)[1] == pytest.approx(np.arctan2(-0.4, 0.3))
-    assert offset == pytest.approx(2.5)
 
 
 def test_bad_contrast_offset_or_shape():

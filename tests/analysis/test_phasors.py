@@ -123,18 +123,6 @@ def test_phase_is_in_half_open_interval_and_depth_below_the_range():
     assert depth == pytest.approx([0, full / 2, full / 2, full / 2, full, 0.75 * full, 0])
 
 
-def test_channels_are_summed_as_phasors():
-    """Two colours with phases around +-pi: the mean of phases is 0, the right one is pi."""
-    I, Q = np.zeros((2, 1, 1, 3)), np.zeros((2, 1, 1, 3))
-    I[..., :] = -1.0, -1.0, 0.0
-    Q[..., :] = 0.1, -0.1, 0.0
-    assert phasor_parts(I, Q, (20e6, 50e6))[1].mean() == pytest.approx(0)
-    summed = sum_channels(I, Q, (20e6, 50e6))
-    assert [part.shape for part in summed] == [(2, 1, 1, 1)] * 5
-    assert summed[0] == pytest.approx(np.full((2, 1, 1, 1), -2.0))
-    assert np.abs(summed[3]) == pytest.approx(np.full((2, 1, 1, 1), np.pi))
-
-
 def test_sum_of_channels_equals_conversion_of_the_sum():
     data = np.random.default_rng(2).random((2, 2, 50, 3))
     colour, grey = (converted(d, FREQUENCIES) for d in (data, data.sum(axis=3, keepdims=True)))
@@ -215,19 +203,12 @@ def one_line(match, *args, function=transient_to_phasor, **kwargs):
         function(*args, **kwargs)
 
 
-@pytest.mark.parametrize("f", [0, -20e6, np.nan, np.inf, "20e6", None, True, [20e6, 0], ["50e6"]])
-@pytest.mark.parametrize("function", [transient_to_phasor, phasor_parts, unambiguous_range])
-def test_bad_frequencies(f, function):
-    arguments = {
-        transient_to_phasor: (paths((5, 1)), f, START, WIDTH),
-        phasor_parts: (np.ones(2), np.ones(2), f),
-        unambiguous_range: (f,),
-    }[function]
-    one_line(
-        r"frequency_hz.* = .*: must be a finite number of hertz from 1e-09",
-        *arguments,
-        function=function,
-    )
+def test_bad_frequencies():
+    match = r"frequency_hz.* = .*: must be a finite number of hertz from 1e-09"
+    for f in (0, -20e6, [20e6, 0]):
+        one_line(match, paths((5, 1)), f, START, WIDTH)
+        one_line(match, np.ones(2), np.ones(2), f, function=phasor_parts)
+        one_line(match, f, function=unambiguous_range)
 
 
 @pytest.mark.parametrize(
@@ -250,15 +231,9 @@ NO_REAL = "transient_data of type .* must hold real numbers"
 @pytest.mark.parametrize(
     ("match", "arguments"),
     [
-        ("start_opl = ", (LIGHT, 20e6, None, WIDTH)),
-        ("start_opl = ", (LIGHT, 20e6, np.nan, WIDTH)),
-        *(("bin_width_opl = ", (LIGHT, 20e6, START, width)) for width in (None, 0, -1, "1")),
         *(("at least one frequency", (LIGHT, none, START, WIDTH)) for none in ([], np.zeros(0))),
         ("must be below 7.49481e[+]09", (LIGHT, [20e6, 7.5e9], START, WIDTH)),
-        (NO_REAL, ("light", 20e6, START, WIDTH)),
-        (NO_REAL, (None, 20e6, START, WIDTH)),
         (NO_REAL, (LIGHT.astype(complex), 20e6, START, WIDTH)),
-        (NO_REAL, ([[1], [1, 2]], 20e6, START, WIDTH)),
     ],
 )
 def test_bad_arguments(match, arguments):

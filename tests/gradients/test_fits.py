@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import mitsuba as mi
@@ -166,29 +165,12 @@ def test_arrival_times_fall_on_the_way(name):
     assert np.all(np.diff(along(PROBLEMS[name], tofrender.wasserstein_loss)) < 0)
 
 
-def test_bins_and_phasors_of_a_far_wall_do_not():
-    """A difference of bins rises at first, phasors of too high a frequency as well."""
-    axis = {"start_opl": 1.5, "bin_width_opl": 0.05}
-    phasors = partial(tofrender.phasor_loss, frequency_hz=300e6, **axis)
-    for loss in (tofrender.l2_loss, phasors):
-        falls = np.diff(along(PROBLEMS["wall"], loss))
-        assert np.any(falls[:4] > 0)
-        assert np.all(falls[-2:] < 0)
-
-
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_is_found(name):
     problem = PROBLEMS[name]
     found = problem.fit(loss="wasserstein", steps=120)
     off = problem.off(found.values)
     assert all(off[each] < limit for each, limit in problem.within.items()), found
-
-
-def test_a_far_wall_goes_away_and_turns_black_by_bins():
-    """The nearest that L2 finds to light in wrong bins is no light."""
-    found = PROBLEMS["wall"].fit(loss="l2", steps=80)
-    assert found.values["albedo"] < 0.05
-    assert found.values["depth"] > 2.5
 
 
 def test_warns_once_of_what_becomes_hidden():

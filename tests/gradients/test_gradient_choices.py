@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gradient_of import fog_box, from_above, grid_of, moved_render, tracked
-from oracles.gradients import Bins
+from oracles import gradients as forms
 
 import tofrender
 from tofrender.paths.choices import Choices
@@ -28,7 +28,7 @@ INDEX = 1.5
 ONE_PERCENT = 1e-2
 
 
-SEEN = Bins(0.0, 2.0, 60, 1.0)
+SEEN = forms.Bins(0.0, 2.0, 60, 1.0)
 
 
 def seen(parts: dict) -> dict:
@@ -51,12 +51,7 @@ def plate(bsdf: dict, degrees: float = 0.0) -> dict:
 
 
 def fresnel(degrees: float) -> float:
-    """The share that an interface of the index 1.5 reflects, of unpolarised light."""
-    cos = math.cos(math.radians(degrees))
-    inside = math.sqrt(1 - (1 - cos**2) / INDEX**2)
-    s = (cos - INDEX * inside) / (cos + INDEX * inside)
-    p = (INDEX * cos - inside) / (INDEX * cos + inside)
-    return (s**2 + p**2) / 2
+    return forms.fresnel(math.sin(math.radians(degrees)), INDEX)
 
 
 def tinted(reflectance: float) -> dict:

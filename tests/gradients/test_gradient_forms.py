@@ -121,14 +121,6 @@ def test_g4():
     assert phase == pytest.approx(-0.83833801, abs=1e-8)
 
 
-@pytest.mark.parametrize("bounces", [0, 1, 2])
-def test_g5(bounces):
-    light = forms.derived(lambda a: forms.inside_sphere(1.2, a, 2.0, bounces), 0.8)
-    met = slice(forms.inside_sphere(1.2, 0.8, 2.0, bounces - 1)[0].size if bounces else 0, None)
-    assert light.d_light[met] == pytest.approx((bounces + 1) / 0.8 * light.light[met])
-    assert not light.d_opl.any()
-
-
 @pytest.mark.parametrize("x", [-0.3, 0.02, 0.25])
 def test_g6(x):
     one = forms.Arrived(np.array([2.0]), np.array([1.0]), np.zeros(1), np.zeros(1))
@@ -152,13 +144,3 @@ def test_disk_light():
         [total, 2 * radiance * h**2 * (1 / h - 1 / math.sqrt(square))]
     )
     assert light.d_moments()[0] == pytest.approx(-2 * h * total / square)
-
-
-def test_phasors_are_sums_of_fine_bins():
-    light = forms.derived(lambda R: forms.inside_sphere(R, 0.8, 2.0, 1), 1.2)
-    k = forms.Phasor(20e6).k
-    z = (light.light * np.exp(1j * k * light.opl)).sum()
-    fine = forms.Bins(1.0, 0.01, 500, 0.01)
-    sum_of_bins = (fine.value(light) * np.exp(1j * k * fine.centres)).sum()
-    assert [z.real, z.imag] == pytest.approx(forms.Phasor(20e6).value(light))
-    assert abs(sum_of_bins / z - 1) < 1e-4

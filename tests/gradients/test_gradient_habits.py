@@ -109,8 +109,7 @@ class Tent:
     """A student's own pulse, of a width that is not a Gaussian's."""
 
     def __init__(self, width: float) -> None:
-        self.width = width
-        self.support = (-width, width)
+        self.width, self.support = width, (-width, width)
 
     def eval(self, t):
         return dr.maximum(1 - dr.abs(t) / self.width, 0) / self.width
@@ -118,9 +117,6 @@ class Tent:
     def cdf(self, t):
         x = dr.clip(t / self.width, -1, 1)
         return 0.5 + x - 0.5 * x * dr.abs(x)
-
-    def sample(self, xi):
-        raise NotImplementedError
 
 
 class Jump(Tent):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -25,20 +25,18 @@ SEEDS = range(6)
 HALF_PERCENT = 5e-3
 
 TARGETS = {
-    # What takes in light, whose length changes
     "length of light": "tofrender.films.derivatives:Collected.add",
-    # Finds the first vertex, which slides along the camera's ray: its Jacobian is 1. Where it
-    # follows its surface instead, the Jacobian of the camera's rays belongs to it
+    # Slides along the camera's ray: its Jacobian is 1. Where it follows its surface instead, the
+    # Jacobian of the camera's rays belongs to it
     "first vertex": "tofrender.paths.space:Vacuum.next",
-    # The share of a connection; that of a hit is another function
+    # Of a connection; that of a hit is another function
     "share of a link": "tofrender.paths.endpoints.scene_lights:SceneLights.share_of_link",
-    # What a bounce has of the index of refraction behind it
+    # What it has of the index of refraction behind it
     "bounce": "tofrender.paths.scattering:Materials.scatter",
-    # What tells which contributions count
+    # Which contributions count
     "active lanes": "tofrender.paths.walk:deliver",
-    # The area Jacobian of a vertex that follows its surface
+    # Of a vertex that follows its surface, and the same with the cosine and the distance there
     "area Jacobian": "tofrender.paths.attached:element",
-    # The same, with the cosine and the distance at that vertex
     "solid angle": "tofrender.paths.attached:changing",
     # The energy of a pulse up to a length
     "pulse": "tofrender.signals.pulses:GaussianPulse.cdf",
@@ -46,23 +44,17 @@ TARGETS = {
 """What is replaced -> "module:name" or "module:Class.name"."""
 
 
-@dataclass(frozen=True)
-class Mistake:
-    """A wrong version of a function.
+class Mistake(NamedTuple):
+    """A function of `TARGETS`, the right one -> a wrong one, and a case's number that it changes.
 
-    Attributes:
-        what: Key of `TARGETS`.
-        wrong: The right function -> a wrong one.
-        case: A case that shows it.
-        measure: A number of that case which it changes.
-        options: Of the integrator under which it is looked for.
+    The options are those of the integrator under which it is looked for.
     """
 
     what: str
     wrong: Callable[[Callable], Callable]
     case: Case
     measure: str
-    options: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = {}  # noqa: RUF012 (nobody changes it)
 
 
 def attached_by(value: Any, factor: float) -> Any:

@@ -80,12 +80,17 @@ def test_every_resolution_hits_its_pixels():
 
 
 def test_crop():
-    whole = nlos.load_nlos(meter_scene(7, 5))
-    part = nlos.load_nlos(meter_scene(7, 5, **CROP))
+    """A crop window's pixels look where those of the whole film do, at points of the wall."""
+    whole = nlos.load_nlos(meter_scene(7, 5, MOVED))
+    part = nlos.load_nlos(meter_scene(7, 5, MOVED, **CROP))
     expected = looked_at(whole, 7, 5)[1:3, 2:5]
     assert looked_at(part, 3, 2) == pytest.approx(expected, abs=1e-6)
-    points, _, _ = wall_points(part, part.sensors()[0], find_relay_wall(part))
+    points, normals, on_wall = wall_points(part, part.sensors()[0], find_relay_wall(part))
+    assert on_wall.all()
     assert points == pytest.approx(expected, abs=1e-5)
+    normal = np.cross(*matrix(MOVED)[:3, :2].T)
+    normal /= np.linalg.norm(normal)
+    assert normals == pytest.approx(np.broadcast_to(normal, normals.shape), abs=1e-5)
 
 
 def test_mitsuba_renders_with_the_meter():
@@ -96,17 +101,6 @@ def test_mitsuba_renders_with_the_meter():
     expected = away[..., 2] / np.linalg.norm(away, axis=-1) ** 3
     ratio = image / expected
     assert ratio == pytest.approx(np.full((3, 5), ratio[0, 0]), rel=1e-4)
-
-
-@pytest.mark.parametrize("to_world", [None, MOVED])
-def test_wall_points(to_world):
-    loaded = nlos.load_nlos(meter_scene(4, 3, to_world))
-    points, normals, on_wall = wall_points(loaded, loaded.sensors()[0], find_relay_wall(loaded))
-    assert on_wall.all()
-    assert points == pytest.approx(nlos.Grid(4, 3, matrix(to_world)).points(), abs=1e-5)
-    across, along = matrix(to_world)[:3, 0], matrix(to_world)[:3, 1]
-    normal = np.cross(across, along) / np.linalg.norm(np.cross(across, along))
-    assert normals == pytest.approx(np.broadcast_to(normal, normals.shape), abs=1e-5)
 
 
 CROP = {"crop_width": 3, "crop_height": 2, "crop_offset_x": 2, "crop_offset_y": 1}
@@ -157,14 +151,6 @@ def test_focus(kind):
     ):
         assert focus_laser(loaded, **aim) == pytest.approx(expected, abs=1e-6)
         assert laser_of(loaded) == pytest.approx(np.array(expected), abs=1e-5)
-
-
-def test_focus_on_every_pixel():
-    for size in (3, 7, 19, 41, 83, 127):
-        loaded = aimed(film(size, 2))
-        for x in {0, 1, size // 3, size // 2, size - 2, size - 1}:
-            point = focus_laser(loaded, pixel=(x, 1))
-            assert point == pytest.approx(nlos.Grid(size, 2).point(x, 1), abs=1e-6), (size, x)
 
 
 @pytest.mark.parametrize("scene_of", [aimed, aimed_by_camera])
@@ -221,15 +207,7 @@ def test_captures_leave_the_laser_as_it_was(monkeypatch):
         ({"uv": [1.2, 0.5]}, "uv"),
         ({"pixel": (4, 0)}, "pixel"),
         ({"pixel": (-1, 0)}, "pixel"),
-        ({"pixel": (0.5, 0)}, "pixel"),
-        ({"point": [0, math.nan, 0]}, "point"),
-        ({"point": [0, 0]}, "point"),
         ({"point": list(LASER)}, "point"),
-        ({"pixel": (0, 0), "sensor": 3}, "sensor"),
-        ({"pixel": 3}, "pixel = 3: must be its column and row"),
-        ({"pixel": (1, 2, 3)}, "pixel = .*: must be its column and row"),
-        ({"uv": (0.1, 0.2, 0.3)}, "uv = .*: must be two numbers"),
-        ({"uv": (0.1, "b")}, "uv = 'b'"),
     ],
 )
 def test_bad_aims(aim, words):

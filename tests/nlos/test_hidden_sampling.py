@@ -7,7 +7,7 @@ import functools
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import agree, diffuse, film, over_seeds, rendered
+from helpers.support import agree, diffuse, film, over_seeds
 from oracles import nlos
 from test_confocal import (
     LASER,
@@ -54,17 +54,6 @@ def test_hidden_geometry_that_touches_the_wall(mode, name):
     )
     hidden = {"panel": PANEL.shape(), "plate": PLATE.shape()}
     assert agree(found(three_of(mode, hidden, **OPTIONS[name]), 512), expected, rounding=1e-3)
-
-
-@pytest.mark.statistical
-def test_box_in_a_corner_of_the_wall():
-    to_world = mi.ScalarTransform4f().translate([0.45, -0.4, 0.2]).scale([0.2, 0.15, 0.2])
-    box = {"box": {"type": "cube", "to_world": to_world, "bsdf": diffuse(0.7)}}
-    by_material, by_area = (
-        found(three_of("single", box, filter_bounces=-1, **OPTIONS[name]), 2048)
-        for name in ("material", "area")
-    )
-    assert agree(by_area, by_material)
 
 
 @pytest.mark.statistical
@@ -179,18 +168,6 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
     assert np.all(never == 0)
     assert 0 < only.mean() < 0.9 * every.mean()
     assert agree(only + alone, every)
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_bounces_without_hidden_surfaces(mode):
-    """Alone, walls at right angles have paths of two bounces if the laser lights the other one."""
-    described = folded(mode)
-    del described["left"], described["right"]
-    options = {"nlos_hidden_geometry_sampling": False}
-    for bounces in range(1, 6):
-        scene = limited(described, 8, filter_bounces=bounces, **options)
-        there = bounces in ((3, 5) if mode == "confocal" else (2, 4))
-        assert (rendered(nlos.load_nlos(scene), 4096)[0].max() > 0) == there, bounces
 
 
 def lamp_scene(**options) -> dict:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import math
+import re
+from collections.abc import Callable
 
 import mitsuba as mi
 import numpy as np
@@ -15,7 +17,6 @@ from test_projector import lit_by, projector, spots
 import tofrender
 from tofrender.nlos import check_capture
 from tofrender.nlos.capturing import capture
-from tofrender.nlos.device.relay_wall import find_relay_wall, is_on_relay_wall
 
 DEVICE = (-0.6, 0.3, 1.2)
 LASER = (-0.8, -0.5, 0.6)
@@ -58,19 +59,13 @@ def test_the_scenes_are_right_otherwise():
 @pytest.mark.parametrize(
     ("described", "name", "values"),
     [
-        (scan, "power", [0, 0.0, -1.0, math.nan, math.inf, "much"]),
+        (scan, "power", [0, -1.0, math.inf]),
         # Eight of their tangents must fit into the widest projector
-        (scan, "spot_sigma", [-0.1, math.nan, math.inf, 1.0]),
-        (scan, "filter_bounces", [0, -2, 1.5, True, "three"]),
-        (shot, "filter_bounces", [0, -2, 1.5, True, "three"]),
-        (shot, "capture_type", ["foo", 0, 4, "", 1.5]),
+        (scan, "spot_sigma", [-0.1, 1.0]),
+        (scan, "filter_bounces", [0, -2, True]),
+        (shot, "filter_bounces", [0, -2, True]),
+        (shot, "capture_type", [0, 4]),
         (scan, "max_depth", [0]),
-        (scan, "use_nlos_only", ["yes"]),
-        (scan, "nlos_hidden_geometry_sampling", [2]),
-        (scan, "account_first_and_last_bounces", [1.5]),
-        (shot, "nlos_laser_sampling", ["on"]),
-        (shot, "nlos_hidden_geometry_sampling_do_rroulette", [7]),
-        (shot, "relay_wall", [5]),
         (scan, "laser_power", [2.0]),
         (scan, "capture_type", ["confocal"]),
         (shot, "spot_sigma", [0.1]),
@@ -90,53 +85,54 @@ def renamed(described: dict, name: str) -> dict:
 AWAY = {"laser": nlos.spot(LASER, (3.0, 0.0, 0.0))}
 IN_THE_WAY = nlos.Rectangle((-0.55, -0.125, 0.3), (0.05, 0, 0), (0, 0.05, 0)).shape()
 NO_SHAPE = "the scene has no such shape; must be one of 'relay_wall'"
+
+
+def two(shapes, **options) -> Callable[[], dict]:
+    return lambda: two_plates(hidden_shapes=shapes, **options)
+
+
+def unlit() -> dict:
+    return {k: v for k, v in shot().items() if k != "laser"}
+
+
+def with_power() -> dict:
+    described = lit_by(projector())
+    return described | {"integrator": described["integrator"] | {"power": 2.0}}
+
+
+def unnamed() -> dict:
+    return renamed(by_camera(scan(use_nlos_only=True)), "screen")
+
+
 REFUSED = {
-    "no relay wall": (
-        lambda: renamed(by_camera(scan(use_nlos_only=True)), "screen"),
-        ["relay_wall", "screen"],
-    ),
-    "unknown wall, confocal": (lambda: scan(relay_wall="wand"), ["wand", "hidden"]),
-    "unknown wall": (lambda: shot(relay_wall="wand"), ["wand", "hidden"]),
-    "unknown second wall": (lambda: scan(relay_wall="relay_wall, wand"), ["wand"]),
-    "nothing hidden, confocal": (lambda: scan({}, use_nlos_only=True), ["hidden"]),
-    "nothing hidden": (lambda: shot({}, use_nlos_only=True), ["hidden"]),
-    "laser misses": (lambda: shot() | AWAY, ["laser"]),
-    "laser hits something else": (lambda: shot(PATCH | {"plate": IN_THE_WAY}), ["laser"]),
-    "two emitters": (lambda: shot() | {"lamp": point_light((0, 0, 1), 1.0)}, ["emitter"]),
-    "no emitter": (lambda: {k: v for k, v in shot().items() if k != "laser"}, ["emitter"]),
+    "no relay wall": (unnamed, "relay_wall.*screen"),
+    "unknown wall, confocal": (lambda: scan(relay_wall="wand"), "wand.*hidden"),
+    "unknown wall": (lambda: shot(relay_wall="wand"), "wand.*hidden"),
+    "unknown second wall": (lambda: scan(relay_wall="relay_wall, wand"), "wand"),
+    "nothing hidden, confocal": (lambda: scan({}, use_nlos_only=True), "hidden"),
+    "nothing hidden": (lambda: shot({}, use_nlos_only=True), "hidden"),
+    "laser misses": (lambda: shot() | AWAY, "laser"),
+    "laser hits something else": (lambda: shot(PATCH | {"plate": IN_THE_WAY}), "laser"),
+    "two emitters": (lambda: shot() | {"lamp": point_light((0, 0, 1), 1.0)}, "emitter"),
+    "no emitter": (unlit, "emitter"),
+    "two powers": (with_power, "power"),
     # It would be black, as the laser is turned in thought only
-    "confocal without sampling": (
-        lambda: shot(capture_type=2, nlos_laser_sampling=False),
-        ["nlos_laser_sampling"],
-    ),
-    "unknown hidden shape": (
-        lambda: two_plates(hidden_shapes="wand"),
-        [f"hidden_shapes = 'wand': {NO_SHAPE}"],
-    ),
-    "empty hidden shape": (
-        lambda: two_plates(hidden_shapes=""),
-        [f"hidden_shapes = '': {NO_SHAPE}"],
-    ),
-    "the wall is not hidden": (
-        lambda: two_plates(hidden_shapes="relay_wall"),
-        ["hidden_shapes = 'relay_wall': is the relay wall; must be other shapes"],
-    ),
-    "hidden shapes that are no ids": (
-        lambda: two_plates(hidden_shapes=3),
-        ["hidden_shapes = 3: must be ids of shapes, separated by commas"],
-    ),
+    "no sampling": (lambda: shot(capture_type=2, nlos_laser_sampling=False), "nlos_laser_sampling"),
+    "unknown hidden shape": (two("wand"), f"hidden_shapes = 'wand': {NO_SHAPE}"),
+    "empty hidden shape": (two(""), f"hidden_shapes = '': {NO_SHAPE}"),
+    "hidden wall": (two("relay_wall"), "'relay_wall': is the relay wall; must be other"),
+    "no id": (two(3), "hidden_shapes = 3: must be ids of shapes, separated by commas"),
     "hidden shapes without sampling": (
-        lambda: two_plates(hidden_shapes="hidden", nlos_hidden_geometry_sampling=False),
-        ["hidden_shapes = 'hidden': must be left out without"],
+        two("hidden", nlos_hidden_geometry_sampling=False),
+        "hidden_shapes = 'hidden': must be left out without",
     ),
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_scenes(name):
-    described, words = REFUSED[name]
-    said = refusal(described())
-    assert all(word in said for word in words), said
+    described, said = REFUSED[name]
+    assert re.search(said, refusal(described()))
 
 
 BENT = np.eye(4)
@@ -148,15 +144,10 @@ FRAMES = [np.diag([1.0, 1, 0, 1]), np.diag([0.0, 0, 0, 1]), np.ones((4, 4)), BEN
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("grid_rows", [0]),
-        ("grid_cols", [-1]),
         ("grid_sigma", [0.0, -0.1]),
         ("grid_intensity", [0.0, -1.0, math.nan]),
-        ("grid_spacing", ["dense"]),
         ("fov", [0.0, 3.2]),
         ("max_rejection_samples", [0, 65]),
-        ("pulse_type", ["square"]),
-        ("pulse_width_opl", [-0.1]),
         ("spot_positions", ["0 zero"]),
         ("grid_sigmas", [0.1]),
     ],
@@ -184,12 +175,6 @@ def test_projectors(options, said):
     assert said in refusal(lit_by(projector(**options)))
 
 
-def test_projector_with_power_too():
-    described = lit_by(projector())
-    described["integrator"]["power"] = 2.0
-    assert "power" in refusal(described)
-
-
 def test_small_frames_are_frames():
     small = mi.ScalarTransform4f(np.diag([1e-4, 1e-4, 1e-4, 1]))
     mi.load_dict(projector(frame=small))
@@ -210,15 +195,6 @@ def of_copies() -> dict:
 @pytest.mark.parametrize(
     ("described", "options", "said"),
     [
-        (shot, {"mode": "foo"}, "mode"),
-        (shot, {"mode": 3}, "mode"),
-        (shot, {"grid": (0, 4)}, "grid"),
-        (shot, {"grid": (4,)}, "grid"),
-        (shot, {"grid": "4x4"}, "grid"),
-        (shot, {"grid": (4.5, 4)}, "grid"),
-        (shot, {"spp": 0}, "spp"),
-        (shot, {"sensor": 1}, "sensor"),
-        (shot, {"seed": -1}, "seed"),
         (scan, {"mode": "single"}, "confocal"),
         (scan, {"mode": "exhaustive"}, "confocal"),
         (lambda: shot() | {"integrator": ORDINARY}, {}, "transient_nlos_path"),
@@ -292,14 +268,6 @@ def alike() -> dict:
     return by_camera(scan(use_nlos_only=True), bsdf=diffuse(0.7))
 
 
-def test_load_without_optimization_keeps_shapes_apart():
-    loaded = nlos.load_nlos(alike())
-    wall = find_relay_wall(loaded)
-    rays = mi.Ray3f(mi.Point3f([0, 0.35], [0, 0.3], 0.2), mi.Vector3f([0, 0], [0, 0], [-1, 1]))
-    assert np.array(is_on_relay_wall(loaded.ray_intersect(rays), wall)).tolist() == [True, False]
-    assert rendered(loaded, spp=256)[0].max() > 0
-
-
 @pytest.mark.parametrize("nlos_only", [True, False])
 def test_a_default_load_is_right_or_refused(nlos_only):
     described = alike()
@@ -307,20 +275,16 @@ def test_a_default_load_is_right_or_refused(nlos_only):
     merged = tofrender.load_scene(described)
     assert len(merged.shapes()) == 1
     apart = rendered(nlos.load_nlos(described), spp=1 << 12)[0]
+    data = capture(described, mode="confocal", spp=64, progress=False)  # Loads shapes apart
+    assert data["transient"].max() > 0
+    assert data["sensor_grid"].values[..., 2] == pytest.approx(0, abs=1e-5)
     if nlos_only:
+        assert apart.max() > 0
         with pytest.raises(ValueError, match=r"^[^\n]*optimize=False[^\n]*$"):
             tofrender.render(merged, spp=1, progress=False)
     else:
         found = tofrender.render(merged, spp=1 << 15, progress=False)["steady"].values
         assert found.sum() == pytest.approx(apart.sum(), rel=0.05)
-
-
-def test_capture_loads_shapes_apart():
-    described = alike()
-    described["integrator"] = described["integrator"] | {"use_nlos_only": False}
-    data = capture(described, mode="confocal", spp=64, progress=False)
-    assert data["transient"].max() > 0
-    assert data["sensor_grid"].values[..., 2] == pytest.approx(0, abs=1e-5)
 
 
 def test_named_walls_of_a_meter():

@@ -176,9 +176,11 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
 
 @pairs
 def test_the_window_may_start_anywhere(mode, method):
+    """By whole and half bins, or before light can come back: nothing changes that is seen."""
     grid, places = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50)), []
-    for shift in (0, 0.5, 20.5):
-        capture = light_of(point, scenes.Wall(16), mode, start=1.3 + shift * 0.012, lasers=2)
+    for start in (1.3, 1.306, 1.546, -0.301):
+        bins = 125 if start > 0 else 250
+        capture = light_of(point, scenes.Wall(16), mode, start=start, lasers=2, bins=bins)
         places.append(brightest(run(capture, method, volume=grid)))
         np.testing.assert_allclose(places[-1], places[0], atol=0.005)
 
@@ -195,14 +197,6 @@ def test_a_planted_half_bin_is_seen(mode, method):
     assert abs(right - POINT[2]) < (0.008 if method == "phasor" else 0.004)
     assert 0.0008 < half - right < 0.0055
     assert 0.004 < whole - right < 0.009
-
-
-@each_method
-def test_a_negative_start_of_the_window(method):
-    place = opposite(scenes.Wall(16))
-    capture = light_of(point_at(place), scenes.Wall(16), "confocal", start=-0.301, bins=210)
-    volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.8, 1.05, 50)))
-    np.testing.assert_allclose(brightest(volume)[2], POINT[2], atol=0.004)
 
 
 def test_any_geometry_for_backprojection():
@@ -374,15 +368,9 @@ BASE = scenes.capture_of(point(), scenes.Wall(8), bins=20, width=0.05)
     ("options", "message"),
     [
         ({"method": "fkk"}, "method = 'fkk': did you mean 'fk'"),
-        ({"method": None}, "method = None: must be one of bp, fbp, lct, fk, phasor"),
         ({"method": "bp", "snr": 3}, "snr = 3: must be None, as it is for lct only"),
-        ({"method": "lct", "snr": 0}, "snr = 0: must be a finite number"),
-        ({"method": "lct", "surface": "shiny"}, "surface = 'shiny': must be one of diffuse"),
         ({"method": "phasor", "surface": "diffuse"}, "surface = .* for lct and fk only"),
-        ({"method": "bp", "weighting": "r4"}, "weighting = 'r4': .*uniform, r2"),
-        ({"method": "phasor", "wavelength": -1}, "wavelength = -1: must be a finite number of met"),
         ({"method": "phasor", "wavelength": 0.02}, "wavelength = 0.02: must be above two bins"),
-        ({"method": "bp", "volume": 3}, "volume = 3: must be a VolumeGrid or"),
         ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (0, 1))}, r"volume: z = \(0, 1\): must"),
         ({"method": "bp", "volume": ((1, 0, 2), (0, 1, 2), (0, 1, 2))}, "volume: x .*low must be"),
         ({"method": "bp", "volume": ((0, 1, 0), (0, 1, 2), (0, 1, 2))}, "count of x = 0"),
