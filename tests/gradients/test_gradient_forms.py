@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from helpers import gradient_cases as cases
 from oracles import films as oracles, gradients as forms
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -17,39 +16,10 @@ LAMP = (0.5, 0.0, 2.0)
 VIEW = forms.View((0, 0, 2), (0, 0, 0), 20)
 
 
-def has_moments(case) -> bool:
-    return isinstance(case.seen, forms.Bins) and not case.of_pulse
-
-
 def central(function, x: float, step: float) -> np.ndarray:
     """Differences of fourth order."""
     near, far = (function(x + s * step) - function(x - s * step) for s in (1, 2))
     return (8 * near - far) / (12 * step)
-
-
-@pytest.mark.parametrize("name", cases.CASES)
-def test_derivatives_are_those_of_differences(name):
-    case = cases.CASES[name]
-
-    def value(theta):
-        return case.at(theta).seen.value(forms.derived(case.form, theta))
-
-    found, by_differences = case.expected()[1], central(value, case.theta, 2e-4)
-    assert found == pytest.approx(by_differences, abs=1e-6 * np.abs(found).max())
-    assert np.abs(found).max() > 0
-
-
-@pytest.mark.parametrize("name", [name for name, case in cases.CASES.items() if has_moments(case)])
-def test_moments_are_those_of_the_bins(name):
-    """Windows hold all light but a corridor's tail, and bins as wide as the pulse move no mean."""
-    case = cases.CASES[name]
-    light = case.arrived()
-    value, change = case.expected()
-    both = np.stack([np.ones(case.seen.count), case.seen.centres])
-    tolerance = 2e-3 if case.row in ("corridor", "albedo") else 1e-5
-    assert both @ value == pytest.approx(light.moments(), rel=tolerance)
-    scale = np.abs(light.d_moments()).max()
-    assert both @ change == pytest.approx(light.d_moments(), abs=tolerance * scale)
 
 
 @pytest.mark.parametrize("radius", [0.7, 1.2])
@@ -133,14 +103,3 @@ def test_g6(x):
     ):
         found = central(lambda s, of=of: of(s).value(one), s, 1e-4)
         assert of(s).by_width(one) == pytest.approx(found, abs=within)
-
-
-def test_disk_light():
-    h, radius, radiance = 1.2, 0.8, 4.0
-    light = forms.derived(lambda h: forms.disk_light(h, radius, radiance, 1.0, 0.0), h)
-    square = h * h + radius**2
-    total = radiance * radius**2 / square
-    assert light.moments() == pytest.approx(
-        [total, 2 * radiance * h**2 * (1 / h - 1 / math.sqrt(square))]
-    )
-    assert light.d_moments()[0] == pytest.approx(-2 * h * total / square)

@@ -30,9 +30,6 @@ Z = np.array([0.0, 0.0, 1.0])
 SINGLE_PATH = {"light_samples": 1}
 
 
-# ---------------------------------------------------------------------------------- transforms
-
-
 def moved(v, base: Callable[[], Any] | None = None) -> Callable[[Any], Any]:
     """θ -> a transform: `base`, then moved by θ v."""
 
@@ -76,8 +73,6 @@ def direct(seen: forms.Bins) -> dict:
     """An integrator for light of a single bounce."""
     return {"max_depth": 2, "pulse_width_opl": seen.sigma} | SINGLE_PATH
 
-
-# ------------------------------------------------------------------------- planes and corridors
 
 BINS = forms.Bins(3.4, 0.05, 32, 0.05)
 ABOVE = forms.View((0, 0, 2), (0, 0, 0))
@@ -246,7 +241,6 @@ ALBEDO_2 = replace(
     form=partial(low_corridor, 1.6),
 )
 
-# ------------------------------------------------------------------------------------- spheres
 
 HOLLOW = forms.Bins(0.5, 0.1, 132, 0.1)
 
@@ -300,7 +294,6 @@ ALBEDO = replace(
     form=lambda a: forms.inside_sphere(1.2, a, 2.0, 2),
 )
 
-# ------------------------------------------------------------------------- refraction, mirrors
 
 SLAB = forms.Bins(1.5, 0.05, 76, 0.05)
 ALPHA = 1e-3
@@ -381,7 +374,6 @@ MIRROR_2 = replace(
     seen=forms.Correlation(MIRROR_HZ, -math.pi / 2),
 )
 
-# -------------------------------------------------------------------------------------- hidden
 
 SETUP = Setup(sensor=(-0.6, 0.3, 1.2), power=2.5)
 PATCH = Rectangle.turned((0.2, -0.1, 0.9), 35, 0)
@@ -430,7 +422,6 @@ DEPTH_2 = Case(
     spp=1 << 13,
 )
 
-# --------------------------------------------------------------------------------------- pulse
 
 PULSE = replace(
     PLANE,

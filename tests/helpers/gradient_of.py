@@ -58,8 +58,6 @@ class Case:
     def name(self) -> str:
         return f"{self.row}: {self.scene}"
 
-    # ---------------------------------------------------------------------- what is expected
-
     def arrived(self) -> Arrived:
         return derived(self.form, self.theta)
 
@@ -90,8 +88,6 @@ class Case:
             re, im = self.expected()[0]
             return {"phase": np.array([-im, re]) / (re * re + im * im)}
         return {"gate" if isinstance(self.seen, Gate) else "correlation": np.ones(1)}
-
-    # ------------------------------------------------------------------------------ the scene
 
     def load(self, **integrator: Any) -> mi.Scene:
         described = self.describe()
@@ -144,9 +140,6 @@ def own(described: dict) -> dict:
         else (own_name(value) if key == "type" else value)
         for key, value in described.items()
     }
-
-
-# ------------------------------------------------------------------------------- measurements
 
 
 def render(case: Case, theta: float | None = None, spp: int = 0, seed: int = 0) -> np.ndarray:

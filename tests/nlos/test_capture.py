@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import mitsuba as mi
 import numpy as np
 import pytest

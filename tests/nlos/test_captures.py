@@ -8,7 +8,6 @@ import xarray as xr
 from helpers.hidden_scenes import Wall, capture_of, sphere, turned
 
 from tofrender.nlos import check_capture, make_capture, without_first_and_last_legs
-from tofrender.signals.colour import luminance
 
 WALL = Wall(4)
 GRID = WALL.grid()
@@ -93,13 +92,6 @@ def test_bad_input_in_one_line(changes, message):
 def test_check_refuses(change, message):
     with pytest.raises(ValueError, match=rf"\A.*{message}.*\Z"):
         check_capture(change(make()))
-
-
-def test_luminance():
-    color = np.zeros((4, 4, 10, 3))
-    color[..., 1] = 2
-    np.testing.assert_allclose(luminance(make(color)["transient"].values), 2 * 0.71516, rtol=1e-6)
-    assert luminance(make()["transient"].values).shape == (4, 4, 10)
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])

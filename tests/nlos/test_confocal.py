@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from helpers.support import agree, diffuse, film, over_seeds, rendered
-from oracles import films as oracles, nlos
+from oracles import nlos
 
 SEEDS = range(16)
 GRID = nlos.Grid(2, 2)
@@ -114,18 +114,6 @@ def test_patch_in_time(mode, legs):
     assert agree(samples, expected, rounding=2e-3)
     assert not agree(np.roll(samples, 1, axis=1), expected, rounding=2e-3)
     assert not agree(1.05 * samples, expected, rounding=2e-3)
-
-
-def test_pulse():
-    setup, patch = nlos.Setup(), nlos.Rectangle.turned((0.0, 0.0, 1.0), 0, 0, half=(1e-3, 1e-3))
-    opl = setup.length((0, 0, 0), (0, 0, 0)) + 2
-    start = opl - 0.3
-    window = film(bins=30, start=start, bin_width=0.02)
-    described = nlos.confocal(setup, {"hidden": patch.shape()}, window, pulse_width_opl=0.05)
-    steady, transient = rendered(nlos.load_nlos(described), spp=4096)
-    edges = start + 0.02 * np.arange(31)
-    expected = steady[0, 0, 0] * oracles.gaussian_masses(edges, opl, 0.05)
-    assert transient[0, 0, :, 0] == pytest.approx(expected, abs=3e-3 * expected.max())
 
 
 @pytest.mark.statistical

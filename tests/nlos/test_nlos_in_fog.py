@@ -160,16 +160,6 @@ def test_infinite_light_is_refused(integrator):
         assert np.isfinite(found["transient"].values).all()
 
 
-def test_captures_through_fog():
-    for mode, spp in (("single", 256), ("confocal", 256), ("exhaustive", 16)):
-        clear, foggy = (
-            tofrender.capture(name, mode=mode, grid=(2, 2), spp=spp, progress=False)
-            for name in ("nlos_z", "nlos_behind_fog")
-        )
-        assert foggy["transient"].values.sum() > 0.5 * clear["transient"].values.sum()
-        assert np.isfinite(foggy["transient"].values).all()
-
-
 @pytest.mark.parametrize(("mode", "spp"), [("single", 64), ("confocal", 64), ("exhaustive", 16)])
 def test_fog_of_no_density_changes_nothing(mode, spp):
     """A capture is the one without fog, with no more noise: no path is sent to the fog's end."""

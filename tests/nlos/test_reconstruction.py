@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache, partial
 
+import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
 from helpers import hidden_scenes as scenes
-from oracles.nlos import Nodes
+from oracles.nlos import Nodes, Rectangle
 
+import tofrender
 from tofrender.nlos import (
     METHODS,
     VolumeGrid,
     depth_error,
     depth_map,
+    hidden_depth,
     make_capture,
     max_projection,
     reconstruct,
 )
-from tofrender.nlos.reconstruction import backprojection, methods
+from tofrender.nlos.reconstruction import backprojection
 from tofrender.nlos.reconstruction.measured import Measured
 from tofrender.nlos.reconstruction.volume import resample
 from tofrender.runtime import memory
@@ -62,39 +66,32 @@ def brightest(volume: xr.Dataset) -> np.ndarray:
 # nor on a sphere; everything else finds surfaces to 2 cm. Points that are 62 mm apart see the
 # slopes of spheres less well.
 LIMITS = {("plane", "bp"): 0.06, ("spheres", "bp"): 0.11}
-COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
+FEW = {("spheres", method): 0.03 for method in METHODS[1:]}
+SMALL = (scenes.turned(32), FEW | LIMITS, TIME)
+LARGE = (scenes.Wall(64), LIMITS, {"width": 0.006, "bins": 250})
+TRIED = [
+    (scene, mode, method, *SMALL)
+    for scene in SCENES
+    for mode, method in ALLOWED
+    if mode != "exhaustive"
+]
+TRIED += [
+    (scene, mode, method, *LARGE)
+    for scene, mode in (("plane", "confocal"), ("Z", "single"), ("spheres", "confocal"))
+    for each, method in ALLOWED
+    if each == mode
+]
 
 
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
-def test_depth_of_scenes(scene, mode, method):
-    volume = run(light_of(SCENES[scene], scenes.turned(32), mode), method)
+@pytest.mark.parametrize(("scene", "mode", "method", "wall", "limits", "window"), TRIED)
+def test_depth_of_scenes(scene, mode, method, wall, limits, window):
+    """Below 2 cm with 64 x 64 points, bins of 6 mm, and a depth of 1 m."""
+    volume = run(light_of(SCENES[scene], wall, mode, **window), method)
     error = depth_error(volume, scenes.true_depth(SCENES[scene](), volume))
-    assert error.median < (COARSE | LIMITS).get((scene, method), 0.02)
+    assert error.median < limits.get((scene, method), 0.02)
     if method != "bp" and mode == "confocal":
         assert error.found > 0.15
         assert error.extra < 0.45
-
-
-@pytest.mark.parametrize(
-    ("scene", "mode"), [("plane", "confocal"), ("Z", "single"), ("spheres", "confocal")]
-)
-def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
-    """64 x 64 points, bins of 6 mm, depth 1 m: below 2 cm."""
-    capture = light_of(SCENES[scene], scenes.Wall(64), mode, width=0.006, bins=250)
-    project = lru_cache(lambda *what: backprojection.backproject(measured[0], *what, False))
-    measured = []
-
-    def once(of, grid, weighting, progress, client):  # fbp goes on with what bp ends with
-        measured[:] = [of]
-        return project(grid, weighting).copy()
-
-    monkeypatch.setattr(methods, "backproject", once)
-    for method in [each for at, each in ALLOWED if at == mode]:
-        volume = run(capture, method)
-        error = depth_error(volume, scenes.true_depth(SCENES[scene](), volume))
-        assert error.median < LIMITS.get((scene, method), 0.02), method
-    assert project.cache_info().misses == 1
 
 
 def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
@@ -470,3 +467,94 @@ def test_figure():
         assert views[0].yaxis_inverted() == rows_down
         assert down is None or rows_down == down
     figure.canvas.draw()
+
+
+AXES = ("z", "y", "x")
+
+
+def seen_from(frame: np.ndarray, origin=(0.0, 0, 0), size: int = 41) -> xr.Dataset:
+    """A volume's frame, over [-1, 1] x [-1, 1] of the wall."""
+    at = np.linspace(-1, 1, size)
+    variables = {
+        "intensity": (AXES, np.zeros((1, size, size), np.float32)),
+        "frame_origin": (("xyz",), np.asarray(origin, float)),
+        "frame_axes": (("axis", "xyz"), np.asarray(frame, float)),
+    }
+    return xr.Dataset(variables, {"x": at, "y": at, "z": [1.0]})
+
+
+@pytest.mark.parametrize("steps", [0, 70])
+def test_a_sphere(steps):
+    pose = mi.ScalarTransform4f().translate([1, -2, 3]).rotate([0.6, 0, 0.8], steps)
+    matrix = np.array(pose.matrix)
+    ball = {"type": "sphere", "center": [0.2, -0.1, 1.5], "radius": 0.4, "to_world": pose}
+    wall = {"type": "rectangle", "to_world": pose}
+    scene = mi.load_dict({"type": "scene", "relay_wall": wall, "hidden_ball": ball})
+    where = seen_from(matrix[:3, :3].T, matrix[:3, 3])
+    depth = hidden_depth(scene, where)
+    assert depth.dims == ("y", "x")
+    x, y = np.meshgrid(where["x"], where["y"])
+    square = 0.4**2 - (x - 0.2) ** 2 - (y + 0.1) ** 2
+    expected = np.where(square > 0, 1.5 - np.sqrt(np.maximum(square, 0)), np.nan)
+    edge = abs(square) < 1e-3
+    assert depth.values[~edge] == pytest.approx(expected[~edge], abs=1e-4, nan_ok=True)
+
+
+def test_the_letter_through_its_occluder():
+    where = seen_from(np.eye(3), size=401)
+    depth = hidden_depth("nlos_z", where).values
+    assert np.nanmin(depth) == pytest.approx(1, abs=1e-5)
+    assert np.nanmax(depth) == pytest.approx(1, abs=1e-5)
+    shape = tofrender.load_scene("nlos_z", optimize=False)
+    letter = next(s for s in shape.shapes() if s.id() == "hidden_z")
+    area = np.isfinite(depth).mean() * 2.005**2
+    assert area == pytest.approx(letter.surface_area()[0], rel=0.02)
+    plate = hidden_depth("nlos_z", where, hidden_shapes="occluder").values
+    assert np.nanmax(plate) < 0.5
+
+
+def test_what_is_hidden_can_be_said():
+    plates = {"near": 1.0, "far": 2.0}
+    described = {"type": "scene", "relay_wall": {"type": "rectangle"}}
+    for name, z in plates.items():
+        place = mi.ScalarTransform4f().translate([0, 0, z])
+        described[name] = {"type": "rectangle", "to_world": place}
+    scene = mi.load_dict(described, optimize=False)
+    second = scene.shapes()[1]
+    for names, z in (
+        (None, 1),
+        ("far", 2),
+        (["far", "near"], 1),
+        (second, plates.get(second.id(), math.nan)),
+    ):
+        depth = hidden_depth(scene, seen_from(np.eye(3), size=5), hidden_shapes=names)
+        assert depth.values[1:4, 1:4] == pytest.approx(np.full((3, 3), z), abs=1e-5, nan_ok=True)
+
+
+def test_captures_have_their_own_points():
+    wall = scenes.turned(8)
+    capture = scenes.capture_of(scenes.rectangle((-0.5, 0.6), (-0.4, 0.8), 1.2, 0.2), wall, bins=4)
+    places = [(-0.5, -0.4, 1.2), (0.6, -0.4, 1.2), (-0.5, 0.8, 1.2)]
+    corner, across, along = wall.world(np.array(places))
+    u, v = (across - corner) / 2, (along - corner) / 2
+    scene = {"type": "scene", "hidden": Rectangle(corner + u + v, u, v).shape()}
+    depth = hidden_depth(mi.load_dict(scene), capture).values
+    x, y = np.moveaxis(wall.grid()[..., :2], -1, 0)
+    inside = (x > -0.5) & (x < 0.6) & (y > -0.4) & (y < 0.8)
+    assert depth == pytest.approx(np.where(inside, 1.2, np.nan), abs=1e-5, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("scene", "where", "options", "said"),
+    [
+        ("nlos_z", None, {}, r"where = NoneType: must be a result of reconstruct\(\) or capture"),
+        ("nlos_z", xr.Dataset(), {}, "where = Dataset: must be a result of"),
+        ("nlos_zz", "v", {}, "scene = 'nlos_zz': did you mean"),
+        ("nlos_z", "v", {"hidden_shapes": "w"}, "hidden_shapes = 'w': the scene has no such"),
+        ({"type": "scene"}, "v", {}, "scene: has no hidden shapes; hidden_shapes must name"),
+    ],
+)
+def test_bad_input(scene, where, options, said):
+    where = seen_from(np.eye(3), size=3) if where == "v" else where
+    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
+        hidden_depth(scene, where, **options)

@@ -51,9 +51,6 @@ def derived(form: Form, theta: float) -> Arrived:
     return Arrived(light.real, opl.real, light.imag / TINY, opl.imag / TINY)
 
 
-# ------------------------------------------------------------------------- what is seen of them
-
-
 def density(x) -> np.ndarray:
     return np.exp(-0.5 * np.square(x)) / math.sqrt(2 * math.pi)
 
@@ -161,9 +158,6 @@ class Correlation:
         return self._turned(Phasor(self.frequency_hz).derivative(light))
 
 
-# ---------------------------------------------------------------------------------- quadrature
-
-
 def dot(a, b):
     return (np.asarray(a) * np.asarray(b)).sum(axis=-1)
 
@@ -191,9 +185,6 @@ def film_directions(
     u, v = (a.ravel() * math.tan(math.radians(fov / 2)) for a in np.meshgrid(x, x))
     d = forward + np.outer(u, left) + np.outer(v, np.cross(forward, left))
     return d / length(d)[:, None], np.outer(w, w).ravel() / 4
-
-
-# ------------------------------------------------------- planes, lit by a point or by each other
 
 
 @dataclass
@@ -271,9 +262,6 @@ def disk_light(h, radius: float, radiance: float, albedo, camera: float) -> tupl
     return albedo * radiance * h**2 / r**4 * 2 * s * w, camera + r
 
 
-# ------------------------------------------------------------------------------------- spheres
-
-
 def inside_sphere(
     radius, albedo, intensity: float, bounces: int, order: int = 160
 ) -> tuple[Any, Any]:
@@ -310,9 +298,6 @@ def sphere_light(
     return albedo * radiance * cosine * solid, opl
 
 
-# ---------------------------------------------------------------------------------- refraction
-
-
 def fresnel(sine: float, index):
     """Unpolarised reflectance of glass for light in air at the sine of its angle."""
     cos_i, cos_t = math.sqrt(1 - sine**2), np.sqrt(1 - (sine / index) ** 2)
@@ -338,9 +323,6 @@ def slab(
 def seen_in_mirror(z, air: float, cosine: float, light: float) -> tuple[Any, Any]:
     """g4: a mirror moved by z along its normal, in front of a lamp across the reflected ray."""
     return np.array([light]), air - 2 * cosine * np.atleast_1d(z)
-
-
-# ------------------------------------------------------------------------------------- hidden
 
 
 def hidden_patch(

@@ -25,8 +25,6 @@ from numpy.polynomial.legendre import leggauss
 
 import tofrender
 
-# --------------------------------------------------------------------------------- surfaces
-
 
 @dataclass
 class Nodes:
@@ -101,9 +99,6 @@ def sphere_nodes(centre, radius: float, order: int = 200) -> Nodes:
     ).reshape(-1, 3)
     areas = np.repeat(w, order) * 2 * np.pi * radius**2 / order
     return Nodes(np.asarray(centre) + radius * normals, normals, areas)
-
-
-# ------------------------------------------------------------------------------ three bounces
 
 
 @dataclass
@@ -193,9 +188,6 @@ def sphere_masses(edges, setup: Setup, albedo: float, point, centre, radius: flo
     return setup.power * setup.albedo**2 * albedo * np.array(result)
 
 
-# ------------------------------------------------------------------------------------ V-groove
-
-
 @dataclass
 class Groove:
     """Two faces at right angles that meet in an edge along y at (0, z) and open towards the wall.
@@ -264,9 +256,6 @@ class Groove:
             opl.append((r1 + distance + r2)[hits] + setup.length((0, 0, 0), (0, 0, 0)))
             light.append(scale / count * ends[hits])
         return np.concatenate(opl), np.concatenate(light)
-
-
-# ------------------------------------------------------------------------------------- scenes
 
 
 def relay_wall(
