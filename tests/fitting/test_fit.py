@@ -1,4 +1,4 @@
-"""`fit`: what it finds, when it ends, and what it refuses."""
+"""`fit`: what it finds, when it ends, and what it refuses; and its losses against NumPy."""
 
 from __future__ import annotations
 
@@ -130,20 +130,17 @@ def test_seeds():
 def test_ends_where_the_loss_no_longer_falls():
     """Each rate is half of the one before it, down to the tolerance."""
     options = {"learning_rate": 0.01, "patience": 4, "params": {POSITION: TRUE}}
-    first, found, endless = (
-        find(
-            measured(noise=0.05),
-            scene=scene(TRUE, 2.0, noise=0.05),
-            **options,
-            tolerance=tolerance,
-            steps=steps,
-        )
-        for tolerance, steps in ((1.0, 500), (0.2, 500), (0.0, 100))
-    )
+
+    def until(tolerance: float, steps: int):
+        noisy = {"scene": scene(TRUE, 2.0, noise=0.05), "tolerance": tolerance, "steps": steps}
+        return find(measured(noise=0.05), **noisy, **options)
+
+    found = until(0.2, 500)
     assert found.converged
     assert 3 * 8 <= found.steps < 200
     assert repr(found).endswith("; the loss no longer falls)")
-    assert 8 <= first.steps < found.steps
+    assert 8 <= until(1.0, 500).steps < found.steps
+    endless = until(0.0, 100)
     assert endless.steps == 100
     assert not endless.converged
 

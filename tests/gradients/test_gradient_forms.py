@@ -1,19 +1,22 @@
-"""The closed forms of gradients: their derivatives, and the numbers of section 9's table."""
+"""The closed forms of gradients: numbers of section 9, and the table of docs/gradients.md."""
 
 from __future__ import annotations
 
 import math
+import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.gradient_cases import TABLE
 from oracles import films as oracles, gradients as forms
+
+from benchmarks.misuka_sphere import FREQUENCIES, closed_form
+from tofrender.integrators.derivatives import MOST_KEPT
 
 Z = np.array([0.0, 0.0, 1.0])
 LAMP = (0.5, 0.0, 2.0)
-
-
-VIEW = forms.View((0, 0, 2), (0, 0, 0), 20)
 
 
 def central(function, x: float, step: float) -> np.ndarray:
@@ -103,3 +106,59 @@ def test_g6(x):
     ):
         found = central(lambda s, of=of: of(s).value(one), s, 1e-4)
         assert of(s).by_width(one) == pytest.approx(found, abs=within)
+
+
+PAGE = Path(__file__).parents[2] / "docs/gradients.md"
+TENTH_OF_A_PERCENT, STANDARD_ERRORS, ROUNDING = 1e-3, 3, 2e-4
+
+
+def table() -> dict[tuple[str, str, str], list[str]]:
+    """Parameter, scene and measure -> closed form, forward and reverse, as text."""
+    text = PAGE.read_text(encoding="utf-8")
+    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    start = next(k for k, cells in enumerate(lines) if cells[:2] == ["parameter", "scene"])
+    end = next(k for k, cells in enumerate(lines) if cells[0] == "misuka")
+    return {tuple(cells[:3]): cells[3:6] for cells in lines[start + 1 : end]}
+
+
+def read(cell: str) -> tuple[float, float]:
+    """A number and its standard error, of 0.0325040(12)."""
+    digits, error = re.fullmatch(r"(-?[\d.]+)(?:\((\d+)\))?", cell).groups()
+    return float(digits), int(error or 0) * 10.0 ** -len(digits.partition(".")[2])
+
+
+def test_the_page_has_all_rows():
+    rows = {(case.row, case.scene, what) for case in TABLE for what in case.weights()}
+    assert set(table()) == rows
+    assert len({row for row, _, _ in rows}) == 10
+
+
+@pytest.mark.parametrize("case", TABLE, ids=lambda case: case.name)
+def test_rows_of_the_page_are_the_closed_forms(case):
+    _, change = case.expected()
+    for what, weights in case.weights().items():
+        exact = float(weights @ change)
+        form, *found = map(read, table()[case.row, case.scene, what])
+        assert form[0] == pytest.approx(exact, rel=1e-5)
+        for value, error in found:
+            off = abs(value - exact)
+            assert off < TENTH_OF_A_PERCENT * abs(exact)
+            assert off < STANDARD_ERRORS * error + ROUNDING * abs(exact)
+
+
+def test_the_page_says_how_long_paths_may_be():
+    assert f"`max_depth` from 1 to {MOST_KEPT}" in PAGE.read_text(encoding="utf-8")
+
+
+def test_rows_of_misuka_are_its_scenes():
+    text = PAGE.read_text(encoding="utf-8")
+    found = [
+        (row["by"], row["of"], row["bands"], f"{closed_form(row['by'])[row['of']]:.6g}")
+        for row in re.finditer(
+            r"^\| (?P<by>radius|albedo) \| (?P<of>sum|moment) \| (?P<bands>[\d, ]+) \|", text, re.M
+        )
+    ]
+    assert len(found) == 4 * len(FREQUENCIES)
+    for cells in found:
+        assert cells[2] in FREQUENCIES
+        assert "| " + " | ".join(cells) + " |" in text

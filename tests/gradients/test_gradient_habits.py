@@ -119,13 +119,6 @@ class Tent:
         return 0.5 + x - 0.5 * x * dr.abs(x)
 
 
-class Jump(Tent):
-    """One that is open or shut."""
-
-    def eval(self, t):
-        return dr.select(dr.abs(t) < self.width, 0.5 / self.width, 0)
-
-
 class Stairs(Tent):
     """One that is constant in many pieces."""
 
@@ -140,7 +133,7 @@ def test_other_pulses_have_no_width_of_a_gaussian():
     assert derivative(scene, ALBEDO, spp=4) > 0
 
 
-@pytest.mark.parametrize("pulse", [Tent, Jump, Stairs, tofrender.BoxPulse])
+@pytest.mark.parametrize("pulse", [Tent, Stairs, tofrender.BoxPulse])
 def test_gates_of_any_pulse_are_smooth_or_refused(pulse):
     scene = load(**gate(4.0))
     scene.integrator().pulse = pulse(0.2)

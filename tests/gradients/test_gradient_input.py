@@ -1,4 +1,7 @@
-"""What has no derivative is refused in one line that names it."""
+"""What has no derivative is refused in one line, and `render(scene, params=...)`.
+
+That gives the tensors of `mi.render(scene, params)`, with derivatives.
+"""
 
 from __future__ import annotations
 
@@ -90,14 +93,6 @@ def test_what_has_no_derivative(name):
     case, change, words = REFUSED[name]
     for text in both(with_described(case, change)):
         assert all(word in text for word in words), text
-
-
-@pytest.mark.parametrize("value", ["attach", "", 1, True])
-def test_unknown_kinds_of_sampling(value):
-    text = refusal(lambda: attached(PLANE, spp=16, gradient_sampling=value))
-    assert "gradient_sampling" in text
-    assert "attached" in text
-    assert "detached" in text
 
 
 def test_an_integrator_beside_the_scene():
@@ -202,11 +197,3 @@ def test_scenes_and_parameters_of_another_kind():
             tofrender.render(described, params=mi.traverse(box()))
     with pytest.raises(ValueError, match=r"^params = {'a': 1}: must be those of mi.traverse"):
         tofrender.render(box(), params={"a": 1})
-
-
-def test_integrators_without_derivatives():
-    scene = box()
-    params = mi.traverse(scene)
-    dr.enable_grad(params[ALBEDO])
-    with pytest.raises(RuntimeError, match=r"^integrator = AmbientOcclusion: has no derivatives"):
-        tofrender.render(scene, params=params, integrator="ao")
