@@ -268,7 +268,6 @@ def test_time_losses_need_bins():
 AXIS = {"start_opl": 1.0, "bin_width_opl": 0.5}
 FREQUENCIES = [20e6, 50e6]
 SHAPE = (2, 3, 7, 3)
-
 phasor_loss = partial(tofrender.phasor_loss, frequency_hz=FREQUENCIES, **AXIS)
 LOSSES = {
     "l2": tofrender.l2_loss,
@@ -359,12 +358,6 @@ def test_wasserstein_falls_from_afar_where_bins_are_flat():
     bins = along(tofrender.l2_loss)
     assert np.ptp(bins[:8]) < 1e-5
     assert abs(bins[0] - 2) < 1e-5
-
-
-def test_phasors_fall_within_half_a_period():
-    period = tofrender.SPEED_OF_LIGHT / 6.2
-    loss = partial(tofrender.phasor_loss, frequency_hz=period, start_opl=0.0, bin_width_opl=0.05)
-    assert np.all(np.diff(along(loss)) < 0)
 
 
 def test_pixels_without_light():

@@ -17,8 +17,6 @@ from tofrender.integrators.differentiable import VisibilityWarning
 
 LAMP, POWER = "lamp.position", "lamp.intensity.value"
 SIDE = 0.1
-
-
 WINDOW = {"width": 8, "height": 8, "bins": 120, "bin_width": 0.05}
 
 

@@ -18,8 +18,6 @@ from tofrender.runtime.plugins import own_name
 T = mi.ScalarTransform4f
 ALBEDO, FLOOR = "floor.bsdf.reflectance.value", "floor.to_world"
 WIDTH = "integrator.pulse_width_opl"
-
-
 SEEN = Bins(3.4, 0.05, 32, 0.1)
 
 

@@ -125,7 +125,6 @@ def all_lanes(right: Callable) -> Callable:
 
 HITS = {"emitter_sampling": False}
 ATTACHED = {"gradient_sampling": "attached"}
-
 NEAR = Bins(1.7, 0.05, 66, 0.05)
 
 

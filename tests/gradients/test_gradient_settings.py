@@ -20,7 +20,6 @@ from helpers.gradient_cases import eye, flat_film, moved
 from helpers.gradient_of import fog_box, from_above, grid_of, moved_render, tracked
 from helpers.support import agree, area_light, diffuse, over_seeds, plane, point_light, scene
 from oracles import gradients as forms
-from oracles.gradients import Bins, View
 
 import tofrender
 from tofrender.paths.choices import Choices
@@ -30,8 +29,6 @@ LIGHT = 3.0
 ABSORBING = {"type": "homogeneous", "sigma_t": 0.4, "albedo": 0.0}
 INDEX = 1.5
 ONE_PERCENT = 1e-2
-
-
 RAY_BINS = forms.Bins(0.0, 2.0, 60, 1.0)
 
 
@@ -211,13 +208,9 @@ def test_mixtures_whose_chances_are_not_known(name):
         tofrender.render(scene, params=parameters, spp=1)
 
 
-AXIS = Bins(2.0, 0.1, 200, 0.1)
+AXIS = forms.Bins(2.0, 0.1, 200, 0.1)
 CENTRES = AXIS.centres
-
-
 FOG = {"type": "homogeneous", "sigma_t": 0.8, "albedo": 0.7}
-
-
 DENSITY = 1.6 * np.random.default_rng(0).random((4, 4, 4, 1))
 SMOKE = grid_of(DENSITY, [-1, -1, 0.2], [2, 2, 1], 0.7)
 
@@ -306,8 +299,8 @@ def test_things_that_move_in_bounded_media_are_refused():
     assert "have no derivatives in a scene with media" in str(caught.value.__cause__)
 
 
-SEEN = Bins(0.5, 0.25, 44, 0.25)
-VIEW = View((0.3, -1.2, 1.6), (0, 0, 0), 25, (0, 0, 1))
+SEEN = forms.Bins(0.5, 0.25, 44, 0.25)
+VIEW = forms.View((0.3, -1.2, 1.6), (0, 0, 0), 25, (0, 0, 1))
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,6 @@ def floor_form(z, view: forms.View = ABOVE, lamp: Any = LAMP) -> tuple[Any, Any]
 
 
 PLANE = Case("plane", "a floor, moved up", floor_scene, *UP, floor_form, BINS)
-
 CENTRE = forms.View((0, 0, 2), (0, 0, 0), 0.001)
 PLANE_CENTRE = replace(
     PLANE,
@@ -241,7 +240,6 @@ ALBEDO_2 = replace(
     form=partial(low_corridor, 1.6),
 )
 
-
 HOLLOW = forms.Bins(0.5, 0.1, 132, 0.1)
 
 
@@ -293,7 +291,6 @@ ALBEDO = replace(
     step=0.01,
     form=lambda a: forms.inside_sphere(1.2, a, 2.0, 2),
 )
-
 
 SLAB = forms.Bins(1.5, 0.05, 76, 0.05)
 ALPHA = 1e-3
@@ -374,7 +371,6 @@ MIRROR_2 = replace(
     seen=forms.Correlation(MIRROR_HZ, -math.pi / 2),
 )
 
-
 SETUP = Setup(sensor=(-0.6, 0.3, 1.2), power=2.5)
 PATCH = Rectangle.turned((0.2, -0.1, 0.9), 35, 0)
 HIDDEN = forms.Bins(2.6, 0.1, 26, 0.1)
@@ -421,7 +417,6 @@ DEPTH_2 = Case(
     HIDDEN_2,
     spp=1 << 13,
 )
-
 
 PULSE = replace(
     PLANE,

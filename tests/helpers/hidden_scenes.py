@@ -124,16 +124,16 @@ def capture_of(
         for d, p in (("sensor", points), ("laser", lit_points))
     )
     first = start + (np.linalg.norm(devices["sensor"]) + np.linalg.norm(devices["laser"])) * legs
-    cubes = []
-    for index, (lit_from, seen) in enumerate(pairs):
-        extra = legs * (sensor_leg + (laser_leg if mode == "confocal" else laser_leg[index]))
-        cubes.append(_light(patches, lit_from, seen, extra + delay - first, width, bins))
-    shape = (*sensors.shape[:2], bins)
-    light = cubes[0].reshape(shape)
-    if mode == "exhaustive":
-        light = np.stack(cubes).reshape(lasers, lasers, *shape)
-    if noise:
-        light = light + np.random.default_rng(1).normal(0, noise * light.max(), light.shape)
+    away = [laser_leg] if mode == "confocal" else laser_leg
+    light = np.stack(
+        [
+            _light(patches, *pair, legs * (sensor_leg + leg) + delay - first, width, bins)
+            for pair, leg in zip(pairs, away, strict=True)
+        ]
+    )
+    several = (lasers, lasers) if mode == "exhaustive" else ()
+    light = light.reshape(*several, *sensors.shape[:2], bins)
+    light = light + np.random.default_rng(1).normal(0, noise * light.max(), light.shape)
     more = {}
     if mode != "confocal":
         grid = lit[mode]

@@ -36,7 +36,6 @@ OPTIONS = {
     "both, wall too": ROULETTE | WALL_TOO,
 }
 
-
 PANEL = nlos.Rectangle((0.8, 0.0, 0.3), (0, 0.4, 0), (0, 0, -0.3))
 """Stands on the wall at x = 0.8 and faces -x."""
 PLATE = facing(nlos.Rectangle.turned((0.1, 0.2, 1.0), 25, 60, half=(0.25, 0.2)))

@@ -23,7 +23,6 @@ SEEDS, OTHER_SEEDS = range(12), range(1000, 1012)
 DEVICE, SPOT = (0.0, -1.2, 1.4), (-0.5, -0.5, 0.0)
 BINS, START, WIDTH = 40, 2.5, 0.15
 FOV = 0.2
-
 CONFOCAL = {"type": "confocal_transient_path"}
 SCAN = {
     "type": "transient_nlos_path",

@@ -324,18 +324,6 @@ def test_hidden_shapes_change_the_noise_alone(value):
     assert rendered(by_list, spp=64)[0] == pytest.approx(rendered(loaded, spp=64)[0], rel=1e-4)
 
 
-def test_the_box_can_be_left_out():
-    """A capture of a scene of the text, whose box blocks half of the view."""
-    described = tofrender.wall_box_sphere_nlos(width=8, height=8, spp=4)
-    described["integrator"] = described["integrator"] | {"hidden_shapes": "hidden_sphere"}
-    loaded = nlos.load_nlos(described)
-    with pytest.warns(UserWarning, match="32 of 64 pixels"):
-        data = capture(loaded, progress=False)
-    assert [s.id() for s in aims(loaded)] == ["hidden_sphere"]
-    assert data["on_wall"].values[:4].all()
-    assert not data["on_wall"].values[4:].any()
-
-
 def test_nothing_says_which_shape_is_the_wall():
     described = by_camera(shot(), fov=120)
     described["screen"] = described.pop("relay_wall")

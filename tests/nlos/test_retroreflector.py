@@ -8,19 +8,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.nlos import register_retroreflector
 
 from tofrender.sampling import bsdf_case, chi_square_suite
 
 EXPONENTS = (0.3, 1.0, 10.0, 100.0, 1000.0)
 ANGLES = (0.0, 30.0, 60.0, 80.0, 89.0, 89.9)
 LANES = 1 << 18
-
-
-@pytest.fixture(autouse=True)
-def _registered():
-    """Register the plugin in the active variant."""
-    register_retroreflector()
 
 
 def described(exponent: float = 100.0, reflectance: float = 0.8) -> dict:
@@ -192,7 +185,6 @@ def test_reflectance_can_be_a_texture_and_has_a_gradient():
 @pytest.mark.parametrize("variant", [v for v in mi.variants() if v.startswith("llvm")])
 def test_every_variant(variant):
     mi.set_variant(variant)
-    register_retroreflector()
     bsdf = mi.load_dict(described(30.0))
     si = interaction((0.6, 0, 0.8), 64)
     if mi.is_spectral:

@@ -15,8 +15,6 @@ from oracles.nlos import Rectangle, Setup, confocal, load_nlos, single
 SPECTRAL = "llvm_ad_spectral"
 DEVICE, LASER, LIT = (-0.6, 0.3, 1.2), (-0.8, -0.5, 0.6), (-0.3, 0.25, 0.0)
 TINTED = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.6, 0.5]}}
-
-
 HIDDEN = Rectangle.turned((0.1, 0.1, 0.7), 20, 240, half=(0.3, 0.3))
 
 

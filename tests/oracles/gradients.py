@@ -22,7 +22,6 @@ from scipy.special import ndtr
 
 SPEED_OF_LIGHT = 299_792_458.0
 TINY = 1e-30
-
 Form = Callable[[Any], tuple[Any, Any]]
 
 
