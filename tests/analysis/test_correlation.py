@@ -20,7 +20,6 @@ from helpers.support import (
     translate,
 )
 
-from tofrender import phasor_parts
 from tofrender.analysis import (
     four_bucket,
     from_four_bucket,
@@ -36,12 +35,8 @@ C = 299_792_458.0
 
 
 def one_line(match, function, *args, **kwargs):
-    with pytest.raises(ValueError, match=match) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{match}.*\Z"):
         function(*args, **kwargs)
-    assert "\n" not in str(caught.value)
-
-
-# --------------------------------------------------------------------------------- the sensor
 
 
 def test_buckets_are_what_a_pixel_integrates():
@@ -74,42 +69,24 @@ def test_round_trip(contrast):
         assert ours == pytest.approx(given, abs=1e-12)
 
 
-def test_phase_needs_neither_offset_nor_contrast():
-    buckets = four_bucket(0.3, -0.4, offset=2.0, contrast=0.3)
-    I, Q, offset = from_four_bucket(*(b + 0.25 for b in buckets), contrast=0.9)
-    assert phasor_parts(I, Q, 20e6)[1] == pytest.approx(np.arctan2(-0.4, 0.3))
-    assert offset == pytest.approx(2.5)
-
-
-@pytest.mark.parametrize("contrast", [0, -0.5, 1.01, np.nan, "half", None, True])
-def test_bad_contrast(contrast):
-    match = r"contrast = .*: must be a finite number above 0 and at most 1"
-    one_line(match, four_bucket, 1.0, 0.0, offset=2.0, contrast=contrast)
-    one_line(match, from_four_bucket, 1.0, 1.0, 1.0, 1.0, contrast=contrast)
-
-
-@pytest.mark.parametrize(
-    ("match", "offset"),
-    [
-        ("offset = -1: must be at least 0", -1.0),
+def test_offsets_and_shapes_that_do_not_fit():
+    I = np.ones((2, 2))
+    for match, offset in (
         ("offset = 0.4: must be at least contrast", np.full((2, 2), 0.4)),
         ("offset with shape", np.ones((3, 2, 2))),
-        ("offset of type", "bright"),
-    ],
-)
-def test_bad_offset(match, offset):
-    one_line(match, four_bucket, np.ones((2, 2)), np.zeros((2, 2)), offset=offset)
-
-
-def test_shapes_that_do_not_fit():
-    one_line("must be equal", four_bucket, np.ones(2), np.ones(3), offset=9)
-    one_line("must be equal", from_four_bucket, np.ones(2), np.ones(3), np.ones(2), np.ones(2))
-    one_line("must be equal, but", multipath_error, np.ones((2, 3)), np.ones((3, 2)))
-    one_line("must be equal, but", multipath_error, np.ones(3), 1.0)
-    one_line("range_m = 0", multipath_error, np.ones(2), np.ones(2), 0)
-
-
-# ------------------------------------------------------------------------------- error maps
+    ):
+        one_line(match, four_bucket, I, 0 * I, offset=offset)
+    one_line(
+        "contrast = 1.01: must be a finite number above 0 and at most 1",
+        four_bucket,
+        I,
+        I,
+        offset=2.0,
+        contrast=1.01,
+    )
+    one_line("must be equal", four_bucket, I, np.ones(3), offset=9)
+    one_line("must be equal", from_four_bucket, I, np.ones(3), I, I)
+    one_line("must be equal, but", multipath_error, I, np.ones((3, 2)))
 
 
 @pytest.mark.parametrize("f", [20e6, 50e6])
@@ -153,18 +130,11 @@ def test_error_wraps_and_is_unknown_without_truth():
     plain = multipath_error(depth, truth)
     assert plain.error[0, :3] == pytest.approx([7.3, -14.8, 0.5])
     unknown = multipath_error(depth, np.full((1, 5), np.nan), 7.5)
-    assert np.isnan([unknown.median, unknown.percentile_95]).all()
-    assert np.isnan(unknown.error).all()
-
-
-def test_half_a_range_of_error_has_one_sign():
-    result = multipath_error(np.array([3.75, 1.25]), np.array([0.0, 5.0]), 7.5)
-    assert result.error == pytest.approx([-3.75, -3.75])
-    assert result.median == pytest.approx(-3.75)
-    assert result.percentile_95 == pytest.approx(3.75)
-
-
-# -------------------------------------------------------------------------------- true depth
+    assert np.isnan([unknown.median, unknown.percentile_95, *unknown.error[0]]).all()
+    half = multipath_error(np.array([3.75, 1.25]), np.array([0.0, 5.0]), 7.5)
+    assert half.error == pytest.approx([-3.75, -3.75])  # Half a range has one sign
+    assert half.median == pytest.approx(-3.75)
+    assert half.percentile_95 == pytest.approx(3.75)
 
 
 def perspective_rays(width, height, fov):
@@ -205,17 +175,16 @@ def room_depth(width, height):
 
 
 def test_true_depth_of_planes():
-    """From the camera itself, not from its near plane, and along the ray, not along the axis."""
-    depth, expected = true_depth(load(room(film(24, 18)))), room_depth(24, 18)
+    loaded, expected = load(room(film(24, 18))), room_depth(24, 18)
+    depth = true_depth(loaded)
     assert np.isnan(expected).any()
     assert depth == pytest.approx(expected, abs=2e-6, nan_ok=True)
     assert depth.dtype == np.float64
-
-
-def test_true_depth_of_a_crop():
     crop = {"crop_width": 7, "crop_height": 5, "crop_offset_x": 10, "crop_offset_y": 4}
     depth = true_depth(load(room(film(24, 18, sample_border=True, **crop))))
-    assert depth == pytest.approx(room_depth(24, 18)[4:9, 10:17], abs=2e-6, nan_ok=True)
+    assert depth == pytest.approx(expected[4:9, 10:17], abs=2e-6, nan_ok=True)
+    one_line("sensor = 1", true_depth, loaded, 1)
+    one_line("no sensor", true_depth, mi.load_dict({"type": "scene"}))
 
 
 def test_true_depth_of_a_name_and_under_another_variant():
@@ -229,7 +198,6 @@ def test_true_depth_of_a_name_and_under_another_variant():
 
 @pytest.mark.parametrize("kind", ["transient_path", "path"])
 def test_a_hidden_lamp_has_no_depth(kind):
-    """The camera looks through it, as the integrator does."""
     described = room(film(24, 18))
     described["lamp"] = plane(translate(0.2, 0.1, 1), size=0.4, emitter=area_light(1.0))
     described["integrator"] = {"type": kind}
@@ -242,14 +210,7 @@ def test_a_hidden_lamp_has_no_depth(kind):
     assert true_normals(loaded) == pytest.approx(plain, abs=1e-6, nan_ok=True)
 
 
-def test_true_depth_refuses():
-    loaded = load(room(film(2, 2)))
-    one_line("sensor = 1", true_depth, loaded, 1)
-    one_line("no sensor", true_depth, mi.load_dict({"type": "scene"}))
-
-
 def test_true_normals_of_planes():
-    """On the side that is seen, of the floor and of the wall that leans."""
     normals, depth = true_normals(load(room(film(24, 18)))), room_depth(24, 18)
     assert (np.isnan(normals).all(axis=-1) == np.isnan(depth)).all()
     floor, wall = np.array([0, 0, 1]), np.array([-np.sin(np.radians(60)), 0, 0.5])
@@ -262,7 +223,6 @@ def test_true_normals_of_planes():
 
 
 def test_direct_light_measures_the_true_depth():
-    """Light at the camera, no multi-path light: what phases say is the distance, modulo a range."""
     width, f = 1e-3, 50e6
     loaded = load(room(film(24, 18, bins=6000, start=2.0, bin_width=width)))
     _, transient = mi.render(loaded, spp=4)

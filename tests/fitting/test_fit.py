@@ -1,15 +1,17 @@
-"""`fit`: what it finds, when it ends, and what it refuses."""
+"""`fit`: what it finds, when it ends, and what it refuses; and its losses against NumPy."""
 
 from __future__ import annotations
 
 import os
 import signal
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.made_dataset import make_dataset
+from helpers.support import camera, diffuse, plane, scene as described, translate
 from oracles.lamp_above_floor import INTENSITY, POSITION, scene
 
 import tofrender
@@ -30,10 +32,6 @@ def find(target=None, params=None, **options):
     return tofrender.fit(made, params, measured() if target is None else target, **options)
 
 
-# ------------------------------------------------------------------------------- what it finds
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "frequency_hz"), [("l2", None), ("wasserstein", None), ("phasor", [5e7, 1e8])]
 )
@@ -49,10 +47,7 @@ def test_finds_a_lamp(loss, frequency_hz):
     assert np.array_equal(written, found.values[POSITION])
 
 
-@pytest.mark.slow
 def test_finds_what_other_values_follow_from():
-    """A height alone: the lamp moves on a vertical line."""
-
     def apply(params, values):
         params[POSITION] = mi.Point3f(TRUE[0], TRUE[1], 0) + values["up"] * mi.Vector3f(0, 0, 1)
         params[INTENSITY] = mi.Color3f(values["power"])
@@ -62,40 +57,29 @@ def test_finds_what_other_values_follow_from():
     assert isinstance(found.values["up"], float)
     assert abs(found.values["up"] - 1.5) < 2e-3
     assert abs(found.values["power"] - 2) < 1e-2
+    assert repr(find(steps=1)).startswith(
+        "Fit(1 step, loss 3.88 to 3.88, lamp.position = (-0.3, 0.2, 1.2), "
+    )
+    assert "\n" not in repr(found)
 
 
-@pytest.mark.slow
 def test_albedo_and_power_from_a_picture_of_mitsubas():
     """By `prb`, in a picture without time: half of it is a wall of known albedo."""
-    white = mi.ScalarTransform4f().translate([1, 0, 0])
-    dark = mi.ScalarTransform4f().translate([-1, 0, 0])
-    film = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
-    look = mi.ScalarTransform4f().look_at([0, 0, 3], [0, 0, 0], [0, 1, 0])
-    made = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prb", "max_depth": 2},
-            "known": {"type": "rectangle", "to_world": white, "bsdf": diffuse(0.8)},
-            "wall": {"type": "rectangle", "to_world": dark, "bsdf": diffuse(0.3)},
-            "lamp": {"type": "point", "position": [0, 0, 2], "intensity": 5.0},
-            "sensor": {"type": "perspective", "fov": 30, "to_world": look, "film": film},
-        }
-    )
+    picture = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
+    walls = {"known": (1, 0.8), "wall": (-1, 0.3)}
+    parts = {k: plane(translate(x, 0, 0), 1, bsdf=diffuse(a)) for k, (x, a) in walls.items()}
+    parts["lamp"] = {"type": "point", "position": [0, 0, 2], "intensity": 5.0}
+    sensor = camera((0, 0, 3), (0, 0, 0), picture, fov=30)
+    made = mi.load_dict(described(parts, sensor, type="prb", max_depth=2))
     target = mi.render(made, spp=64)
     wall = "wall.bsdf.reflectance.value"
     params, rates = {wall: 0.6, INTENSITY: 3.0}, {wall: 0.03, INTENSITY: 0.2}
-    found = tofrender.fit(
-        made, params, target, learning_rate=rates, bounds={wall: (0, 1)}, spp=64, progress=False
-    )
+    options = {"learning_rate": rates, "bounds": {wall: (0, 1)}, "spp": 64, "progress": False}
+    found = tofrender.fit(made, params, target, **options)
     assert np.abs(found.values[wall] - 0.3).max() < 3e-3
     assert np.abs(found.values[INTENSITY] - 5).max() < 0.05
 
 
-def diffuse(albedo: float) -> dict:
-    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [albedo] * 3}}
-
-
-@pytest.mark.slow
 def test_parameters_of_mitsubas_do():
     made = scene(START, 2.0)
     params = mi.traverse(made)
@@ -105,14 +89,14 @@ def test_parameters_of_mitsubas_do():
     assert np.abs(found.values[POSITION] - TRUE).max() < 0.01
 
 
-@pytest.mark.slow
 def test_takes_a_dataset():
     target = np.array(measured()[1])
-    dataset = along_opl(target, 0.5)
-    assert find(dataset, steps=3).losses.tolist() == find(target, steps=3).losses.tolist()
-    with pytest.raises(
-        ValueError, match=r"^target with bins of 0.05 m from 0.4 m on: must be 0.05"
-    ):
+    of_dataset, of_tensor = (
+        find(each, steps=3).losses.tolist() for each in (along_opl(target, 0.5), target)
+    )
+    assert of_dataset == of_tensor
+    said = r"^target with bins of 0.05 m from 0.4 m on: must be 0.05"
+    with pytest.raises(ValueError, match=said):
         find(along_opl(target, 0.4), steps=3)
 
 
@@ -123,7 +107,6 @@ def along_opl(target: np.ndarray, start: float):
     return labelled(dataset.drop_vars("time").assign_coords(opl=opl))
 
 
-@pytest.mark.slow
 def test_own_losses_and_optimisers():
     def loss(rendered, target):
         return dr.sum(dr.abs(rendered - target), axis=None)
@@ -134,11 +117,7 @@ def test_own_losses_and_optimisers():
     assert np.all(np.diff(slow.losses) < 0)
 
 
-# -------------------------------------------------------------------------------- when it ends
-
-
 def test_seeds():
-    """Equal ones agree, and each step has random numbers of its own."""
     steps = {"steps": 4, "learning_rate": 1e-6}
     one, same, other = (
         find(scene=scene(START, 3.0, noise=0.1), seed=seed, **steps).losses for seed in (1, 1, 2)
@@ -148,18 +127,20 @@ def test_seeds():
     assert len(set(np.round(one, 6))) == 4
 
 
-@pytest.mark.slow
 def test_ends_where_the_loss_no_longer_falls():
     """Each rate is half of the one before it, down to the tolerance."""
-    noisy = {"scene": scene(TRUE, 2.0, noise=0.05), "params": {POSITION: TRUE}}
-    options = {"learning_rate": 0.01, "patience": 4, "steps": 500, "tolerance": 0.2}
-    found = find(measured(noise=0.05), **noisy, **options)
+    options = {"learning_rate": 0.01, "patience": 4, "params": {POSITION: TRUE}}
+
+    def until(tolerance: float, steps: int):
+        noisy = {"scene": scene(TRUE, 2.0, noise=0.05), "tolerance": tolerance, "steps": steps}
+        return find(measured(noise=0.05), **noisy, **options)
+
+    found = until(0.2, 500)
     assert found.converged
     assert 3 * 8 <= found.steps < 200
     assert repr(found).endswith("; the loss no longer falls)")
-    first = find(measured(noise=0.05), **noisy, **options | {"tolerance": 1.0})
-    assert 8 <= first.steps < found.steps
-    endless = find(measured(noise=0.05), **noisy, **options | {"tolerance": 0.0, "steps": 100})
+    assert 8 <= until(1.0, 500).steps < found.steps
+    endless = until(0.0, 100)
     assert endless.steps == 100
     assert not endless.converged
 
@@ -179,9 +160,7 @@ def test_ctrl_c_keeps_the_best():
             os.kill(os.getpid(), signal.SIGINT)
 
     found = find(callback=interrupt, steps=50)
-    assert found.steps == 6
-    assert found.why == "stopped"
-    assert not found.converged
+    assert (found.steps, found.why, found.converged) == (6, "stopped", False)
     assert found.loss == found.losses.min()
 
 
@@ -199,7 +178,6 @@ def test_callback_sees_each_step_and_may_end_it():
     assert found.why == "the callback ended it"
 
 
-@pytest.mark.slow
 def test_values_stay_within_bounds():
     found = find(bounds={POSITION: (None, 1.3), INTENSITY: (2.5, None)}, steps=40)
     assert found.history[POSITION].max() == np.float32(1.3)
@@ -220,90 +198,48 @@ def test_a_loss_that_is_no_number_ends_it():
     assert found.loss == np.nanmin(found.losses)
 
 
-def test_told_in_a_line():
-    found = find(steps=1)
-    said = r"Fit(1 step, loss 3.88 to 3.88, lamp.position = (-0.3, 0.2, 1.2), "
-    assert repr(found).startswith(said)
-    assert "\n" not in repr(found)
-
-
-# ----------------------------------------------------------------------------- what it refuses
-
-
 def texture(params, values):
     params[POSITION] = mi.Point3f(0, 0, 1)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"params": {"lamp.positon": 1.0}}, "params['lamp.positon'] = 1.0: did you mean 'lamp.pos"),
-        (
-            {"params": {"sensor.to_world": 1.0}},
-            "params['sensor.to_world'] = 1.0: is of type Affine",
-        ),
-        ({"params": {"sensor.film.size": 4}}, "params['sensor.film.size'] = 4: is of type Scalar"),
-        (
-            {"params": {POSITION: [1, 2]}},
-            "params['lamp.position'] with shape (2,): must be a numbe",
-        ),
-        (
-            {"params": {POSITION: [1, 2, np.nan]}},
-            "params['lamp.position'] = [1, 2, nan]: must be a",
-        ),
-        (
-            {"params": {POSITION: START}, "bounds": {"lamp": (0, 1)}},
-            "bounds['lamp'] = (0, 1): must",
-        ),
-        ({"bounds": {POSITION: (0, 1)}}, "params['lamp.position'] = [-0.30000001192092896, 0.2000"),
-        ({"bounds": {POSITION: (1, 0)}}, "bounds['lamp.position'] = (1, 0): must be (low, high), "),
-        (
-            {"learning_rate": {POSITION: 0.1}},
-            "learning_rate = {'lamp.position': 0.1}: must have 'l",
-        ),
-        ({"learning_rate": RATES | {"x": 1}}, "learning_rate['x'] = 1: must be of lamp.position, "),
-        (
-            {"learning_rate": RATES | {POSITION: 0}},
-            "learning_rate['lamp.position'] = 0: must be a ",
-        ),
-        ({"loss": "emd"}, "loss = 'emd': must be one of l2, phasor, wasserstein"),
-        ({"loss": "phasor"}, "frequency_hz = None: must be given with loss='phasor', in hertz"),
-        (
-            {"frequency_hz": 1e7},
-            "frequency_hz = 10000000.0: must be left out; only loss='phasor' has",
-        ),
-        ({"loss": "phasor", "frequency_hz": 1e10}, "frequency_hz = 1e+10: must be below 2.99792e+"),
-        ({"optimizer": "lbfgs"}, "optimizer = 'lbfgs': must be one of adam, sgd"),
-        (
-            {"target": np.ones((4, 4, 61, 3))},
-            "target with shape (4, 4, 61, 3): must be (4, 4, 60, ",
-        ),
-        ({"target": np.full((4, 4, 60, 3), np.nan)}, "target: 2880 of 2880 values are not finite,"),
-        (
-            {"params": {"x": [[1.0]]}, "apply": texture},
-            "params['x'] with shape (1, 1): must be a n",
-        ),
-        ({"params": {"x": mi.UInt32}, "apply": texture}, "params['x'] = <class 'drjit.llvm.ad.UIn"),
-    ],
-    ids=lambda value: "-".join(map(str, value))[:40] if isinstance(value, dict) else "",
-)
-def test_refused_before_any_render(options, said):
+BAD_PARAMS = {
+    "params['lamp.positon'] = 1.0: did you mean 'lamp.pos": {"lamp.positon": 1.0},
+    "params['sensor.to_world'] = 1.0: is of type Affine": {"sensor.to_world": 1.0},
+    "params['sensor.film.size'] = 4: is of type Scalar": {"sensor.film.size": 4},
+    "params['lamp.position'] with shape (2,): must be a numbe": {POSITION: [1, 2]},
+    "params['lamp.position'] = [1, 2, nan]: must be a": {POSITION: [1, 2, np.nan]},
+}
+BAD_OPTIONS = {
+    "bounds['lamp'] = (0, 1): must": {"params": {POSITION: START}, "bounds": {"lamp": (0, 1)}},
+    "params['lamp.position'] = [-0.30000001192092896, 0.2000": {"bounds": {POSITION: (0, 1)}},
+    "bounds['lamp.position'] = (1, 0): must be (low, high), ": {"bounds": {POSITION: (1, 0)}},
+    "learning_rate = {'lamp.position': 0.1}: must have 'l": {"learning_rate": {POSITION: 0.1}},
+    "learning_rate['x'] = 1: must be of lamp.position, ": {"learning_rate": RATES | {"x": 1}},
+    "frequency_hz = None: must be given with loss='phasor', in hertz": {"loss": "phasor"},
+    "frequency_hz = 10000000.0: must be left out; only loss='phasor' has": {"frequency_hz": 1e7},
+    "frequency_hz = 1e+10: must be below 2.99792e+": {"loss": "phasor", "frequency_hz": 1e10},
+    "target with shape (4, 4, 61, 3): must be (4, 4, 60, ": {"target": np.ones((4, 4, 61, 3))},
+    "target: 2880 of 2880 values are not finite,": {"target": np.full((4, 4, 60, 3), np.nan)},
+    "params['x'] with shape (1, 1): must be a n": {"params": {"x": [[1.0]]}, "apply": texture},
+    "params['x'] = <class 'drjit.llvm.ad.UIn": {"params": {"x": mi.UInt32}, "apply": texture},
+} | {said: {"params": params} for said, params in BAD_PARAMS.items()}
+
+
+@pytest.mark.parametrize("said", BAD_OPTIONS)
+def test_refused_before_any_render(said):
     made = scene(START, 3.0)
-    target = np.ones((4, 4, 60, 3))
-    options = {"params": {POSITION: START, INTENSITY: 3.0}, "learning_rate": 0.1} | options
+    options = {"params": {POSITION: START, INTENSITY: 3.0}, "learning_rate": 0.1}
+    options |= {"target": np.ones((4, 4, 60, 3))} | BAD_OPTIONS[said]
     with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
-        tofrender.fit(made, **{"target": target} | options)
+        tofrender.fit(made, **options)
     assert str(error.value).startswith(said)
     assert "\n" not in str(error.value)
     assert made.integrator().renders == 0
 
 
-def test_a_start_of_another_kind_of_numbers():
+def test_starts_and_optimisers_of_another_kind():
     with pytest.raises(ValueError, match=r"^params\['x'\] = UInt: must be of floats with deriva"):
         find(params={"x": mi.UInt32(1)}, apply=texture, learning_rate=0.1)
-
-
-def test_optimiser_with_variables():
     with pytest.raises(ValueError, match=r"^optimizer = Adam of a: must have no variables; params"):
         find(optimizer=mi.ad.Adam(lr=1.0, params={"a": mi.Float(1)}))
 
@@ -327,3 +263,117 @@ def test_time_losses_need_bins():
     for loss in ("wasserstein", "phasor"):
         with pytest.raises(ValueError, match=rf"^loss = '{loss}': must be 'l2' for a film without"):
             tofrender.fit(made, {"red.reflectance.value": 0.5}, np.ones((256, 256, 3)), loss=loss)
+
+
+AXIS = {"start_opl": 1.0, "bin_width_opl": 0.5}
+FREQUENCIES = [20e6, 50e6]
+SHAPE = (2, 3, 7, 3)
+phasor_loss = partial(tofrender.phasor_loss, frequency_hz=FREQUENCIES, **AXIS)
+LOSSES = {
+    "l2": tofrender.l2_loss,
+    "phasor": phasor_loss,
+    "wasserstein": tofrender.wasserstein_loss,
+    "times": partial(tofrender.wasserstein_loss, energy_weight=0.0),
+}
+
+
+def cubes(seed: int = 0) -> np.ndarray:
+    """What is rendered, and a target."""
+    return np.random.default_rng(seed).random((2, *SHAPE)).astype(np.float32)
+
+
+def number(value) -> float:
+    return float(np.array(value).item())
+
+
+def in_numpy(name: str, rendered: np.ndarray, target: np.ndarray) -> float:
+    """The formulas, in double precision."""
+    r, t = rendered.astype(float), target.astype(float)
+    if name == "l2":
+        return np.sum((r - t) ** 2) / np.sum(t**2)
+    if name == "phasor":
+        parts = [
+            np.array(tofrender.transient_to_phasor(each, FREQUENCIES, *AXIS.values())[:2])
+            for each in (r, t)
+        ]
+        return np.sum((parts[0] - parts[1]) ** 2) / np.sum(parts[1] ** 2)
+    light, measured = r.sum(2), t.sum(2)
+    arrived = [np.cumsum(each, axis=2) / each.sum(2, keepdims=True) for each in (r, t)]
+    times = np.sum(measured / measured.sum() * np.mean((arrived[0] - arrived[1]) ** 2, axis=2))
+    energy = np.sum((light - measured) ** 2) / np.sum(measured**2)
+    return times + (energy if name == "wasserstein" else 0)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_is_the_formula(name):
+    loss, (rendered, target) = LOSSES[name], cubes()
+    found = number(loss(mi.TensorXf(rendered), target))
+    assert abs(found / in_numpy(name, rendered, target) - 1) < 1e-5
+    assert number(loss(target, target)) < 1e-12
+    dim = number(loss(rendered * 1e-6, target * 1e-6))
+    assert abs(dim / found - 1) < 1e-3
+    with pytest.raises(ValueError, match=r"^target: holds no light; must have some"):
+        loss(np.ones(SHAPE), np.zeros(SHAPE))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", LOSSES)
+def test_derivative_is_that_of_differences(name, seed):
+    rendered, target = cubes(seed)
+    attached = mi.TensorXf(rendered)
+    dr.enable_grad(attached)
+    dr.backward(LOSSES[name](attached, target))
+    gradient = np.array(dr.grad(attached), np.float64)
+    direction = np.random.default_rng(seed).standard_normal(SHAPE)
+    step = 1e-5
+    ahead, behind = (in_numpy(name, rendered + s * direction, target) for s in (step, -step))
+    expected = (ahead - behind) / (2 * step)
+    assert abs(np.sum(gradient * direction) - expected) < 2e-4 * np.abs(gradient).sum()
+    forward = mi.TensorXf(rendered)
+    dr.enable_grad(forward)
+    dr.set_grad(forward, mi.TensorXf(direction.astype(np.float32)))
+    loss = LOSSES[name](forward, target)
+    dr.forward_to(loss)
+    assert abs(number(dr.grad(loss)) - expected) < 2e-4 * np.abs(gradient).sum()
+
+
+def arrival(at: float, energy: float = 1.0, width: float = 0.15) -> np.ndarray:
+    """A Gaussian pulse around a length [m], in 200 bins of 0.05 m."""
+    edges = np.arange(201) * 0.05
+    pulse = tofrender.GaussianPulse(width)
+    masses = np.diff(np.array(pulse.cdf(mi.Float(edges - at))))
+    return (energy * masses).astype(np.float32)[None, None, :, None]
+
+
+def along(loss) -> np.ndarray:
+    """Losses of a pulse that comes nearer, from 3 m early to its place."""
+    return np.array([number(loss(arrival(x), arrival(6.0))) for x in np.linspace(3, 6, 16)])
+
+
+def test_wasserstein_falls_from_afar_where_bins_are_flat():
+    far = along(tofrender.wasserstein_loss)
+    assert np.all(np.diff(far) < 0)
+    # Of the window of 10 m: E|X - Y| - E|X - X'| for arrivals X, X' and Y
+    assert abs(far[0] - (3 - 2 * 0.15 / np.pi**0.5) / 10) < 1e-4
+    bins = along(tofrender.l2_loss)
+    assert np.ptp(bins[:8]) < 1e-5
+    assert abs(bins[0] - 2) < 1e-5
+
+
+def test_pixels_without_light():
+    """Are neither divided by zero nor compared by their times."""
+    rendered, target = cubes()
+    rendered[0, 0], target[1, 1] = 0, 0
+    attached = mi.TensorXf(rendered)
+    dr.enable_grad(attached)
+    loss = tofrender.wasserstein_loss(attached, target, energy_weight=0.0)
+    dr.backward(loss)
+    assert np.isfinite(number(loss))
+    gradient = np.array(dr.grad(attached))
+    assert np.isfinite(gradient).all()
+    assert not gradient[1, 1].any()
+
+
+def test_too_high_frequency_is_refused():
+    with pytest.raises(ValueError, match=r"^frequency_hz = 3e\+08: must be below 2.99792e\+08"):
+        tofrender.phasor_loss(*cubes(), frequency_hz=3e8, **AXIS)

@@ -1,51 +1,22 @@
-"""The closed forms of gradients: their derivatives, and the numbers of section 9's table."""
+"""The closed forms of gradients: numbers of section 9, and the table of docs/gradients.md."""
 
 from __future__ import annotations
 
 import math
+import re
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.gradient_cases import (
-    CASES,
-    DEPTH,
-    DEPTH_2,
-    LIT,
-    PATCH,
-    PATCH_2,
-    SEEN,
-    SETUP,
-    SINGLE,
-)
-from oracles import films as oracles
-from oracles.gradients import (
-    Arrived,
-    Bins,
-    Gate,
-    Phasor,
-    View,
-    corridor,
-    derived,
-    disk_light,
-    hidden_patch,
-    inside_sphere,
-    lit_plane,
-    seen_in_mirror,
-    slab,
-    sphere_light,
-)
-from oracles.nlos import three_bounces
+from helpers.gradient_cases import TABLE
+from oracles import films as oracles, gradients as forms
+
+from benchmarks.misuka_sphere import FREQUENCIES, closed_form
+from tofrender.integrators.derivatives import MOST_KEPT
 
 Z = np.array([0.0, 0.0, 1.0])
 LAMP = (0.5, 0.0, 2.0)
-
-
-def on_floor(fov: float, z):
-    return lit_plane(View((0, 0, 2), (0, 0, 0), fov), z * Z, Z, LAMP, 1.0, 0.5)
-
-
-def has_moments(case) -> bool:
-    return isinstance(case.seen, Bins) and not case.of_pulse
 
 
 def central(function, x: float, step: float) -> np.ndarray:
@@ -54,60 +25,11 @@ def central(function, x: float, step: float) -> np.ndarray:
     return (8 * near - far) / (12 * step)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_derivatives_are_those_of_differences(name):
-    """All that is seen in every case, one by one, in double precision."""
-    case = CASES[name]
-
-    def value(theta):
-        return case.at(theta).seen.value(derived(case.form, theta))
-
-    found, by_differences = case.expected()[1], central(value, case.theta, 2e-4)
-    assert found == pytest.approx(by_differences, abs=1e-6 * np.abs(found).max())
-    assert np.abs(found).max() > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if has_moments(case)])
-def test_moments_are_those_of_the_bins(name):
-    """Windows hold all light but a corridor's tail, and bins as wide as the pulse move no mean."""
-    case = CASES[name]
-    light = case.arrived()
-    value, change = case.expected()
-    both = np.stack([np.ones(case.seen.count), case.seen.centres])
-    tolerance = 2e-3 if case.row in ("corridor", "albedo") else 1e-5
-    assert both @ value == pytest.approx(light.moments(), rel=tolerance)
-    scale = np.abs(light.d_moments()).max()
-    assert both @ change == pytest.approx(light.d_moments(), abs=tolerance * scale)
-
-
-# --------------------------------------------------------------------------- section 9's numbers
-
-
-def test_g1_one_ray():
-    light = derived(lambda z: on_floor(1e-6, z), 0.0)
-    assert light.d_moments() == pytest.approx([0.03312451, 0.06296146], abs=1e-8)
-    assert light.d_opl == pytest.approx(-1.97014250, abs=1e-8)
-    # By hand: L = ρ H / (π r³), opl = H + r
-    h, r = 2.0, math.sqrt(4.25)
-    assert light.d_light.sum() == pytest.approx(-0.5 / math.pi * (1 / r**3 - 3 * h**2 / r**5))
-
-
-def test_g1_film():
-    found = derived(lambda z: on_floor(20, z), 0.0).d_moments()
-    assert found == pytest.approx([0.03250383, 0.06257378], abs=3e-8)
-
-
-def test_g1_with_bounces_of_a_ceiling():
-    view = View((0, 0, 2), (0, 0, 0), 20)
-    found = derived(lambda z: corridor(view, z, 3.0, LAMP, 1.0, (0.5, 0.4)), 0.0).d_moments()
-    assert found == pytest.approx([0.03571043, 0.06998518], abs=3e-8)
-
-
 @pytest.mark.parametrize("radius", [0.7, 1.2])
 def test_g2_inside(radius):
-    orders = [derived(lambda R, n=n: inside_sphere(R, 0.8, 2.0, n), radius) for n in range(3)]
+    orders = [
+        forms.derived(lambda R, n=n: forms.inside_sphere(R, 0.8, 2.0, n), radius) for n in range(3)
+    ]
     totals = np.array([[np.zeros(2)] * 2] + [[o.moments(), o.d_moments()] for o in orders])
     for n, (bounce, change) in enumerate(np.diff(totals, axis=0)):
         assert bounce[0] == pytest.approx(oracles.sphere_bounce_total(n, radius, 0.8, 2.0))
@@ -115,143 +37,119 @@ def test_g2_inside(radius):
         assert change == pytest.approx([-2 * bounce[0] / radius, -bounce[1] / radius])
 
 
-@pytest.mark.slow
-def test_g2_bins_are_those_of_chords():
-    """Against the convolution of chords, both in bins that are wide beside the pulse."""
-    edges = Bins(0.5, 0.5, 26, 1e-4)
-    light = derived(lambda R: inside_sphere(R, 0.8, 2.0, 1, 600), 1.2)
-    chords = oracles.sphere_bounce_masses(1, edges.edges, 1.2, fine=2000)
-    expected = oracles.sphere_bounce_total(1, 1.2, 0.8, 2.0) * chords
-    expected += (
-        oracles.sphere_bounce_total(0, 1.2, 0.8, 2.0)
-        * (edges.edges[:-1] < 2.4)
-        * (edges.edges[1:] > 2.4)
-    )
-    assert edges.value(light) == pytest.approx(expected, abs=1e-3 * expected.max())
+def floor(z, fov: float = 20):
+    return forms.lit_plane(forms.View((0, 0, 2), (0, 0, 0), fov), z * Z, Z, LAMP, 1.0, 0.5)
 
 
-def test_g2_sphere_light():
-    light = derived(lambda R: sphere_light(R, 2.0, 0.6, 3.0, 0.7, 0.0), 0.5)
-    assert light.moments() == pytest.approx([0.07875, 0.12876281], abs=1e-8)
-    assert light.d_moments() == pytest.approx([0.315, 0.45249487], abs=2e-8)
+def under_ceiling(z):
+    view = forms.View((0, 0, 2), (0, 0, 0), 20)
+    return forms.corridor(view, z, 3.0, LAMP, 1.0, (0.5, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("form", "theta", "expected"),
+    [
+        (partial(floor, fov=1e-6), 0.0, [0.03312451, 0.06296146]),
+        (floor, 0.0, [0.03250383, 0.06257378]),
+        (under_ceiling, 0.0, [0.03571043, 0.06998518]),
+        (lambda R: forms.sphere_light(R, 2.0, 0.6, 3.0, 0.7, 0.0), 0.5, [0.315, 0.45249487]),
+    ],
+    ids=["g1, one ray", "g1, film", "g1, with a ceiling", "g2, sphere light"],
+)
+def test_changes_of_sum_and_moment(form, theta, expected):
+    light = forms.derived(form, theta)
+    assert light.d_moments() == pytest.approx(expected, abs=3e-8)
+    if theta:
+        assert light.moments() == pytest.approx([0.07875, 0.12876281], abs=1e-8)
 
 
 def test_g3():
-    straight = derived(lambda n: slab(n, 0.3, 0.0, 0.0, 1.0, 2), 1.5)
+    straight = forms.derived(lambda n: forms.slab(n, 0.3, 0.0, 0.0, 1.0, 2), 1.5)
     assert straight.d_light == pytest.approx([-0.24576, 0.009043968])
     assert straight.d_opl == pytest.approx([0.3, 0.9])
     assert straight.light[0] == pytest.approx(oracles.slab_order(0, 1.5, 1.0))
-    tilted = derived(lambda n: slab(n, 0.3, math.sin(math.radians(40)), 0.0, 1.0, 3), 1.5)
+    tilted = forms.derived(
+        lambda n: forms.slab(n, 0.3, math.sin(math.radians(40)), 0.0, 1.0, 3), 1.5
+    )
     assert tilted.d_opl[0] == pytest.approx(0.25734388, abs=1e-8)
     assert tilted.light == pytest.approx([0.91062428, 0.0019046309, 3.98366e-6], rel=1e-6)
 
 
 def test_g4():
-    phasor = Phasor(20e6)
+    phasor = forms.Phasor(20e6)
     z, change = (
-        getattr(phasor, what)(derived(lambda z: seen_in_mirror(z, 2.0, 1.0, 3.0), 0.0))
+        getattr(phasor, what)(forms.derived(lambda z: forms.seen_in_mirror(z, 2.0, 1.0, 3.0), 0.0))
         for what in ("value", "derivative")
     )
     phase = (z[0] * change[1] - z[1] * change[0]) / (z @ z)
     assert phase == pytest.approx(-0.83833801, abs=1e-8)
 
 
-@pytest.mark.parametrize("bounces", [0, 1, 2])
-def test_g5(bounces):
-    """Light that met an albedo j times changes by j / ρ of itself."""
-    light = derived(lambda a: inside_sphere(1.2, a, 2.0, bounces), 0.8)
-    met = slice(inside_sphere(1.2, 0.8, 2.0, bounces - 1)[0].size if bounces else 0, None)
-    assert light.d_light[met] == pytest.approx((bounces + 1) / 0.8 * light.light[met])
-    assert not light.d_opl.any()
-
-
 @pytest.mark.parametrize("x", [-0.3, 0.02, 0.25])
 def test_g6(x):
-    """A gate beside a path of the length 1, and a bin of it."""
-    one = Arrived(np.array([2.0]), np.array([1.0]), np.zeros(1), np.zeros(1))
+    one = forms.Arrived(np.array([2.0]), np.array([1.0]), np.zeros(1), np.zeros(1))
     s = 0.1
     p = math.exp(-0.5 * (x / s) ** 2) / math.sqrt(2 * math.pi)
-    gate = Gate(1 + x, s).by_width(one)
-    assert gate == pytest.approx([2 * p / s * (x * x / s**3 - 1 / s)])
-    found = central(lambda s: Gate(1 + x, s).value(one), s, 1e-4)
-    assert gate == pytest.approx(found, abs=1e-6)
-    bins = Bins(1 + x, 0.05, 1, s)
-    assert bins.by_width(one) == pytest.approx(
-        central(lambda s: Bins(1 + x, 0.05, 1, s).value(one), s, 1e-4), abs=1e-8
-    )
+    assert forms.Gate(1 + x, s).by_width(one) == pytest.approx([2 * p / s * (x * x / s**3 - 1 / s)])
+    for of, within in (
+        (partial(forms.Gate, 1 + x), 1e-6),
+        (partial(forms.Bins, 1 + x, 0.05, 1), 1e-8),
+    ):
+        found = central(lambda s, of=of: of(s).value(one), s, 1e-4)
+        assert of(s).by_width(one) == pytest.approx(found, abs=within)
 
 
-def test_disk_light():
-    h, radius, radiance = 1.2, 0.8, 4.0
-    light = derived(lambda h: disk_light(h, radius, radiance, 1.0, 0.0), h)
-    square = h * h + radius**2
-    total = radiance * radius**2 / square
-    assert light.moments() == pytest.approx(
-        [total, 2 * radiance * h**2 * (1 / h - 1 / math.sqrt(square))]
-    )
-    assert light.d_moments()[0] == pytest.approx(-2 * h * total / square)
+PAGE = Path(__file__).parents[2] / "docs/gradients.md"
+TENTH_OF_A_PERCENT, STANDARD_ERRORS, ROUNDING = 1e-3, 3, 2e-4
 
 
-@pytest.mark.parametrize(
-    ("case", "setup", "patch", "lit"),
-    [(DEPTH, SETUP, PATCH, SEEN), (DEPTH_2, SINGLE, PATCH_2, LIT)],
-    ids=["confocal", "single"],
-)
-def test_hidden_patches(case, setup, patch, lit):
-    """Against the sum over the patch's cells that captures are tested by."""
-    opl, light = three_bounces(setup, patch.nodes(), patch.albedo, lit, SEEN)
-    expected = [light.sum(), (opl * light).sum()]
-    assert case.arrived().moments() == pytest.approx(expected, rel=1e-5)
+def table() -> dict[tuple[str, str, str], list[str]]:
+    """Parameter, scene and measure -> closed form, forward and reverse, as text."""
+    text = PAGE.read_text(encoding="utf-8")
+    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    start = next(k for k, cells in enumerate(lines) if cells[:2] == ["parameter", "scene"])
+    end = next(k for k, cells in enumerate(lines) if cells[0] == "misuka")
+    return {tuple(cells[:3]): cells[3:6] for cells in lines[start + 1 : end]}
 
 
-def test_f1_small_patch():
-    """L = Φ ρ_w² ρ_h A cos_w² cos_h² / (π³ r⁴) at 2 r: its derivative along the depth, by hand."""
-    x, z, tilt, half = 0.3, 1.1, math.radians(30), 1e-3
-    normal = np.array([-math.sin(tilt), 0, -math.cos(tilt)])
-    u, v = half * np.array([0, 1.0, 0]), half * np.cross(normal, [0, 1.0, 0])
-    u, v = (u, v) if np.cross(u, v) @ normal > 0 else (v, u)
-    light = derived(
-        lambda t: hidden_patch(t * Z, (x, 0, z), u, v, (0, 0, 0), (0, 0, 0), 0.0, 1.0), 0.0
-    )
-    r, facing = math.hypot(x, z), -(normal @ [x, 0, z])
-    total = 4 * half**2 * z**2 * facing**2 / r**8
-    assert light.moments()[0] == pytest.approx(total, rel=1e-5)
-    change = total * (2 / z - 2 * normal[2] / facing - 8 * z / r**2)
-    assert light.d_moments()[0] == pytest.approx(change, rel=1e-5)
-    assert light.d_opl == pytest.approx(2 * z / r, rel=3e-3)
+def read(cell: str) -> tuple[float, float]:
+    """A number and its standard error, of 0.0325040(12)."""
+    digits, error = re.fullmatch(r"(-?[\d.]+)(?:\((\d+)\))?", cell).groups()
+    return float(digits), int(error or 0) * 10.0 ** -len(digits.partition(".")[2])
 
 
-# ----------------------------------------------------------------------- what is seen of light
+def test_the_page_has_all_rows():
+    rows = {(case.row, case.scene, what) for case in TABLE for what in case.weights()}
+    assert set(table()) == rows
+    assert len({row for row, _, _ in rows}) == 10
 
 
-def test_bins_lose_nothing_and_move_no_mean():
-    light = Arrived(np.array([0.3, 0.7]), np.array([2.1, 2.533]), np.zeros(2), np.array([1.0, -2]))
-    bins = Bins(1.0, 0.05, 60, 0.05)
-    value, change = bins.value(light), bins.derivative(light)
-    assert [value.sum(), bins.centres @ value] == pytest.approx(light.moments(), rel=1e-6)
-    assert [change.sum(), bins.centres @ change] == pytest.approx(light.d_moments(), abs=1e-6)
+@pytest.mark.parametrize("case", TABLE, ids=lambda case: case.name)
+def test_rows_of_the_page_are_the_closed_forms(case):
+    _, change = case.expected()
+    for what, weights in case.weights().items():
+        exact = float(weights @ change)
+        form, *found = map(read, table()[case.row, case.scene, what])
+        assert form[0] == pytest.approx(exact, rel=1e-5)
+        for value, error in found:
+            off = abs(value - exact)
+            assert off < TENTH_OF_A_PERCENT * abs(exact)
+            assert off < STANDARD_ERRORS * error + ROUNDING * abs(exact)
 
 
-def test_narrow_pulses_make_the_mean_of_bins_stagger():
-    """A pulse of half a bin: the mean of the bins moves by up to 1.5 % less or more than the light.
-
-    That is Poisson's sum, 2 exp(-2 π² σ² / w²), and why the cases' pulses are as wide as a bin.
-    """
-    moved = []
-    for offset in np.linspace(0, 0.1, 41):
-        light = Arrived(np.ones(1), np.array([3 + offset]), np.zeros(1), np.ones(1))
-        bins = Bins(1.0, 0.1, 40, 0.05)
-        moved.append(bins.centres @ bins.derivative(light))
-    ripple = 2 * math.exp(-2 * math.pi**2 * 0.25)
-    assert max(moved) == pytest.approx(1 + ripple, abs=2e-4)
-    assert min(moved) == pytest.approx(1 - ripple, abs=2e-4)
+def test_the_page_says_how_long_paths_may_be():
+    assert f"`max_depth` from 1 to {MOST_KEPT}" in PAGE.read_text(encoding="utf-8")
 
 
-def test_phasors_are_sums_of_fine_bins():
-    light = derived(lambda R: inside_sphere(R, 0.8, 2.0, 1), 1.2)
-    k = Phasor(20e6).k
-    z = (light.light * np.exp(1j * k * light.opl)).sum()
-    fine = Bins(1.0, 0.01, 500, 0.01)
-    sum_of_bins = (fine.value(light) * np.exp(1j * k * fine.centres)).sum()
-    assert [z.real, z.imag] == pytest.approx(Phasor(20e6).value(light))
-    assert abs(sum_of_bins / z - 1) < 1e-4
+def test_rows_of_misuka_are_its_scenes():
+    text = PAGE.read_text(encoding="utf-8")
+    found = [
+        (row["by"], row["of"], row["bands"], f"{closed_form(row['by'])[row['of']]:.6g}")
+        for row in re.finditer(
+            r"^\| (?P<by>radius|albedo) \| (?P<of>sum|moment) \| (?P<bands>[\d, ]+) \|", text, re.M
+        )
+    ]
+    assert len(found) == 4 * len(FREQUENCIES)
+    for cells in found:
+        assert cells[2] in FREQUENCIES
+        assert "| " + " | ".join(cells) + " |" in text

@@ -1,23 +1,22 @@
-"""What has no derivative is refused in one line that names it."""
+"""What has no derivative is refused in one line, and `render(scene, params=...)`.
+
+That gives the tensors of `mi.render(scene, params)`, with derivatives.
+"""
 
 from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.gradient_cases import (
-    GATED_PLANE,
-    INDEX,
-    MIRROR_2,
-    PLANE,
-    picture_film,
-)
+import xarray as xr
+from helpers.gradient_cases import GATED_PLANE, INDEX, MIRROR_2, PLANE
 from helpers.gradient_of import attached, forward, reverse
 from helpers.support import with_film
 
@@ -52,162 +51,66 @@ def with_described(case, change: Callable[[dict], dict]):
     return replace(case, describe=lambda: change(case.describe()))
 
 
-def without_pulse(described: dict) -> dict:
-    kept = {k: v for k, v in described["integrator"].items() if k != "pulse_width_opl"}
-    return described | {"integrator": kept}
+def without(*names: str) -> Callable[[dict], dict]:
+    """A scene whose integrator lacks some parameters."""
 
-
-def test_bins_without_a_pulse():
-    for text in both(with_described(PLANE, without_pulse)):
-        assert "pulse" in text
-        assert "pulse_width_opl" in text
-
-
-@pytest.mark.parametrize("rfilter", ["gaussian", "tent"])
-def test_films_whose_filter_is_not_a_box(rfilter):
-    case = with_described(PLANE, lambda d: with_film(d, rfilter={"type": rfilter}))
-    for text in both(case):
-        assert "rfilter" in text
-        assert "box" in text
-
-
-OTHERS = {
-    "simple": {"position": [0.5, 0, 2], "energy": 1.0},
-    "ao": {},
-    "transient_light_tracer": {},
-    "transient_bdpt": {},
-}
-
-
-def other_integrator(kind: str) -> Callable[[dict], dict]:
     def change(described: dict) -> dict:
-        if kind == "path_tracer_mis":  # Knows no time
-            described = described | {"sensor": described["sensor"] | {"film": picture_film()}}
-        return described | {"integrator": {"type": f"tofrender_{kind}"} | OTHERS[kind]}
+        kept = {k: v for k, v in described["integrator"].items() if k not in names}
+        return described | {"integrator": kept}
 
     return change
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", OTHERS)
-def test_integrators_without_derivatives(kind):
-    case = with_described(PLANE, other_integrator(kind))
-    loaded = tofrender.load_scene(case.describe(), optimize=False)
-    name = type(loaded.integrator()).__name__
-
-    def call(backward: bool) -> None:
-        theta, tensor = mi.Float(0.0), None
-        dr.enable_grad(theta)
-        parameters = mi.traverse(loaded)
-        case.set(parameters, theta)
-        tensor = case.output(mi.render(loaded, parameters, spp=16))
-        if backward:
-            dr.backward(dr.sum(tensor.array))
-        else:
-            dr.forward(theta)
-
-    for backward in (False, True):
-        text = refusal(lambda backward=backward: call(backward))
-        assert "derivative" in text
-        assert name in text or kind in text
-
-
-def test_nothing_that_is_attached():
-    """Dr.Jit itself says so: the picture depends on nothing."""
-    loaded = PLANE.load()
-    parameters = mi.traverse(loaded)
-    _, transient = mi.render(loaded, parameters, spp=16)
-    assert not dr.grad_enabled(transient)
-    with pytest.raises(RuntimeError):
-        dr.backward(dr.sum(transient.array))
-
-
-def test_an_index_that_is_a_plain_number():
-    """Mitsuba's smooth `dielectric` keeps a plain float, which no gradient fits into."""
-    loaded = INDEX.load()
-    smooth = mi.load_dict({"type": "dielectric", "int_ior": 1.5})
-    parameters = mi.traverse(smooth)
-    theta = mi.Float(1.5)
-    dr.enable_grad(theta)
-    with pytest.raises(RuntimeError):
-        parameters["eta"] = theta
-    assert dr.grad_enabled(mi.traverse(loaded)["material.eta"]) is False
-
-
-def test_the_index_around_the_camera():
+def in_glass(described: dict) -> dict:
     """Behind a third face, the camera is in glass."""
     above = {"to_world": mi.ScalarTransform4f().translate([0, 0, 2]).scale(20)}
-    case = with_described(
-        INDEX,
-        lambda d: (
-            d | {"above": d["glass"] | above, "glass": {"type": "sphere", "center": [0, 50, 0]}}
-        ),
-    )
-    for text in both(case):
-        assert "sensor: is in glass or water" in text
+    far = {"type": "sphere", "center": [0, 50, 0]}
+    return described | {"above": described["glass"] | above, "glass": far}
 
 
-@pytest.mark.parametrize("value", ["attach", "", 1, True])
-def test_unknown_kinds_of_sampling(value):
-    text = refusal(lambda: attached(PLANE, spp=16, gradient_sampling=value))
-    assert "gradient_sampling" in text
-    assert "attached" in text
-    assert "detached" in text
+def other_integrator(kind: str, **more: Any) -> Callable[[dict], dict]:
+    return lambda described: described | {"integrator": {"type": kind} | more}
 
 
-def test_a_scene_without_integrator():
-    described = {k: v for k, v in PLANE.describe().items() if k != "integrator"}
-    loaded = mi.load_dict(described, parallel=False, optimize=False)
-    parameters = mi.traverse(loaded)
-    with_default = mi.load_dict(PLANE.describe()["integrator"])
-    theta = mi.Float(0.0)
-    dr.enable_grad(theta)
-    PLANE.set(parameters, theta)
-    _, transient = mi.render(loaded, parameters, integrator=with_default, spp=1 << 12)
+GAUSSIAN, SIMPLE = {"type": "gaussian"}, {"position": [0.5, 0, 2], "energy": 1.0}
+
+REFUSED = {
+    "bins without a pulse": (PLANE, without("pulse_width_opl"), ["pulse", "pulse_width_opl"]),
+    "Gaussian filter": (PLANE, partial(with_film, rfilter=GAUSSIAN), ["rfilter", "box"]),
+    "tent filter": (PLANE, partial(with_film, rfilter={"type": "tent"}), ["rfilter", "box"]),
+    "simple": (PLANE, other_integrator("simple", **SIMPLE), ["Simple", "derivative"]),
+    "ao": (PLANE, other_integrator("ao"), ["AmbientOcclusion", "derivative"]),
+    "light tracer": (PLANE, other_integrator("transient_light_tracer"), ["Light", "derivative"]),
+    "bdpt": (PLANE, other_integrator("transient_bdpt"), ["BDPT", "derivative"]),
+    "camera in glass": (INDEX, in_glass, ["sensor: is in glass or water"]),
+    "gate without target": (GATED_PLANE, without("target_time"), ["target_time"]),
+    "correlation": (MIRROR_2, without("frequency_hz", "phase_offset"), ["modulation"]),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_has_no_derivative(name):
+    case, change, words = REFUSED[name]
+    for text in both(with_described(case, change)):
+        assert all(word in text for word in words), text
+
+
+def test_an_integrator_beside_the_scene():
+    case = with_described(PLANE, lambda d: d | {"integrator": {"type": "path"}})
+    given = mi.load_dict(PLANE.describe()["integrator"])
+    theta, transient = attached(case, options={"integrator": given})
     dr.forward(theta)
     expected = PLANE.weights()["sum"] @ PLANE.expected()[1]
-    found = PLANE.mean(dr.grad(transient))
-    assert found.sum() == pytest.approx(expected, rel=5e-3)
+    assert PLANE.mean(dr.grad(transient)).sum() == pytest.approx(expected, rel=5e-3)
 
 
-def test_a_gate_without_target():
-    def change(described: dict) -> dict:
-        kept = {k: v for k, v in described["integrator"].items() if k != "target_time"}
-        return described | {"integrator": kept}
-
-    for text in both(with_described(GATED_PLANE, change)):
-        assert "target_time" in text
-
-
-@pytest.mark.parametrize("bins", [False, True])
-def test_gates_with_hard_edges(bins):
-    case = PLANE if bins else GATED_PLANE
-    loaded = tofrender.load_scene(case.describe(), optimize=False)
-    gated = tofrender.load_scene(GATED_PLANE.describe(), optimize=False).integrator()
+@pytest.mark.parametrize("case", [PLANE, GATED_PLANE], ids=["bins", "gate"])
+def test_gates_with_hard_edges(case):
+    gated = GATED_PLANE.load().integrator()
     gated.pulse = tofrender.BoxPulse(0.1)
-    parameters, theta = mi.traverse(loaded), mi.Float(case.theta)
-    dr.enable_grad(theta)
-    case.set(parameters, theta)
-    text = refusal(lambda: mi.render(loaded, parameters, integrator=gated, spp=16))
+    text = refusal(lambda: attached(case, spp=16, options={"integrator": gated}))
     assert "BoxPulse" in text
     assert "hard edges" in text
-
-
-def test_a_correlation_without_modulation():
-    def change(described: dict) -> dict:
-        kept = {k: v for k, v in described["integrator"].items() if k != "frequency_hz"}
-        return described | {"integrator": {k: v for k, v in kept.items() if k != "phase_offset"}}
-
-    for text in both(with_described(MIRROR_2, change)):
-        assert "modulation" in text
-
-
-def test_discrete_parameters():
-    """Faces of a mesh are whole numbers: Dr.Jit has no gradient of them."""
-    cube = mi.load_dict({"type": "cube"})
-    faces = mi.traverse(cube)["faces"]
-    dr.enable_grad(faces)  # Without effect
-    assert not dr.grad_enabled(faces)
 
 
 def test_the_corners_of_a_lamp_with_smooth_normals():
@@ -225,3 +128,72 @@ def test_the_corners_of_a_lamp_with_smooth_normals():
     dr.enable_grad(parameters[key])
     text = refusal(lambda: mi.render(loaded, params=parameters, spp=1))
     assert text.startswith("lit.vertex_positions: has no derivative, the lamp's normals are smooth")
+
+
+ALBEDO = "green.reflectance.value"
+BINS = {"temporal_bins": 20, "start_opl": 3.0, "bin_width_opl": 0.5}
+
+
+def box(**more: Any) -> mi.Scene:
+    size = {"width": 4, "height": 4, "spp": 4, "max_depth": 3, "pulse_width_opl": 0.2}
+    return tofrender.load_scene("cornell_box", **size | BINS | more)
+
+
+def gradient(render: Any, **options: Any) -> tuple[Any, np.ndarray]:
+    """What is rendered, and how an albedo changes the mean of each."""
+    scene = box()
+    params = mi.traverse(scene)
+    dr.enable_grad(params[ALBEDO])
+    rendered = render(scene, params=params, **options)
+    assert all(dr.grad_enabled(each) for each in rendered)
+    dr.backward(sum(dr.mean(each, axis=None) for each in rendered))
+    return rendered, np.array(dr.grad(params[ALBEDO]))
+
+
+@pytest.mark.parametrize("options", [{}, {"seed": 3, "spp": 16}, {"sensor": 0}])
+def test_is_mitsubas_render(options):
+    ours, found = gradient(tofrender.render, progress=False, **options)
+    its, expected = gradient(mi.render, **options)
+    for one, other in zip(ours, its, strict=True):
+        assert isinstance(one, mi.TensorXf)
+        assert np.allclose(np.array(one), np.array(other), rtol=1e-5, atol=1e-9)
+    assert np.allclose(found, expected, rtol=1e-5)
+    assert np.all(found > 0)
+
+
+def test_of_another_integrator():
+    described = {"type": "transient_path", "max_depth": 2, "pulse_width_opl": 0.2}
+    given = (described, mi.load_dict(described), "transient_volpath")
+    scene = box()
+    params = mi.traverse(scene)
+    found = [
+        float(np.sum(np.array(tofrender.render(scene, params=params, spp=64, integrator=each)[0])))
+        for each in given
+    ]
+    assert found[0] == pytest.approx(found[1], rel=1e-5)
+    assert found[2] > 1.05 * found[0]
+
+
+DATASETS = {
+    **{"size": (4, 4), "bins": 4, "start_opl": 0.0, "bin_width": 0.1, "window": (3.0, 5.0)},
+    **{"pulse_width": 0.1, "max_depth": 2, "sampler": "independent", "define": {}, "errors": True},
+    **{"resume": xr.Dataset(), "checkpoint": "a.npz", "out": "a.zarr", "workers": 2},
+    **{"scheduler": "tcp://localhost:1", "client": 1, "settings": {}, "temporal_bins": 4},
+}
+
+
+def test_what_only_datasets_have(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = box()
+    for name, value in DATASETS.items():
+        with pytest.raises(ValueError, match=rf"^{name} = .*: must be left out with `params`$"):
+            tofrender.render(scene, params=mi.traverse(scene), **{name: value})
+    assert not list(tmp_path.iterdir())
+
+
+def test_scenes_and_parameters_of_another_kind():
+    for described in ("cornell_box", tofrender.cornell_box()):
+        with pytest.raises(ValueError, match=r"^scene = .*: must be a loaded scene with `params`"):
+            tofrender.render(described, params=mi.traverse(box()))
+    with pytest.raises(ValueError, match=r"^params = {'a': 1}: must be those of mi.traverse"):
+        tofrender.render(box(), params={"a": 1})

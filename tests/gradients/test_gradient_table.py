@@ -1,4 +1,7 @@
-"""Derivatives of renders: closed forms, both modes, differences, and steps that add up.
+"""Derivatives of renders: closed forms, both modes, and steps that add up.
+
+The scenes themselves are what their forms say, values over seeds and differences of renders with
+the same random numbers; so are derivatives.
 
 False alarms: each comparison of a moment is within three standard errors of 16 seeds, which right
 code misses in 0.9 % of all choices of seeds (Student, 15 degrees of freedom); seeds are fixed.
@@ -14,22 +17,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.gradient_cases import (
-    CASES,
-    CORRIDOR,
-    DEPTH,
-    GATED_PLANE,
-    LIGHT,
-    LIGHT_2,
-    MIRROR,
-    PLANE,
-    PLANE_2,
-    RADIUS,
-    RADIUS_2,
+from helpers import gradient_cases as cases
+from helpers.gradient_of import (
+    attached,
+    differences,
+    forward,
+    moved_render,
+    render,
+    reverse,
+    tracked,
 )
-from helpers.gradient_of import attached, differences, forward, reverse
-from helpers.support import agree, over_seeds
-from oracles.gradients import Bins
+from helpers.support import agree, over_seeds, with_film
+from oracles.gradients import Bins, Phasor, derived
 
 from tofrender.integrators import passes
 
@@ -54,11 +53,10 @@ def require_close(samples: np.ndarray, expected: float, what: str = "") -> None:
     assert off <= STANDARD_ERRORS * error + ROUNDING * abs(expected), (what, off, error)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases.CASES)
 def test_derivative_is_the_closed_form(name):
-    case = CASES[name]
+    case = cases.CASES[name]
     samples, expected = forward_samples(case), case.expected()[1]
     for what, weights in case.weights().items():
         require_close(samples @ weights, float(weights @ expected), what)
@@ -67,50 +65,57 @@ def test_derivative_is_the_closed_form(name):
         assert agree(samples + whole, expected + whole, rounding=OF_BINS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases.CASES)
 def test_reverse_is_forward(name):
     """The same seed gives the same paths: all moments, and a sum of bins with random weights."""
-    case = CASES[name]
+    case = cases.CASES[name]
     found = forward(case, seed=3)
     weights = {**case.weights(), "random": np.random.default_rng(5).normal(size=found.size)}
     for what, each in weights.items():
-        scale = np.abs(each * found).sum()
-        assert reverse(case, each, seed=3) == pytest.approx(
-            float(each @ found), abs=1e-4 * scale
-        ), what
+        expected = pytest.approx(float(each @ found), abs=1e-4 * np.abs(each * found).sum())
+        assert reverse(case, each, seed=3) == expected, what
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sampling", ["detached", "attached"])
-@pytest.mark.parametrize("case", [PLANE_2, LIGHT, CORRIDOR], ids=lambda case: case.row)
-def test_both_kinds_of_sampling(case, sampling):
-    samples = forward_samples(case, gradient_sampling=sampling)
-    expected = case.expected()[1]
+@pytest.mark.parametrize("name", ["PLANE_2", "LIGHT", "CORRIDOR"])
+def test_attached_sampling(name):
+    case, options = getattr(cases, name), {"gradient_sampling": "attached"}
+    samples, expected = forward_samples(case, **options), case.expected()[1]
     for what, weights in case.weights().items():
         require_close(samples @ weights, float(weights @ expected), what)
     weights = case.weights()["moment"]
-    found = reverse(case, weights, seed=3, gradient_sampling=sampling)
+    found = reverse(case, weights, seed=3, **options)
     assert found == pytest.approx(float(samples[3] @ weights), rel=1e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.row != "index"])
-def test_derivative_is_that_of_differences(name):
-    """The pass for derivatives has a seed of its own, with which differences have its paths.
+NOISY = {"index": 0.2}
+"""Rows whose differences are noisy, since light takes the other way at an interface: how much."""
 
-    Not of an index, by which light takes the other way at an interface: differences are noise.
-    """
-    case = CASES[name]
-    seed = int(mi.sample_tea_32(mi.UInt32(7), 1)[0][0])
-    found, expected = forward(case, seed=7), differences(case, seed=seed)
+
+@pytest.mark.parametrize("name", cases.CASES)
+def test_renders_are_what_the_forms_say(name):
+    case = cases.CASES[name]
+    expected, change = case.expected()
+    values, found = (
+        over_seeds(lambda seed, of=of: of(case, seed=seed), range(1, 5)).mean(axis=0)
+        for of in (render, differences)
+    )
     for what, weights in case.weights().items():
-        scale = np.abs(weights * expected).sum()
-        assert weights @ found == pytest.approx(weights @ expected, abs=1e-2 * scale), what
+        if not isinstance(case.seen, Phasor):
+            assert weights @ values == pytest.approx(weights @ expected, rel=2e-3), what
+        tolerance = NOISY.get(case.row, 5e-3)
+        assert weights @ found == pytest.approx(weights @ change, rel=tolerance), what
+    assert values == pytest.approx(expected, abs=3e-3 * np.abs(expected).max())
+    # Differences of the form leave out as much of a curve as those of the renders
+    right, left = (
+        case.at(theta).seen.value(derived(case.form, theta))
+        for theta in (case.theta + case.step, case.theta - case.step)
+    )
+    apart = (right - left) / (2 * case.step)
+    tolerance = NOISY.get(case.row, 1e-2) * np.abs(apart).max()
+    assert found == pytest.approx(apart, abs=tolerance)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [RADIUS_2, LIGHT_2], ids=lambda case: case.scene)
+@pytest.mark.parametrize("case", [cases.RADIUS_2, cases.LIGHT_2], ids=lambda case: case.scene)
 def test_lamps_that_paths_run_into(case):
     """Without connections: a lamp that moves or grows takes the hit points of paths with it.
 
@@ -122,16 +127,12 @@ def test_lamps_that_paths_run_into(case):
     assert (samples @ weights).mean() == pytest.approx(weights @ expected, rel=2e-2)
 
 
-# ------------------------------------------------------------------------------- many samples
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [PLANE, RADIUS, DEPTH, GATED_PLANE, MIRROR], ids=lambda c: c.name)
-def test_steps_add_up(case, monkeypatch):
-    """A render of many steps has the derivative of one of a single step, in both modes."""
+@pytest.mark.parametrize("name", ["PLANE", "RADIUS", "DEPTH", "GATED_PLANE", "MIRROR"])
+def test_steps_add_up(name, monkeypatch):
+    case = getattr(cases, name)
     whole, expected = forward(case, seed=3), case.expected()[1]
-    for name in ("STEP_SAMPLES", "FIRST_SAMPLES"):
-        monkeypatch.setattr(passes, name, case.spp // 8)
+    for step in ("STEP_SAMPLES", "FIRST_SAMPLES"):
+        monkeypatch.setattr(passes, step, case.spp // 8)
     found = forward(case, seed=3)
     for what, weights in case.weights().items():
         value = float(weights @ expected)
@@ -140,129 +141,145 @@ def test_steps_add_up(case, monkeypatch):
         assert reverse(case, weights, seed=3) == pytest.approx(float(weights @ found), rel=1e-4)
 
 
-@pytest.mark.slow
-def test_more_samples_than_a_pass_takes():
-    """Sums in single precision take 2^16 samples of a pixel at most."""
-    expected = PLANE.expected()[1]
-    for what, weights in PLANE.weights().items():
-        value = float(weights @ expected)
-        assert forward(PLANE, spp=1 << 17) @ weights == pytest.approx(value, rel=1e-3), what
-        assert reverse(PLANE, weights, spp=1 << 17) == pytest.approx(value, rel=1e-3), what
+def test_many_samples():
+    """Sums in single precision take 2^16 samples of a pixel at most, and lose nothing."""
+    for what, weights in cases.PLANE.weights().items():
+        value = pytest.approx(float(weights @ cases.PLANE.expected()[1]), rel=1e-3)
+        assert forward(cases.PLANE, spp=1 << 17) @ weights == value, what
+        assert reverse(cases.PLANE, weights, spp=1 << 17) == value, what
+    few, many = (forward(cases.PLANE, seed=3, spp=spp).sum() for spp in (1 << 14, 1 << 20))
+    assert many == pytest.approx(few, rel=2e-4)  # A single sum would lose 6e-4 of a million
 
 
-@pytest.mark.slow
 def test_hidden_lamps_that_move():
     """Camera rays go on behind them, which is no derivative of theirs; light still comes."""
-    found = forward(LIGHT_2, seed=3, hide_emitters=True)
-    weights = LIGHT_2.weights()["sum"]
-    assert found @ weights == pytest.approx(LIGHT_2.expected()[1] @ weights, rel=HALF_PERCENT)
-    back = reverse(LIGHT_2, weights, seed=3, hide_emitters=True)
+    found = forward(cases.LIGHT_2, seed=3, hide_emitters=True)
+    weights = cases.LIGHT_2.weights()["sum"]
+    assert found @ weights == pytest.approx(cases.LIGHT_2.expected()[1] @ weights, rel=HALF_PERCENT)
+    back = reverse(cases.LIGHT_2, weights, seed=3, hide_emitters=True)
     assert back == pytest.approx(found @ weights, rel=1e-3)
 
 
-@pytest.mark.slow
-def test_many_samples_are_not_lost():
-    """Single precision would lose small addends beside a large sum: 6e-4 of a million."""
-    few, many = (forward(PLANE, seed=3, spp=spp).sum() for spp in (1 << 14, 1 << 20))
-    assert many == pytest.approx(few, rel=2e-4)
-
-
 def test_samples_for_derivatives_alone():
-    """`spp_grad` and `seed_grad`, as Mitsuba has them."""
-    loaded = PLANE.load()
-    parameters = mi.traverse(loaded)
-    theta = mi.Float(0.0)
-    dr.enable_grad(theta)
-    PLANE.set(parameters, theta)
-    options = {"spp": 4, "seed": 0, "spp_grad": 1 << 12, "seed_grad": 9}
-    _, transient = mi.render(loaded, parameters, **options)
+    theta, transient = attached(cases.PLANE, spp=4, options={"spp_grad": 1 << 12, "seed_grad": 9})
     dr.forward(theta)
-    found, expected = PLANE.mean(dr.grad(transient)), PLANE.expected()[1]
-    for what, weights in PLANE.weights().items():
+    found, expected = cases.PLANE.mean(dr.grad(transient)), cases.PLANE.expected()[1]
+    for what, weights in cases.PLANE.weights().items():
         assert weights @ found == pytest.approx(weights @ expected, rel=HALF_PERCENT), what
 
 
 def test_steady_and_transient_have_the_same_derivative():
     """The window holds all light: bins add up to the picture, and so do their derivatives."""
-    loaded = PLANE.load()
-    parameters = mi.traverse(loaded)
-    theta = mi.Float(0.0)
-    dr.enable_grad(theta)
-    PLANE.set(parameters, theta)
-    steady, transient = mi.render(loaded, parameters, spp=1 << 10)
+    theta = tracked(0.0)
+    rendered = moved_render(
+        cases.PLANE.load(), cases.PLANE.key, cases.PLANE.value(theta), spp=1 << 10
+    )
     dr.forward(theta)
-    bins, picture = (np.array(dr.grad(each), dtype=np.float64) for each in (transient, steady))
+    picture, bins = (np.array(dr.grad(each), dtype=np.float64) for each in rendered)
     assert bins.sum(axis=2) == pytest.approx(picture[..., : bins.shape[-1]], rel=1e-3)
     assert np.abs(picture).max() > 0.03
 
 
 def test_a_loss_that_is_not_linear():
     """Squares of bins against a target: the chain rule, by Dr.Jit, in both modes."""
-    expected, change = PLANE.expected()
+    expected, change = cases.PLANE.expected()
     target = 0.8 * expected
 
     def loss():
-        loaded = PLANE.load()
-        parameters = mi.traverse(loaded)
-        theta = mi.Float(0.0)
-        dr.enable_grad(theta)
-        PLANE.set(parameters, theta)
-        _, transient = mi.render(loaded, parameters, spp=1 << 14)
+        theta, transient = attached(cases.PLANE, spp=1 << 14)
         goal = mi.TensorXf(np.repeat(target, 3).reshape(transient.shape).astype(np.float32))
         return theta, dr.sum(dr.square(transient - goal), axis=None) / 3
 
-    value = 2 * float((expected - target) @ change)
+    value = pytest.approx(2 * float((expected - target) @ change), rel=2e-2)
     theta, squares = loss()
     dr.backward(squares)
-    assert dr.grad(theta)[0] == pytest.approx(value, rel=2e-2)
+    assert dr.grad(theta)[0] == value
     theta, squares = loss()
     dr.forward(theta)
-    assert dr.grad(squares).array[0] == pytest.approx(value, rel=2e-2)
-
-
-def test_a_primal_render_is_not_changed():
-    """With and without parameters, the same picture."""
-    loaded = PLANE.load()
-    parameters = mi.traverse(loaded)
-    dr.enable_grad(parameters[PLANE.key])
-    parameters.update()
-    attached = mi.render(loaded, parameters, spp=64, seed=2)
-    plain = mi.render(PLANE.load(), spp=64, seed=2)
-    for mine, other in zip(attached, plain, strict=True):
-        assert np.array(mine) == pytest.approx(np.array(other), rel=1e-5)
+    assert dr.grad(squares).array[0] == value
 
 
 def test_two_parameters_at_once():
-    """The gradient of one render by several parameters is each one's own."""
-    loaded = PLANE.load()
+    loaded, z, albedo = cases.PLANE.load(), tracked(0.0), tracked(0.5)
     parameters = mi.traverse(loaded)
-    z, albedo = mi.Float(0.0), mi.Float(0.5)
-    dr.enable_grad(z, albedo)
-    PLANE.set(parameters, z)
+    cases.PLANE.set(parameters, z)
     parameters["floor.bsdf.reflectance.value"] = mi.Color3f(albedo)
     parameters.update()
     _, transient = mi.render(loaded, parameters, spp=1 << 13)
-    weights = PLANE.weights()["moment"]
-    dr.backward(dr.sum(transient.array * PLANE.tensor_weights(weights, transient.shape)))
-    value, change = PLANE.expected()
+    weights = cases.PLANE.weights()["moment"]
+    dr.backward(dr.sum(transient.array * cases.PLANE.tensor_weights(weights, transient.shape)))
+    value, change = cases.PLANE.expected()
     assert dr.grad(z)[0] == pytest.approx(weights @ change, rel=HALF_PERCENT)
     assert dr.grad(albedo)[0] == pytest.approx(weights @ value / 0.5, rel=HALF_PERCENT)
 
 
-@pytest.mark.slow
 def test_pixels_keep_their_own_derivatives():
-    """A film of 4 x 4: forward of each pixel's bins, and reverse of one pixel alone."""
-    case = replace(PLANE, spp=1 << 8)
-    described = case.describe()
-    film = described["sensor"]["film"] | {"width": 4, "height": 4}
-    described["sensor"] = described["sensor"] | {"film": film}
-    case = replace(case, describe=lambda: dict(described))
+    wide = with_film(cases.PLANE.describe(), width=4, height=4)
+    case = replace(cases.PLANE, spp=1 << 8, describe=lambda: dict(wide))
     theta, transient = attached(case, seed=2)
     dr.forward(theta)
     pixels = np.array(dr.grad(transient), dtype=np.float64)
-    mean = pixels.mean(axis=(0, 1, 3))
     weights = case.weights()["moment"]
-    assert weights @ mean == pytest.approx(weights @ case.expected()[1], rel=2e-2)
+    found = weights @ pixels.mean(axis=(0, 1, 3))
+    assert found == pytest.approx(weights @ case.expected()[1], rel=2e-2)
     theta, transient = attached(case, seed=2)
     dr.backward(dr.sum(transient[1, 2], axis=None))
     assert dr.grad(theta)[0] == pytest.approx(pixels[1, 2].sum(), rel=1e-4)
+
+
+VARIANTS = [
+    "llvm_ad_mono",
+    "llvm_ad_rgb",
+    "llvm_ad_spectral",
+    "llvm_ad_mono_polarized",
+    "llvm_ad_spectral_polarized",
+]
+GREY_ALBEDO = replace(cases.ALBEDO_2, value=lambda albedo: albedo)
+"""In grey variants a reflectance is a single number."""
+
+
+def colours(tensor) -> np.ndarray:
+    """Bins of the intensity, a mean over pixels and colours: S0 comes first."""
+    values = np.array(tensor, dtype=np.float64).mean(axis=(0, 1))
+    count = 1 if mi.is_monochromatic else 3
+    return values[..., :count].mean(axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("variant", "case"),
+    [(variant, cases.PLANE) for variant in VARIANTS]
+    + [(variant, GREY_ALBEDO) for variant in VARIANTS if "mono" in variant],
+)
+def test_derivative_in_all_variants(variant, case):
+    mi.set_variant(variant)
+    plain = case is cases.PLANE and not mi.is_spectral
+    theta, transient = attached(case, spp=1 << (13 if plain else 16))
+    dr.forward(theta)
+    found, expected = colours(dr.grad(transient)), case.expected()[1]
+    for what, weights in case.weights().items():
+        value = float(weights @ expected)
+        assert weights @ found == pytest.approx(value, rel=5e-3 if plain else 2e-2), what
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_reverse_is_forward_in_all_variants(variant):
+    mi.set_variant(variant)
+    for case in (cases.PLANE, cases.MIRROR_2):
+        theta, tensor = attached(case, spp=1 << 8, seed=3)
+        weights = np.random.default_rng(1).normal(size=tensor.shape).ravel()
+        dr.forward(theta)
+        gradient = np.array(dr.grad(tensor), dtype=np.float64).ravel()
+        theta, tensor = attached(case, spp=1 << 8, seed=3)
+        dr.backward(dr.sum(tensor.array * mi.Float(weights.astype(np.float32))))
+        scale = np.abs(weights * gradient).sum()
+        assert scale > 0
+        assert dr.grad(theta)[0] == pytest.approx(weights @ gradient, abs=1e-4 * scale), case.name
+
+
+def test_colours_have_their_own_derivatives():
+    red, key = tracked(0.5), "floor.bsdf.reflectance.value"
+    _, transient = moved_render(cases.PLANE.load(), key, mi.Color3f(red, 0.5, 0.5), spp=1 << 10)
+    dr.forward(red)
+    found = np.array(dr.grad(transient), dtype=np.float64)[0, 0]
+    assert found[:, 0] == pytest.approx(np.array(transient)[0, 0, :, 0] / 0.5, rel=1e-2, abs=1e-5)
+    assert not found[:, 1:].any()

@@ -13,6 +13,7 @@ import numpy as np
 from oracles.gradients import Arrived, Bins, Gate, Phasor, derived
 
 import tofrender
+from helpers.support import camera, film, scene
 from tofrender.runtime.plugins import own_name
 
 PULSE_KEY = "pulse_width_opl"
@@ -57,8 +58,6 @@ class Case:
     def name(self) -> str:
         return f"{self.row}: {self.scene}"
 
-    # ---------------------------------------------------------------------- what is expected
-
     def arrived(self) -> Arrived:
         return derived(self.form, self.theta)
 
@@ -89,8 +88,6 @@ class Case:
             re, im = self.expected()[0]
             return {"phase": np.array([-im, re]) / (re * re + im * im)}
         return {"gate" if isinstance(self.seen, Gate) else "correlation": np.ones(1)}
-
-    # ------------------------------------------------------------------------------ the scene
 
     def load(self, **integrator: Any) -> mi.Scene:
         described = self.describe()
@@ -145,9 +142,6 @@ def own(described: dict) -> dict:
     }
 
 
-# ------------------------------------------------------------------------------- measurements
-
-
 def render(case: Case, theta: float | None = None, spp: int = 0, seed: int = 0) -> np.ndarray:
     """What is seen at θ, by default the case's own."""
     loaded = case.load(**({PULSE_KEY: theta} if case.of_pulse and theta is not None else {}))
@@ -162,15 +156,56 @@ def differences(case: Case, spp: int = 0, seed: int = 0) -> np.ndarray:
     return (right - left) / (2 * case.step)
 
 
-def attached(case: Case, spp: int = 0, seed: int = 0, **integrator: Any) -> tuple[Any, Any]:
-    """θ with its gradient enabled, and the tensor of what is seen."""
+def tracked(value: float) -> mi.Float:
+    """A number that tracks gradients."""
+    theta = mi.Float(value)
+    dr.enable_grad(theta)
+    return theta
+
+
+def from_above(
+    height: float, fov: float, seen: Bins, parts: dict, *, size: int = 1, **integrator: Any
+) -> dict:
+    """A scene that is looked at along -z."""
+    window = film(size, size, bins=seen.count, start=seen.start, bin_width=seen.width)
+    view = camera((0, 0, height), (0, 0, 0), window, fov=fov)
+    return own(scene(parts, view, **{"pulse_width_opl": seen.sigma} | integrator))
+
+
+def fog_box(low: float, high: float, half: float, medium: dict) -> dict:
+    """A box of a medium from z = low to high, whose boundary is none."""
+    place = mi.ScalarTransform4f().translate([0, 0, (low + high) / 2])
+    place = place.scale([half, half, (high - low) / 2])
+    return {"type": "cube", "to_world": place, "bsdf": {"type": "null"}, "interior": medium}
+
+
+def grid_of(values: np.ndarray, low: Any, side: Any, albedo: float) -> dict:
+    """A medium whose extinction is a grid over a box with a corner at `low`."""
+    place = mi.ScalarTransform4f().translate(low).scale(side)
+    grid = mi.VolumeGrid(np.asarray(values, np.float32))
+    volume = {"type": "gridvolume", "to_world": place, "grid": grid}
+    return {"type": "heterogeneous", "albedo": albedo, "sigma_t": volume}
+
+
+def moved_render(loaded: mi.Scene, key: str, value: Any, **options: Any) -> Any:
+    """A render of the scene with another value of a parameter, whose gradients it tracks."""
+    parameters = mi.traverse(loaded)
+    parameters[key] = value
+    parameters.update()
+    return mi.render(loaded, parameters, **options)
+
+
+def attached(
+    case: Case, spp: int = 0, seed: int = 0, options: dict | None = None, **integrator: Any
+) -> tuple[Any, Any]:
+    """θ with its gradient enabled, and the tensor of what is seen; `options` are of the render."""
     sampling = {} if case.sampling == "detached" else {"gradient_sampling": case.sampling}
     loaded = case.load(**sampling | integrator)
     parameters = case.parameters(loaded)
-    theta = mi.Float(case.theta)
-    dr.enable_grad(theta)
+    theta = tracked(case.theta)
     case.set(parameters, theta)
-    rendered = mi.render(loaded, parameters, spp=spp or case.spp, seed=seed)
+    options = {"spp": spp or case.spp, "seed": seed} | (options or {})
+    rendered = mi.render(loaded, parameters, **options)
     return theta, case.output(rendered)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import mitsuba as mi
 import numpy as np
+from oracles.nlos import Nodes, Rectangle, Setup, three_bounces
 from scipy.fft import next_fast_len
 
 from tofrender.nlos import hidden_depth, make_capture
@@ -14,53 +15,30 @@ FINE = 8
 """Fine bins in a bin: path lengths are right to a sixteenth of a bin."""
 
 
-@dataclass
-class Patches:
-    """Small diffuse patches in the wall's frame; z is the distance from the wall."""
-
-    points: np.ndarray
-    normals: np.ndarray
-    areas: np.ndarray
-
-    def __add__(self, other: Patches) -> Patches:
-        return Patches(
-            np.concatenate([self.points, other.points]),
-            np.concatenate([self.normals, other.normals]),
-            np.concatenate([self.areas, other.areas]),
-        )
-
-
-def rectangle(x: tuple, y: tuple, z: float, step: float) -> Patches:
+def rectangle(x: tuple, y: tuple, z: float, step: float) -> Nodes:
     """Parallel to the wall and facing it."""
-    counts = [max(1, round((high - low) / step)) for low, high in (x, y)]
-    axes = [
-        low + (np.arange(n) + 0.5) * (high - low) / n
-        for (low, high), n in zip((x, y), counts, strict=True)
-    ]
-    across, along = (a.ravel() for a in np.meshgrid(*axes))
-    points = np.stack([across, along, np.full(across.shape, z)], axis=-1)
-    area = (x[1] - x[0]) * (y[1] - y[0]) / len(points)
-    return Patches(points, np.tile([0.0, 0, -1], (len(points), 1)), np.full(len(points), area))
+    middle, half = np.mean([x, y], axis=1), np.diff([x, y])[:, 0] / 2
+    plate = Rectangle((*middle, z), (half[0], 0, 0), (0, -half[1], 0))
+    return plate.nodes(*(max(1, round(2 * each / step)) for each in half))
 
 
-def letter_z(z: float = 1.0, step: float = 0.04) -> Patches:
+def letter_z(z: float = 1.0, step: float = 0.04) -> Nodes:
     """Two bars and a diagonal from (-, -) to (+, +)."""
-    bars = rectangle((-0.4, 0.4), (0.3, 0.4), z, step) + rectangle(
-        (-0.4, 0.4), (-0.4, -0.3), z, step
+    top, bottom, diagonal = (
+        rectangle((-0.4, 0.4), y, z, step) for y in ((0.3, 0.4), (-0.4, -0.3), (-0.05, 0.05))
     )
-    diagonal = rectangle((-0.4, 0.4), (-0.05, 0.05), z, step)
     diagonal.points[:, 1] += 0.75 * diagonal.points[:, 0]
-    return bars + diagonal
+    return top + bottom + diagonal
 
 
-def letter_f(z: float = 1.0, step: float = 0.04) -> Patches:
+def letter_f(z: float = 1.0, step: float = 0.04) -> Nodes:
     """A letter that no turn or reflection maps to itself: it grows from the wall's (-, -)."""
     stem = rectangle((-0.3, -0.2), (-0.5, 0.5), z, step)
     arms = rectangle((-0.2, 0.3), (0.4, 0.5), z, step) + rectangle((-0.2, 0.1), (0, 0.1), z, step)
     return stem + arms
 
 
-def sphere(centre: tuple, radius: float, count: int = 2000) -> Patches:
+def sphere(centre: tuple, radius: float, count: int = 2000) -> Nodes:
     """The front of a sphere, by a Fibonacci lattice."""
     index = np.arange(count) + 0.5
     cos = 1 - 2 * index / count
@@ -69,15 +47,15 @@ def sphere(centre: tuple, radius: float, count: int = 2000) -> Patches:
     normals = np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], axis=-1)
     normals = normals[normals[:, 2] < 0]
     areas = np.full(len(normals), 4 * np.pi * radius**2 / count)
-    return Patches(np.asarray(centre) + radius * normals, normals, areas)
+    return Nodes(np.asarray(centre) + radius * normals, normals, areas)
 
 
-def two_spheres() -> Patches:
+def two_spheres() -> Nodes:
     """Of different size and distance, on one side of the wall's centre."""
     return sphere((-0.35, 0.3, 1.1), 0.25) + sphere((0.45, -0.1, 0.9), 0.2)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Wall:
     """A square wall of side 2 m and its place in the world."""
 
@@ -114,7 +92,7 @@ def turned(size: int = 32) -> Wall:
 
 
 def capture_of(
-    patches: Patches,
+    patches: Nodes,
     wall: Wall = STRAIGHT,
     mode: str = "confocal",
     *,
@@ -146,16 +124,16 @@ def capture_of(
         for d, p in (("sensor", points), ("laser", lit_points))
     )
     first = start + (np.linalg.norm(devices["sensor"]) + np.linalg.norm(devices["laser"])) * legs
-    cubes = []
-    for index, (lit_from, seen) in enumerate(pairs):
-        extra = legs * (sensor_leg + (laser_leg if mode == "confocal" else laser_leg[index]))
-        cubes.append(_light(patches, lit_from, seen, extra + delay - first, width, bins))
-    shape = (*sensors.shape[:2], bins)
-    light = cubes[0].reshape(shape)
-    if mode == "exhaustive":
-        light = np.stack(cubes).reshape(lasers, lasers, *shape)
-    if noise:
-        light = light + np.random.default_rng(1).normal(0, noise * light.max(), light.shape)
+    away = [laser_leg] if mode == "confocal" else laser_leg
+    light = np.stack(
+        [
+            _light(patches, *pair, legs * (sensor_leg + leg) + delay - first, width, bins)
+            for pair, leg in zip(pairs, away, strict=True)
+        ]
+    )
+    several = (lasers, lasers) if mode == "exhaustive" else ()
+    light = light.reshape(*several, *sensors.shape[:2], bins)
+    light = light + np.random.default_rng(1).normal(0, noise * light.max(), light.shape)
     more = {}
     if mode != "confocal":
         grid = lit[mode]
@@ -175,21 +153,15 @@ def capture_of(
 
 
 def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
-    """(points, bins) by f1: cos_w1 cos_h1 cos_h2 cos_w2 A / (pi^3 r1^2 r2^2)."""
+    """(points, bins) by f1."""
     margin = 6  # bins, for what the pulse carries over the edges
     fine = (bins + 2 * margin) * FINE
     result = np.zeros((len(seen), fine))
+    setup = Setup(albedo=1, legs=False)
+    offset = np.broadcast_to(offset, len(seen))
     for number, point in enumerate(seen):
-        r, cos = [], []
-        for wall_point in (lit[number if len(lit) > 1 else 0], point):
-            to = patches.points - wall_point
-            distance = np.linalg.norm(to, axis=1)
-            r.append(distance)
-            at_patch = -np.einsum("ij,ij->i", to, patches.normals) / distance
-            cos.append(np.maximum(at_patch, 0) * to[:, 2] / distance)
-        light = cos[0] * cos[1] * patches.areas / (np.pi**3 * r[0] ** 2 * r[1] ** 2)
-        opl = r[0] + r[1] + np.broadcast_to(offset, len(seen))[number]
-        at = np.floor((opl / width + margin) * FINE).astype(int)
+        opl, light = three_bounces(setup, patches, 1, lit[number if len(lit) > 1 else 0], point)
+        at = np.floor(((opl + offset[number]) / width + margin) * FINE).astype(int)
         kept = (at >= 0) & (at < fine)
         result[number] = np.bincount(at[kept], light[kept], fine)
     t = np.arange(-margin * FINE, margin * FINE + 1) / FINE
@@ -200,7 +172,7 @@ def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
     return np.maximum(spread[:, margin:-margin], 0)
 
 
-def true_depth(patches: Patches, volume) -> np.ndarray:
+def true_depth(patches: Nodes, volume) -> np.ndarray:
     """Distance from the wall of the nearest patch, each a square, NaN where there is none.
 
     A column of voxels is as deep as what it meets anywhere, not only at its centre: the mean over

@@ -8,8 +8,6 @@ import xarray as xr
 from helpers.hidden_scenes import Wall, capture_of, sphere, turned
 
 from tofrender.nlos import check_capture, make_capture, without_first_and_last_legs
-from tofrender.nlos.captures import first_and_last_legs
-from tofrender.signals.colour import luminance
 
 WALL = Wall(4)
 GRID = WALL.grid()
@@ -40,6 +38,7 @@ def test_dimensions_of_each_mode():
     exhaustive = make(np.ones((2, 2, 4, 4, 10, 3)), mode="exhaustive", **more)
     assert exhaustive["transient"].dims == ("laser_y", "laser_x", "y", "x", "opl", "channel")
     assert exhaustive["channel"].values.tolist() == ["R", "G", "B"]
+    check_capture(confocal.isel(x=slice(0, 3), y=[1, 3]))
     for capture in (confocal, single, exhaustive):
         assert all(v.dtype == np.float32 for v in capture.data_vars.values())
         np.testing.assert_allclose(capture["opl"][[0, -1]], [1.005, 1.095])
@@ -57,9 +56,6 @@ def test_what_a_caller_changes_later_stays_out():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"mode": "confocl"}, r"mode = 'confocl': did you mean 'confocal'\? Must be one of single"),
-        ({"bin_width_opl": 0}, "bin_width_opl = 0: must be a finite number of metres above 0"),
-        ({"start_opl": np.nan}, "start_opl = nan: must be a finite"),
         ({"transient": np.ones((4, 4))}, r"transient with shape \(4, 4\): must be"),
         ({"transient": np.ones((4, 4, 10, 2))}, "with 1 or 3 channels"),
         ({"transient": np.ones((4, 4, 0))}, r"transient with shape \(4, 4, 0\)"),
@@ -75,9 +71,8 @@ def test_what_a_caller_changes_later_stays_out():
     ],
 )
 def test_bad_input_in_one_line(changes, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{message}.*\Z"):
         make(**changes)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -95,45 +90,19 @@ def test_bad_input_in_one_line(changes, message):
     ],
 )
 def test_check_refuses(change, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{message}.*\Z"):
         check_capture(change(make()))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_part_of_a_capture_is_one():
-    check_capture(make().isel(x=slice(0, 3), y=[1, 3]))
-
-
-def test_luminance():
-    color = np.zeros((4, 4, 10, 3))
-    color[..., 1] = 2
-    np.testing.assert_allclose(luminance(make(color)["transient"].values), 2 * 0.71516, rtol=1e-6)
-    assert luminance(make()["transient"].values).shape == (4, 4, 10)
-
-
-# ------------------------------------------------------------------------ first and last legs
-
-
-@pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
-def test_legs_by_hand(mode):
-    capture = capture_of(sphere((0, 0, 1), 0.1, 50), turned(4), mode, bins=40, legs=True, lasers=2)
-    legs = first_and_last_legs(capture)
-    where = {"single": (2, 1), "confocal": (2, 1), "exhaustive": (1, 0, 2, 1)}[mode]
-    laser = capture["laser_grid"].values[{"single": (0, 0), "confocal": (2, 1)}.get(mode, (1, 0))]
-    sensor = capture["sensor_grid"].values[2, 1]
-    by_hand = np.linalg.norm(laser - capture["laser_origin"].values) + np.linalg.norm(
-        sensor - capture["sensor_origin"].values
-    )
-    np.testing.assert_allclose(legs[where], by_hand, rtol=1e-6)
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_without_legs_is_the_capture_that_does_not_count_them(mode):
     patches = sphere((0.2, -0.1, 1), 0.1, 60)
-    kwargs = {"bins": 300, "width": 0.01, "lasers": 2}
-    with_legs = capture_of(patches, turned(4), mode, legs=True, start=0.8, **kwargs)
-    without = capture_of(patches, turned(4), mode, start=0.8, **kwargs)
+    options = {"bins": 300, "width": 0.01, "lasers": 2, "start": 0.8}
+    with_legs, without = (
+        capture_of(patches, turned(4), mode, legs=legs, **options) for legs in (True, False)
+    )
     bare = without_first_and_last_legs(with_legs)
+    assert without_first_and_last_legs(without) is without
     check_capture(bare)
     assert bare.attrs["counts_first_and_last_legs"] == 0
     light = [c["transient"].values.astype(np.float64) for c in (bare, without)]
@@ -145,8 +114,3 @@ def test_without_legs_is_the_capture_that_does_not_count_them(mode):
     ]
     # The closed form is binned to a sixteenth of a bin.
     np.testing.assert_allclose(means[0], means[1], atol=0.01 / 12)
-
-
-def test_legs_that_are_not_counted_stay():
-    capture = capture_of(sphere((0, 0, 1), 0.1, 20), Wall(4), bins=20)
-    assert without_first_and_last_legs(capture) is capture

@@ -7,18 +7,8 @@ import functools
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import agree, diffuse, film, over_seeds, rendered
-from oracles.nlos import (
-    Groove,
-    Nodes,
-    Rectangle,
-    Setup,
-    confocal,
-    load_nlos,
-    single,
-    sphere_nodes,
-    spot,
-)
+from helpers.support import agree, diffuse, film, over_seeds
+from oracles import nlos
 from test_confocal import (
     LASER,
     LIT,
@@ -46,139 +36,90 @@ OPTIONS = {
     "both, wall too": ROULETTE | WALL_TOO,
 }
 
-
-# ---------------------------------------------------------------------------------- sampling
-
-PANEL = Rectangle((0.8, 0.0, 0.3), (0, 0.4, 0), (0, 0, -0.3))
+PANEL = nlos.Rectangle((0.8, 0.0, 0.3), (0, 0.4, 0), (0, 0, -0.3))
 """Stands on the wall at x = 0.8 and faces -x."""
-PLATE = facing(Rectangle.turned((0.1, 0.2, 1.0), 25, 60, half=(0.25, 0.2)))
-
-
-def on_the_wall() -> tuple[dict, np.ndarray]:
-    expected = totals(Setup(), PANEL.nodes(400, 400), lit=LIT)
-    expected += totals(Setup(), PLATE.nodes(), lit=LIT)
-    return {"panel": PANEL.shape(), "plate": PLATE.shape()}, expected
-
-
-def test_panel_faces_the_scene():
-    assert PANEL.normal == pytest.approx([-1, 0, 0])
-
-
-@pytest.mark.slow
-@pytest.mark.statistical
-@pytest.mark.parametrize("name", OPTIONS)
-def test_hidden_geometry_that_touches_the_wall(name):
-    hidden, expected = on_the_wall()
-    described = three_of("single", hidden, **OPTIONS[name])
-    assert agree(found(described, 512), expected, rounding=1e-3)
+PLATE = facing(nlos.Rectangle.turned((0.1, 0.2, 1.0), 25, 60, half=(0.25, 0.2)))
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("sampling", [True, False])
-def test_confocal_sampling_is_optional(sampling):
-    hidden = {"panel": PANEL.shape(), "plate": PLATE.shape()}
-    expected = totals(Setup(), PANEL.nodes(400, 400)) + totals(Setup(), PLATE.nodes())
-    described = three_of("confocal", hidden, nlos_hidden_geometry_sampling=sampling)
-    assert agree(found(described, 512), expected, rounding=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.statistical
-def test_box_in_a_corner_of_the_wall():
-    """Five faces, one of them on the wall: with and without area sampling."""
-    to_world = mi.ScalarTransform4f().translate([0.45, -0.4, 0.2]).scale([0.2, 0.15, 0.2])
-    box = {"box": {"type": "cube", "to_world": to_world, "bsdf": diffuse(0.7)}}
-    by_material, by_area = (
-        found(three_of("single", box, filter_bounces=-1, **OPTIONS[name]), 2048)
-        for name in ("material", "area")
+@pytest.mark.parametrize(
+    ("mode", "name"),
+    [*(("single", name) for name in OPTIONS), ("confocal", "material"), ("confocal", "area")],
+)
+def test_hidden_geometry_that_touches_the_wall(mode, name):
+    expected = sum(
+        totals(nlos.Setup(), nodes, lit=MODES[mode])
+        for nodes in (PANEL.nodes(400, 400), PLATE.nodes())
     )
-    assert agree(by_area, by_material)
+    hidden = {"panel": PANEL.shape(), "plate": PLATE.shape()}
+    assert agree(found(three_of(mode, hidden, **OPTIONS[name]), 512), expected, rounding=1e-3)
 
 
 @pytest.mark.statistical
 def test_shapes_of_very_different_areas():
     """A sphere, an ellipse, a plate of 4 m² and one of 16 cm²; none is in another's way."""
     plates = [
-        facing(Rectangle.turned((0.0, 0.3, 2.0), 10, 20, half=(1.0, 1.0))),
-        facing(Rectangle.turned((-0.35, -0.2, 0.5), 20, 200, half=(0.02, 0.02))),
+        facing(nlos.Rectangle.turned((0.0, 0.3, 2.0), 10, 20, half=(1.0, 1.0))),
+        facing(nlos.Rectangle.turned((-0.35, -0.2, 0.5), 20, 200, half=(0.02, 0.02))),
     ]
+    shapes = {f"plate_{n}": p.shape() for n, p in enumerate(plates)}
     centre, radius = (0.7, -0.75, 0.5), 0.15
     ball = {"type": "sphere", "center": list(centre), "radius": radius, "bsdf": diffuse(0.7)}
-    to_world = (
-        mi.ScalarTransform4f()
-        .translate([0.9, 0.75, 0.6])
-        .rotate([0, 1, 0], 180)
-        .scale([0.1, 0.2, 1])
+    place = mi.ScalarTransform4f().translate([0.9, 0.75, 0.6]).rotate([0, 1, 0], 180)
+    ellipse = {"type": "disk", "to_world": place.scale([0.1, 0.2, 1]), "bsdf": diffuse(0.7)}
+    part = (np.arange(200) + 0.5) / 200
+    r, a = (v.ravel() for v in np.meshgrid(np.sqrt(part), 2 * np.pi * part))
+    on_ellipse = np.column_stack([0.1 * r * np.cos(a), 0.2 * r * np.sin(a), 0 * r])
+    around = nlos.Nodes(
+        on_ellipse + np.array([0.9, 0.75, 0.6]),
+        np.tile([0.0, 0, -1], (len(r), 1)),
+        np.full(len(r), np.pi * 0.02 / len(r)),
     )
-    ellipse = {"type": "disk", "to_world": to_world, "bsdf": diffuse(0.7)}
-    shapes = {f"plate_{n}": p.shape() for n, p in enumerate(plates)}
-    r = np.sqrt((np.arange(200) + 0.5) / 200)
-    a = 2 * np.pi * (np.arange(200) + 0.5) / 200
-    flat = np.stack([np.outer(r, np.cos(a)) * 0.1, np.outer(r, np.sin(a)) * 0.2], -1).reshape(-1, 2)
-    around = Nodes(
-        np.column_stack([flat, np.zeros(len(flat))]) + np.array([0.9, 0.75, 0.6]),
-        np.tile([0.0, 0, -1], (len(flat), 1)),
-        np.full(len(flat), np.pi * 0.02 / len(flat)),
-    )
-    nodes = plates[0].nodes() + plates[1].nodes() + sphere_nodes(centre, radius) + around
-    for mode, lit in (("confocal", None), ("single", LIT)):
+    nodes = plates[0].nodes() + plates[1].nodes() + nlos.sphere_nodes(centre, radius) + around
+    for mode, lit in MODES.items():
         described = three_of(mode, shapes | {"ball": ball, "ellipse": ellipse})
-        assert agree(found(described, 512), totals(Setup(), nodes, lit=lit), rounding=1e-3)
+        assert agree(found(described, 512), totals(nlos.Setup(), nodes, lit=lit), rounding=1e-3)
 
 
-def mesh(plate: Rectangle, normal) -> mi.Mesh:
+def mesh(plate: nlos.Rectangle, normal) -> mi.Mesh:
     """The plate as two triangles whose vertices have other normals."""
-    corners = np.array(
-        [
-            np.asarray(plate.centre) + s * np.asarray(plate.u) + t * np.asarray(plate.v)
-            for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ]
-    )
+    corners = [(-1, -1, 0, 1), (1, -1, 0, 1), (1, 1, 0, 1), (-1, 1, 0, 1)]
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(diffuse(plate.albedo))
     made = mi.Mesh("plate", 4, 2, properties, has_vertex_normals=True)
     parameters = mi.traverse(made)
-    parameters["vertex_positions"] = corners.astype(np.float32).ravel()
+    positions = np.array(corners) @ plate.matrix()[:3].T
+    parameters["vertex_positions"] = positions.astype(np.float32).ravel()
     parameters["faces"] = np.array([0, 1, 2, 0, 2, 3], dtype=np.uint32)
     parameters["vertex_normals"] = np.tile(normal, 4).astype(np.float32)
     parameters.update()
     return made
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize("as_file", [False, True])
-def test_mesh_with_other_normals(as_file, tmp_path):
+def test_mesh_with_other_normals():
     """Areas and densities belong to the triangles, materials to the vertex normals."""
-    tilt = facing(Rectangle.turned(PLATE.centre, 45, -100)).normal
+    tilt = facing(nlos.Rectangle.turned(PLATE.centre, 45, -100)).normal
     assert 0.3 < tilt @ PLATE.normal < 0.9
-    shape = mesh(PLATE, tilt)
-    if as_file:
-        path = str(tmp_path / "plate.ply")
-        shape.write_ply(path)
-        shape = {"type": "ply", "filename": path, "bsdf": diffuse(PLATE.albedo)}
-    for mode, lit in (("confocal", None), ("single", LIT)):
-        nodes = PLATE.nodes(100, 100)
-        shading = np.broadcast_to(tilt, nodes.points.shape)
-        expected = totals(Setup(), nodes, lit=lit, shading=shading)
-        flat = totals(Setup(), nodes, lit=lit)
+    shape, nodes = mesh(PLATE, tilt), PLATE.nodes(100, 100)
+    shading = np.broadcast_to(tilt, nodes.points.shape)
+    for mode, lit in MODES.items():
+        expected = totals(nlos.Setup(), nodes, lit=lit, shading=shading)
+        flat = totals(nlos.Setup(), nodes, lit=lit)
         assert np.abs(expected / flat - 1).max() > 0.1
         assert agree(found(three_of(mode, {"hidden": shape}), 256), expected, rounding=1e-3)
-
-
-# ------------------------------------------------------------------------------------ bounces
 
 
 def folded(mode: str) -> dict:
     """A groove before two walls at right angles; in "single", the laser lights the second one."""
     to_world = mi.ScalarTransform4f().translate([-1.3, 0, 0.9]).rotate([0, 1, 0], 90).scale(0.5)
     side = {"type": "rectangle", "to_world": to_world, "bsdf": diffuse(0.6)}
-    hidden = {"side_wall": side} | groove_shapes(Groove(z=1.3, half_length=0.3))
+    hidden = {"side_wall": side} | groove_shapes(nlos.Groove(z=1.3, half_length=0.3))
     walls = {"relay_wall": "relay_wall, side_wall"}
     if mode == "confocal":
-        return confocal(Setup(), hidden, film(), **walls)
-    lamp = {"laser": spot((0.5, -0.3, 0.4), (-1.3, 0.2, 0.6), 3.0)}
-    return single(Setup(laser=LASER), hidden, LIT, film(), **walls) | lamp
+        return nlos.confocal(nlos.Setup(), hidden, film(), **walls)
+    lamp = {"laser": nlos.spot((0.5, -0.3, 0.4), (-1.3, 0.2, 0.6), 3.0)}
+    return nlos.single(nlos.Setup(laser=LASER), hidden, LIT, film(), **walls) | lamp
 
 
 def limited(description: dict, depth: int, **options) -> dict:
@@ -186,11 +127,9 @@ def limited(description: dict, depth: int, **options) -> dict:
     return description | {"integrator": integrator}
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_bounces_are_a_partition(mode):
-    """Paths of 3 to 5 surface points, the lit one included, and all of them together."""
     described = folded(mode)
     hidden = {"use_nlos_only": True, "rr_depth": 100}  # the walls alone are mostly noise
     each = [found(limited(described, 8, filter_bounces=n, **hidden), 1024) for n in (3, 4, 5)]
@@ -204,7 +143,6 @@ def test_bounces_are_a_partition(mode):
     assert not agree(sum(each[:-1]), whole)
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
@@ -212,8 +150,8 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
     described = folded(mode)
     black = {k: described[k] | {"bsdf": diffuse(0.0)} for k in ("left", "right")}
     only, every, alone, never = (
-        found(limited(scene, 5, use_nlos_only=nlos), 2048, seeds)
-        for scene, nlos, seeds in (
+        found(limited(scene, 5, use_nlos_only=alone), 2048, seeds)
+        for scene, alone, seeds in (
             (described, True, SEEDS),
             (described, False, range(100, 116)),
             (described | black, False, SEEDS),
@@ -225,82 +163,35 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
     assert agree(only + alone, every)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", MODES)
-def test_bounces_without_hidden_surfaces(mode):
-    """Alone, walls at right angles have paths of two bounces if the laser lights the other one."""
-    described = folded(mode)
-    del described["left"], described["right"]
-    options = {"nlos_hidden_geometry_sampling": False}
-    for bounces in range(1, 6):
-        scene = limited(described, 8, filter_bounces=bounces, **options)
-        there = bounces in ((3, 5) if mode == "confocal" else (2, 4))
-        assert (rendered(load_nlos(scene), 4096)[0].max() > 0) == there, bounces
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_nlos_only_counts_paths_that_end_on_the_wall(mode):
-    """Three bounces by way of one plate: all of them have met something else than the wall."""
-    filtered, plain = (
-        rendered(load_nlos(three_of(mode, {"plate": PLATE.shape()}, use_nlos_only=only)), 64)[0]
-        for only in (True, False)
-    )
-    assert plain.min() > 0
-    assert filtered == pytest.approx(plain, rel=1e-6)
-
-
-# ----------------------------------------------------- ordinary connections to the real emitter
-
-
 def lamp_scene(**options) -> dict:
     """A spot that lights most of the wall, and nothing else."""
-    wide = spot(LASER, (0.3, 0.2, 0), 3.0, angle=45)
-    hidden = {
-        "panel": PANEL.shape(),
-        "plate": PLATE.shape(),
-        "ball": {
-            "type": "sphere",
-            "center": [-0.5, -0.6, 1.3],
-            "radius": 0.3,
-            "bsdf": diffuse(0.9),
-        },
-    }
-    return single(
-        Setup(laser=LASER),
-        hidden,
-        LIT,
-        small_film(bins=400, start=0),
-        **({"nlos_laser_sampling": False} | options),
-    ) | {"laser": wide}
+    ball = {"type": "sphere", "center": [-0.5, -0.6, 1.3], "radius": 0.3, "bsdf": diffuse(0.9)}
+    hidden = {"panel": PANEL.shape(), "plate": PLATE.shape(), "ball": ball}
+    options = {"nlos_laser_sampling": False} | options
+    described = nlos.single(
+        nlos.Setup(laser=LASER), hidden, LIT, small_film(bins=400, start=0), **options
+    )
+    return described | {"laser": nlos.spot(LASER, (0.3, 0.2, 0), 3.0, angle=45)}
 
 
 @functools.cache
-def by_mitsuba(depth: int, spp: int) -> np.ndarray:
-    described = lamp_scene()
-    steady = {"type": "hdrfilm", "width": 2, "height": 2, "rfilter": {"type": "box"}}
-    steady |= {"component_format": "float32"}
-    wall = described["relay_wall"]
-    described["relay_wall"] = wall | {"sensor": wall["sensor"] | {"film": steady}}
-    described["integrator"] = {"type": "path", "max_depth": depth, "rr_depth": 100}
-    loaded = load_nlos(described)
+def by_mitsuba(depth: int) -> np.ndarray:
+    path = {"type": "path", "max_depth": depth, "rr_depth": 100}
+    loaded = nlos.load_nlos(nlos.in_pictures(lamp_scene(), nlos.picture_film(2), **path))
     return over_seeds(
-        lambda s: np.array(mi.render(loaded, spp=spp, seed=s), dtype=float)[..., 0], range(50, 66)
+        lambda s: np.array(mi.render(loaded, spp=4096, seed=s), dtype=float)[..., 0], range(50, 66)
     )
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_emitter_itself(name):
     """Three bounces and all up to four, as Mitsuba's `path` counts them one segment longer."""
     options = OPTIONS[name] | {"rr_depth": 100}
     three = found(lamp_scene(filter_bounces=3, **options), 512)
-    assert agree(three, by_mitsuba(4, 4096) - by_mitsuba(3, 4096)[::-1])
+    assert agree(three, by_mitsuba(4) - by_mitsuba(3)[::-1])
     up_to_four = found(lamp_scene(filter_bounces=-1, max_depth=5, **options), 512)
-    assert agree(up_to_four, by_mitsuba(5, 4096))
-
-
-# ----------------------------------------------------------- points that need not be found
+    assert agree(up_to_four, by_mitsuba(5))
 
 
 RED = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.5, 0.3]}}
@@ -308,7 +199,6 @@ BOARD = {"type": "diffuse", "reflectance": {"type": "checkerboard"}}
 MIRRORS = {"type": "retroreflector", "reflectance": 0.5, "lobe_exponent": 20.0}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "bsdf", "plain"),
     [
@@ -325,11 +215,10 @@ MIRRORS = {"type": "retroreflector", "reflectance": 0.5, "lobe_exponent": 20.0}
 )
 @pytest.mark.parametrize("flip", [False, True])
 def test_sampled_points_are_those_that_rays_find(kind, bsdf, plain, flip, monkeypatch):
-    """Where the shortcut is taken, it gives the light that a ray to the point gives."""
     pose = mi.ScalarTransform4f().translate([0.3, 0.1, 1]).rotate([0, 1, 0], 200).scale(0.3)
     shape = {"type": kind, "to_world": pose, "bsdf": bsdf, "flip_normals": flip}
-    setup = Setup(sensor=(-0.6, 0.3, 1.2))
-    loaded = load_nlos(confocal(setup, {"hidden": shape}, film(2, 2)))
+    setup = nlos.Setup(sensor=(-0.6, 0.3, 1.2))
+    loaded = nlos.load_nlos(nlos.confocal(setup, {"hidden": shape}, film(2, 2)))
 
     def picture() -> np.ndarray:
         return np.array(mi.render(loaded, spp=1024, seed=1)[0], dtype=np.float64)

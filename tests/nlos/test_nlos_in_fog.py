@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.fogs import cube, filled, fog
-from helpers.support import agree, diffuse, film, load, over_seeds, plane, rotate, scene, translate
+from helpers.support import agree, diffuse, film, load, plane, rotate, scene, translate
 
 import tofrender
 from tofrender.nlos.light.laser_in_media import LaserInMedia
 
-pytestmark = [pytest.mark.statistical, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.statistical,
+    pytest.mark.filterwarnings("ignore:.*of the energy arrives outside"),
+]
 SEEDS, OTHER_SEEDS = range(12), range(1000, 1012)
 DEVICE, SPOT = (0.0, -1.2, 1.4), (-0.5, -0.5, 0.0)
 BINS, START, WIDTH = 40, 2.5, 0.15
 FOV = 0.2
-
 CONFOCAL = {"type": "confocal_transient_path"}
 SCAN = {
     "type": "transient_nlos_path",
@@ -68,18 +71,19 @@ def corner(integrator: dict, max_depth: int = 4, **parts: Any) -> dict:
     return described | {"integrator": integrator | {"max_depth": max_depth, "rr_depth": 50}}
 
 
+def seen(described: dict | mi.Scene, spp: int, seeds, mode: str = "") -> list[np.ndarray]:
+    """The film's values for each seed, of a capture in some mode or of a render."""
+    loaded = load(described)
+    function = partial(tofrender.capture, mode=mode) if mode else tofrender.render
+    options = {"spp": spp, "progress": False}
+    return [function(loaded, seed=seed, **options)["transient"].values for seed in seeds]
+
+
 def bins(described: dict, spp: int, seeds) -> np.ndarray:
     """The film's mean over path length, (seeds, bins)."""
-    loaded = load(described)
-
-    def one(seed: int) -> np.ndarray:
-        found = tofrender.render(loaded, spp=spp, seed=seed, progress=False)
-        return found["transient"].values.mean(axis=(0, 1, 3))
-
-    return over_seeds(one, seeds)
+    return np.mean(seen(described, spp, seeds), axis=(1, 2, 4))
 
 
-@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 @pytest.mark.parametrize("where", ["around", "in a box", "slab"])
 @pytest.mark.parametrize("mode", LEGS)
 def test_absorption_separates(mode, where):
@@ -99,9 +103,7 @@ def test_absorption_separates(mode, where):
     assert agree((dim[:, lit] * middle).sum(1), clear[:, lit].sum(1), rounding=2e-3)
 
 
-@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 def test_a_single_bounce_is_in_fog_on_both_ways():
-    """In a box of fog, light that comes straight back to device and laser is in it all the way."""
     integrator = EACH | {"discard_direct_paths": False, "use_nlos_only": False}
     fogs, μ, _ = ABSORBING["in a box"]
     clear = bins(corner(integrator, 2), 64, range(4))
@@ -110,29 +112,29 @@ def test_a_single_bounce_is_in_fog_on_both_ways():
     np.testing.assert_allclose((dim * middle).sum(), clear.sum(), rtol=0.5 * WIDTH * μ)
 
 
-@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
-@pytest.mark.parametrize(
-    "parts",
-    [
-        {"around": THIN},
-        {"slab": filled(cube((3, 3, 0.2), (0, 0, 0.5)), THIN)},
-        {"slab": filled(cube((3, 3, 0.2), (0, 0, 0.5)), fog(0.6, 0.95, 0.4, "grid"))},
-        {"slab": filled(cube((3, 3, 0.3), (0, 0, 1)), THIN)},
-    ],
-    ids=["around", "slab", "grid", "hidden inside"],
-)
-def test_fog_scatters_as_a_bidirectional_tracer_finds(parts):
+def slab(medium: dict, half: float = 0.2, z: float = 0.5) -> dict:
+    return {"slab": filled(cube((3, 3, half), (0, 0, z)), medium)}
+
+
+FOGS = {
+    "around": {"around": THIN},
+    "slab": slab(THIN),
+    "grid": slab(fog(0.6, 0.95, 0.4, "grid")),
+    "hidden inside": slab(THIN, 0.3, 1),
+}
+
+
+@pytest.mark.parametrize("name", FOGS)
+def test_fog_scatters_as_a_bidirectional_tracer_finds(name):
     """A projector of so little width is a beam; the power of the lit point is that of 1 m²."""
-    ours = bins(corner(SINGLE, 3, **parts), 2048, SEEDS)
-    beam = corner({"type": "transient_bdpt"}, 4, **parts)
-    reference = bins(beam, 2048, OTHER_SEEDS)
+    ours = bins(corner(SINGLE, 3, **FOGS[name]), 2048, SEEDS)
+    reference = bins(corner({"type": "transient_bdpt"}, 4, **FOGS[name]), 2048, OTHER_SEEDS)
     r = math.dist(DEVICE, SPOT)
     footprint = (2 * r * math.tan(math.radians(FOV / 2))) ** 2 / (DEVICE[2] / r)
     groups = np.add.reduceat(np.eye(BINS), [10, 16, 20, 25, 30], axis=0).T
     assert agree(ours @ groups, reference @ groups / footprint, rounding=1e-2)
 
 
-@pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 def test_a_beam_that_is_not_scattered_is_noticed(monkeypatch):
     """All of the laser's light, landing on the wall: fog would be darker, and later."""
     right = bins(corner(SINGLE, 3, around=THIN), 1024, SEEDS)
@@ -149,46 +151,29 @@ def test_infinite_light_is_refused(integrator):
     for around in (THIN, fog(0.6, 0.95, 0.4, "grid")):
         with pytest.raises(ValueError, match=r"\A[^\n]*would be infinite; must[^\n]*\Z"):
             tofrender.render(corner(integrator, around=around), spp=1, progress=False)
-    apart = {"slab": filled(cube((0.5, 0.5, 0.1), (0, 1.5, 0.5)), THIN)}
-    found = tofrender.render(corner(integrator, **apart), spp=4, progress=False, window="auto")
-    assert float(found["transient"].sum()) > 0
+    apart = corner(integrator, slab=filled(cube((0.5, 0.5, 0.1), (0, 1.5, 0.5)), THIN))
     wide = corner(CONFOCAL | {"spot_sigma": 0.02}, around=THIN)
-    found = tofrender.render(wide, spp=4, progress=False, window="auto")
-    assert np.isfinite(found["transient"].values).all()
-
-
-def test_captures_through_fog():
-    """The built-in scene: the letter is still there, and the fog between it and the wall, too."""
-    for mode, spp in (("single", 256), ("confocal", 256), ("exhaustive", 16)):
-        clear, foggy = (
-            tofrender.capture(name, mode=mode, grid=(2, 2), spp=spp, progress=False)
-            for name in ("nlos_z", "nlos_behind_fog")
-        )
-        assert foggy["transient"].values.sum() > 0.5 * clear["transient"].values.sum()
-        assert np.isfinite(foggy["transient"].values).all()
+    for described in (apart, wide):
+        found = tofrender.render(described, spp=4, progress=False, window="auto")
+        assert float(found["transient"].sum()) > 0
+        assert np.isfinite(found["transient"].values).all()
 
 
 @pytest.mark.parametrize(("mode", "spp"), [("single", 64), ("confocal", 64), ("exhaustive", 16)])
 def test_fog_of_no_density_changes_nothing(mode, spp):
     """A capture is the one without fog, with no more noise: no path is sent to the fog's end."""
-
-    def captured(described: dict, seeds) -> np.ndarray:
-        loaded = load(described)
-
-        def one(seed: int) -> np.ndarray:
-            found = tofrender.capture(loaded, mode=mode, spp=spp, seed=seed, progress=False)
-            return found["transient"].values.mean(axis=-1).reshape(-1, 10, 30).sum(axis=-1)
-
-        return over_seeds(one, seeds)
-
-    clear = captured(tofrender.nlos_z(width=2, height=2), SEEDS)
-    foggy = captured(tofrender.nlos_behind_fog(width=2, height=2, sigma_t=0), OTHER_SEEDS)
+    clear, foggy = (
+        np.mean(seen(scene, spp, seeds, mode), axis=-1).reshape(12, -1, 10, 30).sum(axis=-1)
+        for scene, seeds in (
+            (tofrender.nlos_z(width=2, height=2), SEEDS),
+            (tofrender.nlos_behind_fog(width=2, height=2, sigma_t=0), OTHER_SEEDS),
+        )
+    )
     assert agree(foggy, clear, rounding=1e-4)
     assert foggy.std(axis=0).mean() < 1.5 * clear.std(axis=0).mean()
 
 
 def test_depth_is_that_of_surfaces():
-    """A boundary of fog is none."""
-    foggy = corner(SINGLE, slab=filled(cube((3, 3, 0.1), (0, 0, 0.5)), THIN))
+    foggy = corner(SINGLE, **slab(THIN, 0.1))
     depths = [tofrender.true_depth(load(each)) for each in (corner(SINGLE), foggy)]
     np.testing.assert_allclose(depths[0], depths[1], rtol=1e-5)

@@ -24,10 +24,9 @@ PATCH = Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.3, 0.3))
 SIZE = 64
 
 
-def spot(intensity: float, angle: float = 12.0) -> dict:
-    to_world = mi.ScalarTransform4f().look_at(list(LASER), list(LIT), [0, 1, 0])
-    lamp = {"type": "spot", "intensity": grey(intensity), "to_world": to_world}
-    return lamp | {"cutoff_angle": angle, "beam_width": 0.5 * angle}
+def looking(kind: str, place, target, **options) -> dict:
+    to_world = mi.ScalarTransform4f().look_at(list(place), list(target), [0, 1, 0])
+    return {"type": kind, "to_world": to_world} | options
 
 
 def bounces(data) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +36,6 @@ def bounces(data) -> tuple[np.ndarray, np.ndarray]:
     return values[..., early].sum(axis=-1), values[..., ~early].sum(axis=-1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("watts", "intensity"), [(None, 0.3), (None, 30.0), (2.5, 30.0)])
 def test_single_capture(watts, intensity):
     """The power that the lit footprint shows is the power that lights the hidden patch.
@@ -49,7 +47,8 @@ def test_single_capture(watts, intensity):
     setup = Setup(sensor=DEVICE, laser=LASER, legs=False)
     described = single(setup, {"hidden": PATCH.shape()}, LIT, window, **options)
     described["integrator"].pop("filter_bounces")
-    described["laser"] = spot(intensity)
+    beam = {"intensity": grey(intensity), "cutoff_angle": 12.0, "beam_width": 6.0}
+    described["laser"] = looking("spot", LASER, LIT, **beam)
     data = tofrender.capture(load_nlos(described), mode="single", spp=32, progress=False)
     one, three = bounces(data)
 
@@ -66,7 +65,6 @@ def test_single_capture(watts, intensity):
     assert shown == pytest.approx(lighting, rel=0.03)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("watts", "fov"), [(None, 0.2), (None, 3.0), (2.5, 0.2)])
 def test_confocal_capture(watts, fov):
     """A beam of α x α lights A = 4 tan²(α / 2) d² / cos; before a plane at D, with form f2,
@@ -81,12 +79,7 @@ def test_confocal_capture(watts, fov):
     hidden = {"hidden": plane(back, size=3.0, bsdf=diffuse(HIDDEN))}
     described = single(setup, hidden, LIT, window, max_depth=3, **options)
     described["integrator"].pop("filter_bounces")
-    described["laser"] = {
-        "type": "projector",
-        "irradiance": grey(100.0),
-        "fov": fov,
-        "to_world": mi.ScalarTransform4f().look_at(list(place), [0, 0, 0], [0, 1, 0]),
-    }
+    described["laser"] = looking("projector", place, (0, 0, 0), irradiance=grey(100.0), fov=fov)
     data = tofrender.capture(load_nlos(described), mode="confocal", spp=4096, progress=False)
     one, three = bounces(data)
 

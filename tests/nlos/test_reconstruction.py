@@ -1,36 +1,32 @@
-"""Each method finds closed-form scenes where they are, whatever wall, window or legs there are."""
+"""Each method finds closed-form scenes where they are, whatever wall, window or legs there are.
+
+And the true depth of hidden scenes, seen from walls anywhere.
+"""
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache, partial
 
+import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.hidden_scenes import (
-    STRAIGHT,
-    Patches,
-    Wall,
-    capture_of,
-    letter_f,
-    letter_z,
-    rectangle,
-    sphere,
-    true_depth,
-    turned,
-    two_spheres,
-)
+from helpers import hidden_scenes as scenes
+from oracles.nlos import Nodes, Rectangle
 
+import tofrender
 from tofrender.nlos import (
     METHODS,
     VolumeGrid,
     depth_error,
     depth_map,
+    hidden_depth,
     make_capture,
     max_projection,
     reconstruct,
 )
-from tofrender.nlos.reconstruction import backprojection, methods
+from tofrender.nlos.reconstruction import backprojection
 from tofrender.nlos.reconstruction.measured import Measured
 from tofrender.nlos.reconstruction.volume import resample
 from tofrender.runtime import memory
@@ -43,22 +39,16 @@ pairs = pytest.mark.parametrize(("mode", "method"), ALLOWED)
 each_method = pytest.mark.parametrize("method", METHODS)
 SCENES = {
     # A plane that is parallel to the wall and reaches past its edge on one side
-    "plane": partial(rectangle, (-0.8, 1.1), (-0.7, 0.9), 1.0, 0.04),
-    "Z": letter_z,
-    "spheres": two_spheres,
+    "plane": partial(scenes.rectangle, (-0.8, 1.1), (-0.7, 0.9), 1.0, 0.04),
+    "Z": scenes.letter_z,
+    "spheres": scenes.two_spheres,
 }
 
 
 @lru_cache
-def _light_of(scene, place, mode, options) -> xr.Dataset:
-    wall = {"straight": Wall, "turned": turned}[place[0]](place[1])
-    return capture_of(scene(), wall, mode, **TIME | dict(options))
-
-
-def light_of(scene, wall: Wall, mode: str, **options) -> xr.Dataset:
+def light_of(scene, wall: scenes.Wall, mode: str, **options) -> xr.Dataset:
     """The capture of a scene; made once for all methods, so it must stay as it is."""
-    name = "straight" if wall.origin == STRAIGHT.origin else "turned"
-    return _light_of(scene, (name, wall.size), mode, tuple(options.items()))
+    return scenes.capture_of(scene(), wall, mode, **TIME | options)
 
 
 def run(capture: xr.Dataset, method: str, **options) -> xr.Dataset:
@@ -71,68 +61,43 @@ def brightest(volume: xr.Dataset) -> np.ndarray:
     at = np.unravel_index(values.argmax(), values.shape)
     near = tuple(slice(max(i - 1, 0), i + 2) for i in at)
     axes = [volume[axis].values[part] for axis, part in zip("zyx", near, strict=True)]
-    weight = values[near]
-    return np.array([(weight * g).sum() for g in np.meshgrid(*axes, indexing="ij")[::-1]]) / (
-        weight.sum()
-    )
+    places = np.stack(np.meshgrid(*axes, indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return np.average(places, axis=0, weights=values[near].ravel())
 
-
-# ------------------------------------------------------------------------------- scenes' depths
 
 # Backprojection without a filter has no maximum at a plane (all that is before it is as bright),
 # nor on a sphere; everything else finds surfaces to 2 cm. Points that are 62 mm apart see the
 # slopes of spheres less well.
 LIMITS = {("plane", "bp"): 0.06, ("spheres", "bp"): 0.11}
-COARSE = {("spheres", method): 0.03 for method in METHODS[1:]}
+FEW = {("spheres", method): 0.03 for method in METHODS[1:]}
+SMALL = {"wall": scenes.turned(32), "limits": FEW | LIMITS, "window": TIME}
+LARGE = {"wall": scenes.Wall(64), "limits": LIMITS, "window": {"width": 0.006, "bins": 250}}
+TRIED = [(s, *each, SMALL) for s in SCENES for each in ALLOWED if each[0] != "exhaustive"]
+for scene, mode in (("plane", "confocal"), ("Z", "single"), ("spheres", "confocal")):
+    TRIED += [(scene, *each, LARGE) for each in ALLOWED if each[0] == mode]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize(("mode", "method"), [p for p in ALLOWED if p[0] != "exhaustive"])
-def test_depth_of_scenes(scene, mode, method):
-    capture = light_of(SCENES[scene], turned(32), mode)
-    volume = run(capture, method)
-    error = depth_error(volume, true_depth(SCENES[scene](), volume))
-    assert error.median < (COARSE | LIMITS).get((scene, method), 0.02)
-    if method != "bp" and mode == "confocal":
+@pytest.mark.parametrize(("scene", "mode", "method", "size"), TRIED)
+def test_depth_of_scenes(scene, mode, method, size):
+    """Below 2 cm with 64 x 64 points, bins of 6 mm, and a depth of 1 m."""
+    volume = run(light_of(SCENES[scene], size["wall"], mode, **size["window"]), method)
+    error = depth_error(volume, scenes.true_depth(SCENES[scene](), volume))
+    assert error.median < size["limits"].get((scene, method), 0.02)
+    if method != "bp" and mode == "confocal" and size is SMALL:
         assert error.found > 0.15
         assert error.extra < 0.45
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("mode", ["confocal", "single"])
-def test_depth_of_scenes_at_full_size(scene, mode, monkeypatch):
-    """64 x 64 points, bins of 6 mm, depth 1 m: below 2 cm."""
-    capture = light_of(SCENES[scene], Wall(64), mode, width=0.006, bins=250)
-    projections = {}  # fbp goes on with what bp ends with
-
-    def once(measured, grid, weighting, progress, client):
-        assert client is None
-        if (grid, weighting) not in projections:
-            found = backprojection.backproject(measured, grid, weighting, progress)
-            projections[grid, weighting] = found
-        return projections[grid, weighting].copy()
-
-    monkeypatch.setattr(methods, "backproject", once)
-    medians = {}
-    for method in [each for at, each in ALLOWED if at == mode]:
-        volume = run(capture, method)
-        medians[method] = depth_error(volume, true_depth(SCENES[scene](), volume)).median
-    wrong = {m: e for m, e in medians.items() if not e < LIMITS.get((scene, m), 0.02)}
-    assert not wrong
-    assert len(projections) == 1
-
-
 def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
     """How much too deep the middle of a square plate that faces the wall is found [m]."""
-    plate = rectangle((-half, half), (-half, half), z, half / 10)
-    depth = depth_map(run(capture_of(plate, Wall(size), mode, start=0.0, **window), method))
+    plate = scenes.rectangle((-half, half), (-half, half), z, half / 10)
+    depth = depth_map(
+        run(scenes.capture_of(plate, scenes.Wall(size), mode, start=0.0, **window), method)
+    )
     middle = depth.sel(x=slice(-0.15, 0.15), y=slice(-0.15, 0.15))
     return float(np.nanmedian(middle)) - z
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("bins", [125, 500])
 @pytest.mark.parametrize("z", [0.25, 0.3, 0.5, 1.0])
 def test_light_cone_transform_errs_by_half_a_step(z, bins):
@@ -147,7 +112,6 @@ def test_light_cone_transform_errs_by_half_a_step(z, bins):
         assert abs(error) < 0.005
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "wavelength"), [("confocal", 0.5), ("single", 0.25)])
 @pytest.mark.parametrize("z", [0.5, 1.0])
 def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
@@ -158,55 +122,41 @@ def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
     assert 0.05 < error / (wavelength**2 / z) < 0.4
 
 
-@pytest.mark.slow
-def test_exhaustive():
-    capture = light_of(letter_z, turned(16), "exhaustive")
-    for method in ("bp", "fbp", "phasor"):
-        volume = run(capture, method, volume=((-1, 1, 32), (-1, 1, 32), (0.8, 1.2, 20)))
-        error = depth_error(volume, true_depth(letter_z(), volume))
-        assert error.median < 0.02
-        assert error.found > 0.9
-
-
-@pytest.mark.slow
 @pairs
 def test_a_letter_is_no_mirror_image(mode, method):
-    """The projection is the letter's, and none of its seven turned or flipped images'."""
-    volume = run(
-        light_of(letter_f, turned(24), mode),
-        method,
-        volume=((-1, 1, 24), (-1, 1, 24), (0.7, 1.3, 20)),
-    )
+    grid = ((-1, 1, 24), (-1, 1, 24), (0.7, 1.3, 20))
+    volume = run(light_of(scenes.letter_f, scenes.turned(24), mode), method, volume=grid)
     picture = max_projection(volume).values
-    truth = np.isfinite(true_depth(letter_f(), volume)).astype(float)
+    truth = np.isfinite(scenes.true_depth(scenes.letter_f(), volume)).astype(float)
     images = [turn(np.rot90(truth, k)) for k in range(4) for turn in (np.array, np.transpose)]
     fits = [np.corrcoef(picture.ravel(), image.ravel())[0, 1] for image in images]
     assert fits[0] > max(fits[1:]) + 0.03
 
 
-# ----------------------------------------------------------------------------- points and walls
-
 POINT = np.array([0.32, -0.21, 0.93])
 
 
-def point(at: tuple = tuple(POINT)) -> Patches:
-    return Patches(np.array([at]), np.array([[0.0, 0, -1]]), np.array([1e-4]))
+@lru_cache
+def point_at(place: tuple):
+    return partial(Nodes, np.array([place]), np.array([[0.0, 0, -1]]), np.array([1e-4]))
 
 
-def opposite(wall: Wall) -> tuple:
+point = point_at(tuple(POINT))
+
+
+def opposite(wall: scenes.Wall) -> tuple:
     """A place opposite to a point of the wall, near POINT."""
     x, y = wall.grid()[0, :, 0], wall.grid()[:, 0, 1]
     return float(x[abs(x - POINT[0]).argmin()]), float(y[abs(y - POINT[1]).argmin()]), POINT[2]
 
 
-@pytest.mark.slow
 @pairs
-@pytest.mark.parametrize("wall", [STRAIGHT, turned(32)], ids=["straight", "turned"])
+@pytest.mark.parametrize("wall", [scenes.STRAIGHT, scenes.turned(32)], ids=["straight", "turned"])
 @pytest.mark.parametrize("legs", [False, True])
 def test_a_point_is_where_it_is(mode, method, wall, legs):
-    wall = Wall(16 if mode == "exhaustive" else 24, wall.origin, wall.axes)
+    wall = scenes.Wall(16 if mode == "exhaustive" else 24, wall.origin, wall.axes)
     place = opposite(wall)
-    capture = light_of(partial(point, place), wall, mode, legs=legs, lasers=3)
+    capture = light_of(point_at(place), wall, mode, legs=legs, lasers=3)
     volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.75, 1.1, 35)))
     off = brightest(volume) - place
     assert abs(off[2]) < 0.012  # a bin of path length is 6 mm of depth
@@ -215,25 +165,21 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
     np.testing.assert_allclose(frame, wall.world(brightest(volume)), atol=1e-5)
 
 
-@pytest.mark.slow
 @pairs
-@pytest.mark.parametrize("shift", [0.5, 20.5])
-def test_the_window_may_start_anywhere(mode, method, shift):
-    """Another start of the window, by whole and half bins, changes nothing that is seen."""
-    grid = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50))
-    wall = Wall(16)
-    places = [
-        brightest(run(light_of(point, wall, mode, start=start, lasers=2), method, volume=grid))
-        for start in (1.3, 1.3 + shift * 0.012)
-    ]
-    np.testing.assert_allclose(places[0], places[1], atol=0.005)
+def test_the_window_may_start_anywhere(mode, method):
+    """By whole and half bins, or before light can come back: nothing changes that is seen."""
+    grid, places = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50)), []
+    for start in (1.3, 1.306, 1.546, -0.301):
+        bins = 125 if start > 0 else 250
+        capture = light_of(point, scenes.Wall(16), mode, start=start, lasers=2, bins=bins)
+        places.append(brightest(run(capture, method, volume=grid)))
+        np.testing.assert_allclose(places[-1], places[0], atol=0.005)
 
 
-@pytest.mark.slow
 @pairs
 def test_a_planted_half_bin_is_seen(mode, method):
     """A path that is counted half a bin (6 mm) too long is 3 mm too far away."""
-    wall, grid = Wall(16), ((0.2, 0.5, 12), (-0.3, -0.1, 8), (0.85, 1.01, 64))
+    wall, grid = scenes.Wall(16), ((0.2, 0.5, 12), (-0.3, -0.1, 8), (0.85, 1.01, 64))
     captures = [light_of(point, wall, mode, lasers=2, delay=d) for d in (0.0, 0.006, 0.012)]
     right, half, whole = (
         float(np.nanmedian(depth_map(run(capture, method, volume=grid), 0.9)))
@@ -244,18 +190,7 @@ def test_a_planted_half_bin_is_seen(mode, method):
     assert 0.004 < whole - right < 0.009
 
 
-@each_method
-def test_a_negative_start_of_the_window(method):
-    """Bins before light can come back are dark, not wrong."""
-    capture = light_of(
-        partial(point, opposite(Wall(16))), Wall(16), "confocal", start=-0.301, bins=210
-    )
-    volume = run(capture, method, volume=((0.1, 0.5, 16), (-0.4, 0, 16), (0.8, 1.05, 50)))
-    np.testing.assert_allclose(brightest(volume)[2], POINT[2], atol=0.004)
-
-
 def test_any_geometry_for_backprojection():
-    """Points scattered over a bent wall."""
     rng = np.random.default_rng(2)
     grid = rng.uniform(-1, 1, (1, 300, 3))
     grid[..., 2] = 0.1 * np.sin(3 * grid[..., 0])
@@ -276,23 +211,20 @@ def test_any_geometry_for_backprojection():
         run(capture, "phasor")
 
 
-@pytest.mark.slow
 @each_method
 def test_noise(method):
-    """Noise of 2 % of the largest value in each bin: the letter is still at its depth."""
-    volume = run(capture_of(letter_z(), Wall(32), noise=0.02, **TIME), method)
+    volume = run(scenes.capture_of(scenes.letter_z(), scenes.Wall(32), noise=0.02, **TIME), method)
     # Where the letter is: how much else is above the threshold depends on the method.
-    assert depth_error(volume, true_depth(letter_z(), volume), 0.0).median < 0.025
-
-
-# ---------------------------------------------------------------------------- backprojection
+    assert depth_error(volume, scenes.true_depth(scenes.letter_z(), volume), 0.0).median < 0.025
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 @pytest.mark.parametrize("weighting", backprojection.WEIGHTINGS)
 def test_backprojection_is_its_formula(mode, weighting):
     rng = np.random.default_rng(0)
-    capture = capture_of(point(), turned(4), mode, bins=60, width=0.03, legs=True, lasers=2)
+    capture = scenes.capture_of(
+        point(), scenes.turned(4), mode, bins=60, width=0.03, legs=True, lasers=2
+    )
     light = rng.random(capture["transient"].shape, dtype=np.float32)
     capture["transient"] = (capture["transient"].dims, light)
     grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 4), (0.1, 1.4, 6))
@@ -320,59 +252,42 @@ def test_backprojection_is_its_formula(mode, weighting):
 
 
 def test_backprojection_in_steps(monkeypatch):
-    """How the volume is divided does not matter."""
-    capture = capture_of(letter_z(), Wall(8), bins=50, width=0.03)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), bins=50, width=0.03)
     whole = run(capture, "bp")
     monkeypatch.setattr(backprojection, "_PAIRS_A_STEP", 64 * 77)
     np.testing.assert_array_equal(run(capture, "bp")["intensity"], whole["intensity"])
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_light_that_is_not_finite_is_refused(bad):
-    capture = capture_of(letter_z(), Wall(8), **TIME)
-    capture["transient"].values[3, 4:7, 20:22] = bad
-    said = rf"^capture: transient: 6 of 8000 values .*, the first is {bad:g} at \[3, 4, 20, 0\]"
+def test_light_that_is_not_finite_is_refused():
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), **TIME)
+    capture["transient"].values[3, 4:7, 20:22] = np.nan
+    said = r"\Acapture: transient: 6 of 8000 values .*, the first is nan at \[3, 4, 20, 0\].*\Z"
     for method in METHODS:
-        with pytest.raises(ValueError, match=said) as error:
+        with pytest.raises(ValueError, match=said):
             run(capture, method)
-        assert "\n" not in str(error.value)
-
-
-def test_volumes_that_are_not_finite_are_refused():
-    volume = run(capture_of(letter_z(), Wall(8), **TIME), "bp")
-    volume["intensity"].values[3, 2, 1] = np.nan
-    for function in (max_projection, depth_map, reconstruction_figure):
-        with pytest.raises(ValueError, match=r"^volume: intensity: 1 of .* nan at \[3, 2, 1\]"):
-            function(volume)
-
-
-# --------------------------------------------------------------------------- options, volumes
 
 
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_falloff_of_retroreflectors(method):
-    """Two patches at different distances are as bright as each other with the right falloff."""
     near, far = (
-        rectangle((x, x + 0.15), (-0.1, 0.05), z, 0.03) for x, z in ((-0.5, 0.8), (0.4, 1.3))
+        scenes.rectangle((x, x + 0.15), (-0.1, 0.05), z, 0.03) for x, z in ((-0.5, 0.8), (0.4, 1.3))
     )
-    light = []
-    for power in (0, 2):  # f1 falls with r^4, a retroreflector's light with r^2
-        capture = capture_of(near + far, Wall(32), **TIME)
-        scale = (capture["opl"].values[:, None] / 2) ** power
-        capture["transient"].values[:] *= scale
-        surface = "retroreflective" if power else "diffuse"
-        volume = run(capture, method, surface=surface)["intensity"]
-        parts = volume.sel(x=slice(None, 0)), volume.sel(x=slice(0, None))
-        light.append([float(part.max()) for part in parts])
-        other = run(capture, method, surface="diffuse" if power else "retroreflective")["intensity"]
-        wrong = [float(other.sel(x=s).max()) for s in (slice(None, 0), slice(0, None))]
-        ratio, wrong_ratio = light[-1][0] / light[-1][1], wrong[0] / wrong[1]
-        assert abs(np.log(wrong_ratio / ratio)) > 0.5
-    np.testing.assert_allclose(light[0][0] / light[0][1], light[1][0] / light[1][1], rtol=0.15)
+    ratios = {}
+    for light, power in (("diffuse", 0), ("retroreflective", 2)):  # r^-4 by f1, and r^-2
+        capture = scenes.capture_of(near + far, scenes.Wall(32), **TIME)
+        capture["transient"].values[:] *= (capture["opl"].values[:, None] / 2) ** power
+        for surface in ("diffuse", "retroreflective"):
+            volume = run(capture, method, surface=surface)["intensity"]
+            left, right = volume.sel(x=slice(None, 0)), volume.sel(x=slice(0, None))
+            ratios[light, surface] = np.log(float(left.max()) / float(right.max()))
+        other = {"diffuse": "retroreflective", "retroreflective": "diffuse"}[light]
+        assert abs(ratios[light, other] - ratios[light, light]) > 0.5
+    right = [ratios[each, each] for each in ("diffuse", "retroreflective")]
+    assert right[0] == pytest.approx(right[1], abs=0.14)
 
 
 def test_options_change_what_they_say():
-    capture = capture_of(letter_z(), Wall(16), noise=0.05, **TIME)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(16), noise=0.05, **TIME)
     for method, option, low, high in (
         ("lct", "snr", 1, 1e4),
         ("phasor", "wavelength", 0.3, 0.6),
@@ -385,7 +300,7 @@ def test_options_change_what_they_say():
 
 @each_method
 def test_a_volume_of_ones_own(method):
-    capture = capture_of(letter_z(), Wall(16), **TIME)
+    capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(16), **TIME)
     axes = ((-0.5, 0.7, 9), (-0.6, 0.5, 7), (0.8, 1.3, 11))
     volume = run(capture, method, volume=axes)
     assert volume["intensity"].shape == (11, 7, 9)
@@ -402,22 +317,22 @@ def test_a_volume_of_ones_own(method):
 
 
 def test_resample():
+    def linear(grid: VolumeGrid) -> np.ndarray:
+        x, y, z = (grid.centres(a) for a in "xyz")
+        return (z[:, None, None] + 10 * y[:, None] + 100 * x).astype(np.float32)
+
     coarse = VolumeGrid((0, 4, 4), (0, 2, 2), (0, 3, 3))
-    x, y, z = (coarse.centres(a) for a in "xyz")
-    values = (z[:, None, None] + 10 * y[:, None] + 100 * x).astype(np.float32)
     fine = VolumeGrid((1, 3, 8), (0.5, 1.5, 5), (0.5, 2.5, 9))
-    x, y, z = (fine.centres(a) for a in "xyz")
-    expected = z[:, None, None] + 10 * y[:, None] + 100 * x
-    np.testing.assert_allclose(resample(values, coarse, fine), expected, rtol=1e-5)
-    means = resample(values, coarse, VolumeGrid((0, 4, 2), (0, 2, 1), (0, 3, 1)))
+    resampled = partial(resample, linear(coarse), coarse)
+    np.testing.assert_allclose(resampled(fine), linear(fine), rtol=1e-5)
+    means = resampled(VolumeGrid((0, 4, 2), (0, 2, 1), (0, 3, 1)))
     np.testing.assert_allclose(means[0, 0], [1.5 + 10 + 100, 1.5 + 10 + 300], rtol=1e-6)
-    beside = resample(values, coarse, VolumeGrid((4, 8, 4), (0, 2, 2), (0, 3, 3)))
-    assert (beside == 0).all()
+    assert (resampled(VolumeGrid((4, 8, 4), (0, 2, 2), (0, 3, 3))) == 0).all()
 
 
 def test_default_volume_holds_what_the_window_holds():
     for mode in ("confocal", "single"):
-        capture = capture_of(point(), Wall(16), mode, start=1.5, **TIME)
+        capture = scenes.capture_of(point(), scenes.Wall(16), mode, start=1.5, **TIME)
         volume = run(capture, "bp")
         assert volume["intensity"].shape[1:] == (16, 16)
         np.testing.assert_allclose(volume["x"], capture["sensor_grid"].values[0, :, 0], atol=1e-6)
@@ -426,22 +341,16 @@ def test_default_volume_holds_what_the_window_holds():
     assert Measured.of(capture).spacing == pytest.approx(0.125)
 
 
-BASE = capture_of(point(), Wall(8), bins=20, width=0.05)
+BASE = scenes.capture_of(point(), scenes.Wall(8), bins=20, width=0.05)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"method": "fkk"}, "method = 'fkk': did you mean 'fk'"),
-        ({"method": None}, "method = None: must be one of bp, fbp, lct, fk, phasor"),
         ({"method": "bp", "snr": 3}, "snr = 3: must be None, as it is for lct only"),
-        ({"method": "lct", "snr": 0}, "snr = 0: must be a finite number"),
-        ({"method": "lct", "surface": "shiny"}, "surface = 'shiny': must be one of diffuse"),
         ({"method": "phasor", "surface": "diffuse"}, "surface = .* for lct and fk only"),
-        ({"method": "bp", "weighting": "r4"}, "weighting = 'r4': .*uniform, r2"),
-        ({"method": "phasor", "wavelength": -1}, "wavelength = -1: must be a finite number of met"),
         ({"method": "phasor", "wavelength": 0.02}, "wavelength = 0.02: must be above two bins"),
-        ({"method": "bp", "volume": 3}, "volume = 3: must be a VolumeGrid or"),
         ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (0, 1))}, r"volume: z = \(0, 1\): must"),
         ({"method": "bp", "volume": ((1, 0, 2), (0, 1, 2), (0, 1, 2))}, "volume: x .*low must be"),
         ({"method": "bp", "volume": ((0, 1, 0), (0, 1, 2), (0, 1, 2))}, "count of x = 0"),
@@ -450,27 +359,26 @@ BASE = capture_of(point(), Wall(8), bins=20, width=0.05)
     ],
 )
 def test_bad_options_in_one_line(options, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=rf"\A.*{message}.*\Z"):
         reconstruct(BASE, **options)
-    assert "\n" not in str(caught.value)
 
 
 def test_captures_that_a_method_does_not_allow():
-    for mode in ("single", "exhaustive"):
-        capture = capture_of(point(), Wall(4), mode, bins=10, lasers=2)
-        for method in ("lct", "fk"):
-            with pytest.raises(ValueError, match=f"a {mode} capture .* allows bp, fbp, phasor$"):
-                run(capture, method)
     uneven = BASE.isel(x=[0, 1, 3])
-    with pytest.raises(
-        ValueError, match=r"a confocal capture on a grid that is not even.* bp, fbp$"
-    ):
-        run(uneven, "lct")
     run(uneven, "bp")
-    with pytest.raises(ValueError, match="capture = DataArray"):
-        run(BASE["transient"], "bp")
-    with pytest.raises(ValueError, match="bins end before light can come back"):
-        run(capture_of(point(), Wall(4), start=-2, bins=10), "bp")
+    early = scenes.capture_of(point(), scenes.Wall(4), start=-2, bins=10)
+    refused = [
+        (uneven, "lct", "a confocal capture on a grid that is not even.* bp, fbp$"),
+        (BASE["transient"], "bp", "capture = DataArray"),
+        (early, "bp", "bins end before light can come back"),
+    ]
+    for mode in ("single", "exhaustive"):
+        capture = scenes.capture_of(point(), scenes.Wall(4), mode, bins=10, lasers=2)
+        said = f"a {mode} capture .* allows bp, fbp, phasor$"
+        refused += [(capture, "lct", said), (capture, "fk", said)]
+    for capture, method, said in refused:
+        with pytest.raises(ValueError, match=said):
+            run(capture, method)
 
 
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
@@ -480,9 +388,6 @@ def test_too_little_memory(monkeypatch, method):
         run(BASE, method)
 
 
-# -------------------------------------------------------------------------- depths and figure
-
-
 def volume_of(values) -> xr.Dataset:
     values = np.asarray(values, np.float32)
     coords = {a: 0.1 * np.arange(n) for a, n in zip("zyx", values.shape, strict=True)}
@@ -490,11 +395,13 @@ def volume_of(values) -> xr.Dataset:
 
 
 def test_depth_map():
-    values = np.zeros((5, 1, 4))
-    values[:, 0, 0] = 0, 1, 3, 1, 0
-    values[:, 0, 1] = 0, 0, 2, 3, 2  # the parabola's peak is on the voxel
-    values[:, 0, 2] = 4, 0, 0, 0, 0  # at the edge: as it is
-    values[:, 0, 3] = 0, 0, 0.5, 0, 0
+    columns = [
+        (0, 1, 3, 1, 0),
+        (0, 0, 2, 3, 2),  # the parabola's peak is on the voxel
+        (4, 0, 0, 0, 0),  # at the edge: as it is
+        (0, 0, 0.5, 0, 0),
+    ]
+    values = np.transpose(columns)[:, None]
     np.testing.assert_allclose(depth_map(volume_of(values))[0], [0.2, 0.3, 0, np.nan])
     np.testing.assert_allclose(depth_map(volume_of(values), 0.1)[0, 3], 0.2)
     z = np.arange(5) * 0.1
@@ -503,9 +410,7 @@ def test_depth_map():
     assert np.isnan(depth_map(volume_of(0 * values))).all()
     np.testing.assert_array_equal(max_projection(volume_of(values))[0], [3, 3, 4, 0.5])
     for threshold in (-0.1, 1.1, np.nan):
-        with pytest.raises(
-            ValueError, match=r"threshold = .*: must be a finite number from 0 to 1"
-        ):
+        with pytest.raises(ValueError, match=r"threshold = .*: must be a finite number from 0 to"):
             depth_map(volume_of(values), threshold)
 
 
@@ -519,17 +424,17 @@ def test_depth_error():
     nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0
-    with pytest.raises(ValueError, match=r"truth with shape \(2,\): must be \(1, 4\)"):
-        depth_error(volume_of(values), [1, 2])
-    with pytest.raises(ValueError, match="truth: must have a depth"):
-        depth_error(volume_of(values), np.full((1, 4), np.nan))
-    with pytest.raises(ValueError, match="volume = ndarray: must be a result of reconstruct"):
-        depth_map(values)
+    for truth, said in ((np.full((1, 4), np.nan), "must have a depth"), ([1, 2], "with shape")):
+        with pytest.raises(ValueError, match=f"truth.* {said}"):
+            depth_error(volume_of(values), truth)
 
 
 def test_figure():
-    for wall, down in ((STRAIGHT, False), (turned(16), None)):
-        volume = run(capture_of(letter_z(), Wall(16, wall.origin, wall.axes), **TIME), "lct")
+    for wall, down in ((scenes.STRAIGHT, False), (scenes.turned(16), None)):
+        volume = run(
+            scenes.capture_of(scenes.letter_z(), scenes.Wall(16, wall.origin, wall.axes), **TIME),
+            "lct",
+        )
         figure = reconstruction_figure(volume.assign_attrs(scene="letter"))
         views = figure.axes[:4]
         assert [a.get_title() for a in views] == ["front", "side", "top", "depth"]
@@ -544,8 +449,84 @@ def test_figure():
     figure.canvas.draw()
 
 
-def test_sphere_normals_face_the_wall():
-    """The scenes themselves: half of the sphere is lit, and its area is right."""
-    ball = sphere((0, 0, 1), 0.25)
-    np.testing.assert_allclose(ball.areas.sum(), 2 * np.pi * 0.25**2, rtol=0.01)
-    np.testing.assert_allclose(letter_z().areas.sum(), 3 * 0.08, rtol=1e-6)
+AXES = ("z", "y", "x")
+
+
+def seen_from(frame: np.ndarray, origin=(0.0, 0, 0), size: int = 41) -> xr.Dataset:
+    """A volume's frame, over [-1, 1] x [-1, 1] of the wall."""
+    at = np.linspace(-1, 1, size)
+    variables = {
+        "intensity": (AXES, np.zeros((1, size, size), np.float32)),
+        "frame_origin": (("xyz",), np.asarray(origin, float)),
+        "frame_axes": (("axis", "xyz"), np.asarray(frame, float)),
+    }
+    return xr.Dataset(variables, {"x": at, "y": at, "z": [1.0]})
+
+
+@pytest.mark.parametrize("steps", [0, 70])
+def test_a_sphere(steps):
+    pose = mi.ScalarTransform4f().translate([1, -2, 3]).rotate([0.6, 0, 0.8], steps)
+    matrix = np.array(pose.matrix)
+    ball = {"type": "sphere", "center": [0.2, -0.1, 1.5], "radius": 0.4, "to_world": pose}
+    wall = {"type": "rectangle", "to_world": pose}
+    scene = mi.load_dict({"type": "scene", "relay_wall": wall, "hidden_ball": ball})
+    where = seen_from(matrix[:3, :3].T, matrix[:3, 3])
+    depth = hidden_depth(scene, where)
+    assert depth.dims == ("y", "x")
+    x, y = np.meshgrid(where["x"], where["y"])
+    square = 0.4**2 - (x - 0.2) ** 2 - (y + 0.1) ** 2
+    expected = np.where(square > 0, 1.5 - np.sqrt(np.maximum(square, 0)), np.nan)
+    edge = abs(square) < 1e-3
+    assert depth.values[~edge] == pytest.approx(expected[~edge], abs=1e-4, nan_ok=True)
+
+
+def test_the_letter_through_its_occluder():
+    where = seen_from(np.eye(3), size=401)
+    depth = hidden_depth("nlos_z", where).values
+    assert np.nanmin(depth) == pytest.approx(1, abs=1e-5)
+    assert np.nanmax(depth) == pytest.approx(1, abs=1e-5)
+    shape = tofrender.load_scene("nlos_z", optimize=False)
+    letter = next(s for s in shape.shapes() if s.id() == "hidden_z")
+    area = np.isfinite(depth).mean() * 2.005**2
+    assert area == pytest.approx(letter.surface_area()[0], rel=0.02)
+    plate = hidden_depth("nlos_z", where, hidden_shapes="occluder").values
+    assert np.nanmax(plate) < 0.5
+
+
+def test_what_is_hidden_can_be_said():
+    plates = {"near": 1.0, "far": 2.0}
+    described = {"type": "scene", "relay_wall": {"type": "rectangle"}}
+    for name, z in plates.items():
+        place = mi.ScalarTransform4f().translate([0, 0, z])
+        described[name] = {"type": "rectangle", "to_world": place}
+    scene = mi.load_dict(described, optimize=False)
+    second = scene.shapes()[1]
+    for names, z in (
+        (None, 1),
+        ("far", 2),
+        (["far", "near"], 1),
+        (second, plates.get(second.id(), math.nan)),
+    ):
+        depth = hidden_depth(scene, seen_from(np.eye(3), size=5), hidden_shapes=names)
+        assert depth.values[1:4, 1:4] == pytest.approx(np.full((3, 3), z), abs=1e-5, nan_ok=True)
+
+
+def test_captures_have_their_own_points():
+    wall = scenes.turned(8)
+    capture = scenes.capture_of(scenes.rectangle((-0.5, 0.6), (-0.4, 0.8), 1.2, 0.2), wall, bins=4)
+    places = [(-0.5, -0.4, 1.2), (0.6, -0.4, 1.2), (-0.5, 0.8, 1.2)]
+    corner, across, along = wall.world(np.array(places))
+    u, v = (across - corner) / 2, (along - corner) / 2
+    scene = {"type": "scene", "hidden": Rectangle(corner + u + v, u, v).shape()}
+    depth = hidden_depth(mi.load_dict(scene), capture).values
+    x, y = np.moveaxis(wall.grid()[..., :2], -1, 0)
+    inside = (x > -0.5) & (x < 0.6) & (y > -0.4) & (y < 0.8)
+    assert depth == pytest.approx(np.where(inside, 1.2, np.nan), abs=1e-5, nan_ok=True)
+
+
+def test_bad_input():
+    where = seen_from(np.eye(3), size=3)
+    with pytest.raises(ValueError, match=r"\Ahidden_shapes = 'w': the scene has no such.*\Z"):
+        hidden_depth("nlos_z", where, hidden_shapes="w")
+    with pytest.raises(ValueError, match=r"\Ascene: has no hidden shapes; hidden_shapes must nam"):
+        hidden_depth({"type": "scene"}, where)

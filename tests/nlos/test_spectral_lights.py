@@ -15,81 +15,64 @@ from oracles.nlos import Rectangle, Setup, confocal, load_nlos, single
 SPECTRAL = "llvm_ad_spectral"
 DEVICE, LASER, LIT = (-0.6, 0.3, 1.2), (-0.8, -0.5, 0.6), (-0.3, 0.25, 0.0)
 TINTED = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.6, 0.5]}}
+HIDDEN = Rectangle.turned((0.1, 0.1, 0.7), 20, 240, half=(0.3, 0.3))
 
 
-def patch(bsdf: dict) -> dict:
-    front = Rectangle.turned((0.1, 0.1, 0.7), 20, 240, half=(0.3, 0.3))
-    return {"hidden": front.shape(bsdf)}
-
-
-def colour(describe, spp: int, **options) -> np.ndarray:
+def colour(describe, spp: int) -> np.ndarray:
     """The mean colour of a picture, in the active variant; scenes may read transforms of it."""
-    return rendered(load_nlos(describe(**options)), spp=spp, seed=1)[0].mean(axis=(0, 1))
+    return rendered(load_nlos(describe()), spp=spp, seed=1)[0].mean(axis=(0, 1))
 
 
-def ratio(describe) -> np.ndarray:
-    """Red, green and blue of the spectral picture over those of the RGB picture."""
+def both(describe) -> tuple[np.ndarray, np.ndarray]:
+    """Red, green and blue of the spectral picture, and of the RGB picture."""
     expected = colour(describe, 1 << 12)
     mi.set_variant(SPECTRAL)
-    return colour(describe, 1 << 14) / expected
+    return colour(describe, 1 << 14), expected
 
 
-def test_ambient_occlusion_is_white():
+@pytest.mark.parametrize(
+    "integrator",
+    [{"type": "ao"}, {"type": "simple", "position": [0, 0, 1], "energy": 4 * np.pi**2}],
+)
+def test_lights_of_integrators_are_white(integrator):
     mi.set_variant(SPECTRAL)
     floor = {"floor": plane(size=50.0, bsdf=diffuse(0.2))}
-    described = scene(floor, camera((0, 0, 1), (0, 0, 0), film()))
-    steady, _ = rendered(load(described | {"integrator": {"type": "ao"}}), spp=1 << 14)
+    described = scene(floor, camera((0, 0, 1), (0, 0, 0), film(), fov=1))
+    steady, _ = rendered(load(described | {"integrator": integrator}), spp=1 << 14)
     assert steady[0, 0] == pytest.approx([1, 1, 1], abs=0.02)
 
 
-def test_simple_is_white():
-    mi.set_variant(SPECTRAL)
-    light = {"type": "simple", "position": [0, 0, 1], "energy": 4 * np.pi**2}
-    floor = {"floor": plane(size=50.0, bsdf=diffuse(0.2))}
-    described = scene(floor, camera((0, 0, 1), (0, 0, 0), film(), fov=1)) | {"integrator": light}
-    steady, _ = rendered(load(described), spp=1 << 14)
-    assert steady[0, 0] == pytest.approx([1, 1, 1], abs=0.02)
+def point_laser() -> dict:
+    return confocal(Setup(sensor=DEVICE, power=2.0), {"hidden": HIDDEN.shape()}, film(2, 2))
 
 
-def point_laser(bsdf: dict, **options) -> dict:
-    return confocal(Setup(sensor=DEVICE, power=2.0), patch(bsdf), film(2, 2), **options)
+def scenes_laser(**options) -> dict:
+    setup = Setup(sensor=DEVICE, laser=LASER)
+    return single(setup, {"hidden": HIDDEN.shape()}, LIT, film(2, 2), **options)
 
 
-def walls_colour(described: dict) -> dict:
-    """Lit and seen by a coloured wall."""
-    return described | {"relay_wall": described["relay_wall"] | {"bsdf": TINTED}}
+LASERS = {
+    "confocal": (point_laser, diffuse(0.8), 0.03),
+    # Of three bounces, two are on a tinted wall, the lit point's too
+    "on a tinted wall": (point_laser, TINTED, 0.05),
+    # `transient_nlos_path` asks the scene's own emitter, or gives it a power in watts
+    "a scene's": (scenes_laser, TINTED, 0.05),
+    "a scene's, of some power": (lambda: scenes_laser(laser_power=2.0), TINTED, 0.05),
+}
 
 
-@pytest.mark.slow
-def test_a_confocal_laser_is_white():
-    found = ratio(lambda: point_laser(diffuse(0.7)))
-    assert found == pytest.approx([1, 1, 1], abs=0.03)
+@pytest.mark.parametrize("name", LASERS)
+def test_lasers_are_white(name):
+    describe, wall, within = LASERS[name]
+
+    def on_wall() -> dict:
+        described = describe()
+        return described | {"relay_wall": described["relay_wall"] | {"bsdf": wall}}
+
+    found, expected = both(on_wall)
+    assert found / expected == pytest.approx([1, 1, 1], abs=within)
 
 
-@pytest.mark.slow
-def test_the_lit_point_keeps_its_colour():
-    """Of three bounces, two are on a tinted wall, the lit point's too."""
-    found = ratio(lambda: walls_colour(point_laser(diffuse(0.7))))
-    assert found == pytest.approx([1, 1, 1], abs=0.05)
-
-
-def pattern(colours, bounces: int) -> dict:
-    """Spots beside the camera's axis, each of its own colour."""
-    where = [(0.5, 0.0), (-0.5, 0.0)]
-    spots = {
-        "spot_positions": mi.TensorXf(np.array(where, np.float32)),
-        "spot_sigmas": mi.TensorXf(np.array([0.3, 0.2], np.float32)),
-        "spot_intensities": mi.TensorXf(np.array(colours, np.float32)),
-    }
-    to_world = mi.ScalarTransform4f().look_at(list(DEVICE), [0, 0, 0], [0, 1, 0])
-    lamp = {"type": "confocal_projector", "fov": 0.8, "is_confocal": False, "frame": to_world}
-    setup = Setup(sensor=DEVICE)
-    described = confocal(setup, patch(diffuse(0.7)), film(2, 2), filter_bounces=bounces)
-    integrator = {k: v for k, v in described["integrator"].items() if k != "power"}
-    return described | {"integrator": integrator | {"confocal_projector": lamp | spots}}
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("colours", "bounces"),
     [
@@ -99,23 +82,17 @@ def pattern(colours, bounces: int) -> dict:
     ],
 )
 def test_a_projectors_spots(colours, bounces):
-    describe = {"colours": colours, "bounces": bounces}
-    expected = colour(pattern, 1 << 12, **describe)
-    mi.set_variant(SPECTRAL)
-    found = colour(pattern, 1 << 14, **describe)
+    def pattern() -> dict:
+        lamp = {"type": "confocal_projector", "fov": 0.8, "is_confocal": False}
+        lamp["frame"] = mi.ScalarTransform4f().look_at(list(DEVICE), [0, 0, 0], [0, 1, 0])
+        values = {"positions": [(0.5, 0), (-0.5, 0)], "sigmas": [0.3, 0.2], "intensities": colours}
+        for key, value in values.items():
+            lamp[f"spot_{key}"] = mi.TensorXf(np.array(value, np.float32))
+        hidden = {"hidden": HIDDEN.shape()}
+        described = confocal(Setup(sensor=DEVICE), hidden, film(2, 2), filter_bounces=bounces)
+        del described["integrator"]["power"]
+        described["integrator"]["confocal_projector"] = lamp
+        return described
+
+    found, expected = both(pattern)
     assert found / expected.max() == pytest.approx(expected / expected.max(), abs=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "power",
-    [None, 2.0],
-)
-def test_a_scenes_laser(power):
-    """`transient_nlos_path` asks the scene's own emitter, or gives it a power in watts."""
-    options = {} if power is None else {"laser_power": power}
-    setup = Setup(sensor=DEVICE, laser=LASER)
-    found = ratio(
-        lambda: walls_colour(single(setup, patch(diffuse(0.7)), LIT, film(2, 2), **options))
-    )
-    assert found == pytest.approx([1, 1, 1], abs=0.05)

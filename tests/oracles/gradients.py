@@ -22,7 +22,6 @@ from scipy.special import ndtr
 
 SPEED_OF_LIGHT = 299_792_458.0
 TINY = 1e-30
-
 Form = Callable[[Any], tuple[Any, Any]]
 
 
@@ -49,9 +48,6 @@ def derived(form: Form, theta: float) -> Arrived:
     light, opl = np.broadcast_arrays(*(np.atleast_1d(a) for a in form(theta + TINY * 1j)))
     light, opl = light.astype(complex), opl.astype(complex)
     return Arrived(light.real, opl.real, light.imag / TINY, opl.imag / TINY)
-
-
-# ------------------------------------------------------------------------- what is seen of them
 
 
 def density(x) -> np.ndarray:
@@ -161,9 +157,6 @@ class Correlation:
         return self._turned(Phasor(self.frequency_hz).derivative(light))
 
 
-# ---------------------------------------------------------------------------------- quadrature
-
-
 def dot(a, b):
     return (np.asarray(a) * np.asarray(b)).sum(axis=-1)
 
@@ -191,9 +184,6 @@ def film_directions(
     u, v = (a.ravel() * math.tan(math.radians(fov / 2)) for a in np.meshgrid(x, x))
     d = forward + np.outer(u, left) + np.outer(v, np.cross(forward, left))
     return d / length(d)[:, None], np.outer(w, w).ravel() / 4
-
-
-# ------------------------------------------------------- planes, lit by a point or by each other
 
 
 @dataclass
@@ -271,9 +261,6 @@ def disk_light(h, radius: float, radiance: float, albedo, camera: float) -> tupl
     return albedo * radiance * h**2 / r**4 * 2 * s * w, camera + r
 
 
-# ------------------------------------------------------------------------------------- spheres
-
-
 def inside_sphere(
     radius, albedo, intensity: float, bounces: int, order: int = 160
 ) -> tuple[Any, Any]:
@@ -310,9 +297,6 @@ def sphere_light(
     return albedo * radiance * cosine * solid, opl
 
 
-# ---------------------------------------------------------------------------------- refraction
-
-
 def fresnel(sine: float, index):
     """Unpolarised reflectance of glass for light in air at the sine of its angle."""
     cos_i, cos_t = math.sqrt(1 - sine**2), np.sqrt(1 - (sine / index) ** 2)
@@ -338,9 +322,6 @@ def slab(
 def seen_in_mirror(z, air: float, cosine: float, light: float) -> tuple[Any, Any]:
     """g4: a mirror moved by z along its normal, in front of a lamp across the reflected ray."""
     return np.array([light]), air - 2 * cosine * np.atleast_1d(z)
-
-
-# ------------------------------------------------------------------------------------- hidden
 
 
 def hidden_patch(

@@ -25,8 +25,6 @@ from numpy.polynomial.legendre import leggauss
 
 import tofrender
 
-# --------------------------------------------------------------------------------- surfaces
-
 
 @dataclass
 class Nodes:
@@ -101,9 +99,6 @@ def sphere_nodes(centre, radius: float, order: int = 200) -> Nodes:
     ).reshape(-1, 3)
     areas = np.repeat(w, order) * 2 * np.pi * radius**2 / order
     return Nodes(np.asarray(centre) + radius * normals, normals, areas)
-
-
-# ------------------------------------------------------------------------------ three bounces
 
 
 @dataclass
@@ -193,9 +188,6 @@ def sphere_masses(edges, setup: Setup, albedo: float, point, centre, radius: flo
     return setup.power * setup.albedo**2 * albedo * np.array(result)
 
 
-# ------------------------------------------------------------------------------------ V-groove
-
-
 @dataclass
 class Groove:
     """Two faces at right angles that meet in an edge along y at (0, z) and open towards the wall.
@@ -266,9 +258,6 @@ class Groove:
         return np.concatenate(opl), np.concatenate(light)
 
 
-# ------------------------------------------------------------------------------------- scenes
-
-
 def relay_wall(
     setup: Setup, the_film: dict | None = None, to_world=None, spp: int = 256, **more
 ) -> dict:
@@ -324,6 +313,18 @@ def single(setup: Setup, hidden: dict, lit, the_film: dict | None = None, **opti
 
 def load_nlos(description: dict) -> mi.Scene:
     return tofrender.load_scene(description, optimize=False)
+
+
+def picture_film(width: int = 1, height: int | None = None) -> dict:
+    sizes = {"width": width, "height": height or width, "rfilter": {"type": "box"}}
+    return {"type": "hdrfilm", "pixel_format": "rgb", "component_format": "float32"} | sizes
+
+
+def in_pictures(described: dict, the_film: dict, **integrator: Any) -> dict:
+    """The same wall and lights, for an integrator of Mitsuba's that knows no time."""
+    wall = described["relay_wall"]
+    wall = wall | {"sensor": wall["sensor"] | {"film": the_film}}
+    return described | {"relay_wall": wall, "integrator": integrator}
 
 
 def estimates(description: dict | mi.Scene, spp: int, what: str = "steady"):
