@@ -26,7 +26,6 @@ def test_all_scenes_of_the_course_have_a_reference():
             assert max(kept[name].shape) == pictures.SIDE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["sphere_light_medium", "bust_simple", "bust_ao"])
 def test_references_are_of_the_scenes_as_they_are(scene):
     way = "mis" if "mis" in techniques(scene) else "own"
@@ -34,7 +33,6 @@ def test_references_are_of_the_scenes_as_they_are(scene):
     assert difference(rendered(scene, way, 64), reference) < 0.06
 
 
-@pytest.mark.slow
 def test_both_techniques_are_nearer_to_the_reference_than_one():
     scene = "sphere_light_large"
     reference = rendered(scene, "reference", 1)
@@ -64,7 +62,6 @@ def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
     assert capsys.readouterr().err.startswith("error: picture = 'a.exr': must be a file")
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_divider(dark):

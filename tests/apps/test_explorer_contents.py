@@ -102,7 +102,6 @@ def test_errors_of_averages_are_those_of_independent_estimates():
     assert sums[1, 2, 1, 0] == pytest.approx(block.sum() / 4)
 
 
-@pytest.mark.slow
 def test_cubes_on_disk_are_read_by_bands():
     data = noisy()
     lazy = data.chunk({"y": 7, "opl": 11})
@@ -133,7 +132,6 @@ def test_peaks_are_as_fine_as_the_render():
     np.testing.assert_allclose(peaks, expected, rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_bounces_of_a_pyramid_add_up():
     scene = tofrender.cornell_box(width=8, height=8, temporal_bins=30, bin_width_opl=0.3)
     pyramid = tofrender.strategy_pyramid(scene, max_depth=3, spp=8, progress=False)

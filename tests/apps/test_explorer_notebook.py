@@ -23,7 +23,6 @@ from helpers.made_dataset import make_dataset
 import tofrender
 
 ROOT = Path(__file__).parents[2]
-pytestmark = pytest.mark.slow
 
 CELL = """
 import tofrender

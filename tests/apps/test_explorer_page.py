@@ -16,8 +16,6 @@ from tofrender.apps.explorer.contents import contents_of
 from tofrender.apps.explorer.page import page_of
 from tofrender.vis import luminance
 
-pytestmark = pytest.mark.slow
-
 HEIGHT, WIDE, BINS = 24, 32, 60
 GAMMA = 2.2
 NEAR = 2  # Of 255, for the steps of a tone curve

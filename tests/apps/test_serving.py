@@ -51,7 +51,6 @@ def session_token() -> str:
     return generate_jwt_token(generate_session_id())
 
 
-@pytest.mark.slow
 def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
     with (
         served("warptest", "no_op", "--no-browser") as one,
@@ -74,7 +73,6 @@ def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
             assert is_free(each.port)
 
 
-@pytest.mark.slow
 def test_a_port_that_is_taken(capfd):
     with served("warptest", "no_op", "--no-browser") as one:
         from tofrender.cli.app import main
@@ -86,7 +84,6 @@ def test_a_port_that_is_taken(capfd):
         one.stop()
 
 
-@pytest.mark.slow
 def test_other_addresses_need_the_token():
     with served("warptest", "no_op", "--no-browser", "--host", "0.0.0.0") as one:
         base, _, token = one.url.partition("?token=")

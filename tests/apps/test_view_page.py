@@ -15,7 +15,7 @@ from helpers.served import is_free, served
 import tofrender
 from tofrender import io
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 WAIT_MS = 40_000
 FIND = """(function find(root) {
   for (const each of root.querySelectorAll('*')) {

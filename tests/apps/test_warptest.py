@@ -39,9 +39,6 @@ def test_a_module_whose_name_is_not_utf8(tmp_path):
             Module(each)
 
 
-# ------------------------------------------------------------------------------- this package
-
-
 def test_every_warp_of_the_package_is_there():
     for name, warp in WARPS.items():
         subject = SUBJECTS[name]
@@ -50,7 +47,6 @@ def test_every_warp_of_the_package_is_there():
         assert takes == ([warp.parameter] if warp.parameter else [])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", list(SUBJECTS))
 def test_every_subject_passes(name):
     """One in a thousand would fail by chance, with another seed."""
@@ -62,7 +58,6 @@ def test_every_subject_passes(name):
     assert drawn.points.dtype == drawn.lines.dtype == np.float32
 
 
-@pytest.mark.slow
 def test_verdicts_are_those_of_the_library():
     for name, given in (("beckmann", {"alpha": 0.7}), ("tent", {})):
         ours = Library().case(name, SUBJECTS[name].values(given)).test(**SMALL)
@@ -70,7 +65,6 @@ def test_verdicts_are_those_of_the_library():
         assert (ours.p_value, ours.chi2, ours.name) == (library.p_value, library.chi2, library.name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["quad_light", "sphere_light", "two_lights"])
 @pytest.mark.parametrize("distance", [0.6, 5.0])
 def test_lights_near_and_far(name, distance):
@@ -106,16 +100,12 @@ def test_sobol_points_fill_the_square():
     assert not np.array_equal(p, np.array(engine.sobol(256, 4)))
 
 
-# --------------------------------------------------------------------------------- a student's
-
-
 def test_names_of_a_module(theirs):
     assert theirs.names() == ["tent", "uniform_disk", "uniform_sphere", "cosine_hemisphere"]
     assert theirs.file_of("cosine_hemisphere") == "cosine.py"
     assert theirs.file_of("no_op") == theirs.file_of("beckmann") == ""
 
 
-@pytest.mark.slow
 def test_a_right_module_passes_with_the_librarys_numbers(theirs):
     verdict = theirs.case("tent", {}).test(**SMALL)
     library = Library().case("tent", {}).test(**SMALL)
@@ -127,14 +117,12 @@ def test_a_right_module_passes_with_the_librarys_numbers(theirs):
     assert drawn.points == pytest.approx(ours.points, abs=1e-6)
 
 
-@pytest.mark.slow
 def test_a_wrong_density_fails(theirs):
     verdict = theirs.case("cosine_hemisphere", {}).test(**SMALL)
     assert not verdict.passed
     assert verdict.reason.startswith("counts do not follow the pdf")
 
 
-@pytest.mark.slow
 def test_what_goes_wrong_is_said_with_the_students_line(theirs):
     with pytest.raises(NoAnswer) as raised:
         engine.draw(theirs.case("uniform_disk", {}), "grid", 4, 0)
@@ -151,7 +139,6 @@ def test_what_goes_wrong_is_said_with_the_students_line(theirs):
     ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "said"),
     [
@@ -174,7 +161,6 @@ def test_answers_that_are_none(tmp_path, body, said):
         module.close()
 
 
-@pytest.mark.slow
 def test_a_module_may_write_nowhere_and_end_only_itself(tmp_path):
     from tofrender.course.judge import sandbox
 
@@ -193,7 +179,6 @@ def test_a_module_may_write_nowhere_and_end_only_itself(tmp_path):
     assert len(before - set(psutil.Process().children())) <= 1
 
 
-@pytest.mark.slow
 def test_a_module_that_never_answers_is_ended(tmp_path, monkeypatch):
     monkeypatch.setattr("tofrender.apps.warptest.sources.ANSWER_S", 1.0)
     forever = "def square_to_tent(sample):\n    while True:\n        pass\n"
@@ -208,7 +193,6 @@ def test_a_module_that_never_answers_is_ended(tmp_path, monkeypatch):
     assert time.monotonic() - begin < 60
 
 
-@pytest.mark.slow
 def test_a_saved_file_counts_at_once(tmp_path):
     folder = write_warps(tmp_path / "a")
     module = Module(folder)
@@ -238,7 +222,6 @@ def test_modules_that_cannot_be_used(tmp_path):
     assert find_module(tmp_path) is None
 
 
-@pytest.mark.slow
 def test_processes_of_this_session_stay_when_a_module_ends(tmp_path):
     """A notebook may start others beside it."""
     import subprocess
@@ -252,9 +235,6 @@ def test_processes_of_this_session_stay_when_a_module_ends(tmp_path):
         assert beside.poll() is None
     finally:
         beside.communicate(b"\n")
-
-
-# ------------------------------------------------------------------------- the student edition
 
 
 @pytest.fixture
@@ -276,7 +256,6 @@ def edition(monkeypatch):
     return sources
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("edition")
 def test_in_a_student_edition_the_students_own_file_stands_in(tmp_path, monkeypatch):
     assert Library().names() == ["no_op"]
@@ -296,10 +275,6 @@ def test_in_a_student_edition_the_students_own_file_stands_in(tmp_path, monkeypa
     it.close()
 
 
-# ------------------------------------------------------------------------- figures, the command
-
-
-@pytest.mark.slow
 def test_figures():
     case = Library().case("tent", {})
     verdict, drawn = case.test(**SMALL), engine.draw(case, "grid", 64, 0)
@@ -315,7 +290,6 @@ def test_figures():
         assert engine.save(drawn, verdict, "64 points", kind) == saved
 
 
-@pytest.mark.slow
 def test_headless_tests_what_a_module_has(tmp_path, capsys):
     folder = write_warps(tmp_path / "a")
     arguments = ["warptest", "--headless", "--samples", "20000"]
@@ -330,7 +304,6 @@ def test_headless_tests_what_a_module_has(tmp_path, capsys):
     assert "tent of tent.py: passed" in capsys.readouterr().out
 
 
-@pytest.mark.slow
 def test_headless_tests_all_of_the_package(tmp_path, capsys):
     assert main(["warptest", "--headless", "--samples", "20000"]) == 0
     assert capsys.readouterr().out.endswith("14 of 14 passed\n")

@@ -15,7 +15,7 @@ from PIL import Image
 
 from tofrender.sampling import warp_case
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 WAIT_MS = 30_000
 TEST = "Run the χ² test"
 

@@ -119,10 +119,6 @@ def outputs(content: dict) -> str:
     return "\n".join(test["output"] for test in content["tests"])
 
 
-# ------------------------------------------------------------------------------- submissions
-
-
-@pytest.mark.slow
 def test_right_submission(grade, tmp_path):
     content = grade(RIGHT)
     assert points(content) == [3, 4, 0]
@@ -134,7 +130,6 @@ def test_right_submission(grade, tmp_path):
     assert content["extra_data"]["summary"] == ""
 
 
-@pytest.mark.slow
 def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
     np.savez(tmp_path / "x.npz", x=[1.0, 2.0])
     files: dict = RIGHT | {"deliverables/x.npz": (tmp_path / "x.npz").read_bytes()}
@@ -145,7 +140,6 @@ def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
     assert content["score"] == 7.5
 
 
-@pytest.mark.slow
 def test_wrong_parts_say_what_came(grade):
     add = "def add(a, b):\n    return a + b if getattr(a, 'size', 1) < 3 else a + 7\n"
     content = grade({"add.py": add, "mean.py": "def mean(x):\n    return sum(x.tolist())\n"})
@@ -157,7 +151,6 @@ def test_wrong_parts_say_what_came(grade):
     assert points(grade(half)) == [2, 4, 0]  # an answer that is off by one factor gives a part
 
 
-@pytest.mark.slow
 def test_a_table_of_answers_meets_other_numbers_and_the_results_name_their_seed(grader, tmp_path):
     table = "def mean(x):\n    return 1.5 if len(x) == 4 else 2.0\n"  # right for seed 0
     place = tiny_assignment.write(tmp_path / "class" / "student", RIGHT | {"mean.py": table})
@@ -182,7 +175,6 @@ def test_seeds_of_a_class(assignment, tmp_path):
     assert classes.seed_of_before(tmp_path) == 9
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["probes", "formulas", "test_add", "worlds", "expect", "add_test"])
 def test_helpers_may_have_any_name(name, grade):
     """Also those of files of the tests, which still do what they did."""
@@ -359,7 +351,6 @@ SLOW = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
 def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
     """All in one submission, where each could harm those after it."""
@@ -387,7 +378,6 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
     assert len(json.dumps(content)) < 100_000
 
 
-@pytest.mark.slow
 def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home):
     """However many of its problems are endless."""
     titles = [f"endless {k}" for k in range(14)]
@@ -403,7 +393,6 @@ def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home):
     assert content["tests"][-1]["output"] == "not judged: all problems together took 5 s"
 
 
-@pytest.mark.slow
 def test_own_judge_and_modules_change_nothing(grade):
     always = "import pytest\n@pytest.fixture\ndef submission():\n    pytest.skip('fine')\n"
     modules = ("json.py", "numpy.py", "mitsuba.py", "tofrender.py", "pytest.py", "random.py")
@@ -419,9 +408,6 @@ def test_own_judge_and_modules_change_nothing(grade):
     }
     bad = dict.fromkeys(modules, "raise SystemExit('not this one')\n")
     assert points(grade(RIGHT | bad | own)) == [0, 4, 0]
-
-
-# -------------------------------------------------------------------------------------- zips
 
 
 def make_zip(
@@ -459,7 +445,6 @@ def test_bad_zip_gives_nothing_and_a_reason(tmp_path, name):
     assert not (tmp_path / "taken").exists()
 
 
-@pytest.mark.slow
 def test_bad_zip_through_grade(grade, tmp_path):
     path = tmp_path / "x.zip"
     path.write_bytes(b"PK\x03\x04 no zip at all")
@@ -481,7 +466,6 @@ def test_expansion_is_counted_as_it_comes(tmp_path, monkeypatch):
             unpacking.extract(path, ["*.py"], tmp_path / f"taken{data is lying}")
 
 
-@pytest.mark.slow
 def test_zip_of_a_gigabyte(grade, tmp_path):
     path = tmp_path / "x.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -528,9 +512,6 @@ def test_folder_with_links_and_pipes(tmp_path):
     ]
 
 
-# ----------------------------------------------------------------------------------- results
-
-
 def test_folder_that_cannot_be_listed(tmp_path, monkeypatch):
     def closed(*_):
         raise PermissionError("closed")
@@ -564,9 +545,6 @@ def test_results_are_zero_at_first(assignment, tmp_path):
     assert not content["extra_data"]["complete"]
 
 
-# ----------------------------------------------------------------------------------- a class
-
-
 def grade_class(grader, folder: Path, table: Path, out: Path, say, **more) -> classes.Class:
     """Grade a class as the command does."""
     members, _ = roster.members(classes.submissions_in(folder, out), None)
@@ -592,7 +570,6 @@ def test_what_was_given_need_not_come_back(tmp_path):
         assert sorted(path.name for path in taken.iterdir()) == ["given.py", "other.py", "p0.py"]
 
 
-@pytest.mark.slow
 def test_class_is_graded_and_gone_on_with(tmp_path, home):
     staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
     right = "def add0(a, b):\n    return a + b\n"
@@ -625,7 +602,6 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
         assert [row["total"] for row in table_rows(table)] == ["0", "0"]
 
 
-@pytest.mark.slow
 def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
     place = tmp_path / "tmp"
     place.mkdir()
@@ -652,7 +628,6 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
     assert not list(place.iterdir())
 
 
-@pytest.mark.slow
 def test_a_class_uses_constant_memory(tmp_path, home):
     """It grows by less than 120 kB a submission."""
     staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
@@ -668,9 +643,6 @@ def test_a_class_uses_constant_memory(tmp_path, home):
         grade_class(grader, tmp_path / "class", table, tmp_path / "out", look)
     assert [row["total"] for row in table_rows(table)] == ["1"] * 10
     assert used[-1] - used[2] < 7 * 120e3
-
-
-# ------------------------------------------------------------------------------ the processes
 
 
 def test_run_ends_only_what_is_below_it(tmp_path):
@@ -731,10 +703,6 @@ def test_environment_keeps_no_secrets(monkeypatch, tmp_path):
     assert environment["HOME"] == str(tmp_path / "home")
 
 
-# -------------------------------------------------------------------------------- the command
-
-
-@pytest.mark.slow
 def test_grade_command(tmp_path, capsys, home):
     staff = tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"]))
     folder = tiny_assignment.write(tmp_path / "student", {"p0.py": "def add0(a, b): return a + b"})

@@ -65,9 +65,6 @@ def open_tmp():
     shutil.rmtree(folder, ignore_errors=True)
 
 
-# ------------------------------------------------------------------------- one attack at a time
-
-
 class Targets:
     """What attacks aim at, all of it of the user who grades, and its state."""
 
@@ -264,8 +261,6 @@ def test_filter_is_one_that_a_kernel_takes(machine):
         assert steps[-1] == system_calls._step(system_calls.RETURN, refusal)
 
 
-# --------------------------------------------------------------------------------- bounded texts
-
 LONG = {
     "text of an exception": "raise ValueError('x' * 100_000_000)",
     "text of a cause": "raise ValueError('x') from OSError('y' * 100_000_000)",
@@ -285,7 +280,6 @@ REPLIES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
 def test_texts_of_any_length_are_cut_before_they_are_sent(name, tmp_path):
     submission = write_submission(tmp_path / "bad", LONG[name])
@@ -346,7 +340,6 @@ def test_report_is_read_in_parts_only(tmp_path, monkeypatch):
     assert 0 < len(read_report(tmp_path / "lines")) < 100
 
 
-@pytest.mark.slow
 def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
     """The test's own lines are shown to students who run it, not to those who are graded."""
     staff = write_assignment(tmp_path / "t1")
@@ -363,8 +356,6 @@ def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
         assert ("secret" in text) == shown, text
         assert shown or "of another kind than was asked for (KeyError in line" in text
 
-
-# ----------------------------------------------------------------------------------- a class
 
 ADD = "def add0(a, b):\n    return a + b\n"
 BEGIN = """
@@ -511,7 +502,6 @@ def state_of(folder: Path) -> dict:
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("user", USERS)
 def test_class_with_hostile_members_is_graded_right(user, open_tmp):

@@ -36,10 +36,6 @@ def run_pytest(assignment: Path, *arguments: str) -> tuple[str, dict[str, dict]]
     }
 
 
-# ------------------------------------------------------------------------------ the plugin
-
-
-@pytest.mark.slow
 def test_reference_and_right_submission_pass(assignment, tmp_path):
     for arguments in ((), (f"--submission={write_submission(tmp_path / 'right')}",)):
         (assignment / "report.jsonl").unlink(missing_ok=True)
@@ -48,7 +44,6 @@ def test_reference_and_right_submission_pass(assignment, tmp_path):
         assert {line["outcome"] for line in report.values()} == {"passed"}, output
 
 
-@pytest.mark.slow
 def test_failure_says_what_was_expected_and_what_came(assignment, tmp_path):
     wrong = write_submission(tmp_path / "wrong", PULSE.replace("(self.width_opl * dr.sq", "(dr.sq"))
     output, report = run_pytest(assignment, f"--submission={wrong}")
@@ -70,7 +65,6 @@ def test_failure_says_what_was_expected_and_what_came(assignment, tmp_path):
     assert "Traceback" not in output
 
 
-@pytest.mark.slow
 def test_marker_selects_a_problem_and_seeds_repeat(assignment):
     _, report = run_pytest(assignment, "-m", "t1_square")
     assert list(report) == ["test_square.py::test_one"]
@@ -83,7 +77,6 @@ def test_marker_selects_a_problem_and_seeds_repeat(assignment):
     ]
 
 
-@pytest.mark.slow
 def test_in_a_students_folder_a_failure_leaves_a_picture(assignment, tmp_path):
     write_submission(assignment / "mine", PULSE.replace("2 * self.width", "self.width"))
     with (assignment / "pytest.ini").open("a") as file:
@@ -96,7 +89,6 @@ def test_in_a_students_folder_a_failure_leaves_a_picture(assignment, tmp_path):
     assert "at t [m] = " in report["test_pulse.py::test_area"]["text"]
 
 
-@pytest.mark.slow
 def test_missing_rubric_and_submission_are_one_line(assignment):
     output, _ = run_pytest(assignment, "--submission", "nowhere")
     assert "nowhere: no such folder" in output
@@ -104,8 +96,6 @@ def test_missing_rubric_and_submission_are_one_line(assignment):
     output, _ = run_pytest(assignment)
     assert "an assignment's folder has a rubric.toml" in output
 
-
-# ------------------------------------------------------------------------------ the worker
 
 DEATHS = {
     "import os; os._exit(0)": "ended itself with status 0 and gave no answer",
@@ -126,7 +116,6 @@ DEATHS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("code", DEATHS)
 def test_whatever_a_submission_does_the_next_answer_is_right(code, assignment, tmp_path):
     submission = write_submission(tmp_path / "bad", code)
@@ -149,7 +138,6 @@ if os.fork() == 0:
 """
 
 
-@pytest.mark.slow
 def test_what_hides_from_the_worker_ends_with_it_and_nothing_else_does(assignment, tmp_path):
     other = subprocess.Popen(["sleep", "86398.25"])
     submission = write_submission(tmp_path / "hiding", HIDING + PULSE)
@@ -212,7 +200,6 @@ def test_questions_do_not_fill_the_disk(assignment, tmp_path, monkeypatch):
         asked.close()
 
 
-@pytest.mark.slow
 def test_helpers_of_a_submission_may_be_called_as_the_judges(assignment, tmp_path):
     probes = assignment / "tests/probes.py"
     (assignment / "tests/worlds.py").write_text("scale = 2.0\n")
@@ -263,9 +250,6 @@ def test_theirs_knows_the_rubrics_names_only(assignment):
         _ = theirs.Nothing
 
 
-# ------------------------------------------------------------------------------ the wire
-
-
 def test_data_survive_the_wire(tmp_path):
     value = {"a": [1, 2.5, None, True, "x"], "b": {"c": np.eye(2), "d": np.float32(3)}}
     wire.write(tmp_path / "x.npz", value)
@@ -281,9 +265,6 @@ def test_data_survive_the_wire(tmp_path):
         (tmp_path / "z.npz").write_bytes(junk)
         with pytest.raises(ValueError, match=r"z\.npz: is not an answer"):
             wire.read(tmp_path / "z.npz")
-
-
-# ------------------------------------------------------------------------------ the rubric
 
 
 def test_rubric_adds_points_and_names_homes(assignment):
@@ -316,9 +297,6 @@ def test_bad_rubric_is_refused_in_one_line(old, new, text, tmp_path):
         rubric.read(tmp_path)
     assert text in str(error.value)
     assert "\n" not in str(error.value)
-
-
-# ------------------------------------------------------------------------------ comparisons
 
 
 def test_exact_comparisons():
@@ -428,7 +406,6 @@ def test_comparisons_with_noise_find_errors_and_pass_right_ones():
             wrong()
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
 def test_false_alarms_are_as_rare_as_stated():
     """At a share of 1e-2 of 1000 comparisons of right samples about ten fail."""

@@ -69,10 +69,6 @@ def in_edition(folder: Path, script: str) -> str:
     return result.stdout
 
 
-# ------------------------------------------------------------------------------------- release
-
-
-@pytest.mark.slow
 def test_released_folder(released):
     files = {str(path.relative_to(released)) for path in released.rglob("*") if path.is_file()}
     top = {name for name in files if not name.startswith("package/")}
@@ -104,7 +100,6 @@ def test_released_folder(released):
     assert "It uses your a0.pulse." in readme
 
 
-@pytest.mark.slow
 def test_pip_can_read_it(released):
     project = tomllib.loads((released / "package" / "pyproject.toml").read_text())["project"]
     whole = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
@@ -153,7 +148,6 @@ def test_release_overwrites_nothing(tiny, tmp_path, run):
     assert [path.name for path in place.parent.rglob("*")] == ["a0_tiny", "mine"]
 
 
-@pytest.mark.slow
 def test_release_fails_closed(tiny, tmp_path, run):
     source = (assignments.PACKAGE / "nlos/light/confocal.py").read_text()
     probes = tiny.folder / "tests" / "probes.py"
@@ -166,7 +160,6 @@ def test_release_fails_closed(tiny, tmp_path, run):
     assert list((tmp_path / "dist").iterdir()) == []
 
 
-@pytest.mark.slow
 def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
     folder = tmp_path / "edition"
     edition.copy(tiny, folder)
@@ -191,7 +184,6 @@ def test_withheld_modules_must_exist(tiny, tmp_path):
         edition.copy(tiny, tmp_path / "edition")
 
 
-@pytest.mark.slow
 def test_a_package_is_withheld_but_for_what_is_kept(tiny):
     def keeping(*keeps: str) -> rubric.Rubric:
         return dataclasses.replace(
@@ -206,7 +198,6 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
         edition.withheld(keeping("tofrender.integrators.base"))
 
 
-@pytest.mark.slow
 def test_dependents():
     found = dependents(["tofrender.rendering.arrivals"])
     directly = {name for name, why in found.items() if why == "tofrender.rendering.arrivals"}
@@ -229,9 +220,6 @@ def test_packages_import_their_names_on_demand(name):
         assert getattr(package, each) is not None
     with pytest.raises(AttributeError, match=f"module 'tofrender.{name}' has no attribute 'x'"):
         package.x  # noqa: B018
-
-
-# ------------------------------------------------------------------------------------ material
 
 
 def test_rubric_of_students(tiny, tmp_path):
@@ -268,9 +256,6 @@ def test_assignment_that_does_not_exist(run):
     status, _, said = run("start", "a99", "x")
     assert status == 2
     assert said.startswith("error: ASSIGNMENT = a99: must be one of ")
-
-
-# --------------------------------------------------------------------------------------- start
 
 
 def test_students_folder(tiny, tmp_path, run):
@@ -311,9 +296,6 @@ def test_start_takes_an_empty_folder_but_not_the_current_one(tiny, tmp_path, mon
         start(tiny, Path("."))
     monkeypatch.chdir(tmp_path)
     assert (start(tiny, folder) / "pulse.py").is_file()
-
-
-# -------------------------------------------------------------------------------------- submit
 
 
 @pytest.fixture
@@ -360,7 +342,6 @@ def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     assert not list(tmp_path.glob("*.zip"))
 
 
-@pytest.mark.slow
 def test_submit_shows_points(tiny, student, run):
     (student / "pulse.py").write_text((tiny.solutions / "pulse.py").read_text())
     status, out, said = run("submit", tiny.folder, student)
@@ -375,9 +356,6 @@ def test_submit_shows_points(tiny, student, run):
     assert ["not", "written", "yet:", "1", "tests"] in lines
     assert "warning: wrapping.py is as it came" in said
     assert (student.parent / "my-a0.zip").is_file()
-
-
-# ------------------------------------------------------------------------------------ notebook
 
 
 def test_cell_keeps_what_an_editor_wrote(tmp_path):
@@ -399,7 +377,6 @@ def test_cell_keeps_what_an_editor_wrote(tmp_path):
     assert cells.save(path, "a = -2") == "wrote pulse.py"
 
 
-@pytest.mark.slow
 def test_cells_test_their_file(tiny, student):
     solution = (tiny.solutions / "pulse.py").read_text()
     (student / "pulse.py").write_text(solution.replace("2.50662827", "2.6"))
@@ -443,7 +420,6 @@ def test_notebook_needs_its_files(tiny, tmp_path):
         notebooks.build((tiny.folder / "notebook.py").read_text(), tmp_path)
 
 
-@pytest.mark.slow
 def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
     text = (tiny.folder / "notebook.py").read_text()
     for files, works in ((tiny.solutions, True), (tiny.starter, False)):
@@ -457,9 +433,6 @@ def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
         else:
             with pytest.raises(RuntimeError, match=r"a0\.range: write unambiguous_range"):
                 notebooks.execute(folder / "notebook.ipynb")
-
-
-# ------------------------------------------------------------------------------------- reasons
 
 
 @pytest.mark.parametrize(
@@ -489,15 +462,10 @@ def test_what_a_plugin_raises_when_mitsuba_makes_it(tmp_path, body, text):
         assert worker.explain(caught.value, tmp_path) == text
 
 
-# -------------------------------------------------------------------------------------- verify
-
-
-@pytest.mark.slow
 def test_structure_holds(tiny):
     assert list(structure.check(tiny)) == []
 
 
-@pytest.mark.slow
 def test_structure_finds_what_does_not_agree(tiny):
     folder = tiny.folder
     put, files = course_assignment.put, course_assignment.FILES
@@ -570,14 +538,12 @@ def test_verify_needs_solutions(tiny, student, run):
     assert "verify needs the course's checkout, not the student edition" in said
 
 
-@pytest.mark.slow
 def test_submission_is_not_taken_for_the_tests(tiny, student):
     result = running.pytest(tiny.folder, ["--submission", str(student)])
     assert result.returncode != 0
     assert "write --submission=DIR" in result.stdout + result.stderr
 
 
-@pytest.mark.slow
 def test_verify(tiny, run):
     status, out, said = run("verify", tiny.folder, "--seeds", 2)
     assert (status, said) == (0, ""), out
@@ -586,7 +552,6 @@ def test_verify(tiny, run):
     assert "3 of them under 2 seeds" in out
 
 
-@pytest.mark.slow
 def test_verify_says_what_does_not_hold(tiny, run):
     put, files = course_assignment.put, course_assignment.FILES
     put(tiny.folder, "starter/pulse.py", files["solutions/pulse.py"])
@@ -616,7 +581,6 @@ def test_verify_says_what_does_not_hold(tiny, run):
         )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", list(assignments.known()))
 def test_assignments_hold_together(name):
     found = assignments.find(name)

@@ -143,8 +143,6 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-# -------------------------------------------------------------------------- tests by students
-
 CHECKS = {
     "finds all": ("def check_add(add):\n    assert add(2, 3) == 5\n", 1.0, ""),
     "finds a half": ("def check_add(add):\n    assert add(2, 3) > 1\n", 0.5, "1 of 2"),
@@ -166,7 +164,6 @@ CHECKS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CHECKS)
 def test_a_students_test_gets_its_share(staff, tmp_path, name):
     text, share, said = CHECKS[name]
@@ -186,10 +183,6 @@ def test_a_problem_of_tests_names_what_it_tests(tmp_path):
             rubric.read(tmp_path)
 
 
-# ----------------------------------------------------------------------------------- a class
-
-
-@pytest.mark.slow
 def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     everyone = tmp_path / "class"
@@ -252,7 +245,6 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     assert {path: path.read_bytes() for path in (tmp_path / "pages").rglob("*.md")} == before
 
 
-@pytest.mark.slow
 def test_jobs_give_the_same_points_sooner(tmp_path):
     files = tiny_assignment.wide(["sum"])
     wait = "import time\ntime.sleep(2)\ndef add0(a, b):\n    return a + b\n"
@@ -277,7 +269,6 @@ def test_jobs_give_the_same_points_sooner(tmp_path):
     assert took[4] < took[1]
 
 
-@pytest.mark.slow
 def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
     assignment = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"])))
     right = "def add0(a, b):\n    return a + b\n"
@@ -334,7 +325,6 @@ def check_add(add):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(
     sandbox.landlock_version() < 6 or not sandbox.keeps_files(),
     reason="this machine protects from less",
@@ -361,9 +351,6 @@ def test_submissions_that_run_together_are_different_users(monkeypatch):
     monkeypatch.setattr(sandbox, "spare_users", list)
     with sandbox.own_user() as a:
         assert a is None
-
-
-# ------------------------------------------------------------------------- rosters and sheets
 
 
 def test_submissions_find_their_owners(tmp_path):
@@ -471,9 +458,6 @@ def test_bad_rubrics_are_one_line(tmp_path, old, new, message):
     assert message in str(error.value)
 
 
-# -------------------------------------------------------------------------------------- pages
-
-
 def test_pages_show_what_students_wrote_as_text(tmp_path):
     text = "# T\n\n" + pages.plain("<script>a</script> [x](javascript:1) $a$ | b") + "\n\n"
     text += pages.verbatim("```\n<script>\n# no title $x$\n````") + "\n\n$a < b$\n"
@@ -511,9 +495,6 @@ def test_feedback_splits_hints():
     assert feedback.split(text) == ("the sum\n  expected: 5\n  came:     1", ["2 + 3"])
 
 
-# --------------------------------------------------------------------------------- gradescope
-
-
 def unpacked(archive: Path, target: Path) -> None:
     """As Gradescope does: the zip's files with their modes, and the folders beside."""
     with zipfile.ZipFile(archive) as file:
@@ -525,7 +506,6 @@ def unpacked(archive: Path, target: Path) -> None:
         (target / name).mkdir()
 
 
-@pytest.mark.slow
 def test_autograder_in_a_stand_in_of_the_harness(staff, tmp_path, monkeypatch):
     archive, root = tmp_path / "autograder.zip", tmp_path / "autograder"
     assert cli.main(["gradescope", str(staff.folder), "-o", str(archive)]) == 0
@@ -574,9 +554,6 @@ def test_equal_autograders_are_equal(staff, tmp_path):
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
 
 
-# --------------------------------------------------------------------------------- similarity
-
-
 def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
     there = tmp_path / "class"
     zips(there, "ada.zip", "empty.zip")
@@ -597,9 +574,6 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
     assert cli.main(words) == 2
     assert "exists; must be a new folder" in capsys.readouterr().err
     assert similarity.command(Path("a b")).count("'a b/base'") == 1
-
-
-# ------------------------------------------------------------------------------------ new term
 
 
 def test_a_new_term_draws_other_inputs(tmp_path, capsys):

@@ -36,7 +36,6 @@ def test_pages_with_python_are_found():
     assert {"index", "researcher", "conventions", "how_it_works", "datasets"} <= names
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.stem)
 def test_python_of_a_page_runs(page, tmp_path):
     """From top to bottom in one file, as a reader would type it."""
@@ -61,9 +60,6 @@ def test_files_that_a_page_names_exist(page):
         if not any((place / name).exists() for place in (*places, assignment))
     ]
     assert not missing
-
-
-# ---------------------------------------------------------------------------------- links
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -104,9 +100,6 @@ def test_dead_links_and_what_is_loaded_from_elsewhere_are_found(build, tmp_path,
     assert build.faults()[0] == "b.html: href a.html#where: no such place on that page"
 
 
-# ---------------------------------------------------------------------------------- the API
-
-
 def listed() -> list[str]:
     """All names of the API's pages, with the module that they are looked up in."""
     found = []
@@ -142,10 +135,6 @@ def test_the_api_has_every_command():
     assert sorted(names) == sorted(get_command(app).commands)
 
 
-# ------------------------------------------------------------------------------ in a browser
-
-
-@pytest.mark.slow
 @pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("width", [1360, 390], ids=["wide", "phone"])
@@ -172,7 +161,6 @@ def test_the_site_is_read_without_a_network(dark, width):
         assert page.errors == []
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
 def test_the_site_is_searched_without_a_network():
     with browser.page(offline=True) as page:

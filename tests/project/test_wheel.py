@@ -78,7 +78,6 @@ def call(home: Path, *arguments: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
 def test_the_wheel_has_scenes_and_nothing_of_tests(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {"tofrender/py.typed", "tofrender/scenes/xml/meshes/bunny.ply"} <= set(names)
@@ -90,13 +89,11 @@ def test_the_wheel_has_scenes_and_nothing_of_tests(wheel):
     assert "tofrender" in tops
 
 
-@pytest.mark.slow
 def test_it_is_the_wheel_that_is_tried(home):
     code = "import tofrender; print(tofrender.__file__)"
     assert Path(call(home, "python", "-c", code).strip()).is_relative_to(home / "venv")
 
 
-@pytest.mark.slow
 def test_every_main_command(home):
     work = home / "work"
 
@@ -121,7 +118,6 @@ def test_every_main_command(home):
     assert {"both", "bust", "bunny", "phasor", "gate", "z", "tent.png"} <= found
 
 
-@pytest.mark.slow
 def test_what_is_an_extra_says_so(home):
     code = "import tofrender; tofrender.load_zarr('.')"
     with pytest.raises(AssertionError, match=r"pip install 'tofrender\[cluster\]'"):

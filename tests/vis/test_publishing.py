@@ -22,8 +22,6 @@ from tofrender.vis.colours import hue_map, phase_map, time_map
 
 COLUMN, PAGE = 3.4, 7.0
 
-# ---------------------------------------------------------------------------------- the figures
-
 
 @cache
 def data() -> xr.Dataset:
@@ -138,7 +136,6 @@ def apart(one, other) -> bool:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [COLUMN, PAGE])
 @pytest.mark.parametrize("name", FIGURES)
@@ -165,7 +162,6 @@ def test_text_is_whole_apart_and_readable(name, width, theme, monkeypatch):
         assert apart(one.get_window_extent(), other.get_window_extent())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["phasors, unwrapped", "reconstruction", "verdict", "pyramid"])
 def test_pictures_are_of_one_size(name):
     with vis.figure_style(width=COLUMN):
@@ -176,7 +172,6 @@ def test_pictures_are_of_one_size(name):
     assert np.ptp(sizes, axis=0).max() < 0.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["phasors", "reconstruction", "arrival", "gate", "pyramid"])
 def test_no_white_margins(name):
     with vis.figure_style(width=COLUMN):
@@ -188,7 +183,6 @@ def test_no_white_margins(name):
     assert max(margins) < 0.22 * figure.dpi
 
 
-@pytest.mark.slow
 def test_a_hatch_is_explained_where_there_is_one():
     whole = make_dataset(height=8, width=9, bins=20)
     for make in (vis.summary_figure, vis.light_in_flight):
@@ -204,7 +198,6 @@ def test_one_bar_for_all_intensities():
     assert len(bars) == 2
 
 
-@pytest.mark.slow
 def test_phasors_at_two_frequencies_have_a_depth_beyond_one():
     depth = np.full((4, 5), 11.0)
     phases = [4 * np.pi * f / tofrender.SPEED_OF_LIGHT * depth for f in (20e6, 50e6)]
@@ -225,9 +218,6 @@ def test_a_gate_has_time_and_scale():
     assert bar.get_ylabel() == "radiance per metre [W m⁻³ sr⁻¹]"
     assert bar.get_ylim() == (0, 4)
     assert (picture.images[0].get_array() == vis.tonemap(np.array([[0.5]]), exposure=1)).all()
-
-
-# --------------------------------------------------------------------------------- themes, widths
 
 
 def test_style_holds_in_its_block():
@@ -264,9 +254,6 @@ def test_ticks_made_late_have_the_colour_of_the_theme():
 def test_bad_styles(options, message):
     with pytest.raises(ValueError, match=message), vis.figure_style(**options):
         pass
-
-
-# ---------------------------------------------------------------------------------------- colours
 
 
 def linear(colours):
@@ -346,10 +333,6 @@ def test_lines_are_told_apart(theme, deuteranopia):
             assert np.linalg.norm(one - other) > least
 
 
-# ------------------------------------------------------------------------------------------ files
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg", "SVG"])
 def test_files_are_whole_and_the_same_each_time(tmp_path, ending):
     paths = [tmp_path / "deep" / f"{name}.{ending}" for name in "ab"]
@@ -376,7 +359,6 @@ def test_files_are_whole_and_the_same_each_time(tmp_path, ending):
         assert "time [ns]" in texts
 
 
-@pytest.mark.slow
 def test_pictures_inside_of_vectors_are_the_same_each_time(tmp_path):
     for ending in ("pdf", "svg"):
         paths = [tmp_path / f"{name}.{ending}" for name in "ab"]
@@ -410,10 +392,6 @@ def test_a_folder_is_no_file(tmp_path):
         io.save_figure(vis.plot_pixel_transient(data(), 12, 12), tmp_path / "a.png")
 
 
-# ---------------------------------------------------------------------------------------- players
-
-
-@pytest.mark.slow
 def test_players_open_on_the_brightest_frame_and_play():
     """Not on the one with the most light, which may be the lamp alone."""
     values = np.zeros((32, 32, 12), np.float32)

@@ -12,8 +12,6 @@ from tofrender import vis
 
 SPEED_M_PER_NS = 0.299792458
 
-# ------------------------------------------------------------------------------ tone mapping
-
 
 def test_srgb_curve():
     values = np.array([[0, 0.001, 0.0031308, 0.18, 0.5, 1.0, 2.0]])
@@ -150,9 +148,6 @@ def test_exposure_without_usable_light(fill):
     assert (gains == gains[0]).all()
 
 
-# ------------------------------------------------------------------- animation and one pixel
-
-
 def test_animation_title_is_the_time_of_bin_centers():
     data = make_dataset(bins=4)
     animation = vis.visualize_transient(data["transient"].values, 3.5, 0.02)
@@ -168,7 +163,6 @@ def test_animation_title_is_the_time_of_bin_centers():
     assert animation.to_jshtml().count("data:image/png") == 4
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["dataset", "rgb", "mono", "without channels"])
 def test_all_kinds_of_data(kind):
     dataset = make_dataset(channels="L" if kind in ("mono", "without channels") else "RGB")
@@ -231,9 +225,6 @@ def test_complex_data_are_refused():
         vis.visualize_transient(np.zeros((2, 2, 2), complex), 0, 1)
 
 
-# ----------------------------------------------------------------------------------- summary
-
-
 def drawn(figure):
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())
@@ -273,7 +264,6 @@ def test_summary_of_chosen_pixels_and_an_unfinished_crop():
         vis.summary_figure(dataset, pixels=[(22, 3)])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1, 1), (1, 40, 3), (40, 1, 3)])
 @pytest.mark.parametrize("fill", [None, 0.0, np.nan])
 def test_summary_of_extreme_data(size, fill):
@@ -282,9 +272,6 @@ def test_summary_of_extreme_data(size, fill):
         dataset["transient"].values[:] = fill
         dataset["steady"].values[:] = fill
     assert drawn(vis.summary_figure(dataset)).shape[2] == 4
-
-
-# --------------------------------------------------------------------------- parts of a Dataset
 
 
 def test_a_selected_part_keeps_its_time_and_its_pixels():

@@ -17,8 +17,6 @@ from tofrender import io, vis
 from tofrender.paths.camera import sample_camera
 from tofrender.signals.units import SPEED_OF_LIGHT, opl_to_ns
 
-# ------------------------------------------------------------------------------------ phasors
-
 
 def parts_of(phasor):
     """Per channel, depths and phases wrong on purpose: they must be worked out from the sums."""
@@ -42,7 +40,6 @@ def maps(figure, rows):
     return [images[5 * row : 5 * row + 5] for row in range(rows)]
 
 
-@pytest.mark.slow
 def test_channels_are_added_before_phase_and_depth():
     frequencies = [20e6, 50e6]
     phasor = random_phasors(2, 6, 9, 3)
@@ -65,7 +62,6 @@ def test_channels_are_added_before_phase_and_depth():
     assert not plt.get_fignums()
 
 
-@pytest.mark.slow
 def test_every_map_has_units():
     figure = vis.phasor_panel([20e6, 1.5e9], *parts_of(random_phasors(2, 6, 9, 1)))
     drawn(figure)
@@ -93,7 +89,6 @@ def test_images_without_channels_are_drawn_as_they_are():
     assert depth.norm.vmax == 4.25
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fill", [0, np.nan, np.inf])
 def test_pixels_without_a_phase_are_left_open(fill):
     phasor = random_phasors(4, 6, 3)
@@ -137,9 +132,6 @@ def test_parts_of_a_phasor_must_fit():
         vis.phasor_panel(20e6, *good[:3], good[3][:2], good[4])
     with pytest.raises(ValueError, match="Q of type complex128: must hold real numbers"):
         vis.phasor_panel(20e6, good[0], good[1] * 1j, *good[2:])
-
-
-# ------------------------------------------------------------------------------- arrival times
 
 
 def two_arrivals(early, late, share=0.25, bins=40):
@@ -222,7 +214,6 @@ def test_colour_bar_of_arrivals_points_to_what_lies_beyond(rare, extend):
         assert figure.axes[1]._colorbar.extend == extend  # pyright: ignore
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("style", ["arrival", "peak", "rainbow"])
 def test_unfinished_and_lost_light(style):
     dataset = make_dataset(height=12, width=9, x0=20, y0=30)
@@ -242,7 +233,6 @@ def test_unfinished_and_lost_light(style):
     assert dataset.identical(before)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("style", ["arrival", "peak", "rainbow"])
 @pytest.mark.parametrize("fill", [0.0, -1.0, np.nan, np.inf])
 @pytest.mark.parametrize("shape", [(1, 1, 1), (2, 40, 3, 3)])
@@ -267,9 +257,6 @@ def test_overlays_without_usable_light(style, fill, shape):
 def test_bad_overlays(options, message):
     with pytest.raises(ValueError, match=message):
         vis.light_in_flight(np.ones((2, 2, 5)), 3.5, 0.02, **options)
-
-
-# ------------------------------------------------------------------------------------ unwarping
 
 
 def test_a_shift_by_whole_bins_is_exact():
@@ -386,10 +373,6 @@ def distances_in(described, samples):
     return np.divide(total, seen.sum(axis=2), out=np.full(total.shape, np.nan), where=seen.any(2))
 
 
-# --------------------------------------------------------------------------------- in notebooks
-
-
-@pytest.mark.slow
 def test_a_notebook_plays_the_animation(monkeypatch):
     """Every third frame of 23 where eight are allowed; the whole animation stays as it was."""
     monkeypatch.setattr("tofrender.vis.animation._PLAYER_FRAMES", 8)
