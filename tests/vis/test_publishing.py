@@ -304,10 +304,6 @@ def test_files_are_whole_and_the_same_each_time(tmp_path, ending):
     assert one == other
     io.save_figure(figure, paths[0], dpi=100)  # again, of a figure that was drawn
     assert paths[0].read_bytes() == one
-    for path in paths:
-        io.save_figure(vis.light_in_flight(data()), path.with_stem("picture"))
-        path.with_stem("picture").rename(path)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
     assert sorted(tmp_path.rglob("*.*")) == paths
     if ending == "png":
         with Image.open(paths[0]) as picture:
@@ -320,6 +316,9 @@ def test_files_are_whole_and_the_same_each_time(tmp_path, ending):
     else:
         nodes = ElementTree.fromstring(one).iter()
         assert "time [ns]" in [node.text for node in nodes if node.tag.endswith("text")]
+    for path in paths:  # with a picture inside
+        io.save_figure(vis.light_in_flight(data()), path)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_names_that_are_refused(tmp_path):
