@@ -5,22 +5,24 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+import sys
 import urllib.error
 import urllib.request
 
 import pytest
+from bokeh.util.token import generate_jwt_token, generate_session_id
 from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps import serving
+from tofrender.cli.app import main
 
 
 def fetch(url: str, **headers: str) -> tuple[int, str]:
     try:
-        with urllib.request.urlopen(
-            urllib.request.Request(url, headers=headers), timeout=20
-        ) as got:
+        asked = urllib.request.Request(url, headers=headers)
+        with urllib.request.urlopen(asked, timeout=20) as got:
             return got.status, got.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
@@ -38,24 +40,19 @@ def is_open(url: str, *, origin: str | None = None) -> bool:
         "Upgrade: websocket",
         "Sec-WebSocket-Version: 13",
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        f"Sec-WebSocket-Protocol: bokeh, {session_token()}",
+        f"Sec-WebSocket-Protocol: bokeh, {generate_jwt_token(generate_session_id())}",
     ]
     with socket.create_connection((host, port), timeout=20) as there:
         there.sendall("\r\n".join([*lines, "", ""]).encode())
         return b" 101 " in there.recv(4096).split(b"\r\n")[0]
 
 
-def session_token() -> str:
-    from bokeh.util.token import generate_jwt_token, generate_session_id
-
-    return generate_jwt_token(generate_session_id())
+def viewer(*options: str):
+    return served("warptest", "no_op", "--no-browser", *options)
 
 
 def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
-    with (
-        served("warptest", "no_op", "--no-browser") as one,
-        served("warptest", "no_op", "--no-browser") as two,
-    ):
+    with viewer() as one, viewer() as two:
         assert one.port != two.port
         assert one.url.startswith("http://127.0.0.1:")
         for each in (one, two):
@@ -74,9 +71,7 @@ def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
 
 
 def test_a_port_that_is_taken(capfd):
-    with served("warptest", "no_op", "--no-browser") as one:
-        from tofrender.cli.app import main
-
+    with viewer() as one:
         assert main(["warptest", "no_op", "--no-browser", "--port", str(one.port)]) == 2
         said = capfd.readouterr().err
         assert said.startswith(f"error: --port = {one.port}: must be free to listen on")
@@ -85,7 +80,7 @@ def test_a_port_that_is_taken(capfd):
 
 
 def test_other_addresses_need_the_token():
-    with served("warptest", "no_op", "--no-browser", "--host", "0.0.0.0") as one:
+    with viewer("--host", "0.0.0.0") as one:
         base, _, token = one.url.partition("?token=")
         base = f"http://127.0.0.1:{one.port}/"
         assert len(token) > 15
@@ -125,8 +120,6 @@ def test_readers_may_go_while_something_is_sent_to_them(caplog):
 
 
 def test_without_panel_one_line_says_what_to_install(monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "panel", None)
     with pytest.raises(RuntimeError, match=r"run: pip install 'tofrender\[explore\]'"):
         serving.require_panel()

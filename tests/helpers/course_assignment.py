@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from textwrap import dedent
 
+from helpers import tiny_assignment
 from tofrender.course.assignments import Assignment
 
 FILES = {
@@ -13,12 +14,7 @@ FILES = {
     "solutions/exercises.md": "# Solutions\n",
     "figures/make.py": "print('makes one.png')\n",
     "figures/one.png": "a picture",
-    "pytest.ini": """
-        [pytest]
-        addopts = -p tofrender.course.judge.plugin --strict-markers
-        testpaths = tests
-        pythonpath = tests
-        """,
+    "pytest.ini": tiny_assignment.FILES["pytest.ini"],
     "rubric.toml": """
         [assignment]
         id = "a0"
@@ -189,6 +185,7 @@ FILES = {
 
 
         def test_area(submission):
+            'The density integrates to one.'
             t = np.linspace(-0.5, 0.5, 1001)
             density = submission.ask("density", width_opl=0.05, t=t)
             area = np.trapezoid(density, t)
@@ -273,15 +270,17 @@ FILES = {
 }
 
 
+RUBRIC, PULSE = (dedent(FILES[name]).lstrip() for name in ("rubric.toml", "solutions/pulse.py"))
+RANGE = "def unambiguous_range(frequency_hz):\n    return 149896229.0 / frequency_hz\n"
+
+
 def write(folder: Path) -> Assignment:
     """Write the assignment."""
-    for name, text in FILES.items():
-        put(folder, name, text)
-    return Assignment(folder)
+    texts = {name: dedent(text).lstrip() for name, text in FILES.items()}
+    return Assignment(tiny_assignment.write(folder, texts))
 
 
-def put(folder: Path, name: str, text: str) -> None:
-    """Write one file of it."""
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(dedent(text).lstrip(), encoding="utf-8")
+def write_submission(folder: Path, pulse: str | None = PULSE, wrapping: str = RANGE) -> Path:
+    """A submission in a new folder; a pulse.py whose text is None is missing."""
+    files = {} if pulse is None else {"pulse.py": pulse}
+    return tiny_assignment.write(folder, files | {"wrapping.py": wrapping})
