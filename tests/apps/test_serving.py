@@ -29,7 +29,6 @@ def fetch(url: str, **headers: str) -> tuple[int, str]:
 
 
 def is_open(url: str, *, origin: str | None = None) -> bool:
-    """Whether a websocket of an application opens."""
     found = re.fullmatch(r"http://([\w.]+):(\d+)/(\?.*)?", url)
     host, port, query = found[1], int(found[2]), found[3] or ""
     lines = [
@@ -108,7 +107,6 @@ def test_addresses():
 
 
 def test_readers_may_go_while_something_is_sent_to_them(caplog):
-    """A page that is closed leaves no traceback; any other error does."""
     loop = asyncio.new_event_loop()
     loop.set_exception_handler(serving._let_readers_go)
     for error in (StreamClosedError(), WebSocketClosedError()):

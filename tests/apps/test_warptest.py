@@ -36,7 +36,6 @@ def theirs(tmp_path_factory):
 
 
 def draw(module: Module, name: str, points: int = 4):
-    """Points of a grid, warped."""
     return engine.draw(module.case(name, {}), "grid", points, 0)
 
 
@@ -216,7 +215,6 @@ def test_processes_of_this_session_stay_when_a_module_ends(tmp_path):
 
 @pytest.fixture
 def edition(monkeypatch):
-    """A package that has none of the course's warps."""
     wanted = {name for subject in SUBJECTS.values() for name in subject.names}
 
     class Sampling:

@@ -19,7 +19,6 @@ TEST = "Run the χ² test"
 
 
 def drawn(there, count=1024, **more):
-    """The canvas once it shows so many points."""
     wanted = "".join(f'[data-{key}="{value}"]' for key, value in more.items())
     there.wait_for_selector(f'canvas[data-count="{count}"]{wanted}', timeout=WAIT_MS)
     return there.locator("canvas").first

@@ -46,7 +46,6 @@ def grader(assignment):
 
 @pytest.fixture
 def home(tmp_path, monkeypatch):
-    """A home that stays empty, whatever a submission does."""
     folder = tmp_path / "home"
     folder.mkdir()
     monkeypatch.setenv("HOME", str(folder))
@@ -55,8 +54,6 @@ def home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def grade(grader, tmp_path, home):
-    """Grade files or a zip or a folder."""
-
     def grade(what: dict[str, str] | Path) -> dict:
         place = what
         if isinstance(what, dict):
@@ -101,7 +98,6 @@ def others_shared_memory() -> list[Path]:
 
 
 def sleepers(what: str = f"sleep {SLEEP_S}") -> list[psutil.Process]:
-    """Processes of submissions that should have been ended."""
     processes = psutil.process_iter(["cmdline"])
     return [p for p in processes if " ".join(p.info["cmdline"] or []).startswith(what)]
 
@@ -174,7 +170,6 @@ def test_seeds_of_a_class(assignment, tmp_path):
 
 
 def test_helpers_may_have_any_name(grade):
-    """Also those of files of the tests, which still do what they did."""
     names = ("probes", "formulas", "test_add", "worlds", "expect", "add_test")
     helper = "def call(theirs, **arguments):\n    return 0\ndef total(a, b):\n    return a + b\n"
     text = "".join(f"from {name} import total as of_{name}\n" for name in names)
@@ -323,7 +318,6 @@ SLOW = {
 
 @pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
 def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
-    """All in one submission, where each could harm those after it."""
     endless = [name for name, (_, reason) in set_of.items() if reason.startswith("no answer")]
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(set_of, endless))
     files = {}
@@ -348,7 +342,6 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
 
 
 def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home):
-    """However many of its problems are endless."""
     titles = [f"endless {k}" for k in range(14)]
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(titles, titles))
     files = {f"p{k}.py": f"def add{k}(a, b):\n    while True: pass\n" for k in range(14)}

@@ -44,7 +44,6 @@ def identity(user: str) -> dict:
 
 @pytest.fixture
 def open_tmp():
-    """A folder that all users reach."""
     folder = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
     folder.chmod(0o755)
     yield folder
@@ -110,7 +109,6 @@ class Targets:
         }
 
     def state(self) -> dict:
-        """All that must stay."""
         victim, proc = psutil.Process(self.victim.pid), Path("/proc")
         of_system_v = [(proc / "sysvipc" / kind).read_text() for kind in ("shm", "sem", "msg")]
         return {
@@ -125,7 +123,6 @@ class Targets:
         }
 
     def heard(self) -> list[str]:
-        """The servers that somebody has reached."""
         found = []
         for name, server in self.servers.items():
             server.setblocking(False)
@@ -364,7 +361,6 @@ exec setpriv --reuid="$user" --regid="$user" --clear-groups "$@"
 
 
 def run_as(user: str, top: Path, command: list[str]) -> subprocess.CompletedProcess:
-    """Run a command, with Python where this user reaches it."""
     environment = os.environ | {
         "PYTHONPATH": f"{CHECKOUT}{os.pathsep}{CHECKOUT / 'tests'}",
         "HOME": str(top / "home"),

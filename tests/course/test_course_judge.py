@@ -137,7 +137,6 @@ def wait_for(what) -> None:
 
 
 def is_asleep(seconds: str) -> bool:
-    """Whether `sleep` with this argument runs."""
     processes = psutil.process_iter(["cmdline"])
     return any(each.info["cmdline"] == ["sleep", seconds] for each in processes)
 

@@ -49,25 +49,18 @@ points = 4
 free_days = 1
 lost_per_day = 0.1
 """
-MUTANTS = """
+MUTANT = """
 [[mutant]]
-id = "takes_the_difference"
+id = "{}"
 problem = "a0.add"
 file = "add.py"
-why = "It subtracts."
-edits = [["a + b", "a - b"]]
-fails = ["test_add.py::test_numbers", "test_add.py::test_arrays"]
-says = "the sum"
-
-[[mutant]]
-id = "forgets_b"
-problem = "a0.add"
-file = "add.py"
-why = "It forgets b."
-edits = [["a + b", "a"]]
+why = "{}"
+edits = [["a + b", "{}"]]
 fails = ["test_add.py::test_numbers", "test_add.py::test_arrays"]
 says = "the sum"
 """
+MUTANTS = MUTANT.format("takes_the_difference", "It subtracts.", "a - b")
+MUTANTS += MUTANT.format("forgets_b", "It forgets b.", "a")
 CHECKED = {
     "rubric.toml": tiny_assignment.RUBRIC
     + """

@@ -58,7 +58,6 @@ def page_of(*arguments: object, size: tuple[int, int] = (1280, 800), dark=False)
 
 
 def shades(page: Any) -> np.ndarray:
-    """What the reader sees, in grey."""
     return np.array(Image.open(io.BytesIO(page.screenshot())).convert("L"))
 
 

@@ -104,7 +104,6 @@ KERNEL = {
 
 ATTACKS = {"file: ": FILES, "process: ": OTHERS, "network: ": NETWORK, "kernel: ": KERNEL}
 ATTACKS = {kind + name: text for kind, those in ATTACKS.items() for name, text in those.items()}
-"""What is tried, by its name."""
 
 HARMLESS = {
     "threads": "import threading; t = threading.Thread(target=int); t.start(); t.join()",
@@ -120,7 +119,6 @@ HARMLESS = {
     "callback": "return ctypes.CFUNCTYPE(ctypes.c_int)(lambda: 3)() == 3",
     "temporary file": "import tempfile; tempfile.TemporaryFile(dir=SCRATCH).write(b'x')",
 }
-"""What right submissions do."""
 
 HELPERS = '''
 def call(x86_64, aarch64, *arguments):

@@ -119,7 +119,6 @@ def test_file(submission):
     "solutions/add.py": "def add(a, b):\n    return a + b\n",
     "solutions/mean.py": "def mean(x):\n    return sum(x.tolist()) / len(x)\n",
 }
-"""The assignment's files by their names."""
 
 ADD0 = "def add0(a, b):\n    return a + b\n"
 """The right p0.py of an assignment of `wide`."""
@@ -201,7 +200,6 @@ def zipped(path: Path, entries: Mapping[str, str | bytes], links: Mapping[str, s
 
 
 def rows(path: Path) -> list[dict[str, str]]:
-    """The rows of a table."""
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 

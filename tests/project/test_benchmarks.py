@@ -13,7 +13,6 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def main(monkeypatch):
-    """The command, with cases that must not run."""
     monkeypatch.syspath_prepend(ROOT)
     module = importlib.import_module("benchmarks.__main__")
     for name in module.CASES:

@@ -24,7 +24,6 @@ NO_SITE = "the site is not built; run: make docs"
 
 @pytest.fixture
 def build(monkeypatch):
-    """docs/build.py as a module."""
     monkeypatch.syspath_prepend(ROOT / "docs")
     module = importlib.import_module("build")
     yield module

@@ -25,7 +25,6 @@ SMALL = ["--size", "6x5", "--spp", "1", "--no-video"]
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """The package's wheel."""
     pytest.importorskip("hatchling")
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q"]
@@ -69,7 +68,6 @@ def dependencies() -> set[Path]:
 
 
 def call(home: Path, *arguments: str) -> str:
-    """What the command of the wheel says on stdout."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "PYTEST"))}
     command = [str(home / "venv" / "bin" / arguments[0]), *arguments[1:]]
     work = home / "work"

@@ -127,7 +127,6 @@ def written(figure: Figure, monkeypatch) -> list:
 
 
 def apart(one, other) -> bool:
-    """Whether boxes do not overlap, by more than a pixel."""
     return bool(np.any(one.max - 1 < other.min) or np.any(other.max - 1 < one.min))
 
 
@@ -232,7 +231,6 @@ def linear(colours):
 
 
 def contrast(one, other) -> float:
-    """The ratio of WCAG 2."""
     light, dark = sorted(linear(to_rgb(c)) @ (0.2126, 0.7152, 0.0722) for c in (one, other))[::-1]
     return (light + 0.05) / (dark + 0.05)
 

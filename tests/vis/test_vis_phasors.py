@@ -30,7 +30,6 @@ def random_phasors(*shape):
 
 
 def maps(figure, rows):
-    """The images, by row and column."""
     images = [axes.images[0] for axes in figure.axes[: 5 * rows]]
     return [images[5 * row : 5 * row + 5] for row in range(rows)]
 
@@ -71,7 +70,6 @@ def test_every_map_has_units():
 
 
 def test_images_without_channels_are_drawn_as_they_are():
-    """For instance a depth that was unwrapped, beyond c/2f."""
     phasor = random_phasors(5, 7, 3)
     total = phasor.sum(axis=-1)
     unwrapped = np.full((5, 7), 4.25)
@@ -174,7 +172,6 @@ def test_colour_bar_of_a_rainbow_says_when_light_arrived():
     ("rare", "extend"), [([], "neither"), ([35], "max"), ([3], "min"), ([3, 35], "both")]
 )
 def test_colour_bar_of_arrivals_points_to_what_lies_beyond(rare, extend):
-    """A few pixels of 400 arrive before or after all others."""
     data = np.zeros((20, 20, 40), np.float32)
     data[:, :10, 10], data[:, 10:, 20] = 1, 1
     for row, index in enumerate(rare):
@@ -292,7 +289,6 @@ def test_bad_distances():
 
 
 def mean_opl(data):
-    """Of the light of each pixel and channel."""
     return ((data * data["opl"]).sum("opl") / data.sum("opl")).values
 
 
