@@ -243,8 +243,8 @@ def test_students_folder(tiny, tmp_path, run, monkeypatch):
     assert (folder / "pytest.ini").read_text().endswith("\nsubmission = .\n")
     names = {path.name for path in (folder / "tests").iterdir()}
     assert names == {"probes.py", "test_pulse.py", "test_range.py"}
-    cells = json.loads((folder / "notebook.ipynb").read_text())["cells"]
-    sources = ["".join(cell["source"]) for cell in cells]
+    notebook = json.loads((folder / "notebook.ipynb").read_text())
+    sources = ["".join(cell["source"]) for cell in notebook["cells"]]
     assert sources[1].startswith("%load_ext tofrender.course.student\n")
     stub = (tiny.starter / "pulse.py").read_text()
     assert sources[2] == f"%%solution pulse.py\n{stub.rstrip()}"
