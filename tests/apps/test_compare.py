@@ -5,15 +5,17 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.browser import page
-from helpers.served import is_free, served
-from PIL import Image
+from helpers import browser
 
 from tofrender.apps.compare import pictures
 from tofrender.apps.compare.pictures import Picture, difference, opened, rendered, techniques
 from tofrender.cli.app import main
 
 WAIT_MS = 60_000
+
+
+def off(scene: str, way: str, spp: int) -> float:
+    return difference(rendered(scene, way, spp), rendered(scene, "reference", 1))
 
 
 def test_all_scenes_of_the_course_have_a_reference():
@@ -26,20 +28,14 @@ def test_all_scenes_of_the_course_have_a_reference():
             assert max(kept[name].shape) == pictures.SIDE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["sphere_light_medium", "bust_simple", "bust_ao"])
 def test_references_are_of_the_scenes_as_they_are(scene):
     way = "mis" if "mis" in techniques(scene) else "own"
-    reference = rendered(scene, "reference", 1)
-    assert difference(rendered(scene, way, 64), reference) < 0.06
+    assert off(scene, way, 64) < 0.06
 
 
-@pytest.mark.slow
 def test_both_techniques_are_nearer_to_the_reference_than_one():
-    scene = "sphere_light_large"
-    reference = rendered(scene, "reference", 1)
-    apart = {name: difference(rendered(scene, name, 16), reference) for name in ("mats", "mis")}
-    assert apart["mis"] < 0.5 * apart["mats"]
+    assert off("sphere_light_large", "mis", 16) < 0.5 * off("sphere_light_large", "mats", 16)
 
 
 def test_files(tmp_path):
@@ -64,40 +60,24 @@ def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
     assert capsys.readouterr().err.startswith("error: picture = 'a.exr': must be a file")
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("dark", [False, True])
-def test_the_divider(dark):
-    with served("compare", "sphere_light_medium", "--no-browser") as command:
-        with page(dark=dark, viewport={"width": 1280, "height": 800}) as there:
-            there.goto(command.url)
-            there.get_by_text("Root mean square difference").wait_for(timeout=WAIT_MS)
-            said = there.locator(".box").inner_text()
-            reference = rendered("sphere_light_medium", "reference", 1)
-            for way in ("mats", "mis"):
-                apart = difference(rendered("sphere_light_medium", way, 16), reference)
-                assert f"{100 * apart:.3g} %" in said
-            canvas = there.locator("canvas").last
-            box = canvas.bounding_box()
-            before = _shades(there)
-            there.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 50)
-            there.mouse.down()
-            there.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 50, steps=5)
-            there.mouse.up()
-            there.wait_for_selector('[data-divider="10"]', timeout=WAIT_MS)
-            assert not np.array_equal(_shades(there), before)
-            slider = there.get_by_label("Divider between the two pictures")
-            slider.focus()
-            slider.press("End")
-            there.wait_for_selector('[data-divider="100"]', timeout=WAIT_MS)
-            there.get_by_label("Left", exact=True).select_option(label="nee: light sampling")
-            there.get_by_text("nee, 16 samples").first.wait_for(timeout=WAIT_MS)
-            assert there.errors == []
-        assert command.stop() == 0
-        assert is_free(command.port)
-
-
-def _shades(there):
-    import io
-
-    return np.array(Image.open(io.BytesIO(there.screenshot())).convert("L"))
+def test_the_divider():
+    with browser.page_of("compare", "sphere_light_medium", dark=True) as there:
+        there.get_by_text("Root mean square difference").wait_for(timeout=WAIT_MS)
+        said = there.locator(".box").inner_text()
+        for way in ("mats", "mis"):
+            assert f"{100 * off('sphere_light_medium', way, 16):.3g} %" in said
+        box = there.locator("canvas").last.bounding_box()
+        before = browser.shades(there)
+        there.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 50)
+        there.mouse.down()
+        there.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 50, steps=5)
+        there.mouse.up()
+        there.wait_for_selector('[data-divider="10"]', timeout=WAIT_MS)
+        assert not np.array_equal(browser.shades(there), before)
+        slider = there.get_by_label("Divider between the two pictures")
+        slider.focus()
+        slider.press("End")
+        there.wait_for_selector('[data-divider="100"]', timeout=WAIT_MS)
+        there.get_by_label("Left", exact=True).select_option(label="nee: light sampling")
+        there.get_by_text("nee, 16 samples").first.wait_for(timeout=WAIT_MS)

@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 from helpers import browser
 from helpers.made_dataset import make_dataset
+from helpers.served import is_free
 
 import tofrender
 
 ROOT = Path(__file__).parents[2]
-pytestmark = pytest.mark.slow
 
 CELL = """
 import tofrender
@@ -34,37 +34,21 @@ OF_A_CLOSED_BAR = ("Could not add child view to box", "processLuminoMessage", "r
 FIND = "[...document.querySelectorAll('*')].find((each) => each.explorer).explorer"
 
 
-def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return found.getsockname()[1]
-
-
-def is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) != 0
-
-
 @contextmanager
 def lab(folder: Path):
     """The address of a JupyterLab of this folder; it ends with the block, and its port is free."""
     pytest.importorskip("jupyterlab")
-    port, token = free_port(), secrets.token_hex(16)
-    address, log = f"http://127.0.0.1:{port}", folder / "lab.log"
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    address, log, token = f"http://127.0.0.1:{port}", folder / "lab.log", secrets.token_hex(16)
     own = {f"JUPYTER_{name}_DIR": str(folder / name) for name in ("CONFIG", "DATA", "RUNTIME")}
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    options = [f"--ServerApp.port={port}", f"--IdentityProvider.token={token}"]
+    options += ["--ServerApp.ip=127.0.0.1", "--ServerApp.port_retries=0"]
+    options += [f"--ServerApp.root_dir={folder}", "--expose-app-in-browser"]
     with log.open("wb") as opened:
         server = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root"),
-                *(
-                    "--ServerApp.ip=127.0.0.1",
-                    f"--ServerApp.port={port}",
-                    "--ServerApp.port_retries=0",
-                ),
-                *(f"--IdentityProvider.token={token}", f"--ServerApp.root_dir={folder}"),
-                "--expose-app-in-browser",
-            ],
+            [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", *options],
             cwd=folder,
             env=os.environ | own | {"PYTHONPATH": paths, "HOME": str(folder)},
             stdout=subprocess.DEVNULL,
@@ -137,10 +121,8 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         frame = page.locator(".tof-explorer .frame").bounding_box()
         page.evaluate(f"{FIND}.set({{pixels: []}})")
         x, y = 7, 11
-        page.mouse.click(
-            frame["x"] + (x + 0.5) / 32 * frame["width"],
-            frame["y"] + (y + 0.5) / 24 * frame["height"],
-        )
+        beside, below = (x + 0.5) / 32 * frame["width"], (y + 0.5) / 24 * frame["height"]
+        page.mouse.click(frame["x"] + beside, frame["y"] + below)
         page.keyboard.press("Escape")
         page.wait_for_timeout(200)
         state = page.evaluate(f"{FIND}.state()")
@@ -162,6 +144,5 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         assert page.evaluate(f"{FIND}.state().bin") == before + 1
         if folder := os.environ.get("TOFRENDER_SCREENSHOTS"):
             page.screenshot(path=f"{folder}/lab_{'dark' if dark else 'light'}.png")
-        assert [
-            error for error in page.errors if not any(part in error for part in OF_A_CLOSED_BAR)
-        ] == []
+        closed = OF_A_CLOSED_BAR
+        assert [each for each in page.errors if not any(part in each for part in closed)] == []

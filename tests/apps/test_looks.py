@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import browser
 from PIL import Image
 from test_explorer_page import contents_of, moving, opened as report
-from test_warptest_page import drawn, opened as warptest
+from test_warptest_page import drawn
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 LOOKS = Path(__file__).with_name("looks")
 SIZE, SMALL = (1280, 800), (64, 40)
 MOST, SHARE = 0.09, 0.02
@@ -51,7 +52,7 @@ def test_the_report(tmp_path, dark):
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_warp_tester(dark):
-    with warptest("tent", size=SIZE, dark=dark) as page:
+    with browser.page_of("warptest", "tent", size=SIZE, dark=dark) as page:
         drawn(page, view="2D")
         name = f"warptest_{'dark' if dark else 'light'}"
         assert differ(name, look(page)) < SHARE

@@ -5,29 +5,30 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+import sys
 import urllib.error
 import urllib.request
 
 import pytest
+from bokeh.util.token import generate_jwt_token, generate_session_id
 from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps import serving
+from tofrender.cli.app import main
 
 
 def fetch(url: str, **headers: str) -> tuple[int, str]:
     try:
-        with urllib.request.urlopen(
-            urllib.request.Request(url, headers=headers), timeout=20
-        ) as got:
+        asked = urllib.request.Request(url, headers=headers)
+        with urllib.request.urlopen(asked, timeout=20) as got:
             return got.status, got.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
 
 
 def is_open(url: str, *, origin: str | None = None) -> bool:
-    """Whether a websocket of an application opens."""
     found = re.fullmatch(r"http://([\w.]+):(\d+)/(\?.*)?", url)
     host, port, query = found[1], int(found[2]), found[3] or ""
     lines = [
@@ -38,25 +39,19 @@ def is_open(url: str, *, origin: str | None = None) -> bool:
         "Upgrade: websocket",
         "Sec-WebSocket-Version: 13",
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        f"Sec-WebSocket-Protocol: bokeh, {session_token()}",
+        f"Sec-WebSocket-Protocol: bokeh, {generate_jwt_token(generate_session_id())}",
     ]
     with socket.create_connection((host, port), timeout=20) as there:
         there.sendall("\r\n".join([*lines, "", ""]).encode())
         return b" 101 " in there.recv(4096).split(b"\r\n")[0]
 
 
-def session_token() -> str:
-    from bokeh.util.token import generate_jwt_token, generate_session_id
-
-    return generate_jwt_token(generate_session_id())
+def viewer(*options: str):
+    return served("warptest", "no_op", "--no-browser", *options)
 
 
-@pytest.mark.slow
 def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
-    with (
-        served("warptest", "no_op", "--no-browser") as one,
-        served("warptest", "no_op", "--no-browser") as two,
-    ):
+    with viewer() as one, viewer() as two:
         assert one.port != two.port
         assert one.url.startswith("http://127.0.0.1:")
         for each in (one, two):
@@ -74,11 +69,8 @@ def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
             assert is_free(each.port)
 
 
-@pytest.mark.slow
 def test_a_port_that_is_taken(capfd):
-    with served("warptest", "no_op", "--no-browser") as one:
-        from tofrender.cli.app import main
-
+    with viewer() as one:
         assert main(["warptest", "no_op", "--no-browser", "--port", str(one.port)]) == 2
         said = capfd.readouterr().err
         assert said.startswith(f"error: --port = {one.port}: must be free to listen on")
@@ -86,9 +78,8 @@ def test_a_port_that_is_taken(capfd):
         one.stop()
 
 
-@pytest.mark.slow
 def test_other_addresses_need_the_token():
-    with served("warptest", "no_op", "--no-browser", "--host", "0.0.0.0") as one:
+    with viewer("--host", "0.0.0.0") as one:
         base, _, token = one.url.partition("?token=")
         base = f"http://127.0.0.1:{one.port}/"
         assert len(token) > 15
@@ -116,7 +107,6 @@ def test_addresses():
 
 
 def test_readers_may_go_while_something_is_sent_to_them(caplog):
-    """A page that is closed leaves no traceback; any other error does."""
     loop = asyncio.new_event_loop()
     loop.set_exception_handler(serving._let_readers_go)
     for error in (StreamClosedError(), WebSocketClosedError()):
@@ -128,8 +118,6 @@ def test_readers_may_go_while_something_is_sent_to_them(caplog):
 
 
 def test_without_panel_one_line_says_what_to_install(monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "panel", None)
     with pytest.raises(RuntimeError, match=r"run: pip install 'tofrender\[explore\]'"):
         serving.require_panel()

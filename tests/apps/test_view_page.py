@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from helpers.browser import page
+from helpers import browser
 from helpers.made_dataset import make_dataset
-from helpers.served import is_free, served
 
 import tofrender
 from tofrender import io
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 WAIT_MS = 40_000
-FIND = """(function find(root) {
-  for (const each of root.querySelectorAll('*')) {
-    if (each.explorer) return each.explorer;
-    const inner = each.shadowRoot && find(each.shadowRoot);
-    if (inner) return inner;
-  }
-})(document)"""
 
-FIND_ELEMENT = FIND.replace("return each.explorer", "return each")
+FIND = browser.found("each.explorer", "each.explorer")
 RANGE = """([title, value]) => {
   for (const model of Bokeh.documents[0]._all_models.values()) {
     if (model.title === title) model.value = value;
@@ -33,40 +24,34 @@ RANGE = """([title, value]) => {
 }"""
 
 
-@contextmanager
-def opened(*arguments, dark=False):
-    with served("view", *arguments, "--no-browser") as command:
-        with page(dark=dark, viewport={"width": 1280, "height": 800}) as there:
-            elsewhere = []
-            own = (command.site, "data:", "blob:")
-            there.on(
-                "request", lambda asked: asked.url.startswith(own) or elsewhere.append(asked.url)
-            )
-            there.goto(command.url)
-            there.command = command
-            yield there
-            assert there.errors == []
-            assert elsewhere == []
-        assert command.stop() == 0
-        assert "Traceback" not in command.errors
-        assert is_free(command.port)
-
-
 def state(there) -> dict:
     there.wait_for_function(f"() => {FIND}", timeout=WAIT_MS)
     return json.loads(there.evaluate(f"JSON.stringify({FIND}.state())"))
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
+def test_parts_of_a_large_cube_are_shown_in_full(tmp_path):
+    path = io.save_npz(make_dataset(400, 300, 260), tmp_path / "large.npz")
+    with browser.page_of("view", path) as there:
+        there.get_by_role("button", name="Look closer").wait_for(timeout=WAIT_MS)
+        state(there)
+        header = f"{browser.found('each.explorer', 'each')}.textContent"
+        assert "are averaged" in there.evaluate(header)
+        for name, value in (("Rows", [100, 140]), ("Columns", [30, 90]), ("Bins", [0, 200])):
+            there.evaluate(RANGE, [name, value])
+        there.get_by_role("button", name="Look closer").click()
+        there.get_by_text("60 × 40 pixels, 200 bins").first.wait_for(timeout=WAIT_MS)
+        assert "All pixels and bins are there" in there.evaluate(header)
+
+
+def test_cut_files_give_a_message_and_whole_ones_their_values(tmp_path):
     scene = tofrender.cornell_box(width=24, height=20, temporal_bins=60)
     data = tofrender.render(scene, spp=16, window="auto", progress=False)
-    return io.save_npz(data, tmp_path_factory.mktemp("saved") / "box.npz"), data
-
-
-def test_values_are_those_of_the_file(saved):
-    path, data = saved
-    with opened(path) as there:
+    path = io.save_npz(data, tmp_path / "box.npz")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:3000])
+    with browser.page_of("view", path) as there:
+        there.get_by_text("box.npz cannot be shown").wait_for(timeout=WAIT_MS)
+        path.write_bytes(whole)
         state(there)
         there.evaluate(f"{FIND}.set({{pixels: [[7, 11]], channel: '1', bin: 20}})")
         shown = state(there)
@@ -77,34 +62,10 @@ def test_values_are_those_of_the_file(saved):
         assert curve == pytest.approx(expected, rel=0.03, abs=0.01 * float(expected.max()))
 
 
-def test_parts_of_a_large_cube_are_shown_in_full(tmp_path):
-    path = io.save_npz(make_dataset(400, 300, 260), tmp_path / "large.npz")
-    with opened(path) as there:
-        there.get_by_role("button", name="Look closer").wait_for(timeout=WAIT_MS)
-        state(there)
-        header = f"{FIND_ELEMENT}.textContent"
-        assert "are averaged" in there.evaluate(header)
-        for name, value in (("Rows", [100, 140]), ("Columns", [30, 90]), ("Bins", [0, 200])):
-            there.evaluate(RANGE, [name, value])
-        there.get_by_role("button", name="Look closer").click()
-        there.get_by_text("60 × 40 pixels, 200 bins").first.wait_for(timeout=WAIT_MS)
-        assert "All pixels and bins are there" in there.evaluate(header)
-
-
-def test_cut_files_give_a_message_and_are_read_again(saved, tmp_path):
-    path, _ = saved
-    cut = tmp_path / "cut.npz"
-    cut.write_bytes(path.read_bytes()[:3000])
-    with opened(cut) as there:
-        there.get_by_text("cut.npz cannot be shown").wait_for(timeout=WAIT_MS)
-        cut.write_bytes(path.read_bytes())
-        assert state(there)["bins"] == 60
-
-
 def test_a_render_goes_on_stops_and_is_saved(tmp_path):
     out = tmp_path / "live.npz"
-    arguments = ("cornell_box", "--live", "--size", "32x32", "--spp", "1000000", "--out", out)
-    with opened(*arguments) as there:
+    options = ("--live", "--size", "32x32", "--spp", "1000000", "--out", out)
+    with browser.page_of("view", "cornell_box", *options) as there:
         first = state(there)
         there.evaluate(f"{FIND}.set({{pixels: [[3, 4]], bin: 7}})")
         there.get_by_text(re.compile(r": \d\d+ of 1000000")).wait_for(timeout=WAIT_MS)
@@ -118,14 +79,8 @@ def test_a_render_goes_on_stops_and_is_saved(tmp_path):
         there.get_by_text("Saved").wait_for(timeout=WAIT_MS)
         data = io.load_npz(out)
         assert data.attrs["spp"] >= 10
-        whole = tofrender.render(
-            "cornell_box",
-            size=(32, 32),
-            window="auto",
-            pulse_width="auto",
-            spp=int(data.attrs["spp"]),
-            progress=False,
-        )
+        options = {"window": "auto", "pulse_width": "auto", "spp": int(data.attrs["spp"])}
+        whole = tofrender.render("cornell_box", size=(32, 32), progress=False, **options)
         assert np.allclose(data.steady.values, whole.steady.values, rtol=1e-3, atol=1e-4)
         there.get_by_role("button", name="Go on").click()
         there.get_by_text("rendering").wait_for(timeout=WAIT_MS)

@@ -2,50 +2,23 @@
 
 from __future__ import annotations
 
-import io
-from contextlib import contextmanager
-
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.browser import page
-from helpers.served import is_free, served
+from helpers import browser
 from helpers.student_warps import write_warps
 from PIL import Image
 
-from tofrender.sampling import warp_case
+from tofrender.apps.warptest.engine import draw
+from tofrender.apps.warptest.subjects import SUBJECTS
+from tofrender.sampling import independent, warp_case
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.timeout(180)
 WAIT_MS = 30_000
 TEST = "Run the χ² test"
 
 
-@contextmanager
-def opened(*arguments, size=(1280, 800), dark=False, cwd=None):
-    """A page of the command; what it asks of other hosts is in `page.elsewhere`."""
-    with served("warptest", *arguments, "--no-browser") as command:
-        viewport = {"width": size[0], "height": size[1]}
-        with page(dark=dark, viewport=viewport, accept_downloads=True) as there:
-            there.elsewhere = []
-            own = (command.site, "data:", "blob:")
-            there.on(
-                "request",
-                lambda asked: (
-                    None if asked.url.startswith(own) else there.elsewhere.append(asked.url)
-                ),
-            )
-            there.goto(command.url)
-            there.command = command
-            yield there
-            assert there.errors == []
-            assert there.elsewhere == []
-        assert command.stop() == 0
-        assert "Traceback" not in command.errors
-        assert is_free(command.port)
-
-
 def drawn(there, count=1024, **more):
-    """The canvas once it shows so many points."""
     wanted = "".join(f'[data-{key}="{value}"]' for key, value in more.items())
     there.wait_for_selector(f'canvas[data-count="{count}"]{wanted}', timeout=WAIT_MS)
     return there.locator("canvas").first
@@ -66,7 +39,7 @@ def first_point(there) -> list[float]:
 
 
 def test_choose_a_warp_change_the_points_and_test(tmp_path):
-    with opened("tent") as there:
+    with browser.page_of("warptest", "tent") as there:
         drawn(there, view="2D")
         choose(there, "Distribution", "Beckmann")
         canvas = drawn(there, view="3D")
@@ -78,8 +51,6 @@ def test_choose_a_warp_change_the_points_and_test(tmp_path):
         slider.focus()
         slider.press("ArrowRight")
         drawn(there, 2048, view="3D")
-
-        from tofrender.apps.warptest.engine import draw
 
         expected = draw(warp_case("beckmann", alpha=0.7), "sobol", 2048, 0).points[:, 0]
         assert first_point(there) == pytest.approx(expected.tolist(), abs=1e-4)
@@ -113,9 +84,7 @@ def test_choose_a_warp_change_the_points_and_test(tmp_path):
 
 
 def test_every_subject_is_drawn():
-    from tofrender.apps.warptest.subjects import SUBJECTS
-
-    with opened("no_op") as there:
+    with browser.page_of("warptest", "no_op") as there:
         drawn(there)
         for subject in SUBJECTS.values():
             choose(there, "Distribution", subject.title)
@@ -130,15 +99,15 @@ def test_an_image_of_the_readers(tmp_path):
     sky = rng.lognormal(0, 1, (512, 512)).astype(np.float32)
     mi.Bitmap(sky).write(str(tmp_path / "sky.exr"))
     (tmp_path / "cut.exr").write_bytes((tmp_path / "sky.exr").read_bytes()[:5000])
-    with opened("hierarchical") as there:
+    with browser.page_of("warptest", "hierarchical") as there:
         drawn(there)
         first = first_point(there)
         there.locator('input[type="file"]').set_input_files(str(tmp_path / "sky.exr"))
-        there.wait_for_function(
-            f"() => {_DEEP} !== '{there.locator('canvas').first.get_attribute('data-first')}'",
-            timeout=WAIT_MS,
-        )
-        expected = np.array(warp_case("hierarchical", image=sky).sample(_independent()))[:, 0]
+        first_of_canvas = browser.found("each.tagName === 'CANVAS'", "each.dataset.first")
+        before = there.locator("canvas").first.get_attribute("data-first")
+        there.wait_for_function(f"() => {first_of_canvas} !== '{before}'", timeout=WAIT_MS)
+        samples = warp_case("hierarchical", image=sky).sample(independent(1024, 0))
+        expected = np.array(samples)[:, 0]
         assert first_point(there) == pytest.approx(expected.tolist(), abs=1e-4)
         assert "hierarchical: passed" in verdict_of(there)
         there.locator('input[type="file"]').set_input_files(str(tmp_path / "cut.exr"))
@@ -149,24 +118,9 @@ def test_an_image_of_the_readers(tmp_path):
         assert first_point(there) == pytest.approx(first)
 
 
-_DEEP = """(function find(root) {
-  for (const each of root.querySelectorAll('*')) {
-    if (each.tagName === 'CANVAS') return each.dataset.first;
-    const inner = each.shadowRoot && find(each.shadowRoot);
-    if (inner) return inner;
-  }
-})(document)"""
-
-
-def _independent():
-    from tofrender.sampling import independent
-
-    return independent(1024, 0)
-
-
 def test_a_students_module(tmp_path):
     folder = write_warps(tmp_path / "mine")
-    with opened("tent", "--module", folder) as there:
+    with browser.page_of("warptest", "tent", "--module", folder) as there:
         drawn(there)
         assert "tent of tent.py: passed" in verdict_of(there)
         choose(there, "Distribution", "Cosine hemisphere")
@@ -201,18 +155,14 @@ def test_a_students_module(tmp_path):
         assert "uniform_disk: passed" in verdict_of(there)
 
 
-@pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("size", [(1280, 800), (820, 1180)])
+@pytest.mark.parametrize(("dark", "size"), [(False, (1280, 800)), (True, (820, 1180))])
 def test_it_fits_and_is_readable(dark, size):
-    with opened("uniform_sphere", size=size, dark=dark) as there:
+    with browser.page_of("warptest", "uniform_sphere", size=size, dark=dark) as there:
         drawn(there)
         verdict_of(there)
         there.wait_for_selector('svg[role="img"]', timeout=WAIT_MS)
-        wide, high = there.evaluate(
-            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-        )
+        root = "document.documentElement"
+        wide, high = there.evaluate(f"[{root}.scrollWidth, {root}.scrollHeight]")
         assert wide <= size[0]
-        if size[0] == 1280:
-            assert high <= size[1]
-        shades = np.array(Image.open(io.BytesIO(there.screenshot())).convert("L"))
-        assert (np.median(shades) < 60) == dark
+        assert high <= size[1] or size[0] < 1280
+        assert (np.median(browser.shades(there)) < 60) == dark

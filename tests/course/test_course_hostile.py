@@ -1,23 +1,17 @@
-"""A submission harms nobody: what the sandbox refuses, as root and as an ordinary user.
-
-The sandbox is the grader's: the judge's inside of which is the worker's. The class at the end is
-graded by the whole command.
-"""
+"""A submission harms nobody: what the sandbox refuses, as root and as an ordinary user."""
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import inspect
 import json
 import os
 import secrets
 import shutil
 import socket
-import stat
 import subprocess
 import sys
 import tempfile
+from contextlib import closing, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,7 +19,8 @@ import numpy as np
 import psutil
 import pytest
 from helpers import hostile, tiny_assignment
-from helpers.judged_pulse import PULSE, write_assignment, write_submission
+from helpers.course_assignment import PULSE, write, write_submission
+from helpers.tiny_assignment import ADD0, rows
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
@@ -43,42 +38,37 @@ ENDED = ("dead", "stopped", "tracing-stop", "zombie")
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 
-def python_for(user: str) -> str:
-    """A Python that the user can run."""
-    for path in (sys.executable, "/usr/bin/python3"):
-        folders = [Path(path).resolve(), *Path(path).resolve().parents]
-        if user == "ordinary" or all(place.stat().st_mode & stat.S_IXOTH for place in folders):
-            return path
-    pytest.skip("other users cannot run any Python here")
-
-
 def identity(user: str) -> dict:
     return {"user": NOBODY, "group": NOBODY, "extra_groups": []} if user == "nobody" else {}
 
 
 @pytest.fixture
 def open_tmp():
-    """A folder that all users reach."""
     folder = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
     folder.chmod(0o755)
     yield folder
     shutil.rmtree(folder, ignore_errors=True)
 
 
-# ------------------------------------------------------------------------- one attack at a time
+def state_of(folder: Path) -> dict:
+    """Modes, owners, names, times and content of all files."""
+    found = {}
+    for path in (folder, *sorted(folder.rglob("*"))):
+        kept = path.lstat()
+        content = path.read_bytes() if path.is_file() else b""
+        times = kept.st_mtime, kept.st_ctime
+        found[str(path)] = (kept.st_mode, kept.st_uid, kept.st_nlink, times, content)
+    return found
 
 
 class Targets:
     """What attacks aim at, all of it of the user who grades, and its state."""
 
     def __init__(self, top: Path, user: str) -> None:
-        self.top, self.user = top, user
-        self.folder, self.scratch, self.hidden = top / "others", top / "scratch", top / "hidden"
-        for folder in (self.folder, self.scratch, self.hidden):
-            folder.mkdir()
+        self.folder = top / "others"
+        self.folder.mkdir(parents=True)
         self.canary = self.folder / "canary"
         self.canary.write_text("as it was")
-        (self.hidden / "secret").write_text("secret")
         self.servers = {
             "TCP": socket.create_server(("127.0.0.1", 0)),
             "UDP": socket.socket(type=socket.SOCK_DGRAM),
@@ -91,14 +81,14 @@ class Targets:
         self.servers["DATAGRAM"].bind(str(self.folder / "datagram"))
         self.abstract = f"tofrender-{secrets.token_hex(8)}"
         self.servers["ABSTRACT"].bind("\0" + self.abstract)
-        with contextlib.suppress(OSError):  # few kernels have none
+        with suppress(OSError):  # few kernels have none
             self.servers["MPTCP"] = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 262)
             self.servers["MPTCP"].bind(("127.0.0.1", 0))
         for name in ("UNIX", "ABSTRACT", "MPTCP"):
             if name in self.servers:
                 self.servers[name].listen()
         self.victim = subprocess.Popen(["sleep", "600"], **identity(user))
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             os.setxattr(self.canary, "user.kept", b"x")
         owner = NOBODY if user == "nobody" else os.geteuid()
         for path in (top, *top.rglob("*")):
@@ -111,8 +101,6 @@ class Targets:
         return ports | {
             "CANARY": str(self.canary),
             "FOLDER": str(self.folder),
-            "SCRATCH": str(self.scratch),
-            "HIDDEN": str(self.hidden / "secret"),
             "VICTIM": self.victim.pid,
             "MPTCP": mptcp,
             "UNIX": str(self.folder / "unix"),
@@ -121,43 +109,24 @@ class Targets:
         }
 
     def state(self) -> dict:
-        """All that must stay."""
-        victim = psutil.Process(self.victim.pid)
-        files = {}
-        for path in (self.folder, *sorted(self.folder.iterdir())):
-            kept = path.lstat()
-            files[path.name] = (
-                kept.st_mode,
-                kept.st_uid,
-                kept.st_mtime,
-                kept.st_ctime,
-                kept.st_nlink,
-            )
-        files["content"] = self.canary.read_text()
+        victim, proc = psutil.Process(self.victim.pid), Path("/proc")
+        of_system_v = [(proc / "sysvipc" / kind).read_text() for kind in ("shm", "sem", "msg")]
         return {
-            "files": files,
-            "limits": Path(f"/proc/{victim.pid}/limits").read_text(),
-            "victim": (
-                victim.status() in ENDED,
-                victim.nice(),
-                victim.ionice(),
-                victim.cpu_affinity(),
-            ),
-            "memory": Path(f"/proc/{victim.pid}/oom_score_adj").read_text(),
+            "files": state_of(self.folder),
+            "limits": (proc / str(victim.pid) / "limits").read_text(),
+            "ended": victim.status() in ENDED,
+            "victim": (victim.nice(), victim.ionice(), victim.cpu_affinity()),
+            "memory": (proc / str(victim.pid) / "oom_score_adj").read_text(),
             "shared": [name for name in os.listdir("/dev/shm") if "hostile" in name],
-            "system v": [
-                " 28769 " in Path(f"/proc/sysvipc/{kind}").read_text()
-                for kind in ("shm", "sem", "msg")
-            ],
+            "system v": [" 28769 " in text for text in of_system_v],
             "host": os.uname().nodename,
         }
 
     def heard(self) -> list[str]:
-        """The servers that somebody has reached."""
         found = []
         for name, server in self.servers.items():
             server.setblocking(False)
-            with contextlib.suppress(BlockingIOError):
+            with suppress(BlockingIOError):
                 if name in ("UDP", "DATAGRAM"):
                     server.recv(10)
                 else:
@@ -172,74 +141,11 @@ class Targets:
             server.close()
 
 
-@pytest.fixture(scope="module", params=USERS)
-def tried(request):
-    """The outcomes of all attacks, and the state before and after."""
-    user = request.param
-    top = Path(tempfile.mkdtemp(prefix="tofrender-hostile-"))
-    targets = Targets(top / "of", user) if (top / "of").mkdir() is None else None
-    assert targets is not None
-    try:
-        top.chmod(0o755)
-        code = top / "code"
-        code.mkdir(mode=0o755)
-        for module in (sandbox, system_calls, hostile):
-            shutil.copy(module.__file__, code)
-        for path in code.iterdir():
-            path.chmod(0o644)
-        before = targets.state()
-        done = subprocess.run(
-            confined(python_for(user), code, targets),
-            capture_output=True,
-            text=True,
-            timeout=100,
-            check=False,
-            **identity(user),
-        )
-        assert done.returncode == 0, done.stderr
-        yield json.loads(done.stdout), before, targets.state(), targets.heard()
-    finally:
-        targets.close()
-        shutil.rmtree(top, ignore_errors=True)
-
-
-def confined(python: str, code: Path, targets: Targets) -> list[str]:
-    """The command that tries all attacks in a worker's sandbox in a judge's."""
-    writable, hidden = [str(targets.scratch)], [str(targets.hidden)]
-    judge = {"writable": writable, "hidden": hidden, "judge": True}
-    uid = next(iter(sandbox.spare_users()), None) if targets.user == "root" else None
-    worker = {"writable": writable, "uid": uid}
-    both = []
-    for wanted in (judge, worker):
-        both += [python, "-I", "-S", str(code / "sandbox.py"), json.dumps(wanted)]
-    return [*both, python, "-I", "-S", str(code / "hostile.py"), json.dumps(targets.named())]
-
-
-@pytest.mark.parametrize("name", hostile.ATTACKS)
-def test_attack_is_refused(tried, name):
-    outcome = tried[0][name]
-    assert outcome != "done"
-    assert not outcome.startswith(("NameError", "SyntaxError", "AttributeError", "ended")), outcome
-
-
-@pytest.mark.parametrize("name", hostile.HARMLESS)
-def test_what_is_harmless_is_allowed(tried, name):
-    assert tried[0][name] == "done"
-
-
-def test_after_all_attacks_everything_is_as_it_was(tried):
-    _, before, after, heard = tried
-    assert after == before
-    assert heard == []
-
-
 def test_without_the_sandbox_attacks_succeed(tmp_path):
     """So the bank tries what it says: a few of each kind that harm only their own targets."""
-    top = tmp_path / "of"
-    top.mkdir()
-    targets = Targets(top, "root" if IS_ROOT else "ordinary")
+    targets = Targets(tmp_path / "of", "root" if IS_ROOT else "ordinary")
     try:
-        names = {"mode", "times", "write", "hidden file", "tcp", "udp", "unix", "abstract unix"}
+        names = {"mode", "times", "write", "tcp", "udp", "unix", "abstract unix"}
         names |= {"priority", "limit of open files", "signal", "memory without a file", "server"}
         chosen = {n: text for n, text in hostile.ATTACKS.items() if n.partition(": ")[2] in names}
         space: dict = {}
@@ -264,8 +170,6 @@ def test_filter_is_one_that_a_kernel_takes(machine):
         assert steps[-1] == system_calls._step(system_calls.RETURN, refusal)
 
 
-# --------------------------------------------------------------------------------- bounded texts
-
 LONG = {
     "text of an exception": "raise ValueError('x' * 100_000_000)",
     "text of a cause": "raise ValueError('x') from OSError('y' * 100_000_000)",
@@ -273,40 +177,33 @@ LONG = {
     "status": "import sys; sys.exit('x' * 100_000_000)",
     "line": f"x = 1 / 0  # {'x' * 1_000_000}",
 }
-
 REPLIES = {
-    "list": "[1, 2]",
-    "number": "3",
-    "no answer": "{}",
-    "error that is none": '{"error": [1]}',
-    "uses that are none": '{"uses": 5}',
-    "long error": '{"error": "x" * 100_000_000}',
-    "many names": '{"error": "x", "uses": ["y" * 1000] * 100_000}',
+    "list": [1, 2],
+    "number": 3,
+    "no answer": {},
+    "error that is none": {"error": [1]},
+    "uses that are none": {"uses": 5},
+    "long error": {"error": "x" * 10_000_000},
+    "many names": {"error": "x", "uses": ["y" * 1000] * 100_000},
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
 def test_texts_of_any_length_are_cut_before_they_are_sent(name, tmp_path):
     submission = write_submission(tmp_path / "bad", LONG[name])
-    asked = Worker(write_assignment(tmp_path / "t1"), submission, limits=Limits(2**30))
-    try:
-        with pytest.raises(NoAnswer) as error:
-            asked.ask("density", {"width": 0.1, "t": np.zeros(1)}, 20)
-        assert len(str(error.value)) < 5000
-    finally:
-        asked.close()
+    worker = Worker(write(tmp_path / "a0").folder, submission, limits=Limits(2**30))
+    with closing(worker) as asked, pytest.raises(NoAnswer) as error:
+        asked.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, 20)
+    assert len(str(error.value)) < 5000
 
 
 @pytest.mark.parametrize("name", REPLIES)
 def test_reply_of_any_kind_is_a_reason_of_one_line(name, tmp_path):
-    asked = Worker(tmp_path, None)
-    with pytest.raises(NoAnswer) as error:
-        asked._taken(eval(REPLIES[name]))
+    with closing(Worker(tmp_path, None)) as asked, pytest.raises(NoAnswer) as error:
+        asked._taken(REPLIES[name])
     assert len(str(error.value)) < MAX_REASON + 10
     assert "\n" not in str(error.value)
     assert sum(map(len, asked.used)) <= 100_000
-    asked.close()
 
 
 def write_npz(path: Path, **arrays) -> None:
@@ -316,26 +213,22 @@ def write_npz(path: Path, **arrays) -> None:
 
 def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path):
     path = tmp_path / "1.npz"
-    write_npz(path, a0=np.zeros(1 << 18))
-    with pytest.raises(ValueError, match="more than 1048576"):
-        wire.read(path, 1 << 20)
-    write_npz(path, a0=np.zeros(3, [("x", "f4")]))
-    with pytest.raises(ValueError, match="is no array of numbers"):
-        wire.read(path)
-    path.unlink()
-    write_npz(tmp_path / "2.npz", a0=np.zeros(3))
-    path.symlink_to(tmp_path / "2.npz")
-    with pytest.raises(ValueError, match="is not an answer"):
-        wire.read(path)
-    path.unlink()
-    os.mkfifo(path)
-    with pytest.raises(ValueError, match="no regular file"):
-        wire.read(path)
-    path.unlink()
-    damaged = bytearray((tmp_path / "2.npz").read_bytes())
+    other = tmp_path / "2.npz"
+    write_npz(other, a0=np.zeros(3))
+    for make, said in (
+        (lambda: write_npz(path, a0=np.zeros(1 << 18)), "more than 1048576"),
+        (lambda: write_npz(path, a0=np.zeros(3, [("x", "f4")])), "is no array of numbers"),
+        (lambda: path.symlink_to(other), "is not an answer"),
+        (lambda: os.mkfifo(path), "no regular file"),
+    ):
+        make()
+        with pytest.raises(ValueError, match=said):
+            wire.read(path, 1 << 20)
+        path.unlink()
+    damaged = other.read_bytes()
     for at in range(0, len(damaged), 7):
         path.write_bytes(damaged[:at] + b"\xff\xff\xff" + damaged[at + 3 :])
-        with contextlib.suppress(ValueError):  # and nothing else
+        with suppress(ValueError):  # and nothing else
             wire.read(path)
 
 
@@ -346,27 +239,22 @@ def test_report_is_read_in_parts_only(tmp_path, monkeypatch):
     assert 0 < len(read_report(tmp_path / "lines")) < 100
 
 
-@pytest.mark.slow
 def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
     """The test's own lines are shown to students who run it, not to those who are graded."""
-    staff = write_assignment(tmp_path / "t1")
-    answers = "class AMCWPulse:\n    def __init__(self, frequency_hz): pass\n"
-    answers += "    def eval(self, opl): return {'x': 1}\n"
+    staff = write(tmp_path / "a0").folder
+    answers = "def unambiguous_range(frequency_hz):\n    return {'x': 1}\n"
     student = write_submission(tmp_path / "bad", PULSE, answers)
-    test = staff / "tests/test_square.py"
-    test.write_text(test.read_text().replace("opl=0.0), [", 'opl=0.0)["secret"], ['))
+    test = staff / "tests/test_range.py"
+    test.write_text(test.read_text().replace("frequency_hz=100e6)", 'frequency_hz=1.0)["secret"]'))
     for option, shown in ((["--confine"], False), ([], True)):
-        words = ["-m", "t1_square", f"--submission={student}", "--report=r", *option]
-        command = [sys.executable, "-m", "pytest", "-q", *words]
+        words = ["tests/test_range.py::test_range", f"--submission={student}", "--report=r"]
+        command = [sys.executable, "-m", "pytest", "-q", *words, *option]
         subprocess.run(command, cwd=staff, capture_output=True, timeout=120, check=False)
         text = json.loads((staff / "r").read_text().splitlines()[-1])["text"]
         assert ("secret" in text) == shown, text
         assert shown or "of another kind than was asked for (KeyError in line" in text
 
 
-# ----------------------------------------------------------------------------------- a class
-
-ADD = "def add0(a, b):\n    return a + b\n"
 BEGIN = """
 import os, pathlib, time, zipfile
 import numpy as np
@@ -374,27 +262,13 @@ TMP = os.environ["TMPDIR"]
 ANSWERS = pathlib.Path(TMP).parent / "answers"
 """
 
-MEMBERS = {
-    "a right one": (ADD, 1, ""),
-    "all attacks": ("@ATTACKS@", 1, ""),
-    "closes everybody's files": (
-        """
+CLOSES = """
 for folder, folders, names in os.walk("@TOP@"):
     for name in [*folders, *names]:
         try:
             os.chmod(os.path.join(folder, name), 0)
         except OSError:
             pass
-os.umask(0o777)
-os.chdir(TMP)
-os.mkdir("closed", 0o300)
-os.umask(0o022)
-""",
-        1,
-        "",
-    ),
-    "leaves folders that cannot be listed": (
-        """
 os.umask(0)
 os.chdir(TMP)
 for _ in range(50):
@@ -402,61 +276,68 @@ for _ in range(50):
     os.chdir("closed")
     open("file", "w").close()
 os.umask(0o022)
-""",
-        1,
-        "",
-    ),
-    "long text": ("raise ValueError('x' * 100_000_000)", 0, "ValueError: xxx"),
-    "reply that is none": (
-        "np.savez(ANSWERS / 'x', structure=np.frombuffer(b'[1, 2]', np.uint8))\n"
-        "os.rename(ANSWERS / 'x.npz', ANSWERS / '1.npz')\ntime.sleep(20)",
-        0,
-        "the reply is none that the worker writes",
-    ),
-    "reply that unpacks to much": (
-        "with zipfile.ZipFile(ANSWERS / 'x', 'w', 8, compresslevel=1) as archive:\n"
-        "    archive.writestr('structure.npy', bytes(300 << 20))\n"
-        "os.rename(ANSWERS / 'x', ANSWERS / '1.npz')\ntime.sleep(20)",
-        0,
-        "is not an answer: it holds",
-    ),
+"""
+NO_REPLY = """
+np.savez(ANSWERS / "x", structure=np.frombuffer(b"[1, 2]", np.uint8))
+os.rename(ANSWERS / "x.npz", ANSWERS / "1.npz")
+time.sleep(20)
+"""
+BOMB = """
+with zipfile.ZipFile(ANSWERS / "x", "w", 8, compresslevel=1) as archive:
+    archive.writestr("structure.npy", bytes(300 << 20))
+os.rename(ANSWERS / "x", ANSWERS / "1.npz")
+time.sleep(20)
+"""
+MANY = """
+for _ in range(260):
+    if os.fork() == 0:
+        time.sleep(600)
+time.sleep(5)
+"""
+KILLS = """
+for pid in (os.getppid(), 0):
+    try:
+        os.kill(pid, 9)
+    except OSError:
+        pass
+"""
+MEMBERS = {  # What each member's file holds and why it gets no point; "" where it gets one
+    "a right one": (ADD0, ""),
+    "all attacks": ("@ATTACKS@", ""),
+    "closes everybody's files and leaves folders that cannot be listed": (CLOSES, ""),
+    "long text": ("raise ValueError('x' * 100_000_000)", "ValueError: xxx"),
+    "reply that is none": (NO_REPLY, "the reply is none that the worker writes"),
+    "reply that unpacks to much": (BOMB, "is not an answer: it holds"),
     "reply that is a link": (
-        "os.symlink('/dev/zero', ANSWERS / '1.npz')\ntime.sleep(20)",
-        0,
+        "os.symlink('/dev/zero', ANSWERS / '1.npz'); time.sleep(20)",
         "a link",
     ),
-    "answer of another kind": ("def add0(a, b):\n    return {'x': None}", 0, "expected: numbers"),
-    "a right one between": (ADD, 1, ""),
-    "many processes": (
-        "for _ in range(260):\n    if os.fork() == 0:\n        time.sleep(600)\ntime.sleep(5)",
-        0,
-        "started more than 200 processes",
-    ),
-    "much memory": ("x = [b'x' * (1 << 27) for _ in range(20)]\ntime.sleep(2)", 0, "GiB of memory"),
-    "ends its parents": (
-        "for pid in (os.getppid(), 0):\n    try:\n        os.kill(pid, 9)\n"
-        "    except OSError:\n        pass",
-        1,
-        "",
-    ),
-    "a right one at the end": (ADD, 1, ""),
+    "answer of another kind": ("def add0(a, b):\n    return {'x': None}", "expected: numbers"),
+    "a right one between": (ADD0, ""),
+    "many processes": (MANY, "started more than 200 processes"),
+    "much memory": ("x = [b'x' * (1 << 27) for _ in range(20)]; time.sleep(2)", "GiB of memory"),
+    "ends its parents": (KILLS, ""),
+    "a right one at the end": (ADD0, ""),
 }
 
+ATTACKS = """
+SCRATCH, FIRST = TMP, os.getpid()
+said = {name: outcome(attack) for name, attack in attacks.items()}
+odd = ("done", "NameError", "SyntaxError", "AttributeError", "ended")
+wrong = {n: s for n, s in said.items() if (s != "done" if n in HARMLESS else s.startswith(odd))}
+assert not wrong, wrong
+"""
 DRIVER = """
 import json, resource, sys
 from pathlib import Path
-from types import SimpleNamespace
+from helpers.tiny_assignment import grade_class
 from tofrender.course.assignments import find
-from tofrender.course.grade import classes, grading, roster
+from tofrender.course.grade import grading
 
 top = Path(sys.argv[1])
 limits = [resource.getrlimit(number) for number in range(16)]
 with grading.opened(find(top / "a0"), memory_gib=1) as grader:
-    members, _ = roster.members(classes.submissions_in(top / "class"), None)
-    class_ = classes.Class(
-        grader, top / "class", members, top / "grades.csv", top / "out", jobs=2
-    )
-    class_.grade(print)
+    grade_class(grader, top / "class", top / "out", jobs=2)
 assert limits == [resource.getrlimit(number) for number in range(16)]
 status = open("/proc/self/status").read()  # ru_maxrss would be that of who has started this
 print(json.dumps(int(status.partition("VmHWM:")[2].split()[0]) / 1024))
@@ -480,9 +361,8 @@ exec setpriv --reuid="$user" --regid="$user" --clear-groups "$@"
 
 
 def run_as(user: str, top: Path, command: list[str]) -> subprocess.CompletedProcess:
-    """Run a command, with Python where this user reaches it."""
     environment = os.environ | {
-        "PYTHONPATH": str(CHECKOUT),
+        "PYTHONPATH": f"{CHECKOUT}{os.pathsep}{CHECKOUT / 'tests'}",
         "HOME": str(top / "home"),
         "TMPDIR": str(top / "tmp"),
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -496,38 +376,22 @@ def run_as(user: str, top: Path, command: list[str]) -> subprocess.CompletedProc
         command, who = [*script, str(NOBODY), *command], {}
         inside = [path for path in sandbox.python_folders() if path.startswith(closed + "/")]
         environment["PYTHON_FOLDERS"] = " ".join(inside)
-    return subprocess.run(
-        command, env=environment, cwd=top, capture_output=True, text=True, check=False, **who
-    )
+    options = {"env": environment, "cwd": top, "capture_output": True, "text": True}
+    return subprocess.run(command, **options, **who)
 
 
-def state_of(folder: Path) -> dict:
-    """Modes, owners, times and content of all files."""
-    found = {}
-    for path in (folder, *sorted(folder.rglob("*"))):
-        kept = path.lstat()
-        content = path.read_bytes() if path.is_file() else b""
-        found[str(path)] = (kept.st_mode, kept.st_uid, kept.st_mtime, kept.st_ctime, content)
-    return found
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("user", USERS)
 def test_class_with_hostile_members_is_graded_right(user, open_tmp):
-    assert python_for(user)
     top = open_tmp
-    (top / "victims").mkdir()
     targets = Targets(top / "victims", user)
-    tiny_assignment.write(top / "a0", tiny_assignment.wide(["sum"]))
-    aims = {n: text for n, text in hostile.ATTACKS.items() if n != "file: hidden file"}
-    attacks = hostile.source(aims, targets.named())
-    attacks += inspect.getsource(hostile.outcome)
-    attacks += "done = [name for name, it in attacks.items() if outcome(it) == 'done']\n"
-    attacks += "assert not done, done\n"
-    for name, (text, _, _) in MEMBERS.items():
+    solution = tiny_assignment.sums(top / "a0").folder / "solutions" / "p0.py"
+    aims = targets.named() | {"HIDDEN": str(solution), "HARMLESS": [*hostile.HARMLESS]}
+    attacks = hostile.source(hostile.ATTACKS | hostile.HARMLESS, aims)
+    attacks += inspect.getsource(hostile.outcome) + ATTACKS
+    for name, (text, _) in MEMBERS.items():
         text = text.replace("@TOP@", str(top)).replace("@ATTACKS@", attacks)
-        text = text if "def add0" in text else f"{text}\n{ADD}"
+        text = text if "def add0" in text else f"{text}\n{ADD0}"
         tiny_assignment.write(top / "class" / name, {"p0.py": BEGIN + text})
     for name in ("home", "tmp"):
         (top / name).mkdir()
@@ -545,14 +409,11 @@ def test_class_with_hostile_members_is_graded_right(user, open_tmp):
     assert state_of(top / "class") == files
     assert list((top / "tmp").iterdir()) == []
     assert json.loads(done.stdout.splitlines()[-1]) < 600  # MB of the grader
-    with (top / "grades.csv").open(newline="") as table:
-        rows = {row["submission"]: row for row in csv.DictReader(table)}
-    wrong = {
-        name: rows[name]
-        for name, (_, points, reason) in MEMBERS.items()
-        if (float(rows[name]["total"]), reason in rows[name]["reason"]) != (points, True)
-    }
-    assert not wrong
+    table = {row["submission"]: row for row in rows(top / "out.csv")}
+    for name, (_, reason) in MEMBERS.items():
+        row = table[name]
+        assert float(row["total"]) == (reason == ""), row
+        assert reason in row["reason"], row
 
 
 def test_disk_that_fills_up_is_seen(tmp_path, monkeypatch):

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
-from helpers.judged_pulse import PULSE, RUBRIC, SQUARE, write_assignment, write_submission
+from helpers.course_assignment import PULSE, RANGE, RUBRIC, write, write_submission
 
 from tofrender.course import rubric
-from tofrender.course.judge import expect, plugin, processes, wire, worker
+from tofrender.course.judge import expect, processes, wire, worker
 from tofrender.course.judge.client import Limits, NoAnswer, Worker
 from tofrender.course.judge.factors import Ratio
 
 
 @pytest.fixture
 def assignment(tmp_path) -> Path:
-    return write_assignment(tmp_path / "tiny")
+    return write(tmp_path / "tiny").folder
 
 
 def run_pytest(assignment: Path, *arguments: str) -> tuple[str, dict[str, dict]]:
@@ -36,67 +38,52 @@ def run_pytest(assignment: Path, *arguments: str) -> tuple[str, dict[str, dict]]
     }
 
 
-# ------------------------------------------------------------------------------ the plugin
-
-
-@pytest.mark.slow
 def test_reference_and_right_submission_pass(assignment, tmp_path):
     for arguments in ((), (f"--submission={write_submission(tmp_path / 'right')}",)):
         (assignment / "report.jsonl").unlink(missing_ok=True)
-        output, report = run_pytest(assignment, *arguments)
-        assert len(report) == 3, output
+        output, report = run_pytest(assignment, "-m", "a0_pulse", *arguments)
+        assert len(report) == 5, output
         assert {line["outcome"] for line in report.values()} == {"passed"}, output
 
 
-@pytest.mark.slow
 def test_failure_says_what_was_expected_and_what_came(assignment, tmp_path):
-    wrong = write_submission(tmp_path / "wrong", PULSE.replace("(self.width_opl * dr.sq", "(dr.sq"))
-    output, report = run_pytest(assignment, f"--submission={wrong}")
-    outcomes = {name: line["outcome"] for name, line in report.items()}
-    assert outcomes == {
-        "test_pulse.py::test_area": "failed",
-        "test_pulse.py::test_draws": "passed",
-        "test_square.py::test_one": "passed",
-    }
+    wrong = write_submission(tmp_path / "wrong", PULSE.replace("self.width_opl * 2.5", "2.5"))
+    output, report = run_pytest(assignment, "-m", "a0_pulse", f"--submission={wrong}")
+    failed = [name for name, line in report.items() if line["outcome"] == "failed"]
+    assert failed == ["test_pulse.py::test_area"]
     text = report["test_pulse.py::test_area"]["text"]
     assert text.splitlines() == [
-        "problem t1.pulse, pulse.py",
+        "problem a0.pulse, pulse.py",
         "The density integrates to one.",
-        "the integral",
+        "the area",
         "  expected: 1",
         "  came:     0.05 (0.05 times that)",
-        "  hint:     is 1/σ there?",
+        "  hint:     is 1 / (sqrt(2 pi) sigma) there?",
     ]
     assert "Traceback" not in output
 
 
-@pytest.mark.slow
 def test_marker_selects_a_problem_and_seeds_repeat(assignment):
-    _, report = run_pytest(assignment, "-m", "t1_square")
-    assert list(report) == ["test_square.py::test_one"]
-    _, report = run_pytest(assignment, "-m", "t1_square", "--seeds", "3")
-    assert [name.split("::")[1] for name in report] == [
-        "test_one",
-        "test_oneseed0",
-        "test_oneseed1",
-        "test_oneseed2",
-    ]
+    _, report = run_pytest(
+        assignment, "-m", "a0_range", "--seeds", "3", "tests/test_range_staff.py"
+    )
+    cases = [name.removeprefix("test_range_staff.py::test_any_frequency") for name in report]
+    assert cases == ["seed0", "seed1", "seed2"]
 
 
-@pytest.mark.slow
 def test_in_a_students_folder_a_failure_leaves_a_picture(assignment, tmp_path):
-    write_submission(assignment / "mine", PULSE.replace("2 * self.width", "self.width"))
+    write_submission(assignment / "mine", PULSE.replace("-0.5 *", "-0.4 *"))
     with (assignment / "pytest.ini").open("a") as file:
         file.write("submission = mine\n")
-    area = (assignment / "tests/test_pulse.py").read_text().replace("np.trapezoid(density, t)", "1")
-    (assignment / "tests/test_pulse.py").write_text(area)
-    output, report = run_pytest(assignment, "-m", "t1_pulse")
+    test = assignment / "tests/test_pulse.py"
+    curves = 'density, 2 * density, "the area", x=t, x_label="t [m]"'
+    test.write_text(test.read_text().replace('area, 1.0, "the area"', curves))
+    output, report = run_pytest(assignment, "-m", "a0_pulse")
     assert "picture:" in output
     assert (assignment / "mine/failures/test_area.png").stat().st_size > 5000
     assert "at t [m] = " in report["test_pulse.py::test_area"]["text"]
 
 
-@pytest.mark.slow
 def test_missing_rubric_and_submission_are_one_line(assignment):
     output, _ = run_pytest(assignment, "--submission", "nowhere")
     assert "nowhere: no such folder" in output
@@ -105,19 +92,16 @@ def test_missing_rubric_and_submission_are_one_line(assignment):
     assert "an assignment's folder has a rubric.toml" in output
 
 
-# ------------------------------------------------------------------------------ the worker
-
 DEATHS = {
     "import os; os._exit(0)": "ended itself with status 0 and gave no answer",
     "import sys; sys.exit(3)": r"called sys.exit\(3\)",
     "import ctypes; ctypes.string_at(0)": "crashed .SIGSEGV.",
     "while True: pass": "no answer within 3 s",
     "x = (": "SyntaxError in line 1",
-    "raise NotImplementedError('t1.pulse: do it')": "not written yet: t1.pulse: do it",
+    "raise NotImplementedError('a0.pulse: do it')": "not written yet: a0.pulse: do it",
     "1 / 0": "ZeroDivisionError: division by zero\n  pulse.py, line 1: 1 / 0",
     "x = 1": "pulse.py defines no GaussianPulse",
-    "from tofrender import GaussianPulse": "is defined in tofrender.signals.pulses; "
-    "must be written in",
+    "from tofrender import GaussianPulse": "is defined in tofrender.signals.pulses; must be w",
     "import sys; sys.setrecursionlimit(10**9)\n"
     "def f(): return f()\nf()": "Recursion|crashed|memory",
     "class GaussianPulse:\n  def __init__(self, width_opl): pass\n"
@@ -126,17 +110,13 @@ DEATHS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("code", DEATHS)
 def test_whatever_a_submission_does_the_next_answer_is_right(code, assignment, tmp_path):
     submission = write_submission(tmp_path / "bad", code)
-    limited = Worker(assignment, submission, limits=Limits(memory_bytes=2**29))
-    try:
+    with closing(Worker(assignment, submission, limits=Limits(memory_bytes=2**29))) as limited:
         with pytest.raises(NoAnswer, match=DEATHS[code]):
-            limited.ask("density", {"width": 0.1, "t": np.zeros(1)}, 3)
-        assert limited.ask("one", {"opl": 0.0}, 5) == [1.0]
-    finally:
-        limited.close()
+            limited.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, 3)
+        assert limited.ask("wrap", {"frequency_hz": 1.0}, 5) == 149896229
 
 
 HIDING = """
@@ -149,84 +129,68 @@ if os.fork() == 0:
 """
 
 
-@pytest.mark.slow
+def wait_for(what) -> None:
+    deadline = time.monotonic() + 10
+    while not what() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert what()
+
+
+def is_asleep(seconds: str) -> bool:
+    processes = psutil.process_iter(["cmdline"])
+    return any(each.info["cmdline"] == ["sleep", seconds] for each in processes)
+
+
 def test_what_hides_from_the_worker_ends_with_it_and_nothing_else_does(assignment, tmp_path):
     other = subprocess.Popen(["sleep", "86398.25"])
-    submission = write_submission(tmp_path / "hiding", HIDING + PULSE)
-    asked = Worker(assignment, submission)
-
-    def sleeping() -> list[str]:
-        lines = [process.info["cmdline"] for process in psutil.process_iter(["cmdline"])]
-        return sorted(line[1] for line in lines if line and line[0] == "sleep" and len(line) == 2)
-
     try:
-        asked.ask("density", {"width": 0.1, "t": np.zeros(1)}, 10)
-        deadline = time.monotonic() + 10  # It starts whenever it gets a turn
-        while "86398.5" not in sleeping() and time.monotonic() < deadline:
-            time.sleep(0.02)
-        assert "86398.5" in sleeping()
-        asked.close()
-        assert "86398.5" not in sleeping()
+        with closing(Worker(assignment, write_submission(tmp_path, HIDING + PULSE))) as asked:
+            asked.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, 10)
+            wait_for(lambda: is_asleep("86398.5"))  # It starts whenever it gets a turn
+        assert not is_asleep("86398.5")
         assert other.poll() is None
     finally:
-        asked.close()
         other.kill()
         other.wait()
 
 
 def test_missing_file_and_printed_output(assignment, tmp_path):
     submission = write_submission(tmp_path / "half", None, "print('here'); raise ValueError('no')")
-    asked = Worker(assignment, submission)
-    try:
-        with pytest.raises(NoAnswer, match=r"pulse\.py is missing \(problem t1\.pulse\)"):
-            asked.ask("density", {"width": 0.1, "t": np.zeros(1)}, 3)
+    with closing(Worker(assignment, submission)) as asked:
+        with pytest.raises(NoAnswer, match=r"pulse\.py is missing \(problem a0\.pulse\)"):
+            asked.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, 3)
         with pytest.raises(NoAnswer, match="ValueError: no"):
-            asked.ask("one", {"opl": 0.0}, 3)
-        deadline = time.monotonic() + 5  # it comes on another way than the answer
-        while "here" not in asked.output and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert "here" in asked.output
-    finally:
-        asked.close()
+            asked.ask("wrap", {"frequency_hz": 1.0}, 3)
+        wait_for(lambda: "here" in asked.output)  # it comes on another way than the answer
     assert not asked._scratch.exists()
 
 
 def test_questions_do_not_fill_the_disk(assignment, tmp_path, monkeypatch):
     """The limit is that of what stays, however many questions a worker answers."""
-    asked = Worker(assignment, write_submission(tmp_path / "right"))
-    try:
-        first = asked.ask("density", {"width": 0.1, "t": np.zeros(200_000)}, 10)
+    question, disk = {"width_opl": 0.1, "t": np.zeros(200_000)}, SimpleNamespace(free=0)
+    with closing(Worker(assignment, write_submission(tmp_path / "right"))) as asked:
+        first = asked.ask("density", question, 10)
         running = asked._running
-        disk = SimpleNamespace(free=0)
         monkeypatch.setattr(processes, "MAX_WRITTEN", 4 << 20)
         monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)
         assert running.excess(None, asked._place) == ""
         for _ in range(5):
-            again = asked.ask("density", {"width": 0.1, "t": np.zeros(200_000)}, 10)
-            np.testing.assert_array_equal(again, first)
+            np.testing.assert_array_equal(asked.ask("density", question, 10), first)
         disk.free = -(1 << 30)
         assert running.excess(None, asked._place) == ""
         assert asked._running is running
         assert [path.name for path in asked._place.glob("*/*.npz")] == []
-    finally:
-        asked.close()
 
 
-@pytest.mark.slow
 def test_helpers_of_a_submission_may_be_called_as_the_judges(assignment, tmp_path):
     probes = assignment / "tests/probes.py"
     (assignment / "tests/worlds.py").write_text("scale = 2.0\n")
-    probes.write_text(
-        "import worlds\n"
-        + probes.read_text().replace("return theirs.AM", "return worlds.scale * theirs.AM")
-    )
-    submission = write_submission(tmp_path / "x", square="from worlds import mine\n" + SQUARE)
+    text = probes.read_text().replace("return theirs.un", "return worlds.scale * theirs.un")
+    probes.write_text(f"import worlds\n{text}")
+    submission = write_submission(tmp_path / "x", wrapping="from worlds import mine\n" + RANGE)
     (submission / "worlds.py").write_text("mine = 1\n")
-    asked = Worker(assignment, submission)
-    try:
-        assert asked.ask("one", {"opl": 0.0}, 20) == [2.0]
-    finally:
-        asked.close()
+    with closing(Worker(assignment, submission)) as asked:
+        assert asked.ask("wrap", {"frequency_hz": 1.0}, 20) == 2 * 149896229
 
 
 CHAIN = """
@@ -236,21 +200,18 @@ def fails():
     except ValueError as error:
         raise RuntimeError("in the middle") from error.with_traceback(None)
 
-def outer():
-    try:
-        fails()
-    except RuntimeError as error:
-        raise RuntimeError("outside") from error
+try:
+    fails()
+except RuntimeError as error:
+    raise RuntimeError("outside") from error
 """
 
 
 def test_students_line_is_named_along_all_causes(tmp_path):
     path = tmp_path / "student.py"
     path.write_text(CHAIN)
-    names: dict = {}
-    exec(compile(CHAIN, str(path), "exec"), names)
     with pytest.raises(RuntimeError) as caught:
-        names["outer"]()
+        exec(compile(CHAIN, str(path), "exec"), {})
     text = worker.explain(caught.value, tmp_path)
     assert text.splitlines()[0] == "ValueError: the cause"
     assert "student.py, line 6: raise RuntimeError" in text
@@ -261,9 +222,6 @@ def test_theirs_knows_the_rubrics_names_only(assignment):
     assert theirs.GaussianPulse(0.1).width_opl == 0.1
     with pytest.raises(AttributeError, match="no problem of the rubric has this name"):
         _ = theirs.Nothing
-
-
-# ------------------------------------------------------------------------------ the wire
 
 
 def test_data_survive_the_wire(tmp_path):
@@ -283,28 +241,29 @@ def test_data_survive_the_wire(tmp_path):
             wire.read(tmp_path / "z.npz")
 
 
-# ------------------------------------------------------------------------------ the rubric
-
-
 def test_rubric_adds_points_and_names_homes(assignment):
     read = rubric.read(assignment)
-    assert (read.points, [p.points for p in read.problems]) == (6, [3, 3])
-    assert read.home_of["AMCWPulse"].id == "t1.square"
-    assert read.problem_of["test_pulse.py::test_draws"].marker == "t1_pulse"
-    assert read.withheld == {"tofrender.signals.pulses": "t1.pulse"}
+    assert [problem.points for problem in read.problems] == [5.5, 4]
+    assert read.home_of["unambiguous_range"].id == "a0.range"
+    assert read.problem_of["test_pulse.py::test_peak"].marker == "a0_pulse"
+    assert read.withheld["tofrender.signals.pulses"] == "a0.pulse"
 
 
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("points = 3", "points = -3", "'test_square.py::test_one': points must be 0 or more"),
+        ("points = 3", "points = -3", "'test_range.py::test_range': points must be 0 or more"),
         ("points = 3", "pionts = 3", "'pionts' is unknown; must be one of id, points, visibility"),
         ("title", "titel", "'titel' is unknown"),
-        ('id = "t1.square"', 'id = "t1.pulse"', "problem 't1.pulse' is there more than once"),
-        ('id = "t1.square"', 'id = "t2.square"', "must start with 't1' and a dot"),
-        ("test_square.py::test_one", "test_pulse.py::test_area", "more than once"),
-        ("timeout_s = 3", "timeout_s = 0", "timeout_s = 0: must be above 0"),
-        ("timeout_s = 3", "needs = ['t1.x']", "needs 't1.x', which is no problem of this file"),
+        ('id = "a0.range"', 'id = "a0.pulse"', "problem 'a0.pulse' is there more than once"),
+        ('id = "a0.range"', 'id = "a1.range"', "must start with 'a0' and a dot"),
+        ("test_range.py::test_range", "test_pulse.py::test_area", "more than once"),
+        ("bonus = true", "timeout_s = 0", "timeout_s = 0: must be above 0"),
+        (
+            'needs = ["a0.pulse"]',
+            "needs = ['a0.x']",
+            "needs 'a0.x', which is no problem of this file",
+        ),
         ("[[problem]]", "[[problem]", "is not TOML"),
         ('title = "Tiny"', "", "missing 1 required positional argument: 'title'"),
     ],
@@ -318,37 +277,35 @@ def test_bad_rubric_is_refused_in_one_line(old, new, text, tmp_path):
     assert "\n" not in str(error.value)
 
 
-# ------------------------------------------------------------------------------ comparisons
-
-
 def test_exact_comparisons():
     expect.close(1.00005, 1, "x")
     expect.close([[1, 2]], 1.5, "x", atol=0.5)
-    for came, wanted, text in (
+    for came, wanted, says in (
         (1.001, 1, "came:     1.001 (1.001 times that)"),
         ([1, 2], [1, 2, 3], r"shape (2,)"),
         ([1, np.nan], [1, 2], "1 that are NaN or infinite, the first at [1]"),
         ("text", 1, "'text'"),
         ([[0, 1]], [[0, 0]], "at [0, 1]"),
     ):
-        with pytest.raises(expect.Failure) as failure:
-            expect.close(came, wanted, "what", hint="look here")
-        assert text in str(failure.value)
-        assert "hint:     look here" in str(failure.value)
-    with pytest.raises(expect.Failure, match="it holds"):
-        expect.true(False, "it holds")
+        failure = fails(expect.close, came, wanted, hint="look here", says=says)
+        assert "hint:     look here" in str(failure)
+    fails(expect.true, False, says="what")
+
+
+def fails(compare, *arguments, says: str | None = None, **options) -> expect.Failure:
+    """The failure of a comparison that must fail, which says this text."""
+    with pytest.raises(expect.Failure, match=says and re.escape(says)) as failure:
+        compare(*arguments, "what", **options)
+    return failure.value
 
 
 def test_nothing_is_no_answer():
-    for compare in (
-        lambda: expect.close([], 1.0, "x"),
-        lambda: expect.close(np.zeros((0, 3)), np.zeros((0, 3)), "x"),
-        lambda: expect.finite([], "x"),
-        lambda: expect.estimate(np.zeros((8, 0)), 1.0, "x"),
-        lambda: expect.noise(np.zeros((8, 0)), 1.0, "x"),
-    ):
-        with pytest.raises(expect.Failure, match="none: an array of shape"):
-            compare()
+    none = "none: an array of shape"
+    fails(expect.close, [], 1.0, says=none)
+    fails(expect.close, np.zeros((0, 3)), np.zeros((0, 3)), says=none)
+    fails(expect.finite, [], says=none)
+    fails(expect.estimate, np.zeros((8, 0)), 1.0, says=none)
+    fails(expect.noise, np.zeros((8, 0)), 1.0, says=none)
 
 
 def test_a_factor_is_named_hints_and_leaves_a_part():
@@ -361,50 +318,38 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
         (0.5, "1/2", "look here", 0.5),
         (1 / cos, "1/cos", "the cosine is missing", 0),
     ):
-        with pytest.raises(expect.Failure) as failure:
-            expect.close(right * factor, right, "x", hint="look here", ratios=ratios)
-        text = str(failure.value)
-        assert f"which is: {name} times what is right, everywhere" in text
-        assert f"hint:     {hint}" in text
-        assert failure.value.share == share
+        says = f"which is: {name} times what is right, everywhere"
+        failure = fails(
+            expect.close, right * factor, right, says=says, hint="look here", ratios=ratios
+        )
+        assert f"hint:     {hint}" in str(failure)
+        assert failure.share == share
     for came in (right * 1.7, np.zeros(4), right * [2, 2, 1, 1]):
-        with pytest.raises(expect.Failure) as failure:
-            expect.close(came, right, "x", ratios=ratios)
-        assert "which is" not in str(failure.value)
-        assert failure.value.share == 0
+        failure = fails(expect.close, came, right, ratios=ratios)
+        assert "which is" not in str(failure)
+        assert failure.share == 0
     for came, share in ((2.0, 0), (np.pi, 0.5)):  # in one number, 2 may be chance
-        with pytest.raises(expect.Failure, match="which is: ") as failure:
-            expect.close(came, 1.0, "x")
-        assert failure.value.share == share
-    with pytest.raises(expect.Failure) as failure:  # a bound so wide that several fit
-        expect.close(right * 2, right, "x", rtol=0.4)
-    assert failure.value.share == 0
+        assert fails(expect.close, came, 1.0, says="which is: ").share == share
+    # a bound so wide that several fit
+    assert fails(expect.close, right * 2, right, rtol=0.4).share == 0
 
 
 @pytest.mark.statistical
 def test_a_factor_is_found_through_noise():
     expect.configure(comparisons=10)
     noise = np.random.default_rng(3).normal(1, 0.05, (32, 6))
-    for compare in (
-        lambda: expect.estimate(noise * np.pi, 1.0, "mean"),
-        lambda: expect.same(noise * np.pi, noise[::-1], "mean"),
-    ):
-        with pytest.raises(expect.Failure, match="which is: π times") as failure:
-            compare()
-        assert failure.value.share == 0.5
-    with pytest.raises(expect.Failure) as failure:
-        expect.estimate(noise * 1.2, 1.0, "mean")
-    assert failure.value.share == 0
+    for compare, wanted in ((expect.estimate, 1.0), (expect.same, noise[::-1])):
+        assert fails(compare, noise * np.pi, wanted, says="which is: π times").share == 0.5
+    assert fails(expect.estimate, noise * 1.2, 1.0).share == 0
 
 
 @pytest.mark.statistical
 def test_scatter_beyond_that_of_a_good_solution_fails():
     noise = np.random.default_rng(4).normal(1, 0.1, (64, 5))
     expect.noise(noise, 0.2, "mean")
-    with pytest.raises(expect.Failure, match=r"standard deviation of mean\n  expected: at most"):
-        expect.noise(1 + 3 * (noise - 1), 0.2, "mean", hint="few samples?")
-    with pytest.raises(expect.Failure, match="NaN"):
-        expect.noise(noise * np.nan, 0.2, "mean")
+    says = "standard deviation of what\n  expected: at most"
+    fails(expect.noise, 1 + 3 * (noise - 1), 0.2, says=says, hint="few samples?")
+    fails(expect.noise, noise * np.nan, 0.2, says="NaN")
 
 
 @pytest.mark.statistical
@@ -416,37 +361,25 @@ def test_comparisons_with_noise_find_errors_and_pass_right_ones():
     expect.same(noise, rng.normal(1, 0.1, (16, 20)), "mean")
     chances = np.full(10, 0.09)  # a tenth falls into no bin
     expect.histogram(rng.multinomial(10000, [*chances, 0.1])[:-1], chances, "counts")
-    for wrong in (
-        lambda: expect.estimate(noise * 1.2, 1, "mean"),
-        lambda: expect.estimate(np.where(noise < 0.8, np.nan, noise), 1, "mean"),
-        lambda: expect.same(noise, noise * 1.2, "mean"),
-        lambda: expect.histogram([1000] * 9 + [2000], chances, "counts"),
-        lambda: expect.histogram([1000, 1], [1, 0], "counts"),
-        lambda: expect.histogram([0, 0], [0.5, 0.5], "counts"),
-    ):
-        with pytest.raises(expect.Failure):
-            wrong()
+    fails(expect.estimate, noise * 1.2, 1)
+    fails(expect.estimate, np.where(noise < 0.8, np.nan, noise), 1)
+    fails(expect.same, noise, noise * 1.2)
+    fails(expect.histogram, [1000] * 9 + [2000], chances)
+    fails(expect.histogram, [1000, 1], [1, 0])
+    fails(expect.histogram, [0, 0], [0.5, 0.5])
 
 
-@pytest.mark.slow
 @pytest.mark.statistical
-def test_false_alarms_are_as_rare_as_stated():
+def test_false_alarms_are_as_rare_as_stated(monkeypatch):
     """At a share of 1e-2 of 1000 comparisons of right samples about ten fail."""
     expect.configure(comparisons=1)
     rng = np.random.default_rng(11)
-    alarms, expect_alpha = 0, expect.ALPHA
-    expect.ALPHA = 1e-2
-    try:
-        for _ in range(1000):
-            try:
-                expect.estimate(rng.normal(size=(16, 5)), 0, "mean")
-            except expect.Failure:
-                alarms += 1
-    finally:
-        expect.ALPHA = expect_alpha
-        expect.configure(comparisons=100)
+    alarms = 0
+    monkeypatch.setattr(expect, "ALPHA", 1e-2)
+    for _ in range(1000):
+        try:
+            expect.estimate(rng.normal(size=(16, 5)), 0, "mean")
+        except expect.Failure:
+            alarms += 1
+    expect.configure(comparisons=100)
     assert 1 <= alarms <= 24
-
-
-def test_ids_of_tests():
-    assert plugin.rubric_id("a/tests/test_x.py::test_y[case-1]") == "test_x.py::test_y"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -14,11 +14,10 @@ from pathlib import Path
 
 import mitsuba as mi
 import pytest
-import typer
 from helpers import course_assignment
 
 import tofrender
-from tofrender.cli import app as cli, course as cli_course
+from tofrender.cli import app as cli
 from tofrender.course import assignments, edition, material, mutants, notebooks, rubric
 from tofrender.course.author import leaks, structure, verify
 from tofrender.course.author.release import release
@@ -40,14 +39,7 @@ def released(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    """Exit status, stdout and stderr of a command."""
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.callback()(lambda: None)
-    for command in (cli_course.release, cli_course.verify, cli_course.start, cli_course.submit):
-        app.command()(command)
-    monkeypatch.setattr(cli, "app", app)
-
+def run(capsys):
     def call(*arguments: object) -> tuple[int, str, str]:
         status = cli.main(list(map(str, arguments)))
         captured = capsys.readouterr()
@@ -56,23 +48,23 @@ def run(monkeypatch, capsys):
     return call
 
 
+def changed(tiny, name: str, *changes: tuple[str, str]) -> None:
+    """Change the first place of each text in a file of the assignment."""
+    path = tiny.folder / name
+    text = path.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+
+
 def in_edition(folder: Path, script: str) -> str:
-    """What a script prints that sees the edition."""
     environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", script],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return result.stdout
+    command = [sys.executable, "-P", "-c", script]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout
 
 
-# ------------------------------------------------------------------------------------- release
-
-
-@pytest.mark.slow
 def test_released_folder(released):
     files = {str(path.relative_to(released)) for path in released.rglob("*") if path.is_file()}
     top = {name for name in files if not name.startswith("package/")}
@@ -92,8 +84,7 @@ def test_released_folder(released):
         *("rubric.toml", "starter/pulse.py", "starter/wrapping.py"),
         *("tests/probes.py", "tests/test_pulse.py", "tests/test_range.py"),
     }
-    gone = ("signals/pulses", "nlos/light/confocal", "analysis/unwrapping", "integrators/base")
-    for name in gone:
+    for name in ("signals/pulses", "nlos/light/confocal", "analysis/unwrapping"):
         assert (assignments.PACKAGE / f"{name}.py").is_file()
         assert f"package/tofrender/{name}.py" not in files
     assert "package/tofrender/py.typed" in files
@@ -102,16 +93,12 @@ def test_released_folder(released):
     assert "| 5.5 | `pulse.py` | `pytest -m a0_pulse` | 10 s |" in readme
     assert "| 4 bonus |" in readme
     assert "It uses your a0.pulse." in readme
-
-
-@pytest.mark.slow
-def test_pip_can_read_it(released):
     project = tomllib.loads((released / "package" / "pyproject.toml").read_text())["project"]
     whole = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     assert project["version"] == f"{tofrender.__version__}+a0"
-    assert project["dependencies"] == whole["dependencies"]
+    for key in ("dependencies", "scripts"):
+        assert project[key] == whole[key]
     assert project["optional-dependencies"]["course"] == whole["optional-dependencies"]["course"]
-    assert project["scripts"] == whole["scripts"]
 
 
 def test_names_say_the_problem(tiny, tmp_path):
@@ -153,7 +140,6 @@ def test_release_overwrites_nothing(tiny, tmp_path, run):
     assert [path.name for path in place.parent.rglob("*")] == ["a0_tiny", "mine"]
 
 
-@pytest.mark.slow
 def test_release_fails_closed(tiny, tmp_path, run):
     source = (assignments.PACKAGE / "nlos/light/confocal.py").read_text()
     probes = tiny.folder / "tests" / "probes.py"
@@ -166,7 +152,6 @@ def test_release_fails_closed(tiny, tmp_path, run):
     assert list((tmp_path / "dist").iterdir()) == []
 
 
-@pytest.mark.slow
 def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
     folder = tmp_path / "edition"
     edition.copy(tiny, folder)
@@ -183,15 +168,11 @@ def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
 
 
 def test_withheld_modules_must_exist(tiny, tmp_path):
-    text = course_assignment.FILES["rubric.toml"].replace(
-        "tofrender.nlos.light.confocal", "tofrender.conrer"
-    )
-    course_assignment.put(tiny.folder, "rubric.toml", text)
+    changed(tiny, "rubric.toml", ("tofrender.nlos.light.confocal", "tofrender.conrer"))
     with pytest.raises(ValueError, match=r"module tofrender\.conrer: does not exist"):
         edition.copy(tiny, tmp_path / "edition")
 
 
-@pytest.mark.slow
 def test_a_package_is_withheld_but_for_what_is_kept(tiny):
     def keeping(*keeps: str) -> rubric.Rubric:
         return dataclasses.replace(
@@ -206,7 +187,6 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
         edition.withheld(keeping("tofrender.integrators.base"))
 
 
-@pytest.mark.slow
 def test_dependents():
     found = dependents(["tofrender.rendering.arrivals"])
     directly = {name for name, why in found.items() if why == "tofrender.rendering.arrivals"}
@@ -214,34 +194,17 @@ def test_dependents():
     assert {"tofrender.rendering.renderer", "tofrender.nlos.capturing"} <= set(found)
     assert set(dependents(["tofrender.rendering.job"])) <= set(found)
     assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}
-    with_pulses = dependents(["tofrender.signals.pulses"])
+    with_pulses = set(dependents(["tofrender.signals.pulses"]))
     assert "tofrender.integrators.path_tracer" in with_pulses
-    assert not {"tofrender", "tofrender.films.transient", "tofrender.paths.endpoints"} & set(
-        with_pulses
-    )
-
-
-@pytest.mark.parametrize("name", ["analysis", "io", "nlos", "sampling", "vis"])
-def test_packages_import_their_names_on_demand(name):
-    package = importlib.import_module(f"tofrender.{name}")
-    assert set(package.__all__) <= set(dir(package))
-    for each in package.__all__:
-        assert getattr(package, each) is not None
-    with pytest.raises(AttributeError, match=f"module 'tofrender.{name}' has no attribute 'x'"):
-        package.x  # noqa: B018
-
-
-# ------------------------------------------------------------------------------------ material
+    others = {"tofrender", "tofrender.films.transient", "tofrender.paths.endpoints"}
+    assert not others & with_pulses
 
 
 def test_rubric_of_students(tiny, tmp_path):
     material.write(tiny, tmp_path)
     theirs = rubric.read(tmp_path)
-    assert [test.id for test in theirs.problems[0].tests] == [
-        "test_pulse.py::test_area",
-        "test_pulse.py::test_fall_off",
-        "test_pulse.py::test_peak",
-    ]
+    tests = [test.id.removeprefix("test_pulse.py::") for test in theirs.problems[0].tests]
+    assert tests == ["test_area", "test_fall_off", "test_peak"]
     assert theirs.points == tiny.rubric.points == 5.5
     again = tmp_path / "again"
     again.mkdir()
@@ -264,16 +227,7 @@ def test_handout_names_only_problems(tiny):
     assert material.handout("see [[a0.pulse]] here", tiny.rubric) == "see [[a0.pulse]] here"
 
 
-def test_assignment_that_does_not_exist(run):
-    status, _, said = run("start", "a99", "x")
-    assert status == 2
-    assert said.startswith("error: ASSIGNMENT = a99: must be one of ")
-
-
-# --------------------------------------------------------------------------------------- start
-
-
-def test_students_folder(tiny, tmp_path, run):
+def test_students_folder(tiny, tmp_path, run, monkeypatch):
     folder = tmp_path / "my-a0"
     status, out, said = run("start", tiny.folder, folder)
     assert (status, said) == (0, "")
@@ -287,13 +241,10 @@ def test_students_folder(tiny, tmp_path, run):
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
     assert done.stdout == "scene\n"
     assert (folder / "pytest.ini").read_text().endswith("\nsubmission = .\n")
-    assert sorted(path.name for path in (folder / "tests").iterdir()) == [
-        "probes.py",
-        "test_pulse.py",
-        "test_range.py",
-    ]
-    cells = json.loads((folder / "notebook.ipynb").read_text())["cells"]
-    sources = ["".join(cell["source"]) for cell in cells]
+    names = {path.name for path in (folder / "tests").iterdir()}
+    assert names == {"probes.py", "test_pulse.py", "test_range.py"}
+    notebook = json.loads((folder / "notebook.ipynb").read_text())
+    sources = ["".join(cell["source"]) for cell in notebook["cells"]]
     assert sources[1].startswith("%load_ext tofrender.course.student\n")
     stub = (tiny.starter / "pulse.py").read_text()
     assert sources[2] == f"%%solution pulse.py\n{stub.rstrip()}"
@@ -301,19 +252,17 @@ def test_students_folder(tiny, tmp_path, run):
     status, _, said = run("start", tiny.folder, folder)
     assert status == 2
     assert "is not empty; must be a new folder, or an empty one" in said
-
-
-def test_start_takes_an_empty_folder_but_not_the_current_one(tiny, tmp_path, monkeypatch):
-    folder = tmp_path / "empty"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
+    status, _, said = run("verify", folder)
+    assert status == 2
+    assert "verify needs the course's checkout, not the student edition" in said
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    monkeypatch.chdir(empty)
     with pytest.raises(FileExistsError, match="is the current folder; must be one inside it"):
         start(tiny, Path("."))
     monkeypatch.chdir(tmp_path)
-    assert (start(tiny, folder) / "pulse.py").is_file()
-
-
-# -------------------------------------------------------------------------------------- submit
+    assert cells.save(start(tiny, empty) / "pulse.py", "x = 1") == "wrote pulse.py"
+    assert not list(empty.glob("*.py.*"))  # A stub is no edit of the student's
 
 
 @pytest.fixture
@@ -341,10 +290,8 @@ def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     assert submit.check(tiny, student)[1] == ["deliverables/*", "wrapping.py"]
     (student / "wrapping.py").symlink_to("/etc/hostname")
     status, _, said = run("submit", tiny.folder, student)
-    assert (status, said) == (
-        2,
-        f"error: {student}/wrapping.py: is a link; must be the file itself\n",
-    )
+    assert status == 2
+    assert said == f"error: {student}/wrapping.py: is a link; must be the file itself\n"
     (student / "wrapping.py").unlink()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "x.npz").write_text("")
@@ -360,24 +307,16 @@ def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     assert not list(tmp_path.glob("*.zip"))
 
 
-@pytest.mark.slow
 def test_submit_shows_points(tiny, student, run):
     (student / "pulse.py").write_text((tiny.solutions / "pulse.py").read_text())
     status, out, said = run("submit", tiny.folder, student)
-    lines = [line.split() for line in out.splitlines()]
+    lines = [" ".join(line.split()) for line in out.splitlines()]
     assert status == 0
-    assert [
-        "A",
-        "pulse",
-        *["4", "of", "4,", "1.5", "from", "tests", "that", "are", "not", "public"],
-    ] in lines
-    assert ["The", "range", "0", "of", "4", "bonus"] in lines
-    assert ["not", "written", "yet:", "1", "tests"] in lines
+    assert "A pulse 4 of 4, 1.5 from tests that are not public" in lines
+    assert "The range 0 of 4 bonus" in lines
+    assert "not written yet: 1 tests" in lines
     assert "warning: wrapping.py is as it came" in said
     assert (student.parent / "my-a0.zip").is_file()
-
-
-# ------------------------------------------------------------------------------------ notebook
 
 
 def test_cell_keeps_what_an_editor_wrote(tmp_path):
@@ -399,7 +338,6 @@ def test_cell_keeps_what_an_editor_wrote(tmp_path):
     assert cells.save(path, "a = -2") == "wrote pulse.py"
 
 
-@pytest.mark.slow
 def test_cells_test_their_file(tiny, student):
     solution = (tiny.solutions / "pulse.py").read_text()
     (student / "pulse.py").write_text(solution.replace("2.50662827", "2.6"))
@@ -413,11 +351,6 @@ def test_cells_test_their_file(tiny, student):
     with pytest.raises(ValueError, match=r"%%test x\.py: must be one of pulse\.py, wrapping\.py"):
         cells.run_tests(student, "x.py")
     assert cells.run_tests(student / "figures", "").endswith("has no tests")
-
-
-def test_stub_is_no_edit_of_the_students(tiny, student):
-    assert cells.save(student / "pulse.py", "x = 1") == "wrote pulse.py"
-    assert not list(student.glob("*.py.*"))
 
 
 def test_new_code_is_used_at_once(tmp_path, monkeypatch):
@@ -443,23 +376,17 @@ def test_notebook_needs_its_files(tiny, tmp_path):
         notebooks.build((tiny.folder / "notebook.py").read_text(), tmp_path)
 
 
-@pytest.mark.slow
 def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
     text = (tiny.folder / "notebook.py").read_text()
-    for files, works in ((tiny.solutions, True), (tiny.starter, False)):
-        folder = tmp_path / files.name
-        folder.mkdir()
-        notebooks.write(text, files, folder / "notebook.ipynb")
-        if works:
-            notebooks.execute(folder / "notebook.ipynb")
-            assert (folder / "deliverables" / "x.npz").is_file()
-            assert "1.499" in (folder / "notebook.ipynb").read_text()
-        else:
-            with pytest.raises(RuntimeError, match=r"a0\.range: write unambiguous_range"):
-                notebooks.execute(folder / "notebook.ipynb")
-
-
-# ------------------------------------------------------------------------------------- reasons
+    right, stubs = tmp_path / "right" / "notebook.ipynb", tmp_path / "stubs" / "notebook.ipynb"
+    for files, notebook in ((tiny.solutions, right), (tiny.starter, stubs)):
+        notebook.parent.mkdir()
+        notebooks.write(text, files, notebook)
+    notebooks.execute(right)
+    assert right.with_name("deliverables").joinpath("x.npz").is_file()
+    assert "1.499" in right.read_text()
+    with pytest.raises(RuntimeError, match=r"a0\.range: write unambiguous_range"):
+        notebooks.execute(stubs)
 
 
 @pytest.mark.parametrize(
@@ -489,31 +416,19 @@ def test_what_a_plugin_raises_when_mitsuba_makes_it(tmp_path, body, text):
         assert worker.explain(caught.value, tmp_path) == text
 
 
-# -------------------------------------------------------------------------------------- verify
-
-
-@pytest.mark.slow
-def test_structure_holds(tiny):
-    assert list(structure.check(tiny)) == []
-
-
-@pytest.mark.slow
 def test_structure_finds_what_does_not_agree(tiny):
     folder = tiny.folder
-    put, files = course_assignment.put, course_assignment.FILES
-    put(folder, "README.md", "[[a0.pulse]]\n[[a0.pulse]]\nA pulse (5 points).\n![x](no.png)\n")
-    put(folder, "rubric.toml", files["rubric.toml"].replace("test_peak", "test_paek"))
-    put(folder, "solutions/extra.py", "")
-    put(folder, "tests/test_range.py", files["tests/test_range.py"].replace("a0_range", "a0_pulse"))
+    text = "[[a0.pulse]]\n[[a0.pulse]]\nA pulse (5 points).\n![x](no.png)\n"
+    (folder / "README.md").write_text(text)
+    (folder / "solutions/extra.py").write_text("")
     (folder / "tests" / "test_pulse_staff.py").rename(folder / "tests" / "test_even.py")
-    put(
-        folder,
-        "notebook.py",
-        files["notebook.py"].replace("[solution] wrapping.py", "[solution] w.py"),
-    )
     (folder / "exercises.md").unlink()
-    put(folder, "mutants.toml", files["mutants.toml"].replace("-0.5 * x * x", "-0.6 * x"))
-    assert sorted(structure.check(assignments.Assignment(folder))) == sorted(
+    changed(tiny, "rubric.toml", ("test_peak", "test_paek"))
+    changed(tiny, "tests/test_range.py", ("a0_range", "a0_pulse"))
+    changed(tiny, "notebook.py", ("[solution] wrapping.py", "[solution] w.py"))
+    changed(tiny, "mutants.toml", ("-0.5 * x * x", "-0.6 * x"))
+    found = sorted(structure.check(assignments.Assignment(folder)))
+    assert found == sorted(
         [
             "README.md: line [[a0.pulse]] is there 2 times, must be once",
             "README.md: line [[a0.range]] is there 0 times, must be once",
@@ -551,33 +466,12 @@ def test_which_tests_a_mutant_can_fail(tiny):
         mutants.apply(tiny, broken)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--seeds", "0"), "--seeds = 0: must be an integer from 1 to 10000"),
-        (("--only", "mutant"), "--only = mutant: must be one of structure, edition, starter"),
-    ],
-)
-def test_verify_refuses(tiny, run, arguments, message):
-    status, _, said = run("verify", tiny.folder, *arguments)
-    assert status == 2
-    assert said.startswith(f"error: {message}")
-
-
-def test_verify_needs_solutions(tiny, student, run):
-    status, _, said = run("verify", student)
-    assert status == 2
-    assert "verify needs the course's checkout, not the student edition" in said
-
-
-@pytest.mark.slow
 def test_submission_is_not_taken_for_the_tests(tiny, student):
     result = running.pytest(tiny.folder, ["--submission", str(student)])
     assert result.returncode != 0
     assert "write --submission=DIR" in result.stdout + result.stderr
 
 
-@pytest.mark.slow
 def test_verify(tiny, run):
     status, out, said = run("verify", tiny.folder, "--seeds", 2)
     assert (status, said) == (0, ""), out
@@ -586,16 +480,12 @@ def test_verify(tiny, run):
     assert "3 of them under 2 seeds" in out
 
 
-@pytest.mark.slow
 def test_verify_says_what_does_not_hold(tiny, run):
-    put, files = course_assignment.put, course_assignment.FILES
-    put(tiny.folder, "starter/pulse.py", files["solutions/pulse.py"])
-    put(tiny.folder, "starter/wrapping.py", "import os\nos._exit(3)\n")
-    text = files["solutions/pulse.py"].replace("x = t ", "x = (t + 1e-3) ")
-    put(tiny.folder, "solutions/pulse.py", text)
-    text = files["mutants.toml"].replace('"half the square"', '"a third"')
-    text = text.replace('["test_range.py::test_range", ', '["test_range.py::test_results", ', 1)
-    put(tiny.folder, "mutants.toml", text)
+    shutil.copy(tiny.solutions / "pulse.py", tiny.starter)
+    (tiny.starter / "wrapping.py").write_text("import os\nos._exit(3)\n")
+    changed(tiny, "solutions/pulse.py", ("x = t ", "x = (t + 1e-3) "))
+    other = ('["test_range.py::test_range", ', '["test_range.py::test_results", ')
+    changed(tiny, "mutants.toml", ('"half the square"', '"a third"'), other)
     checks = [part for name in ("starter", "solutions", "mutants") for part in ("--only", name)]
     status, out, _ = run("verify", tiny.folder, *checks)
     assert status == 1
@@ -606,17 +496,14 @@ def test_verify_says_what_does_not_hold(tiny, run):
         "test_pulse.py::test_fall_off: failed (2 of 2 cases): problem a0.pulse": 1,
         "test_range.py::test_range: failed": 0,
         "no_half: no failure says 'a third'; they say": 1,
-        "there_and_back: test_range.py::test_results passes, must fail (Light goes": 1,
+        "there_and_back: test_range.py::test_results passes, must fail (It is there_and_back": 1,
         "there_and_back: test_range.py::test_range fails, must pass: problem a0.range": 1,
         "quarter:": 0,
     }.items():
-        assert sum(line.startswith(start_of_line) for line in reasons) == count, (
-            start_of_line,
-            out,
-        )
+        found = sum(line.startswith(start_of_line) for line in reasons)
+        assert found == count, (start_of_line, out)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", list(assignments.known()))
 def test_assignments_hold_together(name):
     found = assignments.find(name)

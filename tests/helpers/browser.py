@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import os
 import shutil
 import subprocess
@@ -13,7 +14,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
+
+from helpers.served import is_free, served
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 INSTALL = "apt-get install -y --no-install-recommends chromium"
@@ -32,6 +37,39 @@ def chromium() -> str:
     if found is None:
         pytest.skip(f"no Chromium; run: sudo {INSTALL}")
     return found
+
+
+@contextmanager
+def page_of(*arguments: object, size: tuple[int, int] = (1280, 800), dark=False) -> Iterator[Any]:
+    """The page of a command, which is `page.command`; it asks no other host for anything."""
+    with served(*arguments, "--no-browser") as command:
+        viewport = {"width": size[0], "height": size[1]}
+        with page(dark=dark, viewport=viewport, accept_downloads=True) as there:
+            elsewhere, own = [], (command.site, "data:", "blob:")
+            there.on("request", lambda r: r.url.startswith(own) or elsewhere.append(r.url))
+            there.goto(command.url)
+            there.command = command
+            yield there
+            assert there.errors == []
+            assert elsewhere == []
+        assert command.stop() == 0
+        assert "Traceback" not in command.errors
+        assert is_free(command.port)
+
+
+def shades(page: Any) -> np.ndarray:
+    return np.array(Image.open(io.BytesIO(page.screenshot())).convert("L"))
+
+
+def found(condition: str, value: str) -> str:
+    """JavaScript: the `value` of the first `each` of all elements, in shadows too, that is so."""
+    return f"""(function find(root) {{
+      for (const each of root.querySelectorAll('*')) {{
+        if ({condition}) return {value};
+        const inner = each.shadowRoot && find(each.shadowRoot);
+        if (inner) return inner;
+      }}
+    }})(document)"""
 
 
 @contextmanager
@@ -54,8 +92,7 @@ def page(*, dark: bool = False, offline: bool = False, **options: Any) -> Iterat
         page.errors = []
         page.on("pageerror", lambda error: page.errors.append(str(error)))
         page.on(
-            "console",
-            lambda said: page.errors.append(said.text) if said.type == "error" else None,
+            "console", lambda said: page.errors.append(said.text) if said.type == "error" else None
         )
         try:
             yield page

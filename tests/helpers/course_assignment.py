@@ -2,10 +2,31 @@
 
 from __future__ import annotations
 
+import json
+from itertools import starmap
 from pathlib import Path
 from textwrap import dedent
 
+from helpers import tiny_assignment
 from tofrender.course.assignments import Assignment
+
+AREA, FALL_OFF = "test_pulse.py::test_area", "test_pulse.py::test_fall_off"
+RANGES = ["test_range.py::test_range", "test_range_staff.py::test_any_frequency"]
+NORM = " / (self.width_opl * 2.50662827)"
+MUTANTS = (
+    ("no_norm", "pulse", NORM, "", [AREA, "test_pulse.py::test_peak", *RANGES], "sqrt(2 pi)"),
+    ("no_half", "pulse", "-0.5 * x * x", "-x * x", [AREA, FALL_OFF], "half the square"),
+    ("there_and_back", "range", "0.5 *", "1.0 *", RANGES, "back"),
+    ("quarter", "range", "0.5 *", "0.25 *", RANGES, "back"),
+)
+
+
+def _mutant(name: str, problem: str, old: str, new: str, fails: list[str], says: str) -> str:
+    file = "pulse.py" if problem == "pulse" else "wrapping.py"
+    texts = {"id": name, "problem": f"a0.{problem}", "file": file, "why": f"It is {name}."}
+    content = texts | {"edits": [[old, new]], "fails": fails, "says": says}
+    return "[[mutant]]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in content.items())
+
 
 FILES = {
     "README.md": "# Tiny\n\n[[a0.pulse]]\n\nText.\n\n[[a0.range]]\n![One dot](figures/one.png)\n",
@@ -13,12 +34,7 @@ FILES = {
     "solutions/exercises.md": "# Solutions\n",
     "figures/make.py": "print('makes one.png')\n",
     "figures/one.png": "a picture",
-    "pytest.ini": """
-        [pytest]
-        addopts = -p tofrender.course.judge.plugin --strict-markers
-        testpaths = tests
-        pythonpath = tests
-        """,
+    "pytest.ini": tiny_assignment.FILES["pytest.ini"],
     "rubric.toml": """
         [assignment]
         id = "a0"
@@ -55,46 +71,7 @@ FILES = {
           { id = "test_range_staff.py::test_any_frequency", points = 0, visibility = "hidden" },
         ]
         """,
-    "mutants.toml": """
-        [[mutant]]
-        id = "no_norm"
-        problem = "a0.pulse"
-        file = "pulse.py"
-        why = "The normalisation is missing."
-        edits = [[" / (self.width_opl * 2.50662827)", ""]]
-        fails = [
-          "test_pulse.py::test_area", "test_pulse.py::test_peak", "test_range.py::test_range",
-          "test_range_staff.py::test_any_frequency",
-        ]
-        says = "sqrt(2 pi)"
-
-        [[mutant]]
-        id = "no_half"
-        problem = "a0.pulse"
-        file = "pulse.py"
-        why = "The half is missing."
-        edits = [["-0.5 * x * x", "-x * x"]]
-        fails = ["test_pulse.py::test_area", "test_pulse.py::test_fall_off"]
-        says = "half the square"
-
-        [[mutant]]
-        id = "there_and_back"
-        problem = "a0.range"
-        file = "wrapping.py"
-        why = "Light goes there and back."
-        edits = [["0.5 *", "1.0 *"]]
-        fails = ["test_range.py::test_range", "test_range_staff.py::test_any_frequency"]
-        says = "back"
-
-        [[mutant]]
-        id = "quarter"
-        problem = "a0.range"
-        file = "wrapping.py"
-        why = "Half of the half."
-        edits = [["0.5 *", "0.25 *"]]
-        fails = ["test_range.py::test_range", "test_range_staff.py::test_any_frequency"]
-        says = "back"
-        """,
+    "mutants.toml": "".join(starmap(_mutant, MUTANTS)),
     "contracts.toml": """
         [[contract]]
         problem = "a0.pulse"
@@ -189,6 +166,7 @@ FILES = {
 
 
         def test_area(submission):
+            'The density integrates to one.'
             t = np.linspace(-0.5, 0.5, 1001)
             density = submission.ask("density", width_opl=0.05, t=t)
             area = np.trapezoid(density, t)
@@ -273,15 +251,16 @@ FILES = {
 }
 
 
+RUBRIC, PULSE = (dedent(FILES[name]).lstrip() for name in ("rubric.toml", "solutions/pulse.py"))
+RANGE = "def unambiguous_range(frequency_hz):\n    return 149896229.0 / frequency_hz\n"
+
+
 def write(folder: Path) -> Assignment:
-    """Write the assignment."""
-    for name, text in FILES.items():
-        put(folder, name, text)
-    return Assignment(folder)
+    texts = {name: dedent(text).lstrip() for name, text in FILES.items()}
+    return Assignment(tiny_assignment.write(folder, texts))
 
 
-def put(folder: Path, name: str, text: str) -> None:
-    """Write one file of it."""
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(dedent(text).lstrip(), encoding="utf-8")
+def write_submission(folder: Path, pulse: str | None = PULSE, wrapping: str = RANGE) -> Path:
+    """A submission in a new folder; a pulse.py whose text is None is missing."""
+    files = {} if pulse is None else {"pulse.py": pulse}
+    return tiny_assignment.write(folder, files | {"wrapping.py": wrapping})

@@ -38,7 +38,6 @@ class Served:
 
     @property
     def site(self) -> str:
-        """The page's address without the token."""
         return self.url.partition("?")[0]
 
     def stop(self) -> int:

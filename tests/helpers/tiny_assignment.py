@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import csv
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+from tofrender.course.assignments import Assignment, find
 
 RUBRIC = """
 [assignment]
@@ -114,7 +119,9 @@ def test_file(submission):
     "solutions/add.py": "def add(a, b):\n    return a + b\n",
     "solutions/mean.py": "def mean(x):\n    return sum(x.tolist()) / len(x)\n",
 }
-"""The assignment's files by their names."""
+
+ADD0 = "def add0(a, b):\n    return a + b\n"
+"""The right p0.py of an assignment of `wide`."""
 
 RIGHT = {name: FILES[f"solutions/{name}"] for name in ("add.py", "mean.py")}
 """A submission that gets all points but the bonus."""
@@ -165,10 +172,43 @@ def wide(titles: Iterable[str], endless: Collection[str] = ()) -> dict[str, str]
     return files | {f"tests/test_p{n}.py": TEST.format(n) for n, _ in enumerate(titles)}
 
 
-def write(folder: Path, files: dict[str, str]) -> Path:
+def sums(folder: Path, more: Mapping[str, str] = {}) -> Assignment:
+    """An assignment of one sum, p0.py, and more files."""
+    return find(write(folder, wide(["sum"]) | more))
+
+
+def write(folder: Path, files: Mapping[str, str]) -> Path:
     """Write files into a folder; returns it."""
     for name, text in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     return folder
+
+
+def zipped(path: Path, entries: Mapping[str, str | bytes], links: Mapping[str, str] = {}) -> Path:
+    """Write a zip of files and of links, both by their names."""
+    path.parent.mkdir(exist_ok=True)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in entries.items():
+            archive.writestr(name, text)
+        for name, target in links.items():
+            info = zipfile.ZipInfo(name)
+            info.create_system, info.external_attr = 3, 0o120777 << 16
+            archive.writestr(info, target)
+    return path
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def grade_class(grader: Any, folder: Path, out: Path, say: Callable = print, **more: Any) -> list:
+    """Grade a class as the command does; returns the rows of its table, `out` with .csv."""
+    from tofrender.course.grade import classes, roster  # needs Linux or macOS
+
+    members, _ = roster.members(classes.submissions_in(folder, out), None)
+    table = out.with_suffix(".csv")
+    classes.Class(grader, folder, members, table, out, **more).grade(say)
+    return rows(table)

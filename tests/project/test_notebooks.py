@@ -226,7 +226,6 @@ def test_saving_what_was_run_leaves_the_file_as_it_is_in_git(tmp_path):
     assert (tmp_path / name).read_bytes() == committed
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", KEY_NUMBERS)
 def test_runs_from_start_to_end(name, tmp_path, monkeypatch):
     nbformat = pytest.importorskip("nbformat")

@@ -22,21 +22,15 @@ def results() -> dict:
     return json.loads((ROOT / "benchmarks" / "results.json").read_text(encoding="utf-8"))
 
 
-def test_the_readme_has_the_figures(report, results):
+def test_the_readme_and_the_page_have_the_figures(report, results):
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = report.PAGE.read_text(encoding="utf-8")
     assert report.with_block(readme, results) == readme
     assert report.readme_block(results) in readme
-
-
-def test_the_page_has_the_figures(report, results):
-    assert report.PAGE.read_text(encoding="utf-8") == report.page(results)
-
-
-def test_other_figures_would_be_another_page(report, results):
-    results["scenes"]["Cornell box"]["mitransient"]["cube"] *= 2
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert report.page(results) == page
+    results["scenes"]["Cornell box"]["mitransient"]["cube"] *= 2  # would be another page
     assert report.with_block(readme, results) != readme
-    assert report.PAGE.read_text(encoding="utf-8") != report.page(results)
+    assert report.page(results) != page
 
 
 @pytest.mark.parametrize(
