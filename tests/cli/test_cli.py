@@ -51,7 +51,6 @@ def refused(capsys, *arguments: object) -> str:
 # ------------------------------------------------------------------------------------ help
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [[], ["render"], ["scenes"], ["doctor"]])
 def test_help_is_quick(arguments):
     """Nothing that takes long to import is imported for it."""
@@ -165,7 +164,6 @@ NUMBERS = {
 }
 
 
-@pytest.mark.slow
 def test_bad_numbers_are_refused_before_anything_is_imported():
     """Each in one line that names the option."""
     cases = [(c, o, text) for c in ALL_KINDS for o in ALL_KINDS[c] for text in BAD_NUMBERS]
@@ -259,7 +257,6 @@ def names(folder: Path) -> set[str]:
 FRAMES = {f"frame_{k:04d}.exr" for k in range(20)} | {"steady.exr", "summary.png"}
 
 
-@pytest.mark.slow
 def test_render_and_render_again(capsys, tmp_path):
     folder = tmp_path / "box"
     arguments = ["render", "cornell-box", "--out", folder, *TINY, "--no-video"]
@@ -277,7 +274,6 @@ def test_render_and_render_again(capsys, tmp_path):
     assert dict(dataset.sizes) == {"y": 6, "x": 8, "opl": 20, "channel": 3}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("layout", "file"), [("multipart", "stack.exr"), ("npz", "transient.npz")])
 def test_formats(capsys, tmp_path, layout, file):
     folder = tmp_path / "box"
@@ -287,7 +283,6 @@ def test_formats(capsys, tmp_path, layout, file):
     assert names(folder) == {file, "summary.png"}
 
 
-@pytest.mark.slow
 def test_films_that_are_joined_stay_as_they_are(capsys, tmp_path):
     tiny = [*TINY, "--no-video", "--format", "zarr"]
     films = [tmp_path / name / "transient.zarr" for name in ("a", "b", "both")]
@@ -308,7 +303,6 @@ def test_films_that_are_joined_stay_as_they_are(capsys, tmp_path):
     assert both.attrs["spp"] == 2 * a.attrs["spp"]
 
 
-@pytest.mark.slow
 def test_a_film_outlives_files_that_cannot_be_written(capsys, tmp_path, monkeypatch):
     arguments = ["render", "cornell_box", "--out", tmp_path / "a", *TINY, "--format", "zarr"]
 
@@ -324,7 +318,6 @@ def test_a_film_outlives_files_that_cannot_be_written(capsys, tmp_path, monkeypa
     assert names(tmp_path) == {"a"}
 
 
-@pytest.mark.slow
 def test_video(capsys, tmp_path):
     folder = tmp_path / "box"
     assert run(capsys, "render", "cornell_box", "--out", folder, *TINY)[0] == 0
@@ -346,7 +339,6 @@ def test_settings_arrive(capsys, tmp_path):
     assert "0.05" in dataset.attrs["pulse"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["cornell_box", "cornell_box_steady_state"])
 def test_window_auto(capsys, tmp_path, scene):
     arguments = ["--size", "8x6", "--spp", "4", "--bins", "16", "--window", "auto"]
@@ -396,7 +388,6 @@ def _rest(screen: int) -> str:
     return text.decode()
 
 
-@pytest.mark.slow
 def test_ctrl_c(tmp_path):
     folder = tmp_path / "box"
     size = ["--size", "64x64", "--max-depth", "4", "--spp", str(1 << 24)]
@@ -428,7 +419,6 @@ def test_ctrl_c(tmp_path):
 # ---------------------------------------------------------------------------- phasors and gates
 
 
-@pytest.mark.slow
 def test_phasors_of_a_scene(tmp_path, capsys):
     out = tmp_path / "phasors"
     tiny = ["--size", "8x6", "--spp", "4"]
@@ -445,7 +435,6 @@ def test_phasors_of_a_scene(tmp_path, capsys):
     assert main([str(each) for each in again]) == 0
 
 
-@pytest.mark.slow
 def test_phasors_of_a_render(tmp_path, capsys):
     """Converted from bins, they are those that are rendered, up to what the window lost.
 
@@ -563,7 +552,6 @@ def test_status_after_a_signal(capsys, monkeypatch, where, name, status):
             signal.signal(number, handler)
 
 
-@pytest.mark.slow
 def test_an_interrupted_import_of_mitsuba_ends_as_ctrl_c_does():
     command = [sys.executable, "-c", IMPORT_INTERRUPTED]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=100)

@@ -76,7 +76,6 @@ def checked(found: dict, command: str) -> dict:
     return found
 
 
-@pytest.mark.slow
 def test_json_of_a_render_and_its_phasors(capsys, tmp_path):
     out = tmp_path / "böx"
     facts = said(capsys, "render", "cornell_box", "--out", out, *TINY, "--seed", 7, "--no-video")
@@ -93,7 +92,6 @@ def test_json_of_a_render_and_its_phasors(capsys, tmp_path):
     assert (again["width"], again["height"]) == (8, 6)
 
 
-@pytest.mark.slow
 def test_json_of_phasors_and_gates_of_a_scene(capsys, tmp_path):
     options = [*SMALL, "--out", tmp_path / "out"]
     facts = said(capsys, "phasor", "cornell_box", "--freq", "2e7", *options)
@@ -103,7 +101,6 @@ def test_json_of_phasors_and_gates_of_a_scene(capsys, tmp_path):
     assert set(facts["files"]) == names(tmp_path / "out")
 
 
-@pytest.mark.slow
 def test_json_of_a_capture_and_its_reconstruction(capsys, tmp_path):
     file = tmp_path / "wall.h5"
     facts = said(capsys, "capture", "nlos_plane", "--grid", "3x2", "--spp", "1", "--out", file)
@@ -112,7 +109,6 @@ def test_json_of_a_capture_and_its_reconstruction(capsys, tmp_path):
     assert set(found["files"]) == names(tmp_path / "out")
 
 
-@pytest.mark.slow
 def test_json_of_nothing_found(capsys, tmp_path):
     dark = captured()
     dark["transient"][:] = 0
@@ -148,7 +144,6 @@ def test_errors_leave_stdout_empty(capsys, tmp_path):
     assert "did you mean" in refused(capsys, "render", "cornel_box", *arguments[2:])
 
 
-@pytest.mark.slow
 def test_json_of_a_render_that_was_stopped(capsys, tmp_path, monkeypatch):
     steps = pieces.steps
 
@@ -201,14 +196,12 @@ def completed(shell: str, line: str, cwd: Path = ROOT) -> list[str]:
     return [each.split("\t")[0] for each in done.stdout.split()]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_shells_complete(shell):
     assert "cornell_box_glass" in " ".join(completed(shell, "tofrender render cornell_box_g"))
     assert "transient_bdpt" in completed(shell, "tofrender render x --integrator transient_b")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "found"),
     [
@@ -232,7 +225,6 @@ def test_bash_completes(line, found):
     assert completed("bash", line) == found
 
 
-@pytest.mark.slow
 def test_completion_is_quick():
     """Nothing heavy is imported for it."""
     environment = os.environ | {"_TOFRENDER_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)}
@@ -245,7 +237,6 @@ def test_completion_is_quick():
     assert "cornell_box" in done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_of_a_shell(tmp_path, shell):
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}
@@ -275,7 +266,6 @@ def pixels(path: Path) -> np.ndarray:
         return np.asarray(image)
 
 
-@pytest.mark.slow
 def test_pictures(capsys, tmp_path):
     out = tmp_path / "box"
     arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "png", "--no-video"]
@@ -293,7 +283,6 @@ def test_pictures(capsys, tmp_path):
     assert "--precision = half: must be" in refused(capsys, *arguments, "--precision", "half")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pdf", "svg"])
 def test_vectors(capsys, tmp_path, kind):
     out, marks = tmp_path / "out", {"pdf": b"%PDF", "svg": b"<?xml"}
@@ -318,7 +307,6 @@ def test_vectors(capsys, tmp_path, kind):
     assert (volume / f"volume.{kind}").read_bytes().startswith(marks[kind])
 
 
-@pytest.mark.slow
 def test_dots_per_inch(capsys, tmp_path):
     widths = []
     for dpi in (50, 100):
@@ -336,7 +324,6 @@ def test_dots_per_inch(capsys, tmp_path):
 # -------------------------------------------------------------------------------------- progress
 
 
-@pytest.mark.slow
 def test_a_command_is_seen_to_work_within_a_second(tmp_path):
     """In a terminal; the clock starts when the command does, after Python has."""
     import fcntl

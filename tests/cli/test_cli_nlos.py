@@ -19,7 +19,6 @@ def captured(tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     out = tmp_path / method
@@ -69,7 +68,6 @@ def test_bad_capture(tmp_path, monkeypatch, arguments, text, capsys):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
     out = tmp_path / "box.h5"
     arguments = ("capture", "wall-box-sphere-nlos", "--grid", "4x4", "--spp", "2", "--out", out)

@@ -43,7 +43,6 @@ def made(folder, kind):
     return folder / "volume" / ("volume.npz" if kind == "file" else ""), "volume"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["frames", "parts", "npz", "zarr", "capture", "volume", "file"])
 def test_all_that_commands_write(tmp_path, capsys, kind):
     source, shown = made(tmp_path, kind)

@@ -181,7 +181,6 @@ def goes_on(capsys, name: str, out: Path, expected: list[np.ndarray]) -> str:
 # ------------------------------------------------------------------------------------ stopped
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "by"),
     [
@@ -212,7 +211,6 @@ def test_stopped(capsys, tmp_path, whole, name, by):
     assert "resuming from " in goes_on(capsys, name, out, expected)
 
 
-@pytest.mark.slow
 def test_two_signals_end_at_once(tmp_path):
     out = tmp_path / "out"
     process = started(arguments("render", out, spp=1 << 20))
@@ -251,7 +249,6 @@ KINDS = [(by, number) for by in ("SIGKILL", "SIGTERM", "SIGHUP") for number in r
 ORDER = ["render", "gate", "exhaustive", "phasor", "single"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("by", "number"), KINDS)
 def test_killed_at_a_random_moment(capsys, tmp_path, whole, lasts, by, number):
     """Some twice in a row. An earlier output stays, or is replaced by a whole one."""
@@ -294,7 +291,6 @@ def test_killed_at_a_random_moment(capsys, tmp_path, whole, lasts, by, number):
     assert set(os.listdir(tmp_path)) - {kept(out).name} == {out.name}
 
 
-@pytest.mark.slow
 def test_a_kill_loses_at_most_the_interval(tmp_path):
     out = tmp_path / "out"
     process = started(arguments("render", out, spp=1 << 20), every=0.3)
@@ -312,7 +308,6 @@ def test_a_kill_loses_at_most_the_interval(tmp_path):
 # ------------------------------------------------------------------- what is beside the output
 
 
-@pytest.mark.slow
 def test_leftovers_go(capsys, tmp_path):
     """Of killed writers of this output, not of others."""
     out = tmp_path / "out"
@@ -326,7 +321,6 @@ def test_leftovers_go(capsys, tmp_path):
     assert set(os.listdir(tmp_path)) == {"out", other.name}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["render", "gate", "single"])
 def test_two_runs_with_one_output(capsys, tmp_path, name):
     """The second is refused at once, and does no harm to the first."""
@@ -404,7 +398,6 @@ def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped, whole)
     assert os.listdir(tmp_path) == ["out"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -430,7 +423,6 @@ def test_what_is_complete_stays(capsys, tmp_path, name, options):
     assert os.listdir(tmp_path) == [out.name]
 
 
-@pytest.mark.slow
 def test_other_options_are_refused(capsys, tmp_path, stopped):
     out = tmp_path / "out"
     stop(capsys, stopped, "gate", out)
@@ -447,7 +439,6 @@ def test_other_options_are_refused(capsys, tmp_path, stopped):
     assert run(capsys, *arguments("gate", out, "--resume", spp=1024))[0] == 0  # More is allowed
 
 
-@pytest.mark.slow
 def test_a_checkpoint_on_top_of_an_earlier_render(capsys, tmp_path, stopped, whole):
     """DIR has 128 samples and a stopped run's file more; after Ctrl-C DIR has a part of all."""
     out, expected = tmp_path / "out", whole("render")
@@ -461,7 +452,6 @@ def test_a_checkpoint_on_top_of_an_earlier_render(capsys, tmp_path, stopped, who
     assert "resuming from 224 " in goes_on(capsys, "render", out, expected)
 
 
-@pytest.mark.slow
 def test_killed_on_top_of_an_earlier_render(capsys, tmp_path, whole):
     out, expected = tmp_path / "out", whole("render")
     assert run(capsys, *arguments("render", out, spp=128))[0] == 0
@@ -475,7 +465,6 @@ def test_killed_on_top_of_an_earlier_render(capsys, tmp_path, whole):
     assert f" of {SPP} samples per pixel\n" in err
 
 
-@pytest.mark.slow
 def test_a_folder_that_has_changed_since(capsys, tmp_path, stopped, whole):
     """The checkpoint is of another render's rest: only the folder is gone on with."""
     out, expected = tmp_path / "out", whole("render")
@@ -491,7 +480,6 @@ def test_a_folder_that_has_changed_since(capsys, tmp_path, stopped, whole):
     assert "resuming from 64 samples per pixel" in err
 
 
-@pytest.mark.slow
 def test_a_damaged_checkpoint(capsys, tmp_path, stopped, whole):
     out, expected = tmp_path / "out", whole("gate")
     stop(capsys, stopped, "gate", out)
@@ -537,7 +525,6 @@ def test_bad_intervals(capsys, tmp_path, value):
 # ---------------------------------------------------------------- Ctrl-C while files are written
 
 
-@pytest.mark.slow
 def test_files_become_whole(capsys, tmp_path, monkeypatch, whole):
     out, expected, write = tmp_path / "out", whole("render"), cli_render.write
 
@@ -553,7 +540,6 @@ def test_files_become_whole(capsys, tmp_path, monkeypatch, whole):
     assert os.listdir(tmp_path) == ["out"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "writer"),
     [("gate", "save_exr_layers"), ("phasor", "save_exr_layers"), ("single", "save_capture")],

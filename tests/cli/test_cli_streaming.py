@@ -92,7 +92,6 @@ def check_frames(folder: Path, whole) -> None:
 # ------------------------------------------------------------------------------------- formats
 
 
-@pytest.mark.slow
 def test_zarr(capsys, out, whole):
     done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", "zarr")
     assert names(out.parent) == {"box"}
@@ -100,7 +99,6 @@ def test_zarr(capsys, out, whole):
     check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
 
 
-@pytest.mark.slow
 def test_error_bars(capsys, out):
     options = ["--format", "zarr", "--errors"]
     done(capsys, "render", "cornell_box", "--out", out, *TINY, *options)
@@ -108,7 +106,6 @@ def test_error_bars(capsys, out):
     check_same(tofrender.load_zarr(out / "transient.zarr"), expected, 1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("format", ["frames", "multipart", "npz", "zarr"])
 def test_a_film_too_large_for_memory(capsys, out, monkeypatch, whole, format):
     """A note, and the files are the same."""
@@ -131,7 +128,6 @@ def test_a_film_too_large_for_memory(capsys, out, monkeypatch, whole, format):
 # -------------------------------------------------------------------------------------- workers
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("format", ["frames", "zarr"])
 def test_by_workers_of_a_scheduler(capsys, out, address, whole, format):
     options = ["--format", format, "--scheduler", address]
@@ -154,7 +150,6 @@ BOXES = {
 WALL = ["capture", "nlos_z", "--grid", "3x2", "--spp", "4"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "arguments", "out"),
     [
@@ -182,7 +177,6 @@ def test_by_own_workers(tmp_path, whole, command, arguments, out):
         check_same(tofrender.load_zarr(tmp_path / "box" / "transient.zarr"), whole)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("command", ["render", "capture", "reconstruct"])
 def test_an_address_where_nobody_answers(capsys, monkeypatch, tmp_path, command):
     own = distributed.Client
@@ -207,7 +201,6 @@ def test_workers_of_one_kind(capsys, out):
     assert text == "--scheduler: must be left out with --workers"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
 def test_captures_by_workers(capsys, tmp_path, address, mode):
     arguments = ["capture", "nlos_z", "--mode", mode, "--grid", "3x2", "--spp", "16"]
@@ -221,7 +214,6 @@ def test_captures_by_workers(capsys, tmp_path, address, mode):
     assert names(tmp_path) == {"here.h5", "there.h5"}
 
 
-@pytest.mark.slow
 def test_reconstructions_by_workers(capsys, tmp_path, address):
     seen = tofrender.nlos.capture("nlos_z", grid=(4, 4), spp=16, progress=False)
     tofrender.save_capture(seen, tmp_path / "z.h5")
@@ -269,7 +261,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["zarr", "short", "errors"])
 def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
     """After SIGKILL, the same command with --resume has the same files as one that was not."""
@@ -296,7 +287,6 @@ def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
         check_same(tofrender.load_zarr(out / "transient.zarr"), expected, 1e-4)
 
 
-@pytest.mark.slow
 def test_a_killed_run_by_workers_goes_on(capsys, out, address, whole):
     """Tiles that workers wrote are there."""
     code = _KILLED.replace("store.Store.put = counted", "").replace(
@@ -345,7 +335,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "unit"),
     [
@@ -382,7 +371,6 @@ def finished(out: Path, **options) -> None:
     render("cornell_box", settings=settings, out=film, **options)
 
 
-@pytest.mark.slow
 def test_a_run_killed_while_it_wrote_files_goes_on(capsys, out, whole):
     finished(out)
     done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", "zarr", "--resume")
@@ -390,7 +378,6 @@ def test_a_run_killed_while_it_wrote_files_goes_on(capsys, out, whole):
     assert names(out.parent) == {"box"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "text"),
     [
@@ -416,7 +403,6 @@ def test_resume_of_nothing(capsys, out):
 # --------------------------------------------------------------------------------------- merging
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("format", ["frames", "zarr"])
 def test_merge(capsys, tmp_path, format):
     folders = [tmp_path / str(seed) for seed in range(3)]
@@ -442,7 +428,6 @@ def test_merge(capsys, tmp_path, format):
     assert names(tmp_path) == {"0", "1", "2", "all"}
 
 
-@pytest.mark.slow
 def test_merge_refuses_what_does_not_fit(capsys, tmp_path, whole):
     other = render("cornell_box", settings=SETTINGS | {"max_depth": 3}, spp=16, seed=1)
     for number, each in enumerate((whole, whole, other)):

@@ -24,7 +24,6 @@ def run(capsys):
     return call
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("points", ["independent", "grid", "stratified", "sobol"])
 def test_figure_and_verdict(run, tmp_path, points):
     out = tmp_path / "new" / "beckmann.png"
@@ -35,7 +34,6 @@ def test_figure_and_verdict(run, tmp_path, points):
     assert np.array(Image.open(out)).std() > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, each in WARPS.items() if not each.parameter])
 def test_every_warp(run, tmp_path, name):
     status, text, _ = run(name, "--count", "100", "--out", tmp_path / f"{name}.png")
@@ -43,7 +41,6 @@ def test_every_warp(run, tmp_path, name):
     assert f"{name}: passed" in text
 
 
-@pytest.mark.slow
 def test_image(run, tmp_path):
     image = tmp_path / "image.png"
     Image.fromarray(np.array([[250, 200], [20, 90]], dtype=np.uint8)).save(image)
@@ -52,7 +49,6 @@ def test_image(run, tmp_path):
     assert text.startswith("hierarchical: passed")
 
 
-@pytest.mark.slow
 def test_broken_density_fails(run, tmp_path, monkeypatch):
     monkeypatch.setattr(sampling, "square_to_tent_pdf", lambda p: 1.02 * square_to_tent_pdf(p))
     status, text, _ = run("tent", "--out", tmp_path / "figure.png")

@@ -119,7 +119,6 @@ def test_what_was_saved_is_read(saved, name):
     assert saved[name].kind.load(saved[name].folder).identical(saved[name].dataset)
 
 
-@pytest.mark.slow
 @kinds
 def test_flipped_bits_are_found(saved, name, pytestconfig):
     file = saved[name]
@@ -130,7 +129,6 @@ def test_flipped_bits_are_found(saved, name, pytestconfig):
     assert not wrong
 
 
-@pytest.mark.slow
 @kinds
 def test_files_that_are_cut_are_found(saved, name, pytestconfig):
     file = saved[name]
@@ -150,7 +148,6 @@ damages = st.tuples(
 )
 
 
-@pytest.mark.slow
 @settings(
     max_examples=200,
     deadline=None,
@@ -202,7 +199,6 @@ def test_black_tiles_need_no_file(stored):
     np.testing.assert_array_equal(tofrender.load_zarr(folder)["transient"], dataset["transient"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("harm", ["taken away", "emptied", "a folder", "longer"])
 def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm):
     wrong = {}
@@ -339,7 +335,6 @@ def rewritten_npz(folder: Path, change: Callable[[dict], Any]) -> Path:
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_descriptions(tmp_path, what):
     change = WRONG[what]
@@ -467,7 +462,6 @@ def write_frame(
     OpenEXR.File(header, channels).write(str(stack / "frame_0002.exr"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", STACKS)
 def test_wrong_stacks(tmp_path, what):
     stack = io.save_exr_stack(picture(), tmp_path / "s", progress=False)
@@ -566,7 +560,6 @@ CAPTURES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", CAPTURES)
 def test_wrong_captures(tmp_path, what):
     path = io.save_capture(captured(), tmp_path / "a.h5")

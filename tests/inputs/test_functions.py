@@ -1079,7 +1079,6 @@ def no_work(monkeypatch):
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # Of sockets of distributed
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("row", [pytest.param(r, id=f"{k}-{r.name}") for k, r in enumerate(TABLE)])
@@ -1090,7 +1089,6 @@ def test_good_arguments(row, tmp_path):
         called(row, tmp_path)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(
     ("row", "name", "start"),
@@ -1137,7 +1135,6 @@ def test_settings_of_a_render(settings, name):
     assert not refused
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # Of sockets of distributed
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

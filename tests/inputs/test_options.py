@@ -344,7 +344,6 @@ def replaced(command: str, option: str, text: str) -> list[str]:
     return [*good, option, text]
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(("command", "option", "kind", "number"), list(cases()))
 def test_bad_options(

@@ -139,7 +139,6 @@ def run(capsys, sources: dict[str, str], command: str, out: str) -> tuple[int, s
     return status, capsys.readouterr().err
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("what", WHAT)
 @pytest.mark.parametrize("command", COMMANDS)
@@ -172,7 +171,6 @@ def test_a_full_disk(tmp_path, monkeypatch, writer):
     assert not os.listdir(tmp_path)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_full_disk_for_a_command(tmp_path, monkeypatch, capsys, sources, command):

@@ -297,7 +297,6 @@ def test_good_parameters(plugin):
     load(plugin)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(
     ("plugin", "name", "start"),

@@ -409,7 +409,6 @@ def cut(size: int) -> bytes:
     return GOOD.encode()[:size]
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 def test_xml_that_is_cut_or_flipped(tmp_path, pytestconfig):
     """It loads, or is refused in one line."""
