@@ -258,7 +258,7 @@ class Row(NamedTuple):
         name: The function or class, as found in `tofrender`.
         good: Other arguments with which it works.
         kinds: Kinds of parameters that differ from KINDS, or are not in the signature.
-        alone: Whether bad values are tried for these parameters alone.
+        alone: Whether it has bad values for these parameters alone, other rows for the rest.
     """
 
     name: str
@@ -336,7 +336,10 @@ TABLE = [
         kinds=OF_SCENE | {"integrator": "object?", "frequency_hz": "frequencies but digits"},
     ),
     Row(
-        "fit", fitted, {"params": "parameters", "integrator": "object?", "loss": "choice but type"}
+        "fit",
+        fitted,
+        {"params": "parameters", "integrator": "object?", "loss": "choice but type"}
+        | {"target": "cube but dataset without pixels"},
     ),
     Row(
         "fit",
