@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,6 @@ from helpers.made_dataset import make_dataset
 
 from tofrender import io
 from tofrender.cli.app import app, main
-from tofrender.rendering import workers
 
 SCENE = ["cornell_box", "--size", "4x4", "--spp", "1"]
 COMMANDS: dict[str, list[str]] = {
@@ -169,8 +169,6 @@ def test_bad_options(
 
 @pytest.mark.parametrize("what", ["no file", "folder", "text", "empty", "pipe"])
 def test_warp_images(tmp_path, capsys, what):
-    import os
-
     path = tmp_path / "a.exr"
     if what == "folder":
         path.mkdir()
@@ -185,18 +183,6 @@ def test_warp_images(tmp_path, capsys, what):
     assert said.startswith("error: --image = ")
 
 
-def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch, wall):
-    monkeypatch.setattr(workers, "ANSWER_S", 0.3)
-    file, out = tmp_path / "wall.h5", tmp_path / "out"
-    file.write_bytes(wall)
-    arguments = ["reconstruct", str(file), "--method", "bp", "--out", str(out)]
-    assert main([*arguments, "--scheduler", "tcp://127.0.0.1:1"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: --scheduler = tcp://127.0.0.1:1: does not answer; must be ")
-    assert said.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [file]
-
-
 @pytest.mark.parametrize("words", [["--spp"], ["--nonsense"], ["extra", "word"], ["--seed=x=y"]])
 @pytest.mark.parametrize("command", ["render", "phasor", "gate", "capture", "reconstruct", "warp"])
 def test_words_that_make_no_sense(tmp_path, monkeypatch, capsys, command, words):
@@ -208,13 +194,8 @@ def test_words_that_make_no_sense(tmp_path, monkeypatch, capsys, command, words)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_dataset_is_needed_for_phasors(tmp_path, capsys):
-    """A folder that holds a render of another kind."""
-    broken = make_dataset(2, 3, 3).drop_attrs()
-    folder = tmp_path / "render"
-    io.save_exr_stack(make_dataset(2, 3, 3), folder, progress=False)
+def test_a_damaged_render_has_no_phasors(tmp_path, capsys):
+    folder = io.save_exr_stack(make_dataset(2, 3, 3), tmp_path / "render", progress=False)
     (folder / "steady.exr").write_bytes(b"text")
-    assert broken.attrs == {}
-    arguments = ["phasor", str(folder), "--freq", "2e7", "--out", str(tmp_path / "out")]
-    assert main(arguments) == 2
+    assert main(["phasor", str(folder), "--freq", "2e7", "--out", str(tmp_path / "out")]) == 2
     assert "must be as it was saved" in capsys.readouterr().err
