@@ -160,7 +160,6 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
         ("tent --image a.exr", "--image = a.exr: must be left out, tent has none"),
         ("hierarchical", "--image: must be given, hierarchical needs it"),
         ("hierarchical --image no.exr", "--image = 'no.exr': must be a file that exists"),
-        ("tent --variant scalar_rgb", "--variant = 'scalar_rgb': cannot render in time"),
     ],
 }
 SUFFIXES = {"capture nlos-z": ".h5", "warp": ".png"}

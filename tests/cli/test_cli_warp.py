@@ -48,3 +48,12 @@ def test_broken_density_fails(warp, tmp_path, monkeypatch):
     assert status == 1
     assert text.startswith("tent: FAILED, the pdf integrates to 1.02")
     assert (tmp_path / "figure.png").exists()
+
+
+def test_a_variant_that_cannot_render_in_time(warp, tmp_path):
+    out = tmp_path / "figure.png"
+    status, text, err = warp("tent", "--variant", "scalar_rgb", "--out", out)
+    assert (status, text) == (1, "")
+    assert err.startswith("error: --variant = 'scalar_rgb': cannot render in time")
+    assert err.count("\n") == 1
+    assert not out.exists()
