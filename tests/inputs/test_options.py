@@ -69,36 +69,18 @@ OPTIONS |= {
 SAID = {"--wall": "relay_wall", "-D": "", "--submission": ""}
 """What a message names for an option, where that is not the option; no argument is named."""
 ELSEWHERE = {
-    "--out": "test_outputs.py has the places, and the course's tests",
-    "--csv": "the course's tests",
-    "--all": "the course's tests",
-    "--roster": "the course's tests",
-    "--sheet": "the course's tests",
-    "--feedback": "the course's tests",
-    "--image": "test_warp_images",
-    "--video": "a switch",
-    "--pdf": "a switch",
-    "--resume": "a switch",
-    "--errors": "a switch",
-    "report title": "any text",
-    "--json": "a switch",
-    "--browser": "a switch",
-    "--headless": "a switch",
-    "--live": "a switch",
-    "warp parameters": "as of warptest",
-    "warptest host": "as of view",
-    "compare two": "tests/apps",
-    "--progress": "a switch",
-    "scenes": "has no other options",
-    "doctor": "has no other options",
-    "start folder": "the course's tests",
-    "dataset config": "tests/datasets",
-    "dataset only": "test_cli_dataset.py",
-    "dataset plan": "a switch",
-    "dataset variant": "test_cli_dataset.py",
-    "dataset workers": "as of render",
-    "dataset scheduler": "as of render",
+    "test_outputs.py has the places": "--out",
+    "a switch": "--video --pdf --resume --errors --json --browser --headless --live --progress "
+    "dataset:plan",
+    "the course's tests": "--csv --all --roster --sheet --feedback start:folder",
+    "test_warp_images": "--image",
+    "any text": "report:title",
+    "as of others": "warp:parameters warptest:host compare:two dataset:workers dataset:scheduler",
+    "test_cli_dataset.py and tests/datasets": "dataset:config dataset:only dataset:variant",
+    "no other options": "scenes doctor",
 }
+"""Who tries other options."""
+TRIED = {name.replace(":", " ") for names in ELSEWHERE.values() for name in names.split()}
 SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png", "warptest": ".png", "view": ".npz"}
 COURSE = {"verify", "start", "submit", "grade", "gradescope", "similarity", "new-term"}
 WITHOUT_OUT = COURSE | {"compare"}
@@ -123,7 +105,7 @@ def cases() -> list[tuple[str, str, str]]:
         for parameter in described.params:
             option = parameter.opts[0]
             named = {*parameter.opts, command, f"{command} {parameter.name}"}
-            if not named & set(ELSEWHERE):
+            if not named & TRIED:
                 kind = OPTIONS.get(f"{command} {option}", OPTIONS.get(option, "unknown"))
                 found.append((command, option, kind))
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,17 @@ def ball(inside: str) -> str:
     return f'<shape type="sphere">{inside}</shape>'
 
 
+def moved(text: str) -> str:
+    transform = f'<transform name="to_world">{text}</transform>'
+    return f'<shape type="rectangle">{transform}</shape>'
+
+
+HEIGHT, HEIGHTS = 'name="height" value="4"', ("4.5", "99999999999999999999", "-4")
+FLOOR, TRANSFORMS = (
+    '<shape type="rectangle" id="floor"/>',
+    ('<matrix value="1 2 3"/>', '<scale value="0"/>'),
+)
+LAMP = '<emitter type="area"><rgb name="radiance" value="{}"/></emitter>'
 XML: dict[str, bytes] = {
     "empty": b"",
     "blank": b"  \n",
@@ -264,11 +276,7 @@ XML: dict[str, bytes] = {
     "an id twice": added('<shape type="sphere" id="floor"/>'),
     "a float of text": added(ball('<float name="radius" value="x"/>')),
     "a float of NaN": added(ball('<float name="radius" value="nan"/>')),
-    "an integer of a fraction": changed('name="height" value="4"', 'name="height" value="4.5"'),
-    "an integer too large": changed(
-        'name="height" value="4"', 'name="height" value="99999999999999999999"'
-    ),
-    "an integer below 0": changed('name="height" value="4"', 'name="height" value="-4"'),
+    **{f"a height of {text}": changed(HEIGHT, HEIGHT.replace("4", text)) for text in HEIGHTS},
     "a boolean of text": added(ball('<boolean name="flip_normals" value="maybe"/>')),
     "a point of two": changed('y="0" z="2"', 'y="0"'),
     "a point of text": changed('x="0"', 'x="left"'),
@@ -292,21 +300,8 @@ XML: dict[str, bytes] = {
     ),
     "a transform of nothing": changed('origin="0,0,4"', 'origin="0,0,0"'),
     "a lookat of two": changed('origin="0,0,4"', 'origin="0,0"'),
-    "a matrix of nine": changed(
-        '<shape type="rectangle" id="floor"/>',
-        '<shape type="rectangle"><transform name="to_world"><matrix value="1 2 3"/></transform>'
-        "</shape>",
-    ),
-    "a scale of 0": changed(
-        '<shape type="rectangle" id="floor"/>',
-        '<shape type="rectangle"><transform name="to_world"><scale value="0"/></transform></shape>',
-    ),
-    "a colour of text": added(
-        ball('<emitter type="area"><rgb name="radiance" value="red"/></emitter>')
-    ),
-    "a colour below 0": added(
-        ball('<emitter type="area"><rgb name="radiance" value="-1"/></emitter>')
-    ),
+    **{f"moved by {text}": changed(FLOOR, moved(text)) for text in TRANSFORMS},
+    **{f"a colour of {text}": added(ball(LAMP.format(text))) for text in ("red", "-1")},
 }
 
 
@@ -317,7 +312,7 @@ def test_the_xml_is_right(tmp_path):
 
 
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize("what", XML)
+@pytest.mark.parametrize("what", XML, ids=lambda what: re.sub(r"\W+", " ", what).strip())
 def test_xml(tmp_path, monkeypatch, what):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "scene.xml"
