@@ -15,12 +15,13 @@ from typing import get_args
 import numpy as np
 import OpenEXR
 import pytest
+import typer
 
 import tofrender
 from tofrender.apps.warptest.engine import POINT_SETS
 from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.cli import nlos as cli_nlos, render as cli_render, warp as cli_warp
-from tofrender.cli.app import main
+from tofrender.cli.app import app, main
 from tofrender.cli.options import FILES
 from tofrender.runtime.atomic import hidden
 from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
@@ -51,25 +52,32 @@ def refused(capsys, *arguments: object) -> str:
 # ------------------------------------------------------------------------------------ help
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("arguments", [[], ["render"], ["scenes"], ["doctor"]])
-def test_help_is_quick(arguments):
-    """Nothing that takes long to import is imported for it."""
-    command = [COMMAND[0], "-X", "importtime", *COMMAND[1:], *arguments, "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
-    assert "Usage: tofrender" in done.stdout
-    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
-    assert "tofrender.cli" in imported
-    assert not imported & {"mitsuba", "drjit", "numpy", "xarray", "matplotlib", "OpenEXR"}
+def imported_by(arguments: list[str], **environment: str) -> tuple[set[str], str]:
+    """What a process of the command imports, and what it says."""
+    command = [COMMAND[0], "-X", "importtime", *COMMAND[1:], *arguments]
+    options: dict = {"capture_output": True, "text": True, "check": True, "cwd": ROOT}
+    done = subprocess.run(command, env=os.environ | environment, **options)
+    return {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}, done.stdout
+
+
+def in_a_new_process(code: str) -> str:
+    """What a program prints that has `main`, and says at its end which heavy modules are there."""
+    start = "import sys; sys.argv = ['tofrender']; from tofrender.cli import main, app\n"
+    end = f"\nprint([name for name in {HEAVY!r} if name in sys.modules])"
+    command = [sys.executable, "-c", start + code + end]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.stderr == ""
+    return done.stdout
 
 
 def test_help_imports_nothing_heavy():
-    code = (
-        "import sys; sys.argv = ['tofrender']; from tofrender.cli import main; "
-        f"main(['render', '--help']); print([m for m in {HEAVY} if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert done.stdout.splitlines()[-1] == "[]", done.stderr
+    imported, said = imported_by(["--help"])
+    assert "Usage: tofrender" in said
+    assert "tofrender.cli" in imported
+    assert not imported & set(HEAVY)
+    commands = typer.main.get_command(app).commands
+    code = "\n".join(f"main([{command!r}, '--help'])" for command in commands)
+    assert in_a_new_process(code).splitlines()[-1] == "[]"
 
 
 def test_bare_command_shows_help(capsys):
@@ -94,60 +102,66 @@ def test_scenes(capsys):
 # -------------------------------------------------------------------------------- refusals
 
 
+REFUSALS: dict[str, list[tuple[str, str]]] = {
+    # a command and what it must have: more words, and what is said of them
+    "render cornell_box": [
+        ("--spp 0", "--spp = 0: must be an integer from 1 to 16777216"),
+        ("--size 64", "--size = 64: must be width x height, like 256x256, of integers from"),
+        ("--seed -1", "--seed = -1: must be an integer from 0 to 4294967295"),
+        ("--sampler multijiter", "--sampler = 'multijiter': did you mean 'multijitter'?"),
+        ("--variant llvm_ad_rgbb", "--variant = 'llvm_ad_rgbb': did you mean 'llvm_ad_rgb'?"),
+        ("--window auto --start-opl 3", "--start-opl = 3: must be left out with --window"),
+        ("--window 3,15 --bin-width 1", "--bin-width = 1: must be left out with --win"),
+        ("--window 9,3", "--window = 9,3: must end after it starts"),
+        ("--window 9999,10000 --bins 1000", "bin_width_opl = 0.001: must be at least "),
+        ("--window 0,1", "--window = 0 m to 1 m: no light arrives in it; must overlap"),
+        ("--spp 10 --errors", "--spp = 10: must be a multiple of 4 with"),
+        ("--workers 2 --scheduler a:1", "--scheduler: must be left out with --workers"),
+        ("-D spp", "-D spp: must be name=value"),
+        ("-D spp=3", "parameter spp = '3': must be left out, only XML files have parameters"),
+        ("--sp 3", "No such option: --sp"),
+        ("--spp", "Option '--spp' requires an argument."),
+    ],
+    "phasor": [
+        ("cornell_box --freq 1e-300", "hertz from 1e-09 to 1e+18"),
+        ("cornell_box", "Missing option '--freq'"),
+        ("cornel_box --freq 2e7", "did you mean cornell_box"),
+    ],
+    "gate cornell_box": [
+        ("--at 1 --size 8x8", "no light arrives then"),
+    ],
+    "capture nlos-z": [
+        ("--mode confocl", "--mode = 'confocl': did you mean 'confocal'? Must be one of"),
+        ("--out missing/z.h5", "--out = missing/z.h5: its folder does not exist"),
+    ],
+    "capture cornell_box": [
+        ("--out c.h5", "integrator = TransientPath: must be transient_nlos_path or"),
+    ],
+    "warp": [
+        ("bekmann", "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),
+        ("beckmann", "--alpha: must be given, beckmann needs it"),
+        ("tent --alpha 1", "--alpha = 1: must be left out, tent has none"),
+        ("tent --image a.exr", "--image = a.exr: must be left out, tent has none"),
+        ("hierarchical", "--image: must be given, hierarchical needs it"),
+        ("hierarchical --image no.exr", "--image = 'no.exr': must be a file that exists"),
+    ],
+}
+SUFFIXES = {"capture nlos-z": ".h5", "warp": ".png"}
+
+
 @pytest.mark.parametrize(
-    ("arguments", "text"),
+    ("command", "words", "text"),
     [
-        (["--spp", "0"], "--spp = 0: must be an integer from 1 to 16777216"),
-        (["--spp", "-4"], "--spp = -4: must be an integer"),
-        (["--spp", "4.5"], "--spp = 4.5: must be an integer"),
-        (["--spp", "1_000"], "--spp = '1_000': must be an integer"),
-        (["--bins", "many"], "--bins = 'many': must be an integer"),
-        (["--bins", "0"], "--bins = 0: must be an integer"),
-        (["--bins", "nan"], "--bins = nan: must be an integer"),
-        (["--size", "64"], "--size = 64: must be width x height, like 256x256, of integers from"),
-        (["--size", "0x64"], "--size = 0x64: must be width x height"),
-        (["--size", "64x"], "--size = 64x: must be width x height"),
-        (["--size", "8x8x8"], "--size = 8x8x8: must be width x height"),
-        (["--bin-width", "0"], "--bin-width = 0: must be a finite number of metres above 0"),
-        (["--bin-width", "-0.1"], "--bin-width = -0.1: must be a finite number"),
-        (["--bin-width", "inf"], "--bin-width = inf: must be a finite number"),
-        (["--start-opl", "nan"], "--start-opl = nan: must be a finite number of metres"),
-        (["--pulse-width", "wide"], "--pulse-width = 'wide': must be auto, none, or metres"),
-        (["--max-depth", "0"], "--max-depth = 0: must be -1 (no limit) or an integer"),
-        (["--seed", "-1"], "--seed = -1: must be an integer from 0 to 4294967295"),
-        (["--sampler", "halton"], "--sampler = 'halton': must be one of"),
-        (["--sampler", "multijiter"], "--sampler = 'multijiter': did you mean 'multijitter'?"),
-        (["--integrator", "path"], "--integrator = 'path': must be one of"),
-        (["--variant", "llvm_ad_rgbb"], "--variant = 'llvm_ad_rgbb': did you mean 'llvm_ad_rgb'?"),
-        (["--format", "exr"], "--format = 'exr': must be one of frames, png, multipart, npz"),
-        (["--precision", "double"], "--precision = 'double': must be one of half, float"),
-        (
-            ["--window", "auto", "--start-opl", "3"],
-            "--start-opl = 3: must be left out with --window",
-        ),
-        (["--window", "3,15", "--bin-width", "1"], "--bin-width = 1: must be left out with --win"),
-        (["--window", "all"], "--window = 'all': must be auto, scene, or start,stop in metres"),
-        (["--window", "3"], "--window = 3: must be auto, scene, or start,stop in metres"),
-        (["--window", "9,3"], "--window = 9,3: must end after it starts"),
-        (["--window", "9999,10000", "--bins", "1000"], "bin_width_opl = 0.001: must be at least "),
-        (["--window", "3,nan"], "--window = nan: must be a finite number of metres"),
-        (["--window", "0,1"], "--window = 0 m to 1 m: no light arrives in it; must overlap"),
-        (["--sensor", "1"], "--sensor = 1: must be an integer from 0 to 0"),
-        (["--sensor", "-1"], "--sensor = -1: must be an integer from 0"),
-        (["--spp", "10", "--errors"], "--spp = 10: must be a multiple of 4 with"),
-        (["--workers", "2", "--scheduler", "a:1"], "--scheduler: must be left out with --workers"),
-        (["--figure", "bmp"], "--figure = 'bmp': must be one of png, pdf, svg"),
-        (["--dpi", "5"], "--dpi = 5: must be an integer from 20 to 2400"),
-        (["-D", "spp"], "-D spp: must be name=value"),
-        (["-D", "spp=3"], "parameter spp = '3': must be left out, only XML files have parameters"),
-        (["--sp", "3"], "No such option: --sp"),
-        (["--spp"], "Option '--spp' requires an argument."),
+        pytest.param(command, words, text, id=f"{command} {words}")
+        for command, cases in REFUSALS.items()
+        for words, text in cases
     ],
 )
-def test_bad_option_is_one_line(capsys, tmp_path, arguments, text):
-    folder = tmp_path / "out"
-    assert text in refused(capsys, "render", "cornell_box", "--out", folder, *arguments)
-    assert not folder.exists()
+def test_bad_options_are_refused_in_one_line(capsys, tmp_path, monkeypatch, command, words, text):
+    monkeypatch.chdir(tmp_path)
+    out = [] if "--out" in words else ["--out", f"out{SUFFIXES.get(command, '')}"]
+    assert text in refused(capsys, *command.split(), *out, *words.split())
+    assert not list(tmp_path.iterdir())
 
 
 BAD_NUMBERS = ["inf", "-inf", "1e400", "9" * 5000, "", " 3", "1_0", "0x10", "\u0663", "-2"]
@@ -165,16 +179,13 @@ NUMBERS = {
 }
 
 
-@pytest.mark.slow
 def test_bad_numbers_are_refused_before_anything_is_imported():
     """Each in one line that names the option."""
     cases = [(c, o, text) for c in ALL_KINDS for o in ALL_KINDS[c] for text in BAD_NUMBERS]
     cases += [(c, o, text) for c in NUMBERS for o in NUMBERS[c] for text in ("nan", "\u0663")]
     cases += [("render", "--spp", "2.5"), ("verify", "--seeds", "1.0")]
     code = f"""
-import contextlib, io, sys
-sys.argv = ["tofrender"]
-from tofrender.cli import main
+import contextlib, io
 for command, option, text in {cases!r}:
     said = io.StringIO()
     with contextlib.redirect_stderr(said):
@@ -182,10 +193,8 @@ for command, option, text in {cases!r}:
     line, start = said.getvalue(), f"error: {{option}} = "
     if status != 2 or line.count("\\n") != 1 or not line.startswith(start):
         print(command, option, repr(text[:9]), status, line)
-print([name for name in {HEAVY!r} if name in sys.modules])
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert done.stdout == "[]\n", done.stdout + done.stderr
+    assert in_a_new_process(code) == "[]\n"
 
 
 def test_choices_are_those_there_are():
@@ -259,14 +268,13 @@ def names(folder: Path) -> set[str]:
 FRAMES = {f"frame_{k:04d}.exr" for k in range(20)} | {"steady.exr", "summary.png"}
 
 
-@pytest.mark.slow
 def test_render_and_render_again(capsys, tmp_path):
     folder = tmp_path / "box"
-    arguments = ["render", "cornell-box", "--out", folder, *TINY, "--no-video"]
-    for _ in range(2):
-        status, out, err = run(capsys, *arguments)
+    arguments = ["render", "cornell-box", "--out", folder, *TINY]
+    for video in ("--no-video", "--video"):
+        status, out, err = run(capsys, *arguments, video)
         assert status == 0, err
-        assert names(folder) == FRAMES
+        assert names(folder) == FRAMES | ({"video.mp4"} if video == "--video" else set())
         assert "frame_0000.exr ... frame_0019.exr, steady.exr, summary.png" in out
         assert "samples per second" in out
         assert "% of the energy outside the window" in out
@@ -277,7 +285,6 @@ def test_render_and_render_again(capsys, tmp_path):
     assert dict(dataset.sizes) == {"y": 6, "x": 8, "opl": 20, "channel": 3}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("layout", "file"), [("multipart", "stack.exr"), ("npz", "transient.npz")])
 def test_formats(capsys, tmp_path, layout, file):
     folder = tmp_path / "box"
@@ -287,28 +294,6 @@ def test_formats(capsys, tmp_path, layout, file):
     assert names(folder) == {file, "summary.png"}
 
 
-@pytest.mark.slow
-def test_films_that_are_joined_stay_as_they_are(capsys, tmp_path):
-    tiny = [*TINY, "--no-video", "--format", "zarr"]
-    films = [tmp_path / name / "transient.zarr" for name in ("a", "b", "both")]
-    for seed, film in enumerate(films[:2]):
-        status, _, err = run(
-            capsys, "render", "cornell_box", "--out", film.parent, *tiny, "--seed", seed
-        )
-        assert status == 0, err
-        assert names(film.parent) == {"transient.zarr", "steady.exr", "summary.png"}
-    a, b = (tofrender.load_zarr(film).load() for film in films[:2])
-    arguments = ["merge", tmp_path / "a", tmp_path / "b", "--out", tmp_path / "both"]
-    status, _, err = run(capsys, *arguments, "--format", "zarr", "--no-video")
-    assert status == 0, err
-    assert tofrender.load_zarr(films[0]).identical(a)
-    assert tofrender.load_zarr(films[1]).identical(b)
-    both = tofrender.load_zarr(films[2])
-    np.testing.assert_allclose(both["steady"], (a["steady"] + b["steady"]) / 2, rtol=1e-6)
-    assert both.attrs["spp"] == 2 * a.attrs["spp"]
-
-
-@pytest.mark.slow
 def test_a_film_outlives_files_that_cannot_be_written(capsys, tmp_path, monkeypatch):
     arguments = ["render", "cornell_box", "--out", tmp_path / "a", *TINY, "--format", "zarr"]
 
@@ -322,13 +307,6 @@ def test_a_film_outlives_files_that_cannot_be_written(capsys, tmp_path, monkeypa
     assert status == 0, err
     assert tofrender.load_zarr(tmp_path / "a" / "transient.zarr").attrs["complete"] == 1
     assert names(tmp_path) == {"a"}
-
-
-@pytest.mark.slow
-def test_video(capsys, tmp_path):
-    folder = tmp_path / "box"
-    assert run(capsys, "render", "cornell_box", "--out", folder, *TINY)[0] == 0
-    assert names(folder) == FRAMES | {"video.mp4"}
 
 
 def test_settings_arrive(capsys, tmp_path):
@@ -346,7 +324,6 @@ def test_settings_arrive(capsys, tmp_path):
     assert "0.05" in dataset.attrs["pulse"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["cornell_box", "cornell_box_steady_state"])
 def test_window_auto(capsys, tmp_path, scene):
     arguments = ["--size", "8x6", "--spp", "4", "--bins", "16", "--window", "auto"]
@@ -368,25 +345,6 @@ def test_lost_energy_is_one_line(capsys, tmp_path):
     assert err.count("\n") == 1
 
 
-def test_interrupted_render_is_saved(capsys, tmp_path, monkeypatch):
-    import tofrender.rendering.job
-
-    whole = tofrender.rendering.job.carry_out
-
-    def half(*arguments, **options):
-        dataset = whole(*arguments, **options)
-        dataset.attrs["complete"] = 0
-        return dataset
-
-    monkeypatch.setattr("tofrender.rendering.job.carry_out", half)
-    folder = tmp_path / "box"
-    arguments = ["render", "cornell_box", "--out", folder, *TINY, "--no-video"]
-    status, _, err = run(capsys, *arguments)
-    assert status == 130
-    assert "interrupted" in err
-    assert names(folder) == FRAMES
-
-
 def _rest(screen: int) -> str:
     """What is still written to a terminal until its program ends."""
     text = b""
@@ -396,7 +354,6 @@ def _rest(screen: int) -> str:
     return text.decode()
 
 
-@pytest.mark.slow
 def test_ctrl_c(tmp_path):
     folder = tmp_path / "box"
     size = ["--size", "64x64", "--max-depth", "4", "--spp", str(1 << 24)]
@@ -428,24 +385,21 @@ def test_ctrl_c(tmp_path):
 # ---------------------------------------------------------------------------- phasors and gates
 
 
-@pytest.mark.slow
 def test_phasors_of_a_scene(tmp_path, capsys):
     out = tmp_path / "phasors"
-    tiny = ["--size", "8x6", "--spp", "4"]
-    options = ["--freq", "20e6", "--freq", "50e6", "--out", out, *tiny]
-    assert main([str(each) for each in ("phasor", "cornell_box_flash", *options)]) == 0
+    options = ["--freq", "20e6", "--freq", "50e6", "--out", out, "--size", "8x6", "--spp", "4"]
+    for _ in range(2):  # Its own output is replaced
+        status, told, err = run(capsys, "phasor", "cornell_box_flash", *options)
+        assert status == 0, err
+        assert "panel.png" in told
     assert names(out) == {"phasor_20000000Hz.exr", "phasor_50000000Hz.exr", "panel.png"}
     channels = OpenEXR.File(str(out / "phasor_20000000Hz.exr")).channels()
     assert set(channels) == {"I", "Q", "amplitude", "phase", "depth"}
     depth = channels["depth"].pixels
     assert depth.shape == (6, 8, 3)
     assert 0 <= depth.min() <= depth.max() < 7.5
-    assert "panel.png" in capsys.readouterr().out
-    again = ["phasor", "cornell_box_flash", *options]  # Its own output is replaced
-    assert main([str(each) for each in again]) == 0
 
 
-@pytest.mark.slow
 def test_phasors_of_a_render(tmp_path, capsys):
     """Converted from bins, they are those that are rendered, up to what the window lost.
 
@@ -474,26 +428,6 @@ def test_a_gate(tmp_path):
     assert main(["gate", "cornell_box", *options]) == 0
     assert names(out) == {"gate.exr", "picture.png"}
     assert OpenEXR.File(str(out / "gate.exr")).channels()["RGB"].pixels.shape == (12, 16, 3)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["phasor", "cornell_box", "--freq", "0"], "--freq = 0: must be a finite number of hertz"),
-        (["phasor", "cornell_box", "--freq", "nan"], "--freq = nan: must be"),
-        (["phasor", "cornell_box", "--freq", "1e-300"], "hertz from 1e-09 to 1e+18"),
-        (["phasor", "cornell_box"], "Missing option '--freq'"),
-        (["phasor", "cornel_box", "--freq", "2e7"], "did you mean cornell_box"),
-        (["gate", "cornell_box", "--at", "-1"], "--at = -1: must be a number from 0"),
-        (["gate", "cornell_box", "--at", "soon"], "--at = soon: must be a number from 0"),
-        (["gate", "cornell_box", "--at", "1", "--size", "8x8"], "no light arrives then"),
-        (["gate", "cornell_box", "--at", "6", "--spp", "0"], "--spp = 0: must be an integer"),
-        (["gate", "cornell_box", "--at", "6", "--max-depth", "0"], "--max-depth = 0: must be -1"),
-    ],
-)
-def test_bad_phasors_and_gates(tmp_path, capsys, arguments, text):
-    assert text in refused(capsys, *arguments, "--out", tmp_path / "out")
-    assert names(tmp_path) == set()
 
 
 def test_phasors_below_a_hertz_have_files_of_their_own(tmp_path):
@@ -537,7 +471,7 @@ class Interrupt:
             signal.raise_signal(signal.SIGINT)
 
 sys.meta_path.insert(0, Interrupt())
-from tofrender.cli.app import main
+from tofrender.cli.app import app, main
 sys.exit(main(["merge", "a", "b", "--out", "c"]))
 """
 
@@ -563,9 +497,7 @@ def test_status_after_a_signal(capsys, monkeypatch, where, name, status):
             signal.signal(number, handler)
 
 
-@pytest.mark.slow
 def test_an_interrupted_import_of_mitsuba_ends_as_ctrl_c_does():
     command = [sys.executable, "-c", IMPORT_INTERRUPTED]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=100)
-    assert done.returncode == 130
-    assert done.stderr == "error: interrupted\n"
+    assert (done.returncode, done.stderr) == (130, "error: interrupted\n")

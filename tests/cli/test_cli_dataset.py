@@ -53,7 +53,6 @@ def test_the_plan_alone(config, capsys):
     assert "transient  record, y, x, opl, channel  3 x 8 x 8 x 60 x 3  135 KiB\n" in out
 
 
-@pytest.mark.slow
 def test_all_and_one_of_them(config, tmp_path, capsys):
     out = tmp_path / "all.zarr"
     status, told, err = run(capsys, "dataset", config, "--out", out)
@@ -99,7 +98,6 @@ def killed(config: Path, out: Path, number: int) -> int:
         return process.wait(60)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=["kill -9", "kill"])
 def test_a_killed_run_goes_on(tmp_path, capsys, number):
     config, out, whole = tmp_path / "c.toml", tmp_path / "x.zarr", tmp_path / "whole.zarr"

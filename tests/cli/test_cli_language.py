@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import re
 import signal
 import subprocess
 import sys
+import termios
+import time
 import types
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddict
@@ -17,11 +20,12 @@ import pytest
 from helpers.films_in_parts import in_small_steps
 from helpers.hidden_scenes import small_capture as captured
 from PIL import Image
-from test_cli import COMMAND, ROOT, TINY, names, refused, run
+from test_cli import COMMAND, HEAVY, ROOT, TINY, _rest, imported_by, names, refused, run
 
 import tofrender
 from tofrender import io
-from tofrender.cli import answers, completion, render as cli_render
+from tofrender.cli import answers, completion
+from tofrender.cli.app import main
 from tofrender.rendering import pieces
 from tofrender.runtime import doctor
 
@@ -49,11 +53,8 @@ def mistakes(value: Any, kind: Any, where: str = "") -> list[str]:
             return [f"{where}: has {sorted(value)}, must have {sorted(hints)}"]
         return [m for name in hints for m in mistakes(value[name], hints[name], f"{where}.{name}")]
     if get_origin(kind) is list:
-        return [
-            m
-            for k, each in enumerate(value)
-            for m in mistakes(each, *get_args(kind), f"{where}[{k}]")
-        ]
+        (inner,) = get_args(kind)
+        return [m for k, each in enumerate(value) for m in mistakes(each, inner, f"{where}[{k}]")]
     if get_origin(kind) in (Union, types.UnionType):
         return [] if any(not mistakes(value, each) for each in get_args(kind)) else [where]
     good = type(value) is kind or (kind is float and type(value) is int)
@@ -76,7 +77,6 @@ def checked(found: dict, command: str) -> dict:
     return found
 
 
-@pytest.mark.slow
 def test_json_of_a_render_and_its_phasors(capsys, tmp_path):
     out = tmp_path / "böx"
     facts = said(capsys, "render", "cornell_box", "--out", out, *TINY, "--seed", 7, "--no-video")
@@ -93,7 +93,6 @@ def test_json_of_a_render_and_its_phasors(capsys, tmp_path):
     assert (again["width"], again["height"]) == (8, 6)
 
 
-@pytest.mark.slow
 def test_json_of_phasors_and_gates_of_a_scene(capsys, tmp_path):
     options = [*SMALL, "--out", tmp_path / "out"]
     facts = said(capsys, "phasor", "cornell_box", "--freq", "2e7", *options)
@@ -103,23 +102,17 @@ def test_json_of_phasors_and_gates_of_a_scene(capsys, tmp_path):
     assert set(facts["files"]) == names(tmp_path / "out")
 
 
-@pytest.mark.slow
-def test_json_of_a_capture_and_its_reconstruction(capsys, tmp_path):
+def test_json_of_captures_and_reconstructions(capsys, tmp_path):
     file = tmp_path / "wall.h5"
     facts = said(capsys, "capture", "nlos_plane", "--grid", "3x2", "--spp", "1", "--out", file)
     assert (facts["columns"], facts["rows"], facts["mode"]) == (3, 2, "confocal")
     found = said(capsys, "reconstruct", file, "--method", "bp", "--out", tmp_path / "out")
     assert set(found["files"]) == names(tmp_path / "out")
-
-
-@pytest.mark.slow
-def test_json_of_nothing_found(capsys, tmp_path):
     dark = captured()
     dark["transient"][:] = 0
     io.save_capture(dark, tmp_path / "dark.h5")
-    out = tmp_path / "out"
-    facts = said(capsys, "reconstruct", tmp_path / "dark.h5", "--method", "bp", "--out", out)
-    assert facts["median_depth"] is None
+    arguments = ["reconstruct", tmp_path / "dark.h5", "--method", "bp", "--out", tmp_path / "dark"]
+    assert said(capsys, *arguments)["median_depth"] is None
 
 
 def test_json_of_the_scenes(capsys):
@@ -148,7 +141,6 @@ def test_errors_leave_stdout_empty(capsys, tmp_path):
     assert "did you mean" in refused(capsys, "render", "cornel_box", *arguments[2:])
 
 
-@pytest.mark.slow
 def test_json_of_a_render_that_was_stopped(capsys, tmp_path, monkeypatch):
     steps = pieces.steps
 
@@ -184,69 +176,73 @@ def test_the_page_has_all_keys():
 # ------------------------------------------------------------------------------------ completion
 
 
-def completed(shell: str, line: str, cwd: Path = ROOT) -> list[str]:
-    """What a shell is told to complete a line to, as its script asks."""
-    words = line.split(" ")
-    asked = {
-        "bash": {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)},
-        "zsh": {"_TYPER_COMPLETE_ARGS": line},
-        "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
-    }[shell]
-    environment = os.environ | asked | {"_TOFRENDER_COMPLETE": f"complete_{shell}"}
-    environment["PYTHONPATH"] = str(ROOT)
-    done = subprocess.run(COMMAND, env=environment, capture_output=True, text=True, cwd=cwd)
-    assert done.stderr == ""
-    if shell == "zsh":
-        return re.findall(r'"([^"]+)"(?::|\n|\)|$)', done.stdout.replace("\\", ""))
-    return [each.split("\t")[0] for each in done.stdout.split()]
+ASKED = {
+    "bash": {"COMP_WORDS": "{line}", "COMP_CWORD": "{last}"},
+    "zsh": {"_TYPER_COMPLETE_ARGS": "{line}"},
+    "fish": {"_TYPER_COMPLETE_ARGS": "{line}", "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shells_complete(shell):
+def asked(shell: str, line: str) -> dict[str, str]:
+    """The environment by which a shell's script asks what to complete a line to."""
+    values = {"line": line, "last": len(line.split(" ")) - 1}
+    found = {name: text.format(**values) for name, text in ASKED[shell].items()}
+    return found | {"_TOFRENDER_COMPLETE": f"complete_{shell}"}
+
+
+@pytest.fixture
+def completed(capsys, monkeypatch):
+    """What a shell is told to complete a line to."""
+
+    def of(shell: str, line: str) -> list[str]:
+        monkeypatch.chdir(ROOT)
+        for name, text in asked(shell, line).items():
+            monkeypatch.setenv(name, text)
+        with pytest.raises(SystemExit):
+            main(["x"])
+        said, err = capsys.readouterr()
+        assert err == ""
+        if shell == "zsh":
+            return re.findall(r'"([^"]+)"(?::|\n|\)|$)', said.replace("\\", ""))
+        return [each.split("\t")[0] for each in said.split()]
+
+    return of
+
+
+@pytest.mark.parametrize("shell", ASKED)
+def test_shells_complete(completed, shell):
     assert "cornell_box_glass" in " ".join(completed(shell, "tofrender render cornell_box_g"))
     assert "transient_bdpt" in completed(shell, "tofrender render x --integrator transient_b")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("tofrender rend", ["render"]),
-        ("tofrender render x --form", ["--format"]),
-        ("tofrender render x --format m", ["multipart"]),
-        ("tofrender render x --sampler pad", ["padded_sobol"]),
-        (
-            "tofrender render x --variant llvm_ad_s",
-            ["llvm_ad_spectral", "llvm_ad_spectral_polarized"],
-        ),
-        ("tofrender gate sphere-light-l", ["sphere-light-large"]),
-        ("tofrender capture nlos_z", ["nlos_z"]),
-        ("tofrender reconstruct a.h5 --method ph", ["phasor"]),
-        ("tofrender warp beck", ["beckmann"]),
-        ("tofrender render scenes/cor", ["scenes/cornell_box.xml"]),
-        ("tofrender render scenes/n", ["scenes/nlos/"]),
+        ("rend", "render"),
+        ("render x --form", "--format"),
+        ("render x --format m", "multipart"),
+        ("render x --sampler pad", "padded_sobol"),
+        ("render x --variant llvm_ad_s", "llvm_ad_spectral llvm_ad_spectral_polarized"),
+        ("gate sphere-light-l", "sphere-light-large"),
+        ("capture nlos_z", "nlos_z"),
+        ("reconstruct a.h5 --method ph", "phasor"),
+        ("warp beck", "beckmann"),
+        ("render scenes/cor", "scenes/cornell_box.xml"),
+        ("render scenes/n", "scenes/nlos/"),
     ],
 )
-def test_bash_completes(line, found):
-    assert completed("bash", line) == found
+def test_bash_completes(completed, line, found):
+    assert completed("bash", f"tofrender {line}") == found.split()
 
 
-@pytest.mark.slow
-def test_completion_is_quick():
-    """Nothing heavy is imported for it."""
-    environment = os.environ | {"_TOFRENDER_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)}
-    environment |= {"COMP_WORDS": "tofrender render c", "COMP_CWORD": "2"}
-    command = [COMMAND[0], "-X", "importtime", *COMMAND[1:]]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT)
-    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+def test_completion_imports_nothing_heavy():
+    imported, said = imported_by([], **asked("bash", "tofrender render c"), PYTHONPATH=str(ROOT))
     assert "tofrender.cli" in imported
-    assert not imported & {"mitsuba", "drjit", "numpy", "xarray", "matplotlib"}
-    assert "cornell_box" in done.stdout
+    assert not imported & set(HEAVY)
+    assert "cornell_box" in said
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize("shell", ASKED)
 def test_the_script_of_a_shell(tmp_path, shell):
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}
     environment["_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION"] = "1"
@@ -275,7 +271,6 @@ def pixels(path: Path) -> np.ndarray:
         return np.asarray(image)
 
 
-@pytest.mark.slow
 def test_pictures(capsys, tmp_path):
     out = tmp_path / "box"
     arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "png", "--no-video"]
@@ -293,7 +288,6 @@ def test_pictures(capsys, tmp_path):
     assert "--precision = half: must be" in refused(capsys, *arguments, "--precision", "half")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pdf", "svg"])
 def test_vectors(capsys, tmp_path, kind):
     out, marks = tmp_path / "out", {"pdf": b"%PDF", "svg": b"<?xml"}
@@ -318,7 +312,6 @@ def test_vectors(capsys, tmp_path, kind):
     assert (volume / f"volume.{kind}").read_bytes().startswith(marks[kind])
 
 
-@pytest.mark.slow
 def test_dots_per_inch(capsys, tmp_path):
     widths = []
     for dpi in (50, 100):
@@ -336,17 +329,10 @@ def test_dots_per_inch(capsys, tmp_path):
 # -------------------------------------------------------------------------------------- progress
 
 
-@pytest.mark.slow
 def test_a_command_is_seen_to_work_within_a_second(tmp_path):
     """In a terminal; the clock starts when the command does, after Python has."""
-    import fcntl
-    import pty
-    import struct
-    import termios
-    import time
-
     terminal, its = pty.openpty()
-    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+    termios.tcsetwinsize(its, (30, 100))
     code = (
         "import sys, time; from tofrender.cli import main, app; from tofrender.cli import render; "
         "import tofrender.runtime.backend as b; before = b.activate; "
@@ -365,15 +351,6 @@ def test_a_command_is_seen_to_work_within_a_second(tmp_path):
         if begun is None and b"begun" in seen:
             begun = time.monotonic()
     assert time.monotonic() - begun < 1
-    while True:
-        try:
-            if not os.read(terminal, 4096):
-                break
-        except OSError:
-            break
+    _rest(terminal)
     assert process.wait() == 0
     os.close(terminal)
-
-
-def test_formats_are_those_that_can_be_completed():
-    assert set(get_args(cli_render.Format)) >= {"png", "frames"}

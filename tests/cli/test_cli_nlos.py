@@ -19,7 +19,6 @@ def captured(tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     out = tmp_path / method
@@ -53,23 +52,6 @@ def test_modes_are_told(tmp_path, capsys):
     assert "allows bp, fbp, phasor" in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--mode", "confocl"], "--mode = 'confocl': did you mean 'confocal'? Must be one of"),
-        (["--grid", "64"], "--grid = 64: must be width x height, like 64x64"),
-        (["--grid", "0x8"], "--grid = 0x8: must be width x height"),
-        (["--spp", "0"], "--spp = 0: must be an integer from 1 to 16777216"),
-        (["--out", "missing/z.h5"], "--out = missing/z.h5: its folder does not exist"),
-    ],
-)
-def test_bad_capture(tmp_path, monkeypatch, arguments, text, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert text in refused(capsys, "capture", "nlos-z", "--out", "z.h5", *arguments)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
 def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
     out = tmp_path / "box.h5"
     arguments = ("capture", "wall-box-sphere-nlos", "--grid", "4x4", "--spp", "2", "--out", out)
@@ -80,13 +62,6 @@ def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
     assert tofrender.load_capture(out)["on_wall"].sum() == 8
 
 
-def test_the_file_is_refused_before_anything_is_rendered(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(tofrender.nlos, "capture", lambda *_, **__: pytest.fail("rendered"))
-    out = tmp_path / "z.txt"
-    said = refused(capsys, "capture", "nlos-z", "--out", out)
-    assert said == f"--out = {out}: must be a file name that ends in .h5 or .hdf5"
-
-
 def test_the_wall_by_its_id(tmp_path, capsys):
     path = peer_scenes.z_room(tmp_path)
     out = tmp_path / "room.h5"
@@ -95,23 +70,3 @@ def test_the_wall_by_its_id(tmp_path, capsys):
     said = refused(capsys, *arguments, "wand", "--out", tmp_path / "no.h5")
     assert "relay_wall = 'wand': the scene has no such shape; must be one of 'elm__3'" in said
     assert not (tmp_path / "no.h5").exists()
-
-
-def test_a_scene_without_a_wall(tmp_path, capsys):
-    text = refused(capsys, "capture", "cornell_box", "--out", tmp_path / "c.h5")
-    assert text.startswith("integrator = TransientPath: must be transient_nlos_path or")
-
-
-def test_an_existing_file_stays(captured, capsys):
-    text = refused(capsys, "capture", "nlos-z", "--out", captured)
-    assert text == f"--out = {captured}: exists already; must be a new file"
-
-
-def test_bad_reconstruction(captured, tmp_path, capsys):
-    out = tmp_path / "out"
-    text = refused(capsys, "reconstruct", captured, "--method", "lc", "--out", out)
-    assert text.endswith("Must be one of lct, fk, bp, fbp, phasor")
-    broken = tmp_path / "broken.h5"
-    broken.write_bytes(captured.read_bytes()[:2000])
-    assert str(broken) in refused(capsys, "reconstruct", broken, "--out", out)
-    assert "missing.h5" in refused(capsys, "reconstruct", tmp_path / "missing.h5", "--out", out)

@@ -42,7 +42,6 @@ def start_of(dataset):
     return float(dataset.opl[0] - (dataset.opl[1] - dataset.opl[0]) / 2)
 
 
-@pytest.mark.slow
 def test_a_built_in_scene_gets_a_window_and_a_pulse_as_python_has_them(tmp_path, capfd):
     dataset, said = rendered(tmp_path, capfd, "cornell_box")
     same = tofrender.render(
@@ -60,7 +59,6 @@ def test_a_built_in_scene_gets_a_window_and_a_pulse_as_python_has_them(tmp_path,
     assert f"a pulse of {width:g} m suit this scene; --window scene has the scene's own" in line
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("options", [["--window", "scene"], ["--pulse-width", "none"]])
 def test_it_can_be_left_alone(tmp_path, capfd, options):
     dataset, said = rendered(tmp_path, capfd, "cornell_box", *options)
@@ -69,7 +67,6 @@ def test_it_can_be_left_alone(tmp_path, capfd, options):
     assert start_of(dataset) == pytest.approx(3.5)
 
 
-@pytest.mark.slow
 def test_whoever_speaks_of_time_gets_what_they_say(tmp_path, capfd):
     dataset, said = rendered(tmp_path, capfd, "cornell_box", "--window", "3,20", "--bins", "10")
     assert "suit this scene" not in said
@@ -79,7 +76,6 @@ def test_whoever_speaks_of_time_gets_what_they_say(tmp_path, capfd):
     assert (start_of(dataset), dataset.sizes["opl"]) == (3.0, 10)
 
 
-@pytest.mark.slow
 def test_a_steady_file_needs_no_options(tmp_path, capfd):
     file = tmp_path / "ball.xml"
     file.write_text(STEADY.format(BODY.format(film="hdrfilm", bins="")))
@@ -90,7 +86,6 @@ def test_a_steady_file_needs_no_options(tmp_path, capfd):
     assert dataset.attrs["energy_outside_window"] < 0.01
 
 
-@pytest.mark.slow
 def test_a_file_with_bins_of_its_own_keeps_them(tmp_path, capfd):
     file = tmp_path / "ball.xml"
     text = STEADY.format(BODY.format(film="transient_hdr_film", bins=BINS))
@@ -107,7 +102,6 @@ def test_a_loaded_scene_has_its_pulse():
         tofrender.render(scene, spp=1, pulse_width="auto")
 
 
-@pytest.mark.slow
 def test_a_pulse_of_the_integrator_stays():
     own = tofrender.cornell_box(width=8, height=8)
     own["integrator"] = {"type": "transient_path", "pulse_width_opl": 0.5}
@@ -115,7 +109,6 @@ def test_a_pulse_of_the_integrator_stays():
     assert dataset.attrs["pulse"] == "GaussianPulse(width_opl=0.5)"
 
 
-@pytest.mark.slow
 def test_the_first_frame_is_not_black(tmp_path):
     out = tmp_path / "box"
     assert main(["render", "cornell_box", "--size", "48x48", "--spp", "64", "--out", str(out)]) == 0
@@ -130,7 +123,6 @@ def test_the_box_as_a_file_has_bins():
     assert not is_steady(ROOT / "scenes" / "cornell_box.xml", {})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["file", "dict", "name", "loaded"])
 def test_a_steady_scene_has_the_same_bins_from_python(tmp_path, capfd, kind):
     """What the command finds, `render` finds; a scene that is loaded keeps its pulse."""

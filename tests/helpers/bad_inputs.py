@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +83,6 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "count": (set(), {"2.0": 2.0, "numpy-0": np.int64(0), "-2**40": -(1 << 40)}),
     "seed": ({"0"}, {"2**32": 1 << 32, "numpy-2.0": np.float64(2)}),
     "metres": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
-    "number": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
     "positive": (_NUMBERS - {"-1", "0"}, {"-0.0": -0.0, "numpy-nan": np.float32("nan")}),
     "pulse-width": ({"1.5"}, {"-0.0": -0.0, "1e-30": 1e-30}),
     "fraction": ({"0"}, {"1.0001": 1.0001, "-1e-9": -1e-9}),
@@ -141,11 +139,9 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "depth": ({"-1"}, {"-2": -2, "2.0": 2.0}),
     "pyramid-depth": (set(), {"1": 1, "65": 65}),
     "bounces": ({"-1", "0"}, {"-2": -2, "2.0": 2.0}),
-    "width": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
     "radius": (set(), {"-0.0": -0.0}),
     "turn": ({"0", "1.5", "-1"}, {"181": 181, "numpy-nan": np.float32("nan")}),
     "extinction": ({"0", "1.5"}, {"-1e-9": -1e-9, "numpy-nan": np.float32("nan")}),
-    "distance": ({"1.5", "1e30", "2**40"}, {"-0.0": -0.0}),
     "roughness": ({"0", "1.5"}, {"1e7": 1e7}),
     "cosine": ({"-1", "0"}, {"1.1": 1.1}),
     "side": (set(), {"5000": 5000}),
@@ -199,23 +195,91 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "renders": (set(), {"one": [xr.Dataset()] * 2}),
     "figure": (set(), {"no folder": "no/a.png", "another ending": "a.jpg", "folder": "."}),
     "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
+    "from 0": (_NUMBERS - {"-1"}, {}),
+    "from 30": ({"1e30", "2**40"}, {}),
+    "alpha": ({"1.5"}, {}),
+    "address": (set(), {}),
+    "definition": (set(), {}),
+    "host": ({"0"}, {}),
+    "render": (set(), {}),
+}
+
+TEXTS: dict[str, str] = {
+    **{name: name for name in ("nan", "inf", "-inf", "-1", "0", "1.5", "1e30", "True")},
+    "2**40": str(1 << 40),
+    "text": "nonsense",
+    "empty-text": "",
+    "lines": "1\n2",
+    "blank": " ",
+    "underscore": "1_000",
+    "hexadecimal": "0x10",
+    "padded": " 4",
+    "another script": "\u0663",
+    "many digits": "9" * 5000,
+    "a list": "1,2",
+    "a dict": "{}",
+    "complex": "1j",
+    "percent": "5%",
+    "unit": "5m",
+    "capitals": "FRAMES",
+    "bytes": "b'x'",
+    "None": "None",
+    "a path": "../x",
+}
+"""What is typed on a command line; names that are in ANY, too, are good for the same kinds."""
+
+LONG, SURROGATE = "x" * 3000, "\udcff"
+
+MORE_TEXTS: dict[str, list[str]] = {
+    "pulse-width": ["AUTO"],
+    "window": ["3", "1,2,3", "15,3", "3,3", "AUTO", "3,nan", "0,1e13", "a,b"],
+    "sizes": ["0x8", "8x", "8x8x8", "-8x8", "8.5x8", "70000x8", "nanx8", "8  8"],
+    "address": [
+        *("tcp://127.0.0.1", "tcp://127.0.0.1:0", "tcp://127.0.0.1:70000", "tcp://:8786"),
+        *("http://a:1", LONG, SURROGATE),
+    ],
+    "choice": [LONG, SURROGATE],
+    "host": [LONG],
+    "definition": ["spp", "=3", "wdth=3", "a\nb=3"],
+    "source": ["cornel_box", "no.xml", ".", "\x01", LONG, SURROGATE],
+    "file": [".", "no.h5", LONG, SURROGATE],
+    "render": [".", "no.xml", LONG, SURROGATE],
 }
 
 
+def kind_of(text: str) -> str:
+    """The kind itself, of `"kind?"`, which is one that may be None, or of `"kind but x, y"`."""
+    return text.partition(" but ")[0].rstrip("?")
+
+
 def bad(kind: str) -> Iterator[tuple[str, Any]]:
-    """Values that are bad for a kind; `"kind?"` is one that may be None, `"kind-x"` without x."""
-    kind, *left_out = kind.split(" but ")
-    optional, kind = kind.endswith("?"), kind.rstrip("?")
-    good, more = KINDS[kind]
+    """Values that are bad for a kind."""
+    good, more = KINDS[kind_of(kind)]
+    skipped = {"None"} if "?" in kind else set()
+    skipped.update(kind.partition(" but ")[2].split(", "))
     for name, value in (ANY | more).items():
-        skipped = {each for text in left_out for each in text.split(", ")}
-        if name not in good | skipped and not (optional and name == "None"):
+        if name not in good | skipped:
             yield name, value
 
 
-def sample(kind: str, everything: bool, start: int) -> dict[str, Any]:
-    """Bad values of a kind, all or a sixth of them; the start says which sixth."""
-    return dict(bad(kind) if everything else islice(bad(kind), start % 6, None, 6))
+def bad_texts(kind: str) -> dict[str, str]:
+    """The same for an option of a command."""
+    good = KINDS[kind][0]
+    texts = {name: text for name, text in TEXTS.items() if name not in good}
+    return texts | {text: text for text in MORE_TEXTS.get(kind, [])}
+
+
+ALWAYS = {"None", "nan", "inf", "-1", "0", "1.5", "text", "empty-text"}
+"""What is tried everywhere."""
+
+
+def sample(kind: str, everything: bool, start: int, texts: bool = False) -> dict[str, Any]:
+    """Bad values of a kind, all or some; of those that are not tried always a sixth, from start."""
+    found = bad_texts(kind) if texts else dict(bad(kind))
+    always = ALWAYS.union(MORE_TEXTS.get(kind, []) if texts else KINDS[kind_of(kind)][1])
+    rest = [name for name in found if name not in always]
+    left_out = set() if everything else set(rest) - set(rest[start % 6 :: 6])
+    return {name: value for name, value in found.items() if name not in left_out}
 
 
 def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:

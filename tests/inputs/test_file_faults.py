@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -119,25 +120,16 @@ def test_what_was_saved_is_read(saved, name):
     assert saved[name].kind.load(saved[name].folder).identical(saved[name].dataset)
 
 
-@pytest.mark.slow
 @kinds
-def test_flipped_bits_are_found(saved, name, pytestconfig):
+def test_flipped_bits_and_cut_files_are_found(saved, name, pytestconfig):
     file = saved[name]
-    bits = range(8 * len(file.content))
-    many = pytestconfig.getoption("--all-inputs")
-    chosen = random.Random(name).sample(bits, min(len(bits), 6000 if many else 150))
-    wrong = {bit: what for bit in chosen if (what := file.outcome(file.flipped(bit)))}
-    assert not wrong
-
-
-@pytest.mark.slow
-@kinds
-def test_files_that_are_cut_are_found(saved, name, pytestconfig):
-    file = saved[name]
-    lengths = range(len(file.content))
-    if not pytestconfig.getoption("--all-inputs"):
+    bits, lengths = range(8 * len(file.content)), range(len(file.content))
+    everything = pytestconfig.getoption("--all-inputs")
+    bits = random.Random(name).sample(bits, min(len(bits), 6000 if everything else 150))
+    if not everything:
         lengths = [*lengths[:4], *lengths[4 : -2 * SEAL : 97], *lengths[-2 * SEAL :]]
-    wrong = {n: what for n in lengths if (what := file.outcome(file.content[:n]))}
+    wrong = {f"bit {n}": what for n in bits if (what := file.outcome(file.flipped(n)))}
+    wrong |= {f"cut to {n}": what for n in lengths if (what := file.outcome(file.content[:n]))}
     assert not wrong
 
 
@@ -150,7 +142,6 @@ damages = st.tuples(
 )
 
 
-@pytest.mark.slow
 @settings(
     max_examples=200,
     deadline=None,
@@ -202,7 +193,6 @@ def test_black_tiles_need_no_file(stored):
     np.testing.assert_array_equal(tofrender.load_zarr(folder)["transient"], dataset["transient"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("harm", ["taken away", "emptied", "a folder", "longer"])
 def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm):
     wrong = {}
@@ -232,12 +222,11 @@ def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm
 # ------------------------------------------------------------------------ what is no such file
 
 READERS = {"npz": io.load_npz, "exr": io.load_exr_stack, "h5": io.load_capture}
-PNG = b"\x89PNG\r\n\x1a\n" + bytes(40)
 CONTENTS = {
     "empty": b"",
     "text": b"some text\n" * 9,
     "zeros": bytes(4096),
-    "png": PNG,
+    "png": b"\x89PNG\r\n\x1a\n" + bytes(40),
     "zip": b"PK\x03\x04" + bytes(100),
     "exr": b"\x76\x2f\x31\x01" + bytes(200),
     "hdf5": b"\x89HDF\r\n\x1a\n" + bytes(200),
@@ -246,24 +235,23 @@ CONTENTS = {
 }
 
 
-@pytest.mark.parametrize("suffix", READERS)
-@pytest.mark.parametrize("content", CONTENTS)
-def test_other_files(tmp_path, suffix, content):
-    path = tmp_path / f"a.{suffix}"
-    path.write_bytes(CONTENTS[content])
-    assert not refused(lambda: READERS[suffix](path))
+PLACES: dict[str, Callable[[Path], Any]] = {
+    "missing": lambda path: None,
+    "folder": Path.mkdir,
+    "dangling": lambda path: path.symlink_to(path.parent / "nowhere"),
+    "loop": lambda path: path.symlink_to(path),
+    "pipe": os.mkfifo,
+}
 
 
 @pytest.mark.parametrize("suffix", READERS)
-@pytest.mark.parametrize("what", ["missing", "folder", "dangling", "loop", "pipe"])
-def test_no_files(tmp_path, suffix, what):
+@pytest.mark.parametrize("what", [*CONTENTS, *PLACES])
+def test_other_files(tmp_path, suffix, what):
     path = tmp_path / f"a.{suffix}"
-    if what == "folder":
-        path.mkdir()
-    elif what in ("dangling", "loop"):
-        path.symlink_to(path if what == "loop" else tmp_path / "nowhere")
-    elif what == "pipe":
-        os.mkfifo(path)
+    if what in CONTENTS:
+        path.write_bytes(CONTENTS[what])
+    else:
+        PLACES[what](path)
     assert not refused(lambda: READERS[suffix](path))
 
 
@@ -276,50 +264,45 @@ def refused(call: Callable[[], Any], name: str = "path") -> str:
 
 # ------------------------------------------------------------------- descriptions that are wrong
 
-WRONG: dict[str, Callable[[dict], Any]] = {
-    "no dict": lambda about: [1],
-    "null": lambda about: None,
-    "a number": lambda about: 3,
-    "nothing in it": lambda about: {},
-    **{f"no {key}": lambda a, key=key: _without(a, key) for key in ("sizes", "channel", "attrs")},
-    "no variables": lambda about: _without(about, "variables"),
-    "sizes is a list": lambda about: about | {"sizes": [1, 2]},
-    "sizes lacks x": lambda about: about | {"sizes": _without(about["sizes"], "x")},
-    "sizes of text": lambda about: _sized(about, x="3"),
-    "sizes of 0": lambda about: _sized(about, x=0),
-    "sizes below 0": lambda about: _sized(about, opl=-1),
-    "sizes that are fractions": lambda about: _sized(about, y=2.5),
-    "sizes beyond memory": lambda about: _sized(about, x=1 << 38),
-    "sizes of another picture": lambda about: _sized(about, x=4),
-    "channel is text": lambda about: about | {"channel": "RGB"},
-    "channel of numbers": lambda about: about | {"channel": [1, 2, 3]},
-    "two channels": lambda about: about | {"channel": ["R", "G"]},
-    "attrs is a list": lambda about: about | {"attrs": ["a"]},
-    "attrs holds a list": lambda about: _with_attrs(about, extra=[1]),
-    "attrs holds null": lambda about: _with_attrs(about, extra=None),
-    "no bin_width_opl": lambda about: about | {"attrs": _without(about["attrs"], "bin_width_opl")},
-    "bin_width_opl is text": lambda about: _with_attrs(about, bin_width_opl="wide"),
-    "bin_width_opl is 0": lambda about: _with_attrs(about, bin_width_opl=0.0),
-    "bin_width_opl is NaN": lambda about: _with_attrs(about, bin_width_opl=float("nan")),
-    "another start_opl": lambda about: _with_attrs(about, start_opl=99.0),
-    "variables is a list": lambda about: about | {"variables": []},
-    "variables lacks steady": lambda about: about | {"variables": {"transient": {}}},
-    "attributes of a variable": lambda about: (
-        about | {"variables": about["variables"] | {"opl": "m"}}
-    ),
+MISSING = object()
+
+WRONG: dict[tuple[str, ...], list[Any]] = {
+    # where in the description: what must not be there
+    (): [[1], None, 3, {}],
+    ("sizes",): [MISSING, [1, 2]],
+    ("sizes", "x"): [MISSING, "3", 0, 4, 1 << 38],
+    ("sizes", "y"): [2.5],
+    ("sizes", "opl"): [-1],
+    ("channel",): [MISSING, "RGB", [1, 2, 3], ["R", "G"]],
+    ("attrs",): [MISSING, ["a"]],
+    ("attrs", "extra"): [[1], None],
+    ("attrs", "bin_width_opl"): [MISSING, "wide", 0.0, float("nan")],
+    ("attrs", "start_opl"): [99.0],
+    ("variables",): [MISSING, [], {"transient": {}}],
+    ("variables", "opl"): ["m"],
 }
+
+
+def listed(table: dict[Any, list[Any]]) -> list[Any]:
+    """Parameters of a test: each key with each of its values."""
+    found = []
+    for key, values in table.items():
+        for value in values:
+            text = f"{key} {'missing' if value is MISSING else value}"
+            found.append(pytest.param(key, value, id=re.sub(r"\W+", " ", text)[:40].strip()))
+    return found
+
+
+def changed(about: Any, where: tuple[str, ...], value: Any) -> Any:
+    """A description with another value somewhere in it."""
+    if not where:
+        return value
+    inner = changed(about.get(where[0]), where[1:], value)
+    return _without(about, where[0]) if inner is MISSING else about | {where[0]: inner}
 
 
 def _without(given: dict, key: str) -> dict:
     return {name: value for name, value in given.items() if name != key}
-
-
-def _sized(about: dict, **sizes: Any) -> dict:
-    return about | {"sizes": about["sizes"] | sizes}
-
-
-def _with_attrs(about: dict, **attrs: Any) -> dict:
-    return about | {"attrs": about["attrs"] | attrs}
 
 
 def rewritten_stack(folder: Path, change: Callable[[dict], Any]) -> Path:
@@ -339,26 +322,17 @@ def rewritten_npz(folder: Path, change: Callable[[dict], Any]) -> Path:
     return path
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", WRONG)
-def test_wrong_descriptions(tmp_path, what):
-    change = WRONG[what]
-    stack = rewritten_stack(tmp_path, change)
+@pytest.mark.parametrize(("where", "value"), listed(WRONG))
+def test_wrong_descriptions(tmp_path, where, value):
+    stack = rewritten_stack(tmp_path, lambda about: changed(about, where, value))
     assert not refused(lambda: io.load_exr_stack(stack))
-    archive = rewritten_npz(
-        tmp_path,
-        lambda arrays: (
-            arrays
-            | {"tofrender": np.array(json.dumps(change(json.loads(str(arrays["tofrender"])))))}
-        ),
-    )
+
+    def described(arrays: dict) -> dict:
+        about = changed(json.loads(str(arrays["tofrender"])), where, value)
+        return arrays | {"tofrender": np.array(json.dumps(about))}
+
+    archive = rewritten_npz(tmp_path, described)
     assert not refused(lambda: io.load_npz(archive))
-
-
-@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "{'a': 1}", "NaN"])
-def test_descriptions_that_are_no_json(tmp_path, text):
-    path = rewritten_npz(tmp_path, lambda arrays: arrays | {"tofrender": np.array(text)})
-    assert not refused(lambda: io.load_npz(path))
 
 
 ARRAYS: dict[str, Callable[[dict], dict]] = {
@@ -375,6 +349,11 @@ ARRAYS: dict[str, Callable[[dict], dict]] = {
     "bins that are NaN": lambda a: a | {"opl": a["opl"] * np.nan},
     "light that is NaN": lambda a: a | {"transient": a["transient"] * np.float32("nan")},
     "light that is infinite": lambda a: a | {"steady": a["steady"] * np.float32("inf")},
+    "pickle": lambda a: a | {"x": np.array([print], dtype=object)},
+    **{
+        f"no json {k}": lambda a, text=text: a | {"tofrender": np.array(text)}
+        for k, text in enumerate(["", "{", "[" * 100_000, "{'a': 1}", "NaN"])
+    },
     "description of numbers": lambda a: a | {"tofrender": np.ones(3)},
 }
 
@@ -383,11 +362,6 @@ ARRAYS: dict[str, Callable[[dict], dict]] = {
 def test_wrong_arrays(tmp_path, what):
     with np.errstate(invalid="ignore"):
         path = rewritten_npz(tmp_path, ARRAYS[what])
-    assert not refused(lambda: io.load_npz(path))
-
-
-def test_pickles_are_not_run(tmp_path):
-    path = rewritten_npz(tmp_path, lambda a: a | {"x": np.array([print], dtype=object)})
     assert not refused(lambda: io.load_npz(path))
 
 
@@ -415,37 +389,36 @@ def test_an_archive_that_claims_more_than_it_has(tmp_path):
 # ------------------------------------------------------------------------------------ stacks
 
 
+def copied(source: str, target: str) -> Callable[[Path], Any]:
+    return lambda stack: (stack / target).write_bytes((stack / source).read_bytes())
+
+
+def frame(**changes: Any) -> Callable[[Path], Any]:
+    return lambda stack: write_frame(stack, **changes)
+
+
+GREY = np.ones((2, 3), np.float32)
 STACKS: dict[str, Callable[[Path], Any]] = {
     "no steady": lambda s: (s / "steady.exr").unlink(),
     "a frame less": lambda s: (s / "frame_0001.exr").unlink(),
-    "a frame more": lambda s: (s / "frame_0009.exr").write_bytes(
-        (s / "frame_0001.exr").read_bytes()
-    ),
-    "a frame twice": lambda s: (s / "frame_0002.exr").write_bytes(
-        (s / "frame_0001.exr").read_bytes()
-    ),
-    "a frame that is the steady": lambda s: (s / "frame_0002.exr").write_bytes(
-        (s / "steady.exr").read_bytes()
-    ),
-    "a steady that is a frame": lambda s: (s / "steady.exr").write_bytes(
-        (s / "frame_0001.exr").read_bytes()
-    ),
+    "a frame more": copied("frame_0001.exr", "frame_0009.exr"),
+    "a frame twice": copied("frame_0001.exr", "frame_0002.exr"),
+    "a frame that is the steady": copied("steady.exr", "frame_0002.exr"),
+    "a steady that is a frame": copied("frame_0001.exr", "steady.exr"),
     "a frame that is a folder": lambda s: (
         (s / "frame_0002.exr").unlink(),
         (s / "frame_0002.exr").mkdir(),
     ),
-    "a frame of another size": lambda s: write_frame(s, pixels=np.ones((5, 5, 3), np.float32)),
-    "a frame of another channel": lambda s: write_frame(s, channel="Z"),
-    "a grey frame": lambda s: write_frame(s, "Y", np.ones((2, 3), np.float32)),
-    "a frame with more channels": lambda s: write_frame(s, more={"Z": np.ones((2, 3), np.float32)}),
-    "no bin_index": lambda s: write_frame(s, leave_out="bin_index"),
-    "bin_index of text": lambda s: write_frame(s, bin_index="2"),
-    "bin_index too large": lambda s: write_frame(s, bin_index=3),
-    "bin_index below 0": lambda s: write_frame(s, bin_index=-1),
-    "no opl_center": lambda s: write_frame(s, leave_out="opl_center"),
-    "opl_center of text": lambda s: write_frame(s, opl_center="here"),
-    "opl_center elsewhere": lambda s: write_frame(s, opl_center=np.array([99.0])),
-    "light that is NaN": lambda s: write_frame(s, pixels=np.full((2, 3, 3), np.nan, np.float32)),
+    "a frame of another size": frame(pixels=np.ones((5, 5, 3), np.float32)),
+    "a frame of another channel": frame(channel="Z"),
+    "a grey frame": frame(channel="Y", pixels=GREY),
+    "a frame with more channels": frame(more={"Z": GREY}),
+    "no bin_index": frame(leave_out="bin_index"),
+    **{f"bin_index {value}": frame(bin_index=value) for value in ("2", 3, -1)},
+    "no opl_center": frame(leave_out="opl_center"),
+    "opl_center of text": frame(opl_center="here"),
+    "opl_center elsewhere": frame(opl_center=np.array([99.0])),
+    "light that is NaN": frame(pixels=np.full((2, 3, 3), np.nan, np.float32)),
 }
 
 
@@ -467,7 +440,6 @@ def write_frame(
     OpenEXR.File(header, channels).write(str(stack / "frame_0002.exr"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", STACKS)
 def test_wrong_stacks(tmp_path, what):
     stack = io.save_exr_stack(picture(), tmp_path / "s", progress=False)
@@ -492,85 +464,57 @@ def test_stacks_that_do_not_fit_into_memory(tmp_path, monkeypatch):
 
 # ------------------------------------------------------------------------------------ captures
 
-DELETE = object()
-
 
 def change_capture(path: Path, **changes: Any) -> None:
     with h5py.File(path, "a") as file:
         for name, value in changes.items():
             if name in file:
                 del file[name]
-            if value is not DELETE:
+            if value is not MISSING:
                 file[name] = h5py.Empty("f8") if value is None else value
-
-
-def described(**changes: Any) -> str:
-    about = {"mode": "confocal", "attrs": {}, "pixels": {}}
-    return json.dumps({"tofrender": about | changes})
 
 
 REQUIRED = (
     *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces"),
     *("sensor_grid_xyz", "sensor_grid_format", "laser_grid_xyz", "laser_grid_format"),
 )
-CAPTURES: dict[str, dict[str, Any]] = {
-    **{f"no {name}": {name: DELETE} for name in REQUIRED},
-    **{f"empty {name}": {name: None} for name in REQUIRED},
-    **{f"text in {name}": {name: "text"} for name in REQUIRED},
-    **{f"complex {name}": {name: np.ones((8, 3, 3), complex)} for name in REQUIRED},
-    **{f"nothing in {name}": {name: np.zeros(0)} for name in REQUIRED},
-    **{
-        f"{name} = {value}": {name: value}
-        for name in ("H_format", "sensor_grid_format")
-        for value in (0, 9, 1.5, -1, np.nan, np.inf)
-    },
-    **{
-        f"{name} = {value}": {name: value}
-        for name in ("delta_t", "t_start")
-        for value in (np.nan, np.inf, -np.inf)
-    },
-    "delta_t = 0": {"delta_t": 0.0},
-    "delta_t below 0": {"delta_t": -0.1},
-    "legs = 2": {"t_accounts_first_and_last_bounces": 2},
-    "legs = nan": {"t_accounts_first_and_last_bounces": np.nan},
-    "H of one axis": {"H": np.ones(8)},
-    "H of five axes": {"H": np.ones((8, 1, 1, 3, 3))},
-    "H of other pixels": {"H": np.ones((8, 3, 4))},
-    "H of NaN": {"H": np.full((8, 3, 3), np.nan)},
-    "H of booleans": {"H": np.ones((8, 3, 3), bool)},
-    "grid of NaN": {"sensor_grid_xyz": np.full((3, 3, 3), np.nan)},
-    "grid of two": {"sensor_grid_xyz": np.ones((3, 3, 2))},
-    "normals of 0": {"sensor_grid_normals": np.zeros((3, 3, 3))},
-    "normals of text": {"sensor_grid_normals": "up"},
-    "sensor of two": {"sensor_xyz": np.ones(2)},
-    "sensor of text": {"sensor_xyz": "here"},
-    "laser beside": {"laser_grid_xyz": np.ones((3, 3, 3))},
-    "about is a list": {"scene_info": '{"tofrender": [1]}'},
-    "about is text": {"scene_info": '{"tofrender": "x"}'},
-    "about is null": {"scene_info": '{"tofrender": {"attrs": [], "pixels": {}}}'},
-    "attrs is a list": {"scene_info": described(attrs=[1])},
-    "attrs holds a list": {"scene_info": described(attrs={"a": [1]})},
-    "attrs holds null": {"scene_info": described(attrs={"a": None})},
-    "pixels is a list": {"scene_info": described(pixels=[1])},
-    "pixels of an unknown axis": {"scene_info": described(pixels={"u": [1]})},
-    "pixels of time": {"scene_info": described(pixels={"opl": [1, 2, 3]})},
-    "too few pixels": {"scene_info": described(pixels={"x": [0, 1]})},
-    "pixels apart": {"scene_info": described(pixels={"x": [0, 2, 4]})},
-    "pixels of text": {"scene_info": described(pixels={"x": ["a", "b", "c"]})},
-    "pixels that are fractions": {"scene_info": described(pixels={"x": [0.5, 1.5, 2.5]})},
-    "no pixels": {"scene_info": described(pixels={"x": []})},
-    "on_wall of text": {"scene_info": described(on_wall="all")},
-    "on_wall of too many": {"scene_info": described(on_wall=[0, 100])},
-    "on_wall below 0": {"scene_info": described(on_wall=[-1, 10])},
-    "on_wall of fractions": {"scene_info": described(on_wall=[0.5, 8.5])},
+NONE_OF_THEM = [MISSING, None, "text", np.ones((8, 3, 3), complex), np.zeros(0)]
+FORMATS = [0, 9, 1.5, -1, np.nan, np.inf]
+TIMES = [np.nan, np.inf, -np.inf]
+CAPTURES: dict[str, list[Any]] = dict.fromkeys(REQUIRED, NONE_OF_THEM)
+for name, values in {
+    "H_format": FORMATS,
+    "sensor_grid_format": FORMATS,
+    "delta_t": [*TIMES, 0.0, -0.1],
+    "t_start": TIMES,
+    "t_accounts_first_and_last_bounces": [2, np.nan],
+    "H": [
+        *(np.ones(8), np.ones((8, 1, 1, 3, 3)), np.ones((8, 3, 4))),
+        *(np.full((8, 3, 3), np.nan), np.ones((8, 3, 3), bool)),
+    ],
+    "sensor_grid_xyz": [np.full((3, 3, 3), np.nan), np.ones((3, 3, 2))],
+    "sensor_grid_normals": [np.zeros((3, 3, 3)), "up"],
+    "sensor_xyz": [np.ones(2), "here"],
+    "laser_grid_xyz": [np.ones((3, 3, 3))],
+}.items():
+    CAPTURES[name] = [*CAPTURES.get(name, []), *values]
+
+ABOUT: dict[tuple[str, ...], list[Any]] = {
+    (): [[1], "x", {"attrs": [], "pixels": {}}],
+    ("attrs",): [[1], {"a": [1]}, {"a": None}],
+    ("pixels",): [[1], {"u": [1]}, {"opl": [1, 2, 3]}],
+    ("pixels", "x"): [[0, 1], [0, 2, 4], ["a", "b", "c"], [0.5, 1.5, 2.5], []],
+    ("on_wall",): ["all", [0, 100], [-1, 10], [0.5, 8.5]],
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", CAPTURES)
-def test_wrong_captures(tmp_path, what):
+@pytest.mark.parametrize(("where", "value"), [*listed(CAPTURES), *listed(ABOUT)])
+def test_wrong_captures(tmp_path, where, value):
     path = io.save_capture(captured(), tmp_path / "a.h5")
-    change_capture(path, **CAPTURES[what])
+    if isinstance(where, tuple):
+        about = changed({"mode": "confocal", "attrs": {}, "pixels": {}}, where, value)
+        where, value = "scene_info", json.dumps({"tofrender": about})
+    change_capture(path, **{where: value})
     assert not refused(lambda: io.load_capture(path))
 
 

@@ -12,8 +12,6 @@ import pytest
 from helpers.bad_inputs import ANY, outcome
 
 import tofrender
-from tofrender.integrators import passes
-from tofrender.rendering import pieces
 from tofrender.runtime.plugins import PLUGINS
 
 FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
@@ -30,50 +28,50 @@ MORE: dict[str, Any] = {
     "2.0": 2.0,
     "65": 65,
 }
-KINDS: dict[str, set[str]] = {
-    # kind: what of ANY and MORE is good for it
-    "depth": {"-1", "65", "2.0"},
-    "bounces": {"-1", "0", "65", "2.0"},
-    "order": {"65", "2.0"},
-    "boolean": {"True", "numpy-True"},
-    "light-samples": {"2.0"},
-    "sampling": set(),
-    "filter": {"empty-text"},
-    "positive": NUMBERS - {"-1", "0"} | {"2.0", "65"},
-    "metres": NUMBERS | {"2.0", "65", "-2"},
-    "width": {"1.5", "2.0", "65"},
-    "fov": {"1.5", "2.0"},
-    "seed": {"0", "65", "2.0"},
-    "small-count": {"2.0", "65"},
-    "count": {"2.0", "65"},
-    "tries": {"2.0"},
-    "choice": set(),
-    "capture": {"-2"} - {"-2"} | {"2.0"},
-    "text": {"text", "empty-text", "digits", "lines", "cut-text", "long-text", "nul"},
-    "bounce-filter": {"-1", "65", "2.0"},
-    "sigma": {"0"},
-    "numbers": {"vector", "digits", "1.5", "0", "-1", "2.0", "65", "-2", "1e30", "2**40"},
-    "frequencies": {"1.5", "2.0", "65", "digits", "1e30", "2**40", "vector", "cut-text"},
-    "point": {"vector"},
-    "colour": {"vector", "0", "1.5", "2.0", "65", "1e30", "2**40"},
-    "reflectance": {"0", "object"},
-    "frame": {"transform", "array-object"},
-    "switched off": {"0", "empty-text", "2.0"},
-    "block": {"0"},
-    "rfilter": set(),
-    "left out": set(),
-    "length": NUMBERS | {"2.0", "65", "-2"},
-    "spots": set(),
-}
+WHOLE = {"2.0", "65"}
+ALL_NUMBERS = NUMBERS | WHOLE | {"-2"}
+KINDS: list[tuple[set[str], str]] = [
+    # what of ANY and MORE is good, and for which parameters
+    ({"True", "numpy-True"}, "hide_emitters camera_unwarp discard_direct_light emitter_sampling"),
+    ({"True", "numpy-True"}, "camera_connections use_nlos_only discard_direct_paths sample_border"),
+    ({"True", "numpy-True"}, "nlos_hidden_geometry_sampling account_first_and_last_bounces"),
+    ({"True", "numpy-True"}, "nlos_laser_sampling nlos_hidden_geometry_sampling_do_rroulette"),
+    ({"True", "numpy-True"}, "nlos_hidden_geometry_sampling_includes_relay_wall is_confocal"),
+    ({"True", "numpy-True"}, "force_equal_illumination_scanning confocal"),
+    (WHOLE | {"-1"}, "max_depth filter_bounces filter_depth"),
+    (WHOLE | {"-1", "0"}, "max_bounces"),
+    (WHOLE, "rr_depth temporal_bins width height sample_count grid_rows grid_cols"),
+    (WHOLE | {"0"}, "seed grid_seed"),
+    (WHOLE | {"1.5"}, "pulse_width_opl"),
+    ({"2.0"}, "light_samples capture_type max_rejection_samples"),
+    ({"1.5", "2.0"}, "fov"),
+    ({"0"}, "spot_sigma"),
+    (ALL_NUMBERS, "target_time phase_offset start_opl"),
+    (ALL_NUMBERS - {"-1", "-2", "0"}, "gaussian_stddev frequency_hz power bin_width_opl wl_mean"),
+    (ALL_NUMBERS - {"-1", "-2", "0"}, "wl_sigma lobe_exponent grid_sigma grid_intensity"),
+    (ALL_NUMBERS - {"-1", "-2", "0"} | {"digits", "vector", "cut-text"}, "frequencies_hz"),
+    (ALL_NUMBERS - {"-1", "-2"} | {"vector"}, "energy"),
+    ({"vector"}, "position sensor_origin laser_origin laser_lookat_pixel laser_lookat_3d"),
+    ({"empty-text"}, "temporal_filter strategy"),
+    (
+        {"text", "empty-text", "digits", "lines", "cut-text", "long-text", "nul"},
+        "relay_wall hidden_shapes",
+    ),
+    ({"0", "object"}, "reflectance"),
+    ({"transform", "array-object"}, "frame"),
+    (set(), "gradient_sampling mis grid_spacing pulse_type rfilter"),
+    (set(), "spot_positions spot_sigmas spot_intensities ao.max_depth"),
+]
+GOOD = {name: good for good, names in KINDS for name in names.split()}
 
 
 class Plugin(NamedTuple):
-    """A plugin, the scene that it is put into, and what kind each of its parameters is."""
+    """A plugin, the scene that it is put into, and the names of its parameters."""
 
     name: str
     scene: Callable[[dict[str, Any]], dict[str, Any]]
     good: dict[str, Any]
-    kinds: dict[str, str]
+    parameters: str
 
 
 def room(**parts: Any) -> dict[str, Any]:
@@ -89,14 +87,10 @@ def as_integrator(plugin: dict) -> dict[str, Any]:
     return room(integrator=plugin)
 
 
-def with_film(film: dict) -> dict[str, Any]:
+def with_part(name: str) -> Callable[[dict], dict[str, Any]]:
+    """The room with another part of its camera."""
     described = room(integrator={"type": "transient_path"})
-    return described | {"sensor": described["sensor"] | {"film": film}}
-
-
-def with_sampler(sampler: dict) -> dict[str, Any]:
-    described = room(integrator={"type": "transient_path"})
-    return described | {"sensor": described["sensor"] | {"sampler": sampler}}
+    return lambda part: described | {"sensor": described["sensor"] | {name: part}}
 
 
 def with_material(bsdf: dict) -> dict[str, Any]:
@@ -116,175 +110,77 @@ def with_projector(projector: dict) -> dict[str, Any]:
     return described | {"integrator": plain}
 
 
-FOLLOWS = {
-    "max_depth": "depth",
-    "rr_depth": "order",
-    **dict.fromkeys(
-        ("hide_emitters", "camera_unwarp", "discard_direct_light", "emitter_sampling"), "boolean"
-    ),
-    "gradient_sampling": "sampling",
-}
-IN_BINS = FOLLOWS | {
-    "temporal_filter": "filter",
-    "gaussian_stddev": "positive",
-    "pulse_width_opl": "width",
-}
-LIGHTS = IN_BINS | {"light_samples": "light-samples"}
-TRACED = {"max_bounces": "bounces"}
-WALL = IN_BINS | {
-    "relay_wall": "text",
-    "hidden_shapes": "text",
-    "use_nlos_only": "boolean",
-    "filter_bounces": "bounce-filter",
-    "nlos_hidden_geometry_sampling": "boolean",
-    "account_first_and_last_bounces": "boolean",
-}
+FOLLOWS = "max_depth rr_depth hide_emitters camera_unwarp discard_direct_light "
+FOLLOWS += "emitter_sampling gradient_sampling "
+IN_BINS = FOLLOWS + "temporal_filter gaussian_stddev pulse_width_opl "
+LIGHTS = IN_BINS + "light_samples "
+WALL = IN_BINS + "relay_wall hidden_shapes use_nlos_only filter_bounces "
+WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
 
 
-def integrator(name: str, kinds: dict[str, str], **good: Any) -> Plugin:
-    return Plugin(name, as_integrator, good, kinds)
+def integrator(name: str, parameters: str, **good: Any) -> Plugin:
+    return Plugin(name, as_integrator, good, parameters)
 
 
 TABLE = [
     integrator("transient_path", LIGHTS),
     integrator("transient_volpath", LIGHTS),
-    integrator("path_tracer_mats", IN_BINS | TRACED),
-    integrator("path_tracer_nee", LIGHTS | TRACED),
-    integrator("path_tracer_mis", LIGHTS | TRACED),
-    integrator("ao", IN_BINS | {"max_depth": "left out"}),
-    integrator(
-        "simple",
-        IN_BINS | {"position": "point", "energy": "colour"},
-        position=[0, 0, 2],
-        energy=4.0,
-    ),
+    integrator("path_tracer_mats", IN_BINS + "max_bounces"),
+    integrator("path_tracer_nee", LIGHTS + "max_bounces"),
+    integrator("path_tracer_mis", LIGHTS + "max_bounces"),
+    integrator("ao", IN_BINS),
+    integrator("simple", IN_BINS + "position energy", position=[0, 0, 2], energy=4.0),
     integrator("transient_light_tracer", IN_BINS),
-    integrator(
-        "transient_bdpt",
-        IN_BINS | {"camera_connections": "boolean", "strategy": "filter", "mis": "choice"},
-    ),
-    integrator("time_gated_transient_path", FOLLOWS | {"target_time": "length"}),
-    integrator(
-        "amcw_transient_path",
-        FOLLOWS | {"frequency_hz": "positive", "phase_offset": "metres"},
-        frequency_hz=20e6,
-    ),
-    integrator("confocal_transient_path", WALL | {"power": "positive", "spot_sigma": "sigma"}),
+    integrator("transient_bdpt", IN_BINS + "camera_connections strategy mis"),
+    integrator("time_gated_transient_path", FOLLOWS + "target_time"),
+    integrator("amcw_transient_path", FOLLOWS + "frequency_hz phase_offset", frequency_hz=20e6),
+    integrator("confocal_transient_path", WALL + "power spot_sigma"),
     integrator(
         "transient_nlos_path",
-        WALL
-        | {
-            "capture_type": "capture",
-            "nlos_laser_sampling": "boolean",
-            "nlos_hidden_geometry_sampling_do_rroulette": "boolean",
-            "nlos_hidden_geometry_sampling_includes_relay_wall": "boolean",
-            "discard_direct_paths": "boolean",
-            "filter_depth": "bounce-filter",
-            "force_equal_illumination_scanning": "boolean",
-        },
+        WALL + "capture_type nlos_laser_sampling discard_direct_paths filter_depth "
+        "nlos_hidden_geometry_sampling_do_rroulette force_equal_illumination_scanning "
+        "nlos_hidden_geometry_sampling_includes_relay_wall",
     ),
     Plugin(
         "transient_hdr_film",
-        with_film,
+        with_part("film"),
         {"width": 4, "height": 4},
-        {
-            "temporal_bins": "count",
-            "bin_width_opl": "positive",
-            "start_opl": "metres",
-            "width": "count",
-            "height": "count",
-            "sample_border": "boolean",
-            "rfilter": "rfilter",
-        },
+        "temporal_bins bin_width_opl start_opl width height sample_border rfilter",
     ),
     Plugin(
         "phasor_hdr_film",
-        with_film,
+        with_part("film"),
         {"width": 4, "height": 4, "frequencies_hz": "2e7"},
-        {
-            "frequencies_hz": "frequencies",
-            "temporal_bins": "count",
-            "bin_width_opl": "positive",
-            "start_opl": "metres",
-            "wl_mean": "positive",
-            "wl_sigma": "positive",
-        },
+        "frequencies_hz temporal_bins bin_width_opl start_opl wl_mean wl_sigma",
     ),
-    Plugin("padded_sobol", with_sampler, {}, {"sample_count": "count", "seed": "seed"}),
-    Plugin(
-        "retroreflector",
-        with_material,
-        {},
-        {"reflectance": "reflectance", "lobe_exponent": "positive"},
-    ),
+    Plugin("padded_sobol", with_part("sampler"), {}, "sample_count seed"),
+    Plugin("retroreflector", with_material, {}, "reflectance lobe_exponent"),
     Plugin(
         "nlos_capture_meter",
         with_meter,
         {"sensor_origin": [-0.5, 0, 1]},
-        {
-            "sensor_origin": "point",
-            "laser_origin": "point",
-            "laser_lookat_pixel": "point",
-            "laser_lookat_3d": "point",
-            "confocal": "boolean",
-        },
+        "sensor_origin laser_origin laser_lookat_pixel laser_lookat_3d confocal",
     ),
     Plugin(
         "confocal_projector",
         with_projector,
         {},
-        {
-            "fov": "fov",
-            "is_confocal": "boolean",
-            "frame": "frame",
-            "grid_rows": "small-count",
-            "grid_cols": "small-count",
-            "grid_sigma": "positive",
-            "grid_intensity": "positive",
-            "grid_spacing": "choice",
-            "grid_seed": "seed",
-            "spot_positions": "spots",
-            "spot_sigmas": "spots",
-            "spot_intensities": "spots",
-            "max_rejection_samples": "tries",
-            "pulse_type": "choice",
-            "pulse_width_opl": "width",
-        },
+        "fov is_confocal frame grid_rows grid_cols grid_sigma grid_intensity grid_spacing "
+        "grid_seed spot_positions spot_sigmas spot_intensities max_rejection_samples pulse_type "
+        "pulse_width_opl",
     ),
 ]
-PRESENT = {
-    "parameter": "a heading",
-    "technique": "a heading",
-    "block_size": "no effect, as in mitransient",
-    "confocal_projector": "an object, with_projector",
-    "pulse_values": "test_nlos_input.py",
-    "pulse_start_opl": "test_nlos_input.py",
-    "pulse_bin_width_opl": "test_nlos_input.py",
-    "original_film_width": "must be given with its fellows: test_nlos_input.py",
-    "original_film_height": "must be given with its fellows: test_nlos_input.py",
-    "laser_power": "no effect, as in mitransient",
-    "nlos_hidden_geometry_sampling_max_depth": "no effect, as in mitransient",
-    "illumination_scan_fov": "no effect, as in mitransient",
-    "max_bounces": "of path tracers alone",
-    "light_samples": "of those that connect to lights",
-    "pulse_width_opl": "of those that fill bins",
-    "temporal_filter": "of those that fill bins",
-    "gaussian_stddev": "of those that fill bins",
-    "target_time": "of gates",
+ELSEWHERE = {
+    "a heading": "parameter technique",
+    "no effect, as in mitransient": "block_size laser_power illumination_scan_fov "
+    "nlos_hidden_geometry_sampling_max_depth",
+    "with_projector": "confocal_projector",
+    "test_nlos_input.py": "pulse_values pulse_start_opl pulse_bin_width_opl original_film_width "
+    "original_film_height",
+    "of some integrators alone": "max_bounces light_samples pulse_width_opl temporal_filter "
+    "gaussian_stddev target_time",
 }
 """Parameters in the tables of docstrings that are tried elsewhere, or not with every plugin."""
-
-
-@pytest.fixture
-def no_work(monkeypatch):
-    """Fail if rendering starts."""
-
-    def never(*_, **__):
-        raise AssertionError("work has started")
-
-    monkeypatch.setattr(pieces, "steps", never)
-    for name in ("steps", "expose"):
-        monkeypatch.setattr(passes, name, never)
 
 
 def load(plugin: Plugin, **changes: Any) -> mi.Scene:
@@ -297,20 +193,22 @@ def test_good_parameters(plugin):
     load(plugin)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(
     ("plugin", "name", "start"),
     [
         pytest.param(plugin, name, number, id=f"{plugin.name}-{name}")
-        for number, (plugin, name) in enumerate((p, name) for p in TABLE for name in p.kinds)
+        for number, (plugin, name) in enumerate(
+            (p, name) for p in TABLE for name in p.parameters.split()
+        )
     ],
 )
 def test_bad_parameters(plugin, name, start, pytestconfig):
+    good = GOOD.get(f"{plugin.name}.{name}", GOOD[name])
     values = {
         label: value
         for label, value in (ANY | MORE | {"transform": mi.ScalarTransform4f()}).items()
-        if label not in KINDS[plugin.kinds[name]] and not isinstance(value, np.ndarray)
+        if label not in good and not isinstance(value, np.ndarray)
     }
     if not pytestconfig.getoption("--all-inputs"):
         values = {label: values[label] for label in list(values)[start % 4 :: 4]}
@@ -324,7 +222,8 @@ def test_bad_parameters(plugin, name, start, pytestconfig):
 
 def test_the_table_has_every_parameter():
     """As the tables in the docstrings name them."""
-    known = {plugin.name: plugin.kinds for plugin in TABLE}
+    present = {name for names in ELSEWHERE.values() for name in names.split()}
+    known = {plugin.name: plugin.parameters.split() for plugin in TABLE}
     missing = []
     for name, plugin in PLUGINS.items():
         documented = set()
@@ -334,6 +233,6 @@ def test_the_table_has_every_parameter():
                 documented |= {each for row in rows for each in re.findall(r"\w+", row)}
         missing += [
             f"{plugin.name}.{each}"
-            for each in sorted(documented - set(known.get(plugin.name, {})) - set(PRESENT))
+            for each in sorted(documented - set(known.get(plugin.name, [])) - present)
         ]
     assert not missing

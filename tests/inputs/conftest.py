@@ -1,0 +1,24 @@
+"""What the tests of bad input share."""
+
+import pytest
+
+import tofrender
+from tofrender.integrators import passes
+from tofrender.nlos import exhaustive
+from tofrender.nlos.reconstruction import methods
+from tofrender.rendering import pieces, strategies
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Fail if anything is rendered or reconstructed."""
+
+    def never(*_, **__):
+        raise AssertionError("work has started")
+
+    for module in (pieces, strategies, exhaustive, passes):
+        monkeypatch.setattr(module, "steps", never)
+    monkeypatch.setattr(passes, "expose", never)
+    monkeypatch.setattr(methods, "backproject", never)
+    monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
+    return never
