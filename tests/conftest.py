@@ -1,7 +1,5 @@
 """Every test starts under `llvm_ad_rgb` and leaves no other variant behind."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import pytest
 from helpers import browser, durations, selection, workers

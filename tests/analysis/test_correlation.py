@@ -2,8 +2,6 @@
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

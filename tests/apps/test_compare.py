@@ -1,7 +1,5 @@
 """`tofrender compare`: pictures of the course's scenes, references, files, and the divider."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What an explorer is given: right to the tolerance that it states, as small as it has to be."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The widget in a real JupyterLab: a cell makes it, the page shows it, a click changes it."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

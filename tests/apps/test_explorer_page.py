@@ -1,7 +1,5 @@
 """The report in a real browser, opened from disk without a network: it shows the data's values."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 
 import numpy as np

@@ -5,8 +5,6 @@ part that is missing, moved or of another colour does. After a change that is wa
 pages, remove the pictures and run this file once.
 """
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

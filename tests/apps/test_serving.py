@@ -1,7 +1,5 @@
 """Pages are served with a token, by default on this machine only; ports are free afterwards."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import socket

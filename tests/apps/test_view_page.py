@@ -1,7 +1,5 @@
 """`tofrender view` in a browser: what was saved, damaged files, and renders that go on."""
 
-from __future__ import annotations
-
 import json
 import re
 

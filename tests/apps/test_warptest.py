@@ -1,7 +1,5 @@
 """The warp tester without its window: this package's warps, a student's, and the command."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The warp tester as its readers see it, in a browser."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

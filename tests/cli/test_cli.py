@@ -1,7 +1,5 @@
 """The command line: quick help, one line for whatever is wrong, a folder that appears whole."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty

@@ -1,7 +1,5 @@
 """`tofrender dataset`: the plan, what is refused, and a run that is killed."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """For scripts and shells: --json, completion, pictures and figures of other kinds."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

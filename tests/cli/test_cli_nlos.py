@@ -1,7 +1,5 @@
 """`tofrender capture` and `tofrender reconstruct`: from a hidden scene to its picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import peer_scenes

@@ -1,7 +1,5 @@
 """`tofrender report`: a page of whatever the other commands have written."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re

@@ -4,8 +4,6 @@ The processes are real; what goes on runs in this one. The moments are random, w
 three for each signal here, twenty in `make test-kills`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """The command line with films on disk, workers and error bars: the same files, come what may."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

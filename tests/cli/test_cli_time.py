@@ -1,7 +1,5 @@
 """`tofrender phasor` and `tofrender gate` follow the paths of the scene's own integrator."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

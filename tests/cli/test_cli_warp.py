@@ -1,7 +1,5 @@
 """`tofrender warp`: a figure and a verdict, status 1 for a wrong density."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

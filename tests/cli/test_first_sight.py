@@ -1,7 +1,5 @@
 """What the command shows of a scene of which nobody says when to look at it."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The table of contracts: what is missing, invented, or not shown to be tested is told."""
 
-from __future__ import annotations
-
 import pytest
 from helpers import course_assignment
 

@@ -1,7 +1,5 @@
 """What a handout does not allow is found, whatever it is called, and nothing else is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mitsuba as mi

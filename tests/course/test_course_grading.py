@@ -1,7 +1,5 @@
 """`tofrender grade` on right, broken and hostile submissions: points for what is right, no harm."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """A submission harms nobody: what the sandbox refuses, as root and as an ordinary user."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

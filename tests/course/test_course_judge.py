@@ -1,7 +1,5 @@
 """The judge: what it says of right and wrong submissions, whatever they do to their process."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

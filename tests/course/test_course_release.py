@@ -1,7 +1,5 @@
 """Release, start, submit and verify: what students get, what they do not, what must hold before."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """What a teacher does with a class: rosters, sheets, pages, autograders, new terms, similarity."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """What draws change: each kind of change does what it says to the scene, and to nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mitsuba as mi

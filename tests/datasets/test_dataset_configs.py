@@ -1,7 +1,5 @@
 """Configs that are wrong: each is refused in one line that names the key."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from copy import deepcopy
 from datetime import date

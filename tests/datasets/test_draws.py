@@ -1,7 +1,5 @@
 """What is drawn: right distributions, and of each record its own, whatever else is drawn."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

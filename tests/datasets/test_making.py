@@ -1,7 +1,5 @@
 """Data sets as they are made: right contents, whatever happens on the way."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

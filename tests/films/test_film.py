@@ -1,7 +1,5 @@
 """The transient film: bins and their edges, filters, operations, tiles, bad parameters."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

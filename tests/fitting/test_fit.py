@@ -1,7 +1,5 @@
 """`fit`: what it finds, when it ends, and what it refuses; and its losses against NumPy."""
 
-from __future__ import annotations
-
 import os
 import signal
 from functools import partial

@@ -1,7 +1,5 @@
 """Scenes that are found again from their film: a wall, a lamp, and a patch around the corner."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The closed forms of gradients: numbers of section 9, and the table of docs/gradients.md."""
 
-from __future__ import annotations
-
 import math
 import re
 from functools import partial

@@ -1,7 +1,5 @@
 """Gradients as users ask for them: in any order, by any parameter, and with nothing left behind."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import drjit as dr

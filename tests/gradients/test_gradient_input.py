@@ -3,8 +3,6 @@
 That gives the tensors of `mi.render(scene, params)`, with derivatives.
 """
 
-from __future__ import annotations
-
 import traceback
 from collections.abc import Callable
 from dataclasses import replace

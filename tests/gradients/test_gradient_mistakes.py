@@ -4,8 +4,6 @@ Each one replaces a function of the package by a wrong one, made of the right on
 these functions. Each is replaced once the variant is set, since plugins belong to one.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from copy import copy

@@ -5,8 +5,6 @@ sends a path has its known light, and so has fog before it. Then media and param
 has no closed form: there means over seeds are compared, at the suite's alpha.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

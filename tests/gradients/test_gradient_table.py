@@ -8,8 +8,6 @@ code misses in 0.9 % of all choices of seeds (Student, 15 degrees of freedom); s
 Bins are compared by `agree`, at the suite's one alpha.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Bad values for each kind of argument, and the one check of how they are refused."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path

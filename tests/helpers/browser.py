@@ -1,7 +1,5 @@
 """Debian's Chromium, driven by Playwright, for tests that look at pages as a reader does."""
 
-from __future__ import annotations
-
 import fcntl
 import io
 import os

@@ -1,7 +1,5 @@
 """A whole small assignment for tests of what releases, starts, verifies and submits one."""
 
-from __future__ import annotations
-
 import json
 from itertools import starmap
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Processor time of each test: measured, stored in `tests/durations.json`, and watched in CI."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections import defaultdict

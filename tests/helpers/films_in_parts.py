@@ -1,7 +1,5 @@
 """What the tests of tiles, streams, workers and error bars share: small scenes, comparisons."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -3,8 +3,6 @@
 In the scenes, boundaries are far from all else: see `test_media_agreement.py`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Small scenes with every kind of light and material, for tests that compare two renderers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mitsuba as mi

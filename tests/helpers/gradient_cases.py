@@ -1,7 +1,5 @@
 """The table of gradients: ten parameters, two scenes of each, and what closed forms say of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Captures of hidden patches by closed form: f1 of many small patches, exact path lengths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mitsuba as mi

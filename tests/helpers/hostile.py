@@ -3,8 +3,6 @@
 Each attack runs in a child of its own; an exception or False is a refusal.
 """
 
-from __future__ import annotations
-
 import os
 import textwrap
 

@@ -1,7 +1,5 @@
 """Scenes for paths that start at lights, estimates of them, and comparisons with what is exact."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

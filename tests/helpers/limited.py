@@ -1,7 +1,5 @@
 """Datasets on disk for tests, read with little memory."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A Dataset like the ones that `render` returns, without a render."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes of non-line-of-sight captures for tests, with stand-ins for their sensor and laser."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 

@@ -3,8 +3,6 @@
 Each function writes a file and the meshes that it needs into a folder and returns the file's path.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Errors of bad input: one line each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """What the tests of scenes share: refusals, and who sees whom."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which tests run: those of `make test`, by their durations, or a shard of all, `--shard 3/8`."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from typing import Any

@@ -1,7 +1,5 @@
 """Commands that serve a page, started as a user does."""
 
-from __future__ import annotations
-
 import os
 import re
 import select

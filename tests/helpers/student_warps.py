@@ -1,7 +1,5 @@
 """Warps as students write them: right, wrong, raising, and not written yet."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 RIGHT = """

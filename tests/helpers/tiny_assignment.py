@@ -1,7 +1,5 @@
 """Quick assignments and right submissions for tests of the course's tools."""
 
-from __future__ import annotations
-
 import csv
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping

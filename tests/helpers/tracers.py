@@ -1,7 +1,5 @@
 """The course's path tracers for tests: scenes with each of them, and one value for each path."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -1,7 +1,5 @@
 """Tests side by side, `pytest -n auto`: how many processes, and how many threads in each."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

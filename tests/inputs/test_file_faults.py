@@ -1,7 +1,5 @@
 """Files that are damaged, cut or made up: one clear line, or exactly what was saved."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Every public function with bad values for each of its parameters: one clear line each."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import inspect

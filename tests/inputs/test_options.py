@@ -1,7 +1,5 @@
 """Every option of every command with bad text: one line on stderr, status 2, nothing written."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

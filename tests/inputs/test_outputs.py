@@ -1,7 +1,5 @@
 """Places that cannot be written, found before any work: one clear line, and nothing is lost."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

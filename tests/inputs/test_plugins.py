@@ -1,7 +1,5 @@
 """Every parameter of every plugin with bad values, in a scene that is loaded: one clear line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any, NamedTuple

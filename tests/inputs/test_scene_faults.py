@@ -1,7 +1,5 @@
 """Scenes with a fault, as dicts and as XML: one clear line before anything is rendered."""
 
-from __future__ import annotations
-
 import functools
 import math
 import os

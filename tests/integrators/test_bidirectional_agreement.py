@@ -4,8 +4,6 @@
 others. Compared are means of 4 x 4 blocks of the picture, and the film's mean over path length.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What paths from lights cannot do: refused before work starts, in one line."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

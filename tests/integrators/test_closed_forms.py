@@ -1,7 +1,5 @@
 """Light against closed forms: how much arrives, and when. The formulas are in `oracles`."""
 
-from __future__ import annotations
-
 import math
 
 import mitsuba as mi

@@ -5,8 +5,6 @@ both draw the same numbers in the same order. These tests see a change of 1e-6 a
 statistics. Those marked `statistical` hold for any order.
 """
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

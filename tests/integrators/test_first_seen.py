@@ -1,7 +1,5 @@
 """Lamps in view are found apart: the same light in the same bins, with less noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import drjit as dr

@@ -2,8 +2,6 @@
 
 # ruff: noqa: E741 (I is the field's name for the part in phase)
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

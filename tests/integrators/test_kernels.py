@@ -1,7 +1,5 @@
 """Each step of a render follows its paths once: one kernel of their width is large."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import pytest

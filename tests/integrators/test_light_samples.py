@@ -1,7 +1,5 @@
 """Several light points for a vertex: the same means as one, whatever scene and number."""
 
-from __future__ import annotations
-
 import functools
 
 import drjit as dr

@@ -4,8 +4,6 @@ A strategy "s,t" joins s vertices from a light to t from the lens. Alone and wit
 that can find a path gives all of its light. The formulas are in `light_path_oracles` and `oracles`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Exchange with mitransient: each one's integrator on the other's film, and the plugins' names."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

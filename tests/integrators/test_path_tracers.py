@@ -4,8 +4,6 @@
 or by "one_sample" of a mixture. Each is noisy where the theory says, both together nowhere.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """`simple` and `ao` against closed forms, which are worked out here without the renderer."""
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

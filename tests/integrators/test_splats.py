@@ -8,8 +8,6 @@ Mistakes that tracers of light invite are put into the package, and must be noti
 are chosen so that one render tells: films that must be dark, and means that are known.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import signal

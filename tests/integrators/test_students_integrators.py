@@ -4,8 +4,6 @@ Classes here have the form of the assignment's text: `sample` takes (scene, samp
 target_time, medium, active), with a modulation no target time; it returns (colour, valid, aovs).
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """Captures in HDF5: exact round trips, the layout, other people's files, broken ones, y-tal."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Output: exact round trips, headers, other readers, what may be replaced, failing writes."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -1,7 +1,5 @@
 """A gate in fog: what it sees, and with how little noise."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mitsuba as mi

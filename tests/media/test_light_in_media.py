@@ -1,7 +1,5 @@
 """Light that finds the camera through fog, smoke and milk: paths from the other end agree."""
 
-from __future__ import annotations
-
 from copy import copy
 
 import drjit as dr

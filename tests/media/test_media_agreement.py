@@ -6,8 +6,6 @@ almost empty, 5 cm from the walls of the Cornell box, takes 1.3 % of the picture
 scenes below, boundaries are far from all else.
 """
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Media that cannot be, or that the sensor does not know of: one line, before any tracing."""
 
-from __future__ import annotations
-
 import math
 
 import mitsuba as mi

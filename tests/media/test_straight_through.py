@@ -1,7 +1,5 @@
 """`transient_volpath` where surfaces let light straight through: it is Mitsuba's `volpath`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import drjit as dr

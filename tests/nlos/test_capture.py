@@ -1,7 +1,5 @@
 """Captures: where pixels look, where lasers aim, their lengths, and all modes the same light."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Captures: how they are built and checked, and what taking off the first and last legs keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,7 +1,5 @@
 """Three bounces around the corner by closed form. The formulas are in `nlos_oracles`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

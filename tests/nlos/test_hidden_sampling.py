@@ -1,7 +1,5 @@
 """Ways to find hidden geometry, and the number of bounces: all must give the same light."""
 
-from __future__ import annotations
-
 import functools
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Around the corner through fog: what it takes, what it scatters, and where that is infinite."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """What captures refuse, each in one line, and that shapes are never mixed up in silence."""
 
-from __future__ import annotations
-
 import gc
 import math
 import re

@@ -1,7 +1,5 @@
 """mitransient's captures are ours where it is right: same scene, same bins, same scale."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -6,8 +6,6 @@ default Φ is the irradiance on the beam's axis times one square metre, which no
 have: single-bounce light is that of a beam whose power is Φ, too.
 """
 
-from __future__ import annotations
-
 import math
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Laser spots of some width: their pattern, its power, and what they light around the corner."""
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -3,8 +3,6 @@
 And the true depth of hidden scenes, seen from walls anywhere.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache, partial
 

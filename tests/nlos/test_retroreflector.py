@@ -1,7 +1,5 @@
 """BSDF `retroreflector`: sampling, density, value, energy, variants."""
 
-from __future__ import annotations
-
 from math import cos, pi, radians, sin
 
 import drjit as dr

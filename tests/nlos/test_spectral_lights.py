@@ -4,8 +4,6 @@ White is D65, as it is of every emitter that Mitsuba loads; equal energy at all 
 look pink: 1.21, .95, .91.
 """
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

@@ -3,8 +3,6 @@
 Lengths are in metres. Nothing here knows the renderer.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

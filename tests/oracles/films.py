@@ -3,8 +3,6 @@
 Lengths are in metres, radiances in W / (m² sr). Nothing here knows the renderer.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

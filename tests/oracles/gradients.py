@@ -9,8 +9,6 @@ light: bins of a film with a Gaussian pulse, a gate, a phasor, a correlation.
 Lengths are in metres, radiances in W / (m² sr). Nothing here knows the renderer.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

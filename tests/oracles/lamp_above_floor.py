@@ -1,7 +1,5 @@
 """A lamp above a floor in closed form, as an integrator whose time bins have derivatives."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import drjit as dr

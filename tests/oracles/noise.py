@@ -1,7 +1,5 @@
 """A scene whose bins are known, and by how many paths: a diffuse sphere, all in its centre."""
 
-from __future__ import annotations
-
 import numpy as np
 from helpers.support import camera, diffuse, film, point_light, scene
 

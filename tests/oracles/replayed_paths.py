@@ -6,8 +6,6 @@ plan of the integrator: its walk, connections and weights are what a render has,
 is the recorded one. Nothing is asked about what is in the way.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Connections that look for light of a gate's length: the same mean, and less noise."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -5,8 +5,6 @@ may fail, such as a rough face's facet that reflects light into the glass; Mitsu
 weight, but the density of the facet, while its direction is one that refracted light takes too.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -4,8 +4,6 @@ Single paths, compared one by one with the geometry of their own ray in double p
 precision itself leaves 2e-7 of a length: 1 µm at 4 m, 20 µm at 100 m.
 """
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The lens as what light arrives at: it sees what its rays meet, with their density."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -3,8 +3,6 @@
 The way behind a rough face counts with the index of that side, whatever the face is nested in.
 """
 
-from __future__ import annotations
-
 import re
 
 import mitsuba as mi

@@ -5,8 +5,6 @@ walked again from both ends (`replayed_paths.py`). Each share is also compared w
 definition, by full products of densities in double precision.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Polarised light against Fresnel's equations, and against Mitsuba's `stokes` integrator."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -1,7 +1,5 @@
 """Files and commands of polarised light: Stokes vectors come back, the rest is refused by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """`python -m benchmarks` refuses what it does not know before it measures anything."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What docs/ and CONTRIBUTING.md say: Python runs, links lead on, the API is whole."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What keeps the habits: linters that commits and `make lint` share, and marks of slow tests."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The notebooks run from start to end at small size, and their key numbers come out."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

@@ -1,7 +1,5 @@
 """What README and docs print of speed is what was measured last."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from pathlib import Path

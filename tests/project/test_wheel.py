@@ -4,8 +4,6 @@ Its dependencies are links to those of this environment, so that nothing is fetc
 extras need is not there.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

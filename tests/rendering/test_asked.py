@@ -1,7 +1,5 @@
 """One language: what the command can be asked, `render` can be asked with the same words."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import re

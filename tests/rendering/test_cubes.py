@@ -1,7 +1,5 @@
 """Films and captures read by pieces: as in memory, with little of it, damage is told."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

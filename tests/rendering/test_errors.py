@@ -1,7 +1,5 @@
 """Error bars: as often right as they say, and the same whichever way a render is carried out."""
 
-from __future__ import annotations
-
 import itertools
 import signal
 

@@ -4,8 +4,6 @@
 drawn. For Mitsuba's it is another part of the random numbers: the same on average, and as noisy.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Units, names and time: every Dataset of the package, in memory and from files, is labelled."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 

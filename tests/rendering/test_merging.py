@@ -1,7 +1,5 @@
 """Renders of other seeds, joined: one render with all samples, and refused what is not one."""
 
-from __future__ import annotations
-
 import dask.array
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Contributions that are not finite are left out, counted and told of."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -1,7 +1,5 @@
 """Pieces of a render are the render, however it is cut: seams, ranges of samples, borders."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """`render`: the Dataset, samplers and seeds, windows, steps, Ctrl-C, and every bad input."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

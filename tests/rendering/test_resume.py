@@ -1,7 +1,5 @@
 """Going on with a render: the same picture as in one go, and only for the same render."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

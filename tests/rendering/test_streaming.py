@@ -1,7 +1,5 @@
 """Films on disk: the render that memory would hold, whatever happens while they grow."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

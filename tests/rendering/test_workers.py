@@ -1,7 +1,5 @@
 """Workers: the render of one process, whatever becomes of them."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

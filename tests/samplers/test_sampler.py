@@ -1,7 +1,5 @@
 """The sampler `padded_sobol`: even in every pair, independent between pairs and pixels."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

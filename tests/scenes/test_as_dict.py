@@ -1,7 +1,5 @@
 """XML files as dicts: the same scene, part by part."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

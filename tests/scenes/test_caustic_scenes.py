@@ -1,7 +1,5 @@
 """Scenes whose light hardly finds the camera: gaps and leaks, and what one sees."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

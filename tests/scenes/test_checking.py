@@ -1,7 +1,5 @@
 """What a loaded scene must not have: media, polarisation, numbers that are none."""
 
-from __future__ import annotations
-
 import time
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """What identifies a render: every property, reference and file of its scene, and no name."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

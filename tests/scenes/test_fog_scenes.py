@@ -1,7 +1,5 @@
 """Scenes with fog, milk and smoke: no leaks, clear air, light as Mitsuba finds it."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -1,7 +1,5 @@
 """The gallery of scenes: the script makes pictures, and its page shows all there is."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

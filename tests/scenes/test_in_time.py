@@ -1,7 +1,5 @@
 """A scene's steady integrator gives way to one in time, and what is said of depth stays."""
 
-from __future__ import annotations
-
 import warnings
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """The lights of the steady scenes of sampling and path tracing."""
 
-from __future__ import annotations
-
 from math import pi
 
 import mitsuba as mi

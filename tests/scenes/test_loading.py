@@ -1,7 +1,5 @@
 """load_scene: one way in for names, dicts and XML, and one line for whatever is wrong."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Meshes of the built-in scenes: closed, smooth, of their size and place; and their files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The scenes of non-line-of-sight captures: identities, and who sees whom."""
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

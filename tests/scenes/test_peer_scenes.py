@@ -1,7 +1,5 @@
 """mitransient's scene files load and render as they are, and rightly."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Plans of scenes: outlines, cameras and lights from above and from the side."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 import numpy as np
 import pytest

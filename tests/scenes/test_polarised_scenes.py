@@ -1,7 +1,5 @@
 """The window and the mirrors: light as Fresnel and Mueller have it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Files that would end the process if Mitsuba read them are refused in one line."""
 
-from __future__ import annotations
-
 import struct
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The built-in scenes: their files, variants, integrators, windows of time, and bad arguments."""
 
-from __future__ import annotations
-
 import importlib
 import pickle
 import re

@@ -1,7 +1,5 @@
 """Figures fit to publish: nothing overlaps or is cut at two widths, and files are whole."""
 
-from __future__ import annotations
-
 import itertools
 from functools import cache
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Tone mapping of difficult data, animations, plots and the summary."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.made_dataset import make_dataset

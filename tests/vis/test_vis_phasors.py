@@ -1,7 +1,5 @@
 """Phasor panels, overlays of arrival times, camera unwarping, and the player in notebooks."""
 
-from __future__ import annotations
-
 import colorsys
 
 import drjit as dr
