@@ -294,7 +294,6 @@ def test_unwrap_with_noise(frequencies):
 
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (20e6, 30e6, 40e6), (90e6, 80e6, 100e6)])
 def test_unwrap_finds_the_best_of_all_wrap_counts(frequencies):
-    """Of all combinations, for phases that fit no depth at all and amplitudes from 0.01 to 1."""
     phases, amplitudes, ranges, weights = chances(frequencies, 400, -2, seed=0)
     limit = unambiguous_range(frequencies)
     best, least = np.full(400, np.nan), np.full(400, np.inf)

@@ -153,7 +153,6 @@ def groove_shapes(groove: nlos.Groove) -> dict:
 
 @pytest.mark.statistical
 def test_groove():
-    """Of a length that is infinite beside its width."""
     setup, groove = nlos.Setup(power=3.0), nlos.Groove(half_length=6.0)
     nodes = groove.faces()[0].nodes(3000, 100) + groove.faces()[1].nodes(3000, 100)
     expected = nlos.total(setup, nodes, 0.9, (0, 0, 0), (0, 0, 0))

@@ -224,7 +224,6 @@ HISTOGRAM = {
     ids=["Gaussian", "histogram"],
 )
 def test_pulses(pulse, start, width, expected, within):
-    """What a patch of 2 mm makes of them: shares of the energy."""
     small = nlos.Rectangle.turned((0.0, 0.0, 1.0), 0, 0, half=(1e-3, 1e-3))
     window = film(bins=len(expected), start=start + 2 + 2 * math.hypot(*PLACE), bin_width=width)
     narrow = projector(grid_sigma=1e-3, frame=pointed((0, 0, 0)), **pulse)
