@@ -37,12 +37,10 @@ from helpers.support import (
     film,
     grey,
     load,
-    over_seeds,
     plane,
     rendered,
     rotate,
     scene,
-    steady_twin,
     translate,
     with_film,
     with_integrator,
@@ -403,21 +401,6 @@ def test_variants(variant):
         assert found.blocks.shape[-1] == (1 if "mono" in variant else 3)
         assert same(found, reference), technique
         assert not same(Seen(1.1 * found.blocks, found.bins), reference)
-
-
-@pytest.mark.statistical
-def test_picture_of_mitsubas_light_tracer():
-    twin = steady_twin(slide())
-    loaded = load(twin | {"integrator": twin["integrator"] | {"type": "ptracer"}})
-
-    def picture(seed):
-        return blocks(np.array(mi.render(loaded, spp=512, seed=seed), float), 4)
-
-    reference = over_seeds(picture, OTHER_SEEDS)
-    for technique in TRACERS:
-        found = of_tracer("textured lamp", technique).blocks
-        assert agree(found, reference, rounding=1e-3)
-        assert not agree(1.1 * found, reference, rounding=1e-3)
 
 
 # ------------------------------------------------------------------------------ no light at all

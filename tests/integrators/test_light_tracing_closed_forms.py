@@ -46,7 +46,6 @@ from helpers.support import (
     scene,
     translate,
     unit,
-    with_integrator,
 )
 from oracles import films as oracles
 from oracles.light_paths import (
@@ -182,21 +181,6 @@ def test_all_strategies_together_have_all_light_once(name):
         assert not arrives(centred + found - found.mean(axis=0), light.masses(edges), edges)
 
 
-@pytest.mark.statistical
-@pytest.mark.parametrize("mis", ["power", "balance"])
-def test_shares_add_up(mis):
-    """Each strategy's share of every path; a weight that is wrong anywhere loses or adds light."""
-    light, edges = exact("rectangle")
-    masses = light.masses(edges)
-    shares = [
-        arrivals(with_integrator(described("rectangle", how), mis=mis), 256, SEEDS)
-        for how in ("0,3", "1,2", "2,1")
-    ]
-    assert min(share.mean(axis=0).sum() for share in shares) > 0
-    assert arrives(sum(shares), masses, edges)
-    assert not arrives(sum(shares) + 0.03 * shares[1], masses, edges)
-
-
 # ----------------------------------------------------------- c: inside of a diffuse sphere
 
 
@@ -289,30 +273,6 @@ def test_arrival_times_in_a_sphere(technique, bounces, spp):
     found = arrivals(in_sphere(technique, depth, edges), spp, SEEDS)
     assert arrives(found, masses, edges)
     assert not arrives(np.roll(found, 1, axis=1), masses, edges)
-
-
-GLOW = 2.0
-
-
-def furnace(technique: str, edges: np.ndarray, **more: Any) -> dict:
-    """The sphere glows, too: bounce n carries Le ρ^n, after R and n chords."""
-    described = in_sphere(technique, 4, edges, **more)
-    described["shell"] = described["shell"] | {"emitter": area_light(GLOW)}
-    del described["lamp"]
-    return described
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize(("technique", "spp"), [(LIGHT_TRACER, 256), (BDPT, 32)])
-def test_a_furnace_in_time(technique, spp):
-    edges = np.linspace(0.95, 7.05, 62)
-    masses = sum(
-        GLOW * BOUNCE**n * oracles.sphere_bounce_masses(n, edges + 1, 1.0) for n in range(4)
-    )
-    found = arrivals(furnace(technique, edges), spp, SEEDS)
-    assert arrives(found, masses, edges, rounding=5e-3)
-    assert not arrives(np.roll(found, 1, axis=1), masses, edges, rounding=5e-3)
-    assert not arrives(1.03 * found, masses, edges, rounding=5e-3)
 
 
 # ---------------------------------------------------------------------------- the thin lens

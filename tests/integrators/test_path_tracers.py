@@ -417,25 +417,6 @@ def test_both_together_are_never_much_worse_than_the_better(name):
         assert mixed <= 2.1 * min(mats, nee)  # a twentieth for noise
 
 
-@pytest.mark.statistical
-def test_so_on_each_surface_of_veach():
-    loaded = load(course("veach", width=48, height=32))
-    limits = {"max_bounces": 1, "hide_emitters": True}
-    mats, nee, reuse = (
-        through_pixels(loaded, TRACERS[tracer] | limits, 512, 6).var(axis=0)
-        for tracer in ("mats", "nee", "reuse")
-    )
-    pixel = dr.arange(mi.UInt32, 48 * 32)
-    at = (mi.Point2f(pixel % 48, pixel // 48) + 0.5) / mi.Point2f(48, 32)
-    ray, _ = loaded.sensors()[0].sample_ray(0, 0.5, at, mi.Point2f(0.5))
-    seen = loaded.ray_intersect(ray).shape
-    surfaces = {each.id(): np.array(seen == mi.ShapePtr(each)) for each in loaded.shapes()}
-    for name in ("floor", "back", *(f"{plate}-plate" for plate in VEACH_PLATES)):
-        here = surfaces[name].reshape(32, 48)
-        assert here.sum() > 30
-        assert reuse[here].mean() <= 2 * min(mats[here].mean(), nee[here].mean()), name
-
-
 def mirrored_lights(integrator: dict, seed: int, count: int = 1 << 15) -> np.ndarray:
     """Paths to where each plate of `veach` mirrors each light's centre, (plates, lights, paths)."""
     loaded = load(course("veach"))
@@ -462,20 +443,3 @@ def test_veach_shows_what_each_is_good_at():
     assert nee[large_on_smooth] > 50 * mats[large_on_smooth]
     *alone, _, mixed = ((values**2).mean(axis=2) for values in found.values())
     assert (mixed <= 2.1 * np.minimum(*alone)).all()
-
-
-@pytest.mark.statistical
-def test_reflections_of_veach_in_expectation():
-    """Where a tracer is not hopeless: `mats` with large lights, `nee` on rough plates."""
-    good = {"mats": np.s_[:, 2:], "nee": np.s_[2:], "one_sample": np.s_[:]}
-
-    def batches(integrator, seed):
-        values = mirrored_lights(integrator, seed)
-        return np.moveaxis(values.reshape(*values.shape[:2], 32, -1).mean(axis=3), 2, 0)
-
-    reference = batches({"type": "path"}, 8)
-    for tracer, where in good.items():
-        found = batches(TRACERS[tracer], 9)
-        where = (np.s_[:], *(where if isinstance(where, tuple) else (where,)))
-        assert agree(found[where], reference[where])
-        assert not agree(1.1 * found[where], reference[where])
