@@ -30,7 +30,7 @@ from tofrender.scenes import cornell_box
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
 ALBEDO = 0.5
-LIGHT_TRACER, BDPT = "transient_light_tracer", "transient_bdpt"
+PATH, LIGHT_TRACER, BDPT = "transient_path", "transient_light_tracer", "transient_bdpt"
 TRACERS = (LIGHT_TRACER, BDPT)
 GLASS = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
 MIRROR = {"type": "conductor", "material": "none"}

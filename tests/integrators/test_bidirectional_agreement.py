@@ -18,6 +18,7 @@ from helpers.light_paths import (
     LIGHT_TRACER,
     MIRROR,
     OTHER_SEEDS,
+    PATH,
     SEEDS,
     TRACERS,
     ball,
@@ -49,7 +50,6 @@ from helpers.support import (
 import tofrender
 
 BINS = 40
-PATH = "transient_path"
 
 
 # ------------------------------------------------------------------------------- comparisons

@@ -104,12 +104,6 @@ def test_what_is_allowed(integrator):
     assert (loaded.camera_unwarp, loaded.discard_direct_light, loaded.pulse) == (False, False, None)
 
 
-@pytest.mark.parametrize("name", ["transient_bdtp", "transient_light_trace"])
-def test_a_name_that_is_nearly_right(name):
-    text = rf"integrator = '{name}': did you mean"
-    refused(text, tofrender.render, described(), integrator=name, progress=False)
-
-
 def test_a_scenes_unlimited_depth_is_not_taken_over():
     """The scene's own integrator has no bound, and this one must have one."""
     endless = described() | {"integrator": {"type": "transient_path", "max_depth": -1}}
@@ -141,14 +135,6 @@ def test_sensors_that_are_no_camera(kind, technique):
 
 
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize("technique", TRACERS)
-def test_a_meter_on_a_wall(technique):
-    wall = floor()["floor"] | {"sensor": {"type": "irradiancemeter", "film": film(1, 1, bins=50)}}
-    parts = {"type": "scene", "floor": wall, **lamp((0.3, 0, 2)), "integrator": by(technique)}
-    refused("sensor", render, load(parts))
-
-
-@pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT, "1,2"])
 def test_scenes_without_light(technique):
     dark = load(described(technique, floor()))
@@ -166,15 +152,6 @@ def test_gates_need_a_pulse(technique):
     config = {"temporal_bins": 4, "start_opl": 3.0, "bin_width_opl": 0.5}
     refused("pulse", tofrender.render_at_time, loaded, bare, sensor, 3.5, spp=1)
     refused("pulse", tofrender.render_transient, loaded, bare, sensor, config, spp=1)
-
-
-@pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize("technique", TRACERS)
-def test_scenes_of_another_variant(technique):
-    loaded = load(described(technique))
-    mi.set_variant("llvm_ad_mono")
-    tracer = mi.load_dict(by(technique), parallel=False)
-    refused("belongs to the variant llvm_ad_rgb", tracer.render, loaded, spp=1)
 
 
 @pytest.mark.parametrize("technique", TRACERS)

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES, emitter_grid
+from helpers.light_paths import OTHER_SEEDS, SEEDS, blocks
 from helpers.support import (
     agree,
     camera,
@@ -32,10 +33,6 @@ from helpers.support import (
 from tofrender.scenes import cornell_box
 
 pytestmark = pytest.mark.usefixtures("mitsubas_steps")
-
-SEEDS = range(16)
-OTHER_SEEDS = range(1000, 1016)
-
 
 # ----------------------------------------------------------- same random numbers, same picture
 
@@ -154,18 +151,6 @@ def test_every_sampler(kind):
         assert largest(steady, path_image(described, spp=16, seed=7)) < 1e-5
 
 
-def test_windows_side_by_side_hold_everything():
-    """What falls outside of one window is in the next; nothing is in both."""
-    described = SCENES["glass"]()
-    steady, _ = rendered(described, spp=32, seed=8)
-    parts = []
-    for start, bins in [(0.0, 200), (4.0, 150), (7.0, 1500)]:
-        window = {"start_opl": start, "temporal_bins": bins, "bin_width_opl": 0.02}
-        parts.append(rendered(with_film(described, **window), spp=32, seed=8)[1].sum(axis=2))
-    assert all(part.max() > 0 for part in parts)
-    assert largest(sum(parts), steady) < 1e-5
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -204,27 +189,15 @@ def test_a_million_samples_in_one_pixel_are_not_low():
 # --------------------------------------------------------------------------- in expectation
 
 
-def picture(described: dict, spp: int = 16):
-    """Steady image by ours, averaged in blocks of 8 x 8 pixels, and by Mitsuba."""
-    ours, path = load(described), load(steady_twin(described))
-
-    def blocks(image):
-        return image.reshape(4, 8, 4, 8, 3).mean(axis=(1, 3))
-
-    return (
-        over_seeds(lambda s: blocks(rendered(ours, spp, s)[1].sum(axis=2)), SEEDS),
-        over_seeds(
-            lambda s: blocks(np.array(mi.render(path, spp=spp, seed=s), float)), OTHER_SEEDS
-        ),
-    )
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["cornell", "glass", "many lights", "environment map"])
 def test_scene_in_expectation(name):
     """With private pixels and several samples to a lane: 32 x 32 pixels."""
     size = {"width": 32, "height": 32, "temporal_bins": 100, "bin_width_opl": 0.4}
-    ours, path = picture(with_film(SCENES[name](), **size))
+    described = with_film(SCENES[name](), **size)
+    loaded, twin = load(described), load(steady_twin(described))
+    ours = over_seeds(lambda s: blocks(rendered(loaded, 16, s)[1].sum(axis=2), 4), SEEDS)
+    path = over_seeds(lambda s: blocks(np.array(mi.render(twin, spp=16, seed=s)), 4), OTHER_SEEDS)
     assert agree(ours, path)
     if name == "cornell":
         for wrong in (ours * 1.1, ours[:, ::-1], np.where(path == path.max(), np.nan, ours)):
@@ -240,37 +213,29 @@ def cube(described: dict, spp: int = 64, seeds=SEEDS, **integrator):
 def large_light() -> dict:
     """The Cornell box with a light that paths run into often."""
     window = {"start_opl": 3.5, "temporal_bins": 40, "bin_width_opl": 0.2}
-    described = with_film(with_sampler(SCENES["cornell"](), "padded_sobol"), **window)
+    described = with_film(SCENES["cornell"](), **window)
     above = translate(0, 0.95, 0) @ rotate((1, 0, 0), 90) @ mi.ScalarTransform4f().scale(0.8)
     described["light"] = described["light"] | {"to_world": above}
     return described
 
 
-@pytest.mark.statistical
-def test_emitter_hits_alone_equal_emitter_sampling():
-    described = large_light()
-    sampled = cube(described)
-    hits = cube(described, 256, OTHER_SEEDS, emitter_sampling=False)
-    assert not np.array_equal(sampled[0], hits[0])
-    assert agree(sampled, hits)
-    assert not agree(1.1 * sampled, hits)
-    assert not agree(np.roll(sampled, 1, axis=1), hits)
+ALONE = {"spp": 256, "emitter_sampling": False}
+UNLIMITED, LIMITED = {"rr_depth": 1, "max_depth": -1}, {"rr_depth": 100, "max_depth": 60}
 
 
 @pytest.mark.statistical
-def test_roulette_changes_no_arrival_time():
-    described = large_light()
-    early = cube(described, rr_depth=1, max_depth=-1)
-    late = cube(described, 64, OTHER_SEEDS, rr_depth=100, max_depth=60)
-    assert agree(early, late)
-    assert not agree(np.roll(early, 1, axis=1), late)
-    assert not agree(1.1 * early, late)
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("kind", ["padded_sobol", "multijitter"])
-def test_samplers_agree_in_time(kind):
-    points = cube(with_sampler(large_light(), kind))
-    independent = cube(with_sampler(large_light()), 256, OTHER_SEEDS)
-    assert agree(points, independent)
-    assert not agree(np.roll(points, 1, axis=1), independent)
+@pytest.mark.parametrize(
+    ("sampler", "options", "other", "others"),
+    [
+        pytest.param("padded_sobol", {}, "padded_sobol", ALONE, id="emitter hits alone"),
+        pytest.param("padded_sobol", UNLIMITED, "padded_sobol", LIMITED, id="roulette"),
+        pytest.param("padded_sobol", {}, "independent", {"spp": 256}, id="sampler"),
+        pytest.param("multijitter", {}, "independent", {"spp": 256}, id="sampler of Mitsuba"),
+    ],
+)
+def test_arrival_times_do_not_depend_on(sampler, options, other, others):
+    found = cube(with_sampler(large_light(), sampler), **options)
+    reference = cube(with_sampler(large_light(), other), seeds=OTHER_SEEDS, **others)
+    assert agree(found, reference)
+    assert not agree(np.roll(found, 1, axis=1), reference)
+    assert sampler != other or not agree(1.1 * found, reference)

@@ -242,18 +242,6 @@ def test_phasors_refuse_an_integrator_that_knows_no_paths(own):
     phasors(integrator=tracer)
 
 
-def test_direct_phasors_are_the_fourier_sum_of_fine_bins():
-    """Sign, scale and phase, from the same paths: what is left is the width of the bins."""
-    loaded = box(temporal_bins=3000, start_opl=3.0, bin_width_opl=0.01, max_depth=8)
-    cube = tofrender.render(loaded, spp=16, progress=False)
-    I, Q, *_ = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], FREQUENCIES, spp=16)
-    for k, frequency in enumerate(FREQUENCIES):
-        wave = np.exp(2j * np.pi * frequency / C * cube.opl.values)
-        expected = np.einsum("t,yxtc->yxc", wave, cube.transient.values.astype(np.float64))
-        bound = np.pi * frequency / C * 0.01  # Largest phase error of an arrival within its bin
-        assert np.abs(I[k] + 1j * Q[k] - expected).max() < bound * cube.steady.values.max()
-
-
 def test_correlation_images_are_the_parts_of_the_phasor():
     """The sine is phase_offset -pi/2."""
     loaded = box()
@@ -356,6 +344,8 @@ def test_a_scene_of_another_variant_is_refused_in_a_line():
         (tofrender.render_transient, gate, sensor, GATES),
         (tofrender.render_single_amcw, one, sensor, 4),
         (tofrender.render_amcw_phasor, sensor, 20e6),
+        (mi.load_dict({"type": "transient_light_tracer"}, parallel=False).render,),
+        (mi.load_dict({"type": "transient_bdpt"}, parallel=False).render,),
     ):
         refused("scene: belongs to the variant llvm_ad_rgb; must be one", call, loaded, *more)
 

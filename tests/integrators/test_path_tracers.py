@@ -51,7 +51,6 @@ import tofrender
 from tofrender.runtime import plugins
 from tofrender.scenes import BUILT_IN
 from tofrender.scenes.light_transport import VEACH_LIGHTS, VEACH_PLATES
-from tofrender.scenes.loading import load_plugin
 
 # ----------------------------------------------------------- same random numbers, same picture
 
@@ -311,11 +310,6 @@ def test_bad_input_is_one_line(parameters, text):
     for tracer in TRACERS.values():
         described = course("small_box") | {"integrator": tracer | parameters}
         refused(text, tofrender.load_scene, described)
-
-
-def test_bad_technique():
-    given = {"type": "path_tracer_mis", "technique": "foo"}
-    refused("technique = 'foo': must be one of reuse, one_sample", load_plugin, "integrator", given)
 
 
 # ------------------------------------------------------------------------------- when light arrives

@@ -23,7 +23,7 @@ from helpers.support import (
     translate,
     unit,
 )
-from helpers.tracers import paths, steady
+from helpers.tracers import paths
 from oracles import films as oracles
 from oracles.ball import (
     CENTRE,
@@ -262,17 +262,6 @@ def test_ao_in_time():
     found, shown = bins[..., 0].reshape(64, 64), expected > 1e-3
     assert agree(found[:, shown], expected[shown])
     assert not agree(np.roll(found, 1, axis=1)[:, shown], expected[shown])
-
-
-@pytest.mark.parametrize("plugin", [SIMPLE, AO], ids=["simple", "ao"])
-def test_bins_hold_the_picture(plugin):
-    window = film(8, 8, bins=400, bin_width=0.1)
-    described = with_plugin(FLOOR_AND_BALL, looking(window, fov=60), plugin)
-    total, bins = rendered(described, seed=2)
-    picture = np.array(mi.render(load(steady(described)), spp=16, seed=2), float)
-    assert picture.max() > 0.1
-    assert largest(total, picture) < 1e-5
-    assert largest(bins.sum(axis=2), picture) < 1e-5
 
 
 @pytest.mark.parametrize("plugin", [SIMPLE, AO], ids=["simple", "ao"])
