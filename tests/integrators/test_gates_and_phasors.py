@@ -50,14 +50,13 @@ PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))
 """Of the pulse of a gate."""
 
 
-def one_path(distance: float = 1.5):
+def one_path(colour=(1.0, 1.0, 1.0)):
     """A point light and a plane: exactly one path. Returns scene, its length and radiance."""
-    parts = {
-        "floor": plane(size=10, bsdf=diffuse(0.5)),
-        "lamp": point_light((0, 0, distance), 3.0),
-    }
+    white = {"type": "rgb", "value": [0.5 * each for each in colour]}
+    floor = plane(size=10, bsdf={"type": "diffuse", "reflectance": white})
+    parts = {"floor": floor, "lamp": point_light((0, 0, 1.5), 3.0)}
     loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3)))
-    return loaded, 2.0 + distance, 0.5 / math.pi * 3.0 / distance**2
+    return loaded, 3.5, 0.5 / math.pi * 3.0 / 1.5**2
 
 
 # ---------------------------------------------------------------------------------------- gates
@@ -174,16 +173,17 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
 
 def test_phasors_of_one_path():
     """Form d: P = L exp(+i k opl), depth = opl / 2 up to whole ranges."""
-    loaded, opl, radiance = one_path()
+    colour = np.array([1.0, 0.5, 0.2])
+    loaded, opl, radiance = one_path(colour)
     found = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], FREQUENCIES, spp=4)
     for frequency, *values in zip(FREQUENCIES, *found, strict=True):
-        i, q, amplitude, phase, depth = (each[0, 0, 0] for each in values)
+        i, q, amplitude, phase, depth = (each[0, 0] for each in values)
         turn = 2 * math.pi * frequency * opl / C
-        expected = [radiance * math.cos(turn), radiance * math.sin(turn)]
-        assert [i, q] == pytest.approx(expected, abs=1e-4 * radiance)
-        assert amplitude == pytest.approx(radiance, rel=1e-5)
-        assert math.cos(phase - turn) == pytest.approx(1, abs=1e-6)
-        assert depth == pytest.approx((opl / 2) % (C / (2 * frequency)), abs=1e-4)
+        assert i == pytest.approx(radiance * math.cos(turn) * colour, abs=1e-4 * radiance)
+        assert q == pytest.approx(radiance * math.sin(turn) * colour, abs=1e-4 * radiance)
+        assert amplitude == pytest.approx(radiance * colour, rel=1e-5)
+        assert np.cos(phase - turn) == pytest.approx(np.ones(3), abs=1e-6)
+        assert depth == pytest.approx(np.full(3, opl / 2 % (C / (2 * frequency))), abs=1e-4)
 
 
 @pytest.mark.parametrize(
