@@ -50,7 +50,6 @@ from oracles import films as oracles
 import tofrender
 from tofrender.runtime import plugins
 from tofrender.scenes import BUILT_IN
-from tofrender.scenes.light_transport import VEACH_LIGHTS, VEACH_PLATES
 
 # ----------------------------------------------------------- same random numbers, same picture
 
@@ -409,31 +408,3 @@ def test_both_together_are_never_much_worse_than_the_better(name):
     mats, nee, _, mixed = ((values**2).mean() for values in found)
     if "box" not in name:
         assert mixed <= 2.1 * min(mats, nee)  # a twentieth for noise
-
-
-def mirrored_lights(integrator: dict, seed: int, count: int = 1 << 15) -> np.ndarray:
-    """Paths to where each plate of `veach` mirrors each light's centre, (plates, lights, paths)."""
-    loaded = load(course("veach"))
-    eye, points = np.array([0.0, 4.0, 14.0]), []
-    for _, y, z, tilt in VEACH_PLATES.values():
-        plate = np.array([0, y, z])
-        normal = np.array([0.0, -math.sin(math.radians(tilt)), math.cos(math.radians(tilt))])
-        image = oracles.mirrored(eye, plate, normal)
-        for _, x, _ in VEACH_LIGHTS.values():
-            way = np.array([x, 4.2, -1.0]) - image
-            points.append(image + way * (normal @ (plate - image)) / (normal @ way))
-    way = np.repeat(np.array(points) - eye, count, axis=0)
-    ray = mi.Ray3f(mi.Point3f(eye), dr.normalize(mi.Vector3f(way.T)))
-    found = paths(loaded, integrator | {"max_depth": 2}, ray, seed).mean(axis=1)
-    return found.reshape(len(VEACH_PLATES), len(VEACH_LIGHTS), count)
-
-
-@pytest.mark.statistical
-def test_veach_shows_what_each_is_good_at():
-    found = {tracer: mirrored_lights(TRACERS[tracer], 7) for tracer in TRACERS}
-    mats, nee = (found[tracer].var(axis=2) for tracer in ("mats", "nee"))
-    small_on_rough, large_on_smooth = (3, 0), (0, 3)
-    assert mats[small_on_rough] > 50 * nee[small_on_rough]
-    assert nee[large_on_smooth] > 50 * mats[large_on_smooth]
-    *alone, _, mixed = ((values**2).mean(axis=2) for values in found.values())
-    assert (mixed <= 2.1 * np.minimum(*alone)).all()
