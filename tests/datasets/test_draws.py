@@ -71,10 +71,6 @@ def test_choices_have_their_weights():
     assert stats.chisquare([counts[0], counts[2]], expected).pvalue > LEAST_P
 
 
-def test_fixed_is_fixed():
-    assert (drawn(distribution="fixed", value=3.5) == 3.5).all()
-
-
 def test_points_are_even_on_a_cap():
     table = {"center": [1.0, 2.0, 3.0], "radius": [2.0, 4.0], "angle": 60}
     rays = drawn(distribution="on_sphere", axis=[1.0, -2.0, -2.0], **table) - [1, 2, 3]

@@ -100,6 +100,10 @@ def test_steady_scenes_turn_transient():
     one = render(steady, spp=4, **axis)
     check_same(one, render(steady, spp=4, bins=30, window=(3.5, 33.5)))
     assert one.attrs["integrator"] == "TransientPath"
+    assert one.transient.shape == (8, 8, 30, 3)
+    assert float(one.transient.sum() / one.steady.sum()) == pytest.approx(1, abs=1e-4)
+    found = render(steady, spp=4, bins=30, window="auto")
+    assert 3.5 < found.attrs["start_opl"] < 4.0
 
 
 def test_an_xml_file_has_parameters():

@@ -139,16 +139,6 @@ def test_a_dataset_from_before_there_was_time(tmp_path):
     assert "time" in again.xindexes
 
 
-def test_films_on_disk_stay_there(tmp_path):
-    film = from_zarr(tmp_path)
-    assert hasattr(film["transient"].data, "dask")
-    part = film["transient"].sel(time=slice(15, 30))
-    assert hasattr(part.data, "dask")
-    at_once = xr.open_zarr(tmp_path / "a.zarr")
-    assert "time" not in at_once
-    assert at_once["transient"].attrs == film["transient"].attrs
-
-
 def test_xarray_labels_its_plots():
     with matplotlib.rc_context({"backend": "Agg"}):
         light = rendered()["transient"].sel(channel="G", drop=True)

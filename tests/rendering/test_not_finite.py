@@ -10,19 +10,22 @@ import tofrender
 
 
 class Broken(mi.BSDF):
-    """A diffuse material whose value is NaN to the right of x = 0."""
+    """A diffuse material: right of x = 0, its value is NaN, or else the weight of its samples."""
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.inner = mi.load_dict(diffuse(0.5))
+        self.samples = props.get("samples", False)
         self.m_components = [int(mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide)]
         self.m_flags = self.m_components[0]
 
     def sample(self, ctx, si, sample1, sample2, active):
-        return self.inner.sample(ctx, si, sample1, sample2, active)
+        bs, weight = self.inner.sample(ctx, si, sample1, sample2, active)
+        return bs, dr.select((si.p.x > 0) & self.samples, dr.nan, weight)
 
     def eval(self, ctx, si, wo, active):
-        return dr.select(si.p.x > 0, dr.nan, self.inner.eval(ctx, si, wo, active))
+        value = self.inner.eval(ctx, si, wo, active)
+        return dr.select((si.p.x > 0) & (not self.samples), dr.nan, value)
 
     def pdf(self, ctx, si, wo, active):
         return self.inner.pdf(ctx, si, wo, active)
@@ -31,34 +34,17 @@ class Broken(mi.BSDF):
         return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
 
 
-class BrokenSamples(Broken):
-    """Its samples are what is NaN; connections are not."""
-
-    def sample(self, ctx, si, sample1, sample2, active):
-        bs, weight = self.inner.sample(ctx, si, sample1, sample2, active)
-        return bs, dr.select(si.p.x > 0, dr.nan, weight)
-
-    def eval(self, ctx, si, wo, active):
-        return self.inner.eval(ctx, si, wo, active)
-
-
-def half_broken(bsdf: str, max_depth: int) -> mi.Scene:
+def half_broken(max_depth: int = 2, **bsdf: bool) -> mi.Scene:
     """A floor that is seen from above, half of it broken, under a lamp."""
-    for name, kind in (("broken", Broken), ("broken_samples", BrokenSamples)):
-        mi.register_bsdf(name, kind)
+    mi.register_bsdf("broken", Broken)
     sensor = camera((0, 0, 3), (0, 0, 0), film(8, 4, bins=20, bin_width=0.5))
-    parts = {"floor": plane(bsdf={"type": bsdf}), "lamp": point_light((0.5, 0, 2), 3.0)}
+    parts = {"floor": plane(bsdf={"type": "broken"} | bsdf), "lamp": point_light((0.5, 0, 2), 3.0)}
     return load(scene(parts, sensor, max_depth=max_depth))
 
 
-@pytest.fixture
-def broken() -> mi.Scene:
-    return half_broken("broken", 2)
-
-
-def test_render_counts_and_tells(broken):
+def test_render_counts_and_tells():
     with pytest.warns(UserWarning, match="128 contributions of paths were not finite"):
-        dataset = tofrender.render(broken, spp=8, progress=False)
+        dataset = tofrender.render(half_broken(), spp=8, progress=False)
     assert dataset.attrs["contributions_not_finite"] == 128  # 16 pixels of 8 samples
     lit = dataset["steady"].values[..., 0] > 0
     assert lit.sum() == 16
@@ -66,7 +52,8 @@ def test_render_counts_and_tells(broken):
     assert dataset["transient"].values.sum() == pytest.approx(dataset["steady"].values.sum())
 
 
-def test_mi_render_and_gates_tell(broken):
+def test_mi_render_and_gates_tell():
+    broken = half_broken()
     with pytest.warns(UserWarning, match="not finite"):
         mi.render(broken, spp=4)
     gate = mi.load_dict({"type": "time_gated_transient_path", "pulse_width_opl": 0.5})
@@ -77,7 +64,7 @@ def test_mi_render_and_gates_tell(broken):
 
 def test_paths_that_break_are_counted():
     with pytest.warns(UserWarning, match="128 contributions of paths were not finite"):
-        steady, _ = mi.render(half_broken("broken_samples", 4), spp=8)
+        steady, _ = mi.render(half_broken(4, samples=True), spp=8)
     assert (np.array(steady)[..., 0] > 0).all()
 
 

@@ -6,7 +6,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import ROUNDING, box, crop
-from helpers.nlos import builder
 from helpers.support import agree, with_film, with_integrator
 
 from tofrender.rendering.asked import Asked
@@ -95,6 +94,9 @@ def test_tiles_are_the_whole(rfilter, border, cropped):
     assert expected["steady"].shape == ((6, 7, 3) if cropped else (9, 12, 3))
 
 
+SMOOTH = {"temporal_filter": "gaussian", "gaussian_stddev": 0.8}
+
+
 def below_the_lamp() -> dict:
     """Light that needs no bounce is found pixel by pixel, in whichever tile these are."""
     described = box(start_opl=0.0)
@@ -106,37 +108,13 @@ def below_the_lamp() -> dict:
     ("described", "size", "options"),
     [
         (lambda: box(3, 2), (1, 1), {"spp": 11}),
-        (lambda: with_integrator(box(), pulse_width_opl=0.2), (5, 12), {}),  # Over several bins
-        (
-            lambda: with_integrator(box(), temporal_filter="gaussian", gaussian_stddev=0.8),
-            *((5, 12), {}),
-        ),
+        (lambda: with_integrator(box(), **SMOOTH), (5, 12), {}),
         (box, (5, 12), {"integrator": "path_tracer_nee"}),
         (below_the_lamp, (3, 4), {}),
-        (lambda: builder("nlos_z", width=5, height=4), (2, 3), {"spp": 64}),
     ],
 )
 def test_tiles_of_other_light(described, size, options):
     check_tiles(described(), size, **options)
-
-
-@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
-def test_tiles_of_other_variants(variant):
-    mi.set_variant(variant)
-    expected = check_tiles(box())
-    assert expected["transient"].shape == (9, 12, 40, 1 if variant.endswith("mono") else 3)
-
-
-@pytest.mark.parametrize("integrator", ["transient_path", "transient_bdpt"])
-def test_ranges_are_the_whole(integrator):
-    """The mean of ranges, by their samples: the only pieces where light lands anywhere."""
-    job = job_of(box(), spp=48, integrator=integrator)
-    expected = take(job, whole(job), progress=False).arrays
-    found = ranges(job, 3)
-    parts = [(piece.count / 48, take(job, piece, progress=False).arrays) for piece in found]
-    for name, values in expected.items():
-        mean = sum(share * arrays[name] for share, arrays in parts)
-        assert np.abs(mean - values).max() <= 1e-4 * values.max(), name
 
 
 @pytest.mark.statistical

@@ -16,18 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from dask.utils import parse_timedelta
-from helpers.films_in_parts import (
-    OWN,
-    ROUNDING,
-    box,
-    check_same,
-    crop,
-    end,
-    in_tiles,
-    names,
-    render,
-    script,
-)
+from helpers.films_in_parts import OWN, ROUNDING, box, check_same, crop, in_tiles, names, render
 from helpers.refusals import one_line, refused
 from helpers.support import with_film
 
@@ -36,8 +25,7 @@ from tofrender import local_workers
 from tofrender.cli.options import Size
 from tofrender.nlos import capture, reconstruct
 from tofrender.rendering import workers
-from tofrender.rendering.asked import Asked
-from tofrender.rendering.renderer import make_job
+from tofrender.runtime.checkpoints import Checkpoint
 from tofrender.scenes.packing import packed, unpacked
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
@@ -127,18 +115,15 @@ def interrupt(monkeypatch) -> None:
         (lambda: box(12, 1), {}),
         (box, {"integrator": "transient_bdpt", "spp": 50}),
         (box, {"spp": 32, "errors": True}),
+        (box, {"variant": "llvm_ad_spectral"}),
     ],
 )
 def test_workers_render_the_same(client, described, options):
+    options = dict(options)
+    mi.set_variant(options.pop("variant", mi.variant()))
     rounding = 1e-4 if {"integrator", "errors"} & set(options) else ROUNDING
     both = (render(described(), client=each, **options) for each in (client, None))
     check_same(*both, rounding)
-
-
-@pytest.mark.parametrize("variant", ["llvm_ad_spectral"])
-def test_workers_take_the_variant(client, variant):
-    mi.set_variant(variant)
-    check_same(render(box(), client=client), render(box()))
 
 
 def test_workers_write_tiles(client, tmp_path, monkeypatch):
@@ -172,11 +157,6 @@ def test_scenes_pack_as_they_are(variant):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(np.array(again["b"][0]), np.array(pixels))
     assert again["b"][1:] == [2.5, "text"]
-    marks = {
-        make_job(Asked(s, spp=1)).recipe["fingerprint"]
-        for s in (box(), unpacked(packed("", box())))
-    }
-    assert len(marks) == 1
 
 
 @pytest.mark.parametrize("streamed", [False, True])
@@ -344,9 +324,8 @@ BROKEN = {"DRJIT_LIBLLVM_PATH": __file__}
 def test_workers_that_cannot_start(monkeypatch):
     monkeypatch.setenv(*next(iter(BROKEN.items())))
     started = time.monotonic()
-    with refused(r"^workers: cannot start: .* not a", RuntimeError):  # noqa: SIM117
-        with local_workers(2):
-            pass
+    with refused(r"^workers: cannot start: .* not a", RuntimeError), local_workers(2):
+        pass
     assert time.monotonic() - started < 20
 
 
@@ -365,66 +344,27 @@ def test_workers_beside_others(client):
         assert other.submit(sum, [1, 2]).result() == 3
 
 
-_SENDS = """
-import sys
-import pytest
-from helpers.films_in_parts import box, in_tiles
-import tofrender
-from tofrender.rendering import job, workers
-from tofrender.runtime.checkpoints import Checkpoint
-if __name__ == "__main__":
-    in_tiles(pytest.MonkeyPatch(), 2)
-    save, collected = Checkpoint.save, []
-    def told(self, done, of, arrays):
-        save(self, done, of, arrays)
-        print(done, of, flush=True)
-    Checkpoint.save = told
-    with workers.workers_of(sys.argv[1]) as client:
-        checkpoint = Checkpoint(sys.argv[2], seconds=1e-9)
-        checkpoint_due = property(lambda self: True)
-        Checkpoint.due = checkpoint_due
-        tofrender.render(box(), spp=8, client=client, checkpoint=checkpoint, progress=False)
-"""
-
-
-def certificate(client, folder) -> dict[str, str]:
-    """Environment in which Dask's clients have the certificate of this one."""
-    held = client.security.get_tls_config_for_role("client")
-    found = {}
-    for name, text in (("CA_FILE", "ca_file"), ("CLIENT__CERT", "cert"), ("CLIENT__KEY", "key")):
-        file = folder / f"{text}.pem"
-        file.write_text(held[text])
-        found[f"DASK_DISTRIBUTED__COMM__TLS__{name}"] = str(file)
-    return found
-
-
-def test_a_killed_client_goes_on(client, tmp_path, monkeypatch, capsys):
+def test_a_client_keeps_pieces_as_often_as_asked(client, tmp_path, monkeypatch, capsys):
+    """It ends after its second saving, as by a kill: nothing is saved on its way out."""
     in_tiles(monkeypatch, 2)
-    path = tmp_path / "box.npz"
+    path, save, saved = tmp_path / "box.npz", Checkpoint.save, []
 
-    def last_is_slow(take, job, piece):
-        import time
+    def killed(self, done, *arguments):
+        save(self, done, *arguments)
+        saved.append(done)
+        if len(saved) == 2:
+            raise SystemExit
 
-        time.sleep(2.0 if piece.y >= 6 else 0.0)
-        return take(job, piece)
-
-    with_takes(client, last_is_slow)
-    process = script(_SENDS, client.scheduler.address, path, env=certificate(client, tmp_path))
-    try:
-        assert process.stdout.readline() == "1 9\n", process.stderr.read()
-        assert process.stdout.readline() == "2 9\n"
-    finally:
-        end(process)
-    with_takes(client, None)
-    whole = render(box())
-    check_same(render(box(), client=client, checkpoint=path), whole)
-    said = capsys.readouterr().out.split()
-    assert said[:2] == ["resuming", "from"]
-    assert 2 <= int(said[2]) < 9
-    assert said[3:] == ["of", "9", "pieces"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoint, "due", True)
+        patch.setattr(Checkpoint, "save", killed)
+        with pytest.raises(SystemExit):
+            render(box(), client=client, checkpoint=path)
+    assert saved == [1, 2]
     with refused("was made with seed"):
         render(box(), client=client, checkpoint=path, seed=5)
-    check_same(render(box(), client=client, checkpoint=path), whole)
+    check_same(render(box(), client=client, checkpoint=path), render(box()))
+    assert capsys.readouterr().out == "resuming from 2 of 9 pieces\n"
 
 
 def test_ctrl_c_stops_workers(client, tmp_path, monkeypatch, capsys):
@@ -468,16 +408,9 @@ def seen():
 def test_reconstructions_by_workers(client, seen, method):
     found = reconstruct(seen, method, client=client, progress=False)["intensity"]
     whole = reconstruct(seen, method, progress=False)["intensity"]
-    assert found.dims == whole.dims
-    assert found.shape == whole.shape
+    assert dict(found.sizes) == dict(whole.sizes)
     assert whole.max() > 0
     assert abs(found - whole).max() <= 1e-5 * whole.max()
-
-
-@pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
-def test_other_reconstructions_refuse_workers(client, seen, method):
-    with refused(f"client = .*: must be None, as method = '{method}'"):
-        reconstruct(seen, method, client=client, progress=False)
 
 
 def test_a_capture_of_a_loaded_scene_is_not_sent(client):
