@@ -74,13 +74,6 @@ def place(page, x, y):
     return frame["x"] + (x + 0.5) * size[0], frame["y"] + (y + 0.5) * size[1]
 
 
-def drag(page, start, stop):
-    page.mouse.move(*start)
-    page.mouse.down()
-    page.mouse.move(*stop, steps=5)
-    page.mouse.up()
-
-
 def picture(page):
     found = page.evaluate(BYTES)
     return np.array(found["bytes"]).reshape(found["height"], found["width"], 4)[..., :3]
@@ -142,7 +135,7 @@ def test_clicked_pixels_have_the_responses_of_the_data(tmp_path, shown):
         set_(page, pixels=[])
         page.mouse.click(*place(page, 5, 7))
         page.mouse.click(*place(page, 20, 11))
-        drag(page, place(page, 20, 11), place(page, 26, 3))
+        browser.drag(page, place(page, 20, 11), place(page, 26, 3))
         curves = state(page)["curves"]
         assert [(curve["x"], curve["y"]) for curve in curves] == [(5, 7), (26, 3)]
         for curve in curves:
@@ -210,7 +203,7 @@ def test_a_dragged_gate_shows_what_arrives_in_it(tmp_path, shown):
             (38, 45, {"first": 30, "count": 15}),
             (30, 10, {"first": 10, "count": 35}),
         ):
-            drag(page, (at(start), y), (at(stop), y))
+            browser.drag(page, (at(start), y), (at(stop), y))
             assert state(page)["gate"] == gate
         now = state(page)
         sums = light[:, :, 10:45].sum(axis=2)

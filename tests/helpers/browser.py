@@ -55,6 +55,13 @@ def page_of(*arguments: object, size: tuple[int, int] = (1280, 800), dark=False)
         assert is_free(command.port)
 
 
+def drag(page: Any, start: tuple[float, float], stop: tuple[float, float]) -> None:
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*stop, steps=5)
+    page.mouse.up()
+
+
 def shades(page: Any) -> np.ndarray:
     return np.array(Image.open(io.BytesIO(page.screenshot())).convert("L"))
 
