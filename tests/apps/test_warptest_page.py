@@ -14,6 +14,7 @@ from tofrender.sampling import independent, warp_case
 pytestmark = pytest.mark.timeout(180)
 WAIT_MS = 30_000
 TEST = "Run the χ² test"
+FITS = "document.documentElement.scroll{0} <= inner{0}"
 
 
 def drawn(there, count=1024, **more):
@@ -30,14 +31,6 @@ def verdict_of(there) -> str:
     there.get_by_role("button", name=TEST).click()
     there.wait_for_selector(".box >> text=p-value", timeout=WAIT_MS)
     return there.locator(".box.good, .box.bad").last.inner_text()
-
-
-def scrolls(there) -> list[bool]:
-    """Whether the page is wider and higher than the window."""
-    return there.evaluate(
-        "(root => [root.scrollWidth > innerWidth, root.scrollHeight > innerHeight])"
-        "(document.documentElement)"
-    )
 
 
 def first_point(there) -> list[float]:
@@ -66,6 +59,7 @@ def test_choose_a_warp_change_the_points_and_test(tmp_path):
         assert f"{verdict.p_value:.3g} (must be {verdict.alpha:.2g} or more)" in said
         assert f"{verdict.chi2:.1f} with {verdict.degrees_of_freedom} degrees of freedom" in said
         assert there.get_by_text("Passing is no proof").is_visible()
+        assert there.evaluate(f"{FITS.format('Width')} && {FITS.format('Height')}")
         assert there.locator('svg[role="img"]').count() == 1
         with there.expect_download(timeout=WAIT_MS) as saved:
             there.get_by_text("Save the figure").click()
@@ -124,9 +118,11 @@ def test_an_image_of_the_readers(tmp_path):
 
 def test_a_students_module(tmp_path):
     folder = write_warps(tmp_path / "mine")
-    with browser.page_of("warptest", "tent", "--module", folder) as there:
+    size = (820, 1180)
+    with browser.page_of("warptest", "tent", "--module", folder, size=size, dark=True) as there:
         drawn(there)
         assert "tent of tent.py: passed" in verdict_of(there)
+        assert there.evaluate(FITS.format("Width"))
         choose(there, "Distribution", "Cosine hemisphere")
         drawn(there, view="3D")
         said = verdict_of(there)

@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-import time
 from contextlib import closing, suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +12,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers.course_assignment import PULSE, RANGE, RUBRIC, changed, write, write_submission
+from helpers.processes import wait_for
 from helpers.support import refused
 
 from tofrender.course import rubric
@@ -126,10 +126,7 @@ def test_missing_file_and_printed_output(assignment, tmp_path):
             asked.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, 3)
         with pytest.raises(NoAnswer, match="ValueError: no"):
             asked.ask("wrap", {"frequency_hz": 1.0}, 3)
-        deadline = time.monotonic() + 10  # it comes on another way than the answer
-        while "here" not in asked.output and time.monotonic() < deadline:
-            time.sleep(0.02)
-        assert "here" in asked.output
+        wait_for(lambda: "here" in asked.output)  # it comes on another way than the answer
     assert not asked._scratch.exists()
     running = [each.info["cmdline"] for each in psutil.process_iter(["cmdline"])]
     assert ["sleep", "86398.5"] not in running
