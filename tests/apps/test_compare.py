@@ -10,8 +10,6 @@ from tofrender.apps.compare import pictures
 from tofrender.apps.compare.pictures import Picture, difference, opened, rendered, techniques
 from tofrender.cli.app import main
 
-WAIT_MS = 60_000
-
 
 def off(scene: str, way: str, spp: int) -> float:
     return difference(rendered(scene, way, spp), rendered(scene, "reference", 1))
@@ -59,7 +57,7 @@ def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
 @pytest.mark.timeout(180)
 def test_the_divider():
     with browser.page_of("compare", "sphere_light_medium", dark=True) as there:
-        there.get_by_text("Root mean square difference").wait_for(timeout=WAIT_MS)
+        there.get_by_text("Root mean square difference").wait_for()
         said = there.locator(".box").inner_text()
         for way in ("mats", "mis"):
             assert f"{100 * off('sphere_light_medium', way, 16):.3g} %" in said
@@ -67,11 +65,11 @@ def test_the_divider():
         before = browser.shades(there)
         y, half, tenth = box["y"] + 50, *(box["x"] + part * box["width"] for part in (0.5, 0.1))
         browser.drag(there, (half, y), (tenth, y))
-        there.wait_for_selector('[data-divider="10"]', timeout=WAIT_MS)
+        there.wait_for_selector('[data-divider="10"]')
         assert not np.array_equal(browser.shades(there), before)
         slider = there.get_by_label("Divider between the two pictures")
         slider.focus()
         slider.press("End")
-        there.wait_for_selector('[data-divider="100"]', timeout=WAIT_MS)
+        there.wait_for_selector('[data-divider="100"]')
         there.get_by_label("Left", exact=True).select_option(label="nee: light sampling")
-        there.get_by_text("nee, 16 samples").first.wait_for(timeout=WAIT_MS)
+        there.get_by_text("nee, 16 samples").first.wait_for()

@@ -22,8 +22,9 @@ from helpers.served import is_free
 from test_explorer_page import BYTES, HEIGHT, WIDE, place
 
 import tofrender
+from tofrender.course import notebooks
 
-CELL = """
+CELL = """# %%
 import tofrender
 tofrender.explore(tofrender.load_npz("data.npz"), title="In a notebook")
 """
@@ -68,14 +69,6 @@ def lab(folder: Path):
     wait_for(lambda: is_free(port))
 
 
-def notebook(source: str) -> str:
-    cell = {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}, "outputs": []}
-    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    about = {"kernelspec": kernel, "language_info": {"name": "python"}}
-    whole = {"cells": [cell | {"source": source.strip()}], "metadata": about}
-    return json.dumps(whole | {"nbformat": 4, "nbformat_minor": 5})
-
-
 def wait_for_kernel(page) -> None:
     """Until it has been idle for two seconds: it is so for a moment before it connects."""
     told = "document.querySelector('.jp-Notebook-ExecutionIndicator')?.dataset.status"
@@ -92,7 +85,7 @@ def wait_for_kernel(page) -> None:
 def test_the_widget_in_jupyterlab(tmp_path, dark):
     data = make_dataset(HEIGHT, WIDE, 40)
     tofrender.save_npz(data, tmp_path / "data.npz")
-    (tmp_path / "look.ipynb").write_text(notebook(CELL))
+    notebooks.write(CELL, tmp_path, tmp_path / "look.ipynb")
     settings = tmp_path / "CONFIG/lab/user-settings/@jupyterlab/apputils-extension"
     settings.mkdir(parents=True)
     theme = {"theme": "JupyterLab Dark" if dark else "JupyterLab Light"}

@@ -14,6 +14,7 @@ import mitsuba as mi
 import pytest
 from helpers import course_assignment
 from helpers.course_assignment import changed
+from helpers.processes import says
 
 import tofrender
 from tofrender.cli import app as cli
@@ -45,13 +46,6 @@ def run(capsys):
         return status, captured.out, captured.err
 
     return call
-
-
-def in_edition(folder: Path, script: str) -> str:
-    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-P", "-c", script]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return done.stdout
 
 
 def test_released_folder(released):
@@ -91,7 +85,7 @@ def test_released_folder(released):
 
 
 def test_names_say_the_problem(tiny, tmp_path):
-    edition.copy(tiny, tmp_path / "edition")
+    edition.copy(tiny, tmp_path)
     script = """
 import tofrender, tofrender.analysis
 for statement in (
@@ -107,7 +101,7 @@ for statement in (
 print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
 """
     pulse, integrator = "yours to write: problem a0.pulse", "tofrender.integrators.transient_path"
-    assert in_edition(tmp_path / "edition", script).splitlines() == [
+    assert says(script, PYTHONPATH=str(tmp_path), PYTHONSAFEPATH="1") == [
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.signals.pulses is {pulse}",

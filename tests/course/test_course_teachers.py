@@ -25,7 +25,6 @@ from tofrender.course.assignments import Assignment, find
 from tofrender.course.author import terms
 from tofrender.course.grade import (
     classes,
-    feedback,
     gradescope,
     grading,
     overview,
@@ -197,6 +196,7 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     for folder in students.iterdir():
         assert {"feedback.md", "feedback.html"} <= {path.name for path in folder.iterdir()}
     ben = (students / "ben" / "feedback.md").read_text()
+    assert "the sum\n  expected: 5\n  came:     -1" in ben
     assert "**Hint:** 2 + 3" in ben
     assert "| Mean | 4 (by hand) | 4 |" in ben
     assert "![What test_arrays expected, and what came](a0_add-test_arrays_5_.png)" in ben
@@ -423,11 +423,6 @@ def test_items_that_separate():
     separates = overview.separation(scores)
     assert separates[0] < 0
     assert np.isnan(separates[2])
-
-
-def test_feedback_splits_hints():
-    text = "the sum\n  expected: 5\n  came:     1\n  hint:     2 + 3"
-    assert feedback.split(text) == ("the sum\n  expected: 5\n  came:     1", ["2 + 3"])
 
 
 def unpacked(archive: Path, target: Path) -> None:
