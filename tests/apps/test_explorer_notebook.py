@@ -17,13 +17,14 @@ import numpy as np
 import pytest
 from helpers import browser
 from helpers.made_dataset import make_dataset
+from helpers.processes import ROOT, wait_for
 from helpers.served import is_free
+from test_explorer_page import BYTES, HEIGHT, WIDE, place
 
 import tofrender
+from tofrender.course import notebooks
 
-ROOT = Path(__file__).parents[2]
-
-CELL = """
+CELL = """# %%
 import tofrender
 tofrender.explore(tofrender.load_npz("data.npz"), title="In a notebook")
 """
@@ -65,19 +66,7 @@ def lab(folder: Path):
     finally:
         server.send_signal(signal.SIGTERM)
         server.wait(30)
-    for _ in range(50):
-        if is_free(port):
-            return
-        time.sleep(0.1)
-    raise AssertionError(f"port {port} is still in use")
-
-
-def notebook(source: str) -> str:
-    cell = {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}, "outputs": []}
-    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    about = {"kernelspec": kernel, "language_info": {"name": "python"}}
-    whole = {"cells": [cell | {"source": source.strip()}], "metadata": about}
-    return json.dumps(whole | {"nbformat": 4, "nbformat_minor": 5})
+    wait_for(lambda: is_free(port))
 
 
 def wait_for_kernel(page) -> None:
@@ -94,9 +83,9 @@ def wait_for_kernel(page) -> None:
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_widget_in_jupyterlab(tmp_path, dark):
-    data = make_dataset(24, 32, 40)
+    data = make_dataset(HEIGHT, WIDE, 40)
     tofrender.save_npz(data, tmp_path / "data.npz")
-    (tmp_path / "look.ipynb").write_text(notebook(CELL))
+    notebooks.write(CELL, tmp_path, tmp_path / "look.ipynb")
     settings = tmp_path / "CONFIG/lab/user-settings/@jupyterlab/apputils-extension"
     settings.mkdir(parents=True)
     theme = {"theme": "JupyterLab Dark" if dark else "JupyterLab Light"}
@@ -114,13 +103,10 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         page.wait_for_timeout(500)
         assert page.locator(".tof-explorer h2").inner_text() == "In a notebook"
         assert page.locator(".tof-explorer.dark").count() == dark
-        canvas = page.locator(".tof-explorer canvas.tof-picture")
-        canvas.scroll_into_view_if_needed()
-        frame = page.locator(".tof-explorer .frame").bounding_box()
+        page.locator(".tof-explorer canvas.tof-picture").scroll_into_view_if_needed()
         page.evaluate(f"{FIND}.set({{pixels: []}})")
         x, y = 7, 11
-        beside, below = (x + 0.5) / 32 * frame["width"], (y + 0.5) / 24 * frame["height"]
-        page.mouse.click(frame["x"] + beside, frame["y"] + below)
+        page.mouse.click(*place(page, x, y))
         page.keyboard.press("Escape")
         page.wait_for_timeout(200)
         state = page.evaluate(f"{FIND}.state()")
@@ -128,13 +114,7 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         assert (curve["x"], curve["y"]) == (x, y)
         given = tofrender.vis.luminance(data["transient"].values[y, x])
         np.testing.assert_allclose(curve["values"], given, rtol=0.05, atol=1e-5)
-        colours = canvas.evaluate(
-            """canvas => {
-              const { width, height } = canvas;
-              return [...canvas.getContext("2d").getImageData(0, 0, width, height).data];
-            }"""
-        )
-        assert max(colours[::4]) == 255
+        assert max(page.evaluate(BYTES)["bytes"][::4]) == 255
         before = state["bin"]
         page.locator(".tof-explorer").get_by_label("Time", exact=True).focus()
         page.keyboard.press("ArrowRight")

@@ -12,7 +12,6 @@ import tofrender
 from tofrender import io
 
 pytestmark = pytest.mark.timeout(180)
-WAIT_MS = 40_000
 
 FIND = browser.found("each.explorer", "each.explorer")
 RANGE = """([title, value]) => {
@@ -23,21 +22,21 @@ RANGE = """([title, value]) => {
 
 
 def state(there) -> dict:
-    there.wait_for_function(f"() => {FIND}", timeout=WAIT_MS)
+    there.wait_for_function(f"() => {FIND}")
     return json.loads(there.evaluate(f"JSON.stringify({FIND}.state())"))
 
 
 def test_parts_of_a_large_cube_are_shown_in_full(tmp_path):
     path = io.save_npz(make_dataset(400, 300, 260), tmp_path / "large.npz")
     with browser.page_of("view", path) as there:
-        there.get_by_role("button", name="Look closer").wait_for(timeout=WAIT_MS)
+        there.get_by_role("button", name="Look closer").wait_for()
         state(there)
         header = f"{browser.found('each.explorer', 'each')}.textContent"
         assert "are averaged" in there.evaluate(header)
         for name, value in (("Rows", [100, 140]), ("Columns", [30, 90]), ("Bins", [0, 200])):
             there.evaluate(RANGE, [name, value])
         there.get_by_role("button", name="Look closer").click()
-        there.get_by_text("60 × 40 pixels, 200 bins").first.wait_for(timeout=WAIT_MS)
+        there.get_by_text("60 × 40 pixels, 200 bins").first.wait_for()
         assert "All pixels and bins are there" in there.evaluate(header)
 
 
@@ -48,7 +47,7 @@ def test_cut_files_give_a_message_and_whole_ones_their_values(tmp_path):
     whole = path.read_bytes()
     path.write_bytes(whole[:3000])
     with browser.page_of("view", path) as there:
-        there.get_by_text("box.npz cannot be shown").wait_for(timeout=WAIT_MS)
+        there.get_by_text("box.npz cannot be shown").wait_for()
         path.write_bytes(whole)
         state(there)
         there.evaluate(f"{FIND}.set({{pixels: [[7, 11]], channel: '1', bin: 20}})")
@@ -66,22 +65,22 @@ def test_a_render_goes_on_stops_and_is_saved(tmp_path):
     with browser.page_of("view", "cornell_box", *options) as there:
         first = state(there)
         there.evaluate(f"{FIND}.set({{pixels: [[3, 4]], bin: 7}})")
-        there.get_by_text(re.compile(r": \d\d+ of 1000000")).wait_for(timeout=WAIT_MS)
+        there.get_by_text(re.compile(r": \d\d+ of 1000000")).wait_for()
         there.get_by_role("button", name="Stop").click()
-        there.get_by_text("stopped").wait_for(timeout=WAIT_MS)
+        there.get_by_text("stopped").wait_for()
         now = state(there)
         assert now["bins"] == first["bins"]
         assert now["pixels"] == [[3, 4]]  # What one looks at stays
         assert now["bin"] == 7
         there.get_by_role("button", name="Save as live.npz").click()
-        there.get_by_text("Saved").wait_for(timeout=WAIT_MS)
+        there.get_by_text("Saved").wait_for()
         data = io.load_npz(out)
         assert data.attrs["spp"] >= 10
         options = {"window": "auto", "pulse_width": "auto", "spp": int(data.attrs["spp"])}
         whole = tofrender.render("cornell_box", size=(32, 32), progress=False, **options)
         assert np.allclose(data.steady.values, whole.steady.values, rtol=1e-3, atol=1e-4)
         there.get_by_role("button", name="Go on").click()
-        there.get_by_text("rendering").wait_for(timeout=WAIT_MS)
+        there.get_by_text("rendering").wait_for()
 
 
 def test_what_cannot_be_viewed(capsys, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The warp tester without its window: this package's warps, a student's, and the command."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers.student_warps import HOSTILE, RIGHT, WRONG, write_warps
+from helpers.support import refused
 
 import tofrender
 from tofrender import sampling
@@ -41,8 +43,7 @@ def test_a_module_whose_name_is_not_utf8(tmp_path):
     path = tmp_path / os.fsdecode(b"m\xff.py")
     path.write_text(RIGHT)
     for each in (path, tmp_path):
-        with pytest.raises(ValueError, match=r"^module = 'm\\udcff.py': must be the name of a"):
-            Module(each)
+        refused(r"^module = 'm\\udcff.py': must be the name of a", Module, each)
 
 
 def test_every_warp_of_the_package_is_there():
@@ -75,8 +76,7 @@ def test_values():
         ({"alpha": 0}, "alpha = 0: must be a finite number from 1e-06 to 1e"),
         ({"alpha": "rough"}, "alpha = 'rough': must be a finite number"),
     ):
-        with pytest.raises(ValueError, match=said.replace("+", r"\+")):
-            SUBJECTS["beckmann"].values(given)
+        refused(re.escape(said), SUBJECTS["beckmann"].values, given)
 
 
 def test_images_are_made_square_and_not_too_large():
@@ -86,8 +86,7 @@ def test_images_are_made_square_and_not_too_large():
     small = subjects.density_of(large)
     assert small.shape == (512, 512)
     assert small.mean() == pytest.approx(2)
-    with pytest.raises(ValueError, match="all pixels are 0"):
-        subjects.density_of(np.zeros((2, 2)))
+    refused("all pixels are 0", subjects.density_of, np.zeros((2, 2)))
 
 
 def test_sobol_points_fill_the_square():
@@ -114,17 +113,12 @@ def test_a_right_module_passes_with_the_librarys_numbers(theirs):
 
 
 def test_what_goes_wrong_is_said_with_the_students_line(theirs):
-    raises = 'raise RuntimeError("<b>no</b> & never")'
-    stub = "square_to_uniform_sphere"
+    raises, stub = 'raise RuntimeError("<b>no</b> & never")', "square_to_uniform_sphere"
+    calls = "  disk.py, line 2: return radius_of(sample)", f"  disk.py, line 6: {raises}"
+    yet = f"not written yet: a1.sphere_and_hemispheres: {stub}"
     for name, said, *lines in (
-        (
-            *("uniform_disk", "RuntimeError: <b>no</b> & never"),
-            *("  disk.py, line 2: return radius_of(sample)", f"  disk.py, line 6: {raises}"),
-        ),
-        (
-            *("uniform_sphere", f"not written yet: a1.sphere_and_hemispheres: {stub}"),
-            f"  sphere.py, line 1: def {stub}(sample):",
-        ),
+        ("uniform_disk", "RuntimeError: <b>no</b> & never", *calls),
+        ("uniform_sphere", yet, f"  sphere.py, line 1: def {stub}(sample):"),
     ):
         with pytest.raises(NoAnswer) as raised:
             draw(theirs, name)
@@ -164,10 +158,7 @@ def test_a_module_that_never_answers_is_ended(tmp_path, monkeypatch):
     monkeypatch.setattr("tofrender.apps.warptest.sources.ANSWER_S", 1.0)
     forever = "def square_to_tent(sample):\n    while True:\n        pass\n"
     forever += "\n\ndef square_to_tent_pdf(p): ...\n"
-    folder, said = (
-        write_warps(tmp_path / "a", tent=forever),
-        "no answer within 1 s; the process was",
-    )
+    folder, said = write_warps(tmp_path / "a", tent=forever), "no answer within 1 s; the process"
     begin = time.monotonic()
     with closing(Module(folder)) as module, pytest.raises(NoAnswer, match=said):
         draw(module, "tent")
@@ -194,9 +185,7 @@ def test_modules_that_cannot_be_used(tmp_path):
         (tmp_path / "empty.py", "must define functions of the course, like square_to_tent"),
         (tmp_path, "must define functions of the course"),
     ):
-        with pytest.raises(ValueError, match=said) as raised:
-            Module(path)
-        assert str(raised.value).startswith("module = ")
+        refused(f"^module = .*{said}", Module, path)
     assert find_module(tmp_path) is None
 
 
@@ -227,8 +216,7 @@ def edition(monkeypatch):
 @pytest.mark.usefixtures("edition")
 def test_in_a_student_edition_the_students_own_file_stands_in(tmp_path, monkeypatch):
     assert Library().names() == ["no_op"]
-    with pytest.raises(Withheld, match=r"yours to write: problem a1\.tent"):
-        Library().case("tent", {})
+    refused(r"yours to write: problem a1\.tent", Library().case, "tent", {}, kind=Withheld)
     monkeypatch.chdir(write_warps(tmp_path / "a"))
     with closing(Engine()) as it:
         assert it.sources == ["library", "module"]
@@ -248,10 +236,6 @@ def test_figures():
     assert "<script" not in svg
     assert engine.save(drawn, verdict, "64 points", "png").startswith(b"\x89PNG")
     assert engine.save(drawn, verdict, "64 points", "pdf").startswith(b"%PDF")
-    for kind in ("pdf", "svg"):  # Without dates: the same bytes each time
-        saved = engine.save(drawn, verdict, "64 points", kind)
-        assert b"Date" not in saved
-        assert engine.save(drawn, verdict, "64 points", kind) == saved
 
 
 def test_headless_tests_what_a_module_has(tmp_path, capsys):

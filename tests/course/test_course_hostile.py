@@ -11,6 +11,7 @@ import sys
 import tempfile
 from contextlib import closing, suppress
 from pathlib import Path
+from socket import AF_INET, AF_UNIX, SOCK_DGRAM, SOCK_STREAM
 from types import SimpleNamespace
 
 import numpy as np
@@ -67,24 +68,23 @@ class Targets:
         self.folder.mkdir(parents=True)
         self.canary = self.folder / "canary"
         self.canary.write_text("as it was")
-        self.servers = {
-            "TCP": socket.create_server(("127.0.0.1", 0)),
-            "UDP": socket.socket(type=socket.SOCK_DGRAM),
-            "UNIX": socket.socket(socket.AF_UNIX),
-            "DATAGRAM": socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM),
-            "ABSTRACT": socket.socket(socket.AF_UNIX),
-        }
-        self.servers["UDP"].bind(("127.0.0.1", 0))
-        self.servers["UNIX"].bind(str(self.folder / "unix"))
-        self.servers["DATAGRAM"].bind(str(self.folder / "datagram"))
         self.abstract = f"tofrender-{secrets.token_hex(8)}"
-        self.servers["ABSTRACT"].bind("\0" + self.abstract)
-        with suppress(OSError):  # few kernels have none
-            self.servers["MPTCP"] = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 262)
-            self.servers["MPTCP"].bind(("127.0.0.1", 0))
-        for name in ("UNIX", "ABSTRACT", "MPTCP"):
-            if name in self.servers:
-                self.servers[name].listen()
+        self.servers, local = {}, ("127.0.0.1", 0)
+        for name, place, *kind in (
+            ("TCP", local, AF_INET, SOCK_STREAM),
+            ("UDP", local, AF_INET, SOCK_DGRAM),
+            ("UNIX", f"{self.folder}/unix", AF_UNIX, SOCK_STREAM),
+            ("DATAGRAM", f"{self.folder}/datagram", AF_UNIX, SOCK_DGRAM),
+            ("ABSTRACT", f"\0{self.abstract}", AF_UNIX, SOCK_STREAM),
+            ("MPTCP", local, AF_INET, SOCK_STREAM, 262),
+        ):
+            with suppress(OSError):  # few kernels have no MPTCP
+                server = socket.socket(*kind)
+                server.bind(place)
+                server.setblocking(False)
+                if kind[1] == SOCK_STREAM:
+                    server.listen()
+                self.servers[name] = server
         self.victim = subprocess.Popen(["sleep", "600"], **identity(user))
         with suppress(OSError):
             os.setxattr(self.canary, "user.kept", b"x")
@@ -94,17 +94,9 @@ class Targets:
             path.chmod(0o777 if path.name in ("unix", "datagram") else path.stat().st_mode)
 
     def named(self) -> dict:
-        ports = {name: self.servers[name].getsockname() for name in ("TCP", "UDP")}
-        mptcp = self.servers.get("MPTCP", self.servers["TCP"]).getsockname()
-        return ports | {
-            "CANARY": str(self.canary),
-            "FOLDER": str(self.folder),
-            "VICTIM": self.victim.pid,
-            "MPTCP": mptcp,
-            "UNIX": str(self.folder / "unix"),
-            "DATAGRAM": str(self.folder / "datagram"),
-            "ABSTRACT": self.abstract,
-        }
+        about = {"CANARY": str(self.canary), "FOLDER": str(self.folder), "VICTIM": self.victim.pid}
+        places = {name: server.getsockname() for name, server in self.servers.items()}
+        return {"MPTCP": places["TCP"]} | places | about | {"ABSTRACT": self.abstract}
 
     def state(self) -> dict:
         victim, proc = psutil.Process(self.victim.pid), Path("/proc")
@@ -123,7 +115,6 @@ class Targets:
     def heard(self) -> list[str]:
         found = []
         for name, server in self.servers.items():
-            server.setblocking(False)
             with suppress(BlockingIOError):
                 if name in ("UDP", "DATAGRAM"):
                     server.recv(10)

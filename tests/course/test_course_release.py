@@ -13,11 +13,13 @@ from pathlib import Path
 import mitsuba as mi
 import pytest
 from helpers import course_assignment
+from helpers.course_assignment import changed
+from helpers.processes import says
 
 import tofrender
 from tofrender.cli import app as cli
 from tofrender.course import assignments, edition, material, mutants, notebooks, rubric
-from tofrender.course.author import leaks, structure, verify
+from tofrender.course.author import contracts, leaks, structure, verify
 from tofrender.course.author.release import release
 from tofrender.course.dependents import dependents
 from tofrender.course.judge import running, worker
@@ -44,23 +46,6 @@ def run(capsys):
         return status, captured.out, captured.err
 
     return call
-
-
-def changed(tiny, name: str, *changes: tuple[str, str]) -> None:
-    """Change the first place of each text in a file of the assignment."""
-    path = tiny.folder / name
-    text = path.read_text()
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new, 1)
-    path.write_text(text)
-
-
-def in_edition(folder: Path, script: str) -> str:
-    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-P", "-c", script]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return done.stdout
 
 
 def test_released_folder(released):
@@ -100,7 +85,7 @@ def test_released_folder(released):
 
 
 def test_names_say_the_problem(tiny, tmp_path):
-    edition.copy(tiny, tmp_path / "edition")
+    edition.copy(tiny, tmp_path)
     script = """
 import tofrender, tofrender.analysis
 for statement in (
@@ -116,7 +101,7 @@ for statement in (
 print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
 """
     pulse, integrator = "yours to write: problem a0.pulse", "tofrender.integrators.transient_path"
-    assert in_edition(tmp_path / "edition", script).splitlines() == [
+    assert says(script, PYTHONPATH=str(tmp_path), PYTHONSAFEPATH="1") == [
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.signals.pulses is {pulse}",
@@ -166,7 +151,7 @@ def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
 
 
 def test_withheld_modules_must_exist(tiny, tmp_path):
-    changed(tiny, "rubric.toml", ("tofrender.nlos.light.confocal", "tofrender.conrer"))
+    changed(tiny.folder, "rubric.toml", ("tofrender.nlos.light.confocal", "tofrender.conrer"))
     with pytest.raises(ValueError, match=r"module tofrender\.conrer: does not exist"):
         edition.copy(tiny, tmp_path / "edition")
 
@@ -421,10 +406,10 @@ def test_structure_finds_what_does_not_agree(tiny):
     (folder / "solutions/extra.py").write_text("")
     (folder / "tests" / "test_pulse_staff.py").rename(folder / "tests" / "test_even.py")
     (folder / "exercises.md").unlink()
-    changed(tiny, "rubric.toml", ("test_peak", "test_paek"))
-    changed(tiny, "tests/test_range.py", ("a0_range", "a0_pulse"))
-    changed(tiny, "notebook.py", ("[solution] wrapping.py", "[solution] w.py"))
-    changed(tiny, "mutants.toml", ("-0.5 * x * x", "-0.6 * x"))
+    changed(tiny.folder, "rubric.toml", ("test_peak", "test_paek"))
+    changed(tiny.folder, "tests/test_range.py", ("a0_range", "a0_pulse"))
+    changed(tiny.folder, "notebook.py", ("[solution] wrapping.py", "[solution] w.py"))
+    changed(tiny.folder, "mutants.toml", ("-0.5 * x * x", "-0.6 * x"))
     found = sorted(structure.check(assignments.Assignment(folder)))
     assert found == sorted(
         [
@@ -452,11 +437,8 @@ def test_structure_finds_what_does_not_agree(tiny):
 def test_which_tests_a_mutant_can_fail(tiny):
     those = {mutant.id: mutant for mutant in mutants.read(tiny)}
     assert len(mutants.affected(tiny.rubric, those["no_half"])) == 7
-    assert mutants.affected(tiny.rubric, those["quarter"]) == [
-        "test_range.py::test_range",
-        "test_range.py::test_results",
-        "test_range_staff.py::test_any_frequency",
-    ]
+    of_range = [test.id for test in tiny.rubric.problems[1].tests]
+    assert mutants.affected(tiny.rubric, those["quarter"]) == of_range
     assert "= 0.25 *" not in mutants.apply(tiny, those["no_half"])
     assert "return 0.25 *" in mutants.apply(tiny, those["quarter"])
     broken = dataclasses.replace(those["quarter"], edits=(("return 0.5", "return ("),))
@@ -481,9 +463,9 @@ def test_verify(tiny, run):
 def test_verify_says_what_does_not_hold(tiny, run):
     shutil.copy(tiny.solutions / "pulse.py", tiny.starter)
     (tiny.starter / "wrapping.py").write_text("import os\nos._exit(3)\n")
-    changed(tiny, "solutions/pulse.py", ("x = t ", "x = (t + 1e-3) "))
+    changed(tiny.folder, "solutions/pulse.py", ("x = t ", "x = (t + 1e-3) "))
     other = ('["test_range.py::test_range", ', '["test_range.py::test_results", ')
-    changed(tiny, "mutants.toml", ('"half the square"', '"a third"'), other)
+    changed(tiny.folder, "mutants.toml", ('"half the square"', '"a third"'), other)
     checks = [part for name in ("starter", "solutions", "mutants") for part in ("--only", name)]
     status, out, _ = run("verify", tiny.folder, *checks)
     assert status == 1
@@ -507,3 +489,39 @@ def test_assignments_hold_together(name):
     found = assignments.find(name)
     bad = [v for v in verify.verify(found, only=("structure", "edition")) if not v.ok]
     assert not bad, "\n".join(reason for verdict in bad for reason in verdict.reasons)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('says = ["A pulse."]', "says = []", "a0.pulse: no test and no remark for 'A pulse.'"),
+        ('says = "In metres."', 'says = "In feet."', "no text of a0.range says 'In feet.'"),
+        ('"test_range.py::test_range"', '"test_range.py::test_x"', "a0.range has no test"),
+        ('mutants = ["quarter"]', "mutants = []", "must name a test and a mutant"),
+        ('mutants = ["quarter"]', 'mutants = ["third"]', "there is no mutant third"),
+        ('mutants = ["quarter"]', 'mutants = ["no_half"]', "no_half fails none of its tests"),
+        ('problem = "a0.range"', 'problem = "a0.ring"', "the rubric has no problem a0.ring"),
+        ("[[remark]]", "[[word]]", "[[word]]: must be [[contract]] or [[remark]]"),
+        ("[[contract]]", "[[remark]]", "must have exactly problem, says"),
+        ("[[contract]]", "[[contract", "contracts.toml: is not TOML"),
+    ],
+)
+def test_what_the_table_of_contracts_lacks_is_told(tiny, old, new, text):
+    changed(tiny.folder, contracts.FILE_NAME, (old, new))
+    assert text in "\n".join(contracts.check(tiny))
+
+
+def test_new_sentences_need_a_contract(tiny):
+    def told():
+        return list(contracts.check(tiny))
+
+    assert told() == []
+    changed(tiny.folder, "starter/wrapping.py", ('"""In metres.', '"""In metres. Never negative.'))
+    none = "contracts.toml: a0.{}: no test and no remark for '{}'"
+    assert told() == [none.format("range", "Never negative.")]
+    text = "\n*Contract.* One; two.\n*Common mistakes.* Three.\n"
+    changed(tiny.folder, "README.md", ("\nText.\n", text))
+    assert none.format("pulse", "*Contract.* One; two.") in told()
+    assert not any("Three" in line for line in told())
+    (tiny.folder / contracts.FILE_NAME).unlink()
+    assert told() == ["contracts.toml: is missing"]

@@ -37,22 +37,32 @@ def chromium() -> str:
     return found
 
 
+def elsewhere(page: Any, *own: str) -> list[str]:
+    """What a page asked for that is not its own."""
+    return [url for url in page.asked if not url.startswith((*own, "data:", "blob:"))]
+
+
 @contextmanager
 def page_of(*arguments: object, size: tuple[int, int] = (1280, 800), dark=False) -> Iterator[Any]:
     """The page of a command, which is `page.command`; it asks no other host for anything."""
     with served(*arguments, "--no-browser") as command:
         viewport = {"width": size[0], "height": size[1]}
         with page(dark=dark, viewport=viewport, accept_downloads=True) as there:
-            elsewhere, own = [], (command.site, "data:", "blob:")
-            there.on("request", lambda r: r.url.startswith(own) or elsewhere.append(r.url))
             there.goto(command.url)
             there.command = command
             yield there
             assert there.errors == []
-            assert elsewhere == []
+            assert elsewhere(there, command.site) == []
         assert command.stop() == 0
         assert "Traceback" not in command.errors
         assert is_free(command.port)
+
+
+def drag(page: Any, start: tuple[float, float], stop: tuple[float, float]) -> None:
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*stop, steps=5)
+    page.mouse.up()
 
 
 def shades(page: Any) -> np.ndarray:
@@ -72,7 +82,7 @@ def found(condition: str, value: str) -> str:
 
 @contextmanager
 def page(*, dark: bool = False, offline: bool = False, **options: Any) -> Iterator[Any]:
-    """A page of a browser without a window; its errors are in the list `page.errors`.
+    """A page of a browser without a window; `page.errors` and `page.asked` are lists of texts.
 
     Args:
         dark: Whether the reader prefers dark pages.
@@ -83,15 +93,14 @@ def page(*, dark: bool = False, offline: bool = False, **options: Any) -> Iterat
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
-        context = browser.new_context(
-            color_scheme="dark" if dark else "light", offline=offline, **options
-        )
+        colours = "dark" if dark else "light"
+        context = browser.new_context(color_scheme=colours, offline=offline, **options)
+        context.set_default_timeout(60_000)
         page = context.new_page()
-        page.errors = []
+        page.errors, page.asked = [], []
+        page.on("request", lambda request: page.asked.append(request.url))
         page.on("pageerror", lambda error: page.errors.append(str(error)))
-        page.on(
-            "console", lambda said: page.errors.append(said.text) if said.type == "error" else None
-        )
+        page.on("console", lambda e: page.errors.append(e.text) if e.type == "error" else None)
         try:
             yield page
         finally:

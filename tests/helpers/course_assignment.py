@@ -155,14 +155,6 @@ FILES = {
             return theirs.unambiguous_range(frequency_hz)
         """,
     "tests/test_pulse.py": """
-        import numpy as np
-        import pytest
-
-        from tofrender.course.judge import expect
-
-        pytestmark = pytest.mark.a0_pulse
-
-
         def test_area(submission):
             'The density integrates to one.'
             t = np.linspace(-0.5, 0.5, 1001)
@@ -183,27 +175,12 @@ FILES = {
             expect.estimate(peaks, 0.39894228, "the peak")
         """,
     "tests/test_pulse_staff.py": """
-        import numpy as np
-        import pytest
-
-        from tofrender.course.judge import expect
-
-        pytestmark = pytest.mark.a0_pulse
-
-
         def test_even(submission):
             t = submission.random.uniform(0.05, 0.2)
             left, right = submission.ask("density", width_opl=0.3, t=np.array([-t, t]))
             expect.close(left, right, "the density at -t")
         """,
     "tests/test_range.py": """
-        import pytest
-
-        from tofrender.course.judge import expect
-
-        pytestmark = pytest.mark.a0_range
-
-
         def test_range(submission):
             came = submission.ask("wrap", frequency_hz=100e6)
             expect.close(came, 1.49896229, "the range", hint="light goes there and back")
@@ -213,13 +190,6 @@ FILES = {
             expect.close(submission.arrays("deliverables/x.npz")["x"], [1.0, 2.0], "x")
         """,
     "tests/test_range_staff.py": """
-        import pytest
-
-        from tofrender.course.judge import expect
-
-        pytestmark = pytest.mark.a0_range
-
-
         def test_any_frequency(submission):
             f = submission.random.uniform(1e7, 1e8)
             came = submission.ask("wrap", frequency_hz=f)
@@ -255,7 +225,19 @@ RANGE = "def unambiguous_range(frequency_hz):\n    return 149896229.0 / frequenc
 
 def write(folder: Path) -> Assignment:
     texts = {name: dedent(text).lstrip() for name, text in FILES.items()}
+    for problem in ("pulse", "range"):
+        for name in (f"tests/test_{problem}.py", f"tests/test_{problem}_staff.py"):
+            texts[name] = tiny_assignment.HEAD.format(problem) + texts[name]
     return Assignment(tiny_assignment.write(folder, texts))
+
+
+def changed(folder: Path, name: str, *changes: tuple[str, str]) -> None:
+    """Change the first place of each text in a file of an assignment."""
+    text = (folder / name).read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (folder / name).write_text(text)
 
 
 def write_submission(folder: Path, pulse: str | None = PULSE, wrapping: str = RANGE) -> Path:

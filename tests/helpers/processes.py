@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -26,3 +27,11 @@ def says(code: str, **environment: str) -> list[str]:
     result = python(code, **environment)
     assert result.returncode == 0, result.stderr
     return result.stdout.splitlines()
+
+
+def wait_for(what) -> None:
+    """Until this is true, for at most a minute."""
+    deadline = time.monotonic() + 60
+    while not what() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert what()

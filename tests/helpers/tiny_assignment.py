@@ -50,6 +50,17 @@ bonus = true
 tests = [{ id = "test_file.py::test_file", points = 0.5 }]
 """
 
+HEAD = """
+import numpy as np
+import pytest
+
+from tofrender.course.judge import expect
+
+pytestmark = pytest.mark.a0_{}
+
+
+"""
+
 FILES = {
     "rubric.toml": RUBRIC,
     "pytest.ini": """
@@ -65,15 +76,8 @@ def add(theirs, a, b):
 def mean(theirs, x):
     return theirs.mean(x)
 """,
-    "tests/test_add.py": """
-import numpy as np
-import pytest
-
-from tofrender.course.judge import expect
-
-pytestmark = pytest.mark.a0_add
-
-
+    "tests/test_add.py": HEAD.format("add")
+    + """\
 def test_numbers(submission):
     expect.close(submission.ask("add", a=2, b=3), 5.0, "the sum", hint="2 + 3")
 
@@ -83,15 +87,8 @@ def test_arrays(submission, count):
     a = np.arange(float(count))
     expect.close(submission.ask("add", a=a, b=a), 2 * a, "the sum of arrays")
 """,
-    "tests/test_mean_staff.py": """
-import numpy as np
-import pytest
-
-from tofrender.course.judge import expect
-
-pytestmark = pytest.mark.a0_mean
-
-
+    "tests/test_mean_staff.py": HEAD.format("mean")
+    + """\
 def test_mean(submission):
     first = submission.random.integers(1, 100) if submission.seed else 0
     x = first + np.arange(4.0)
@@ -101,14 +98,8 @@ def test_mean(submission):
 def test_one(submission):
     expect.close(submission.ask("mean", x=np.array([2.0])), 2.0, "the mean of one number")
 """,
-    "tests/test_file.py": """
-import pytest
-
-from tofrender.course.judge import expect
-
-pytestmark = pytest.mark.a0_file
-
-
+    "tests/test_file.py": HEAD.format("file")
+    + """\
 def test_file(submission):
     expect.close(submission.arrays("deliverables/x.npz")["x"], [1.0, 2.0], "x")
 """,
@@ -136,18 +127,13 @@ takes_s = 1
 tests = [{{ id = "test_p{0}.py::test_numbers", points = 1 }}]
 """
 
-TEST = """
-import numpy as np
-import pytest
-
-from tofrender.course.judge import expect
-
-pytestmark = pytest.mark.a0_p{0}
-
-
+TEST = (
+    HEAD.format("p{0}")
+    + """\
 def test_numbers(submission):
     expect.close(submission.ask("call", name="add{0}", a=2, b=3), 5.0, "the sum")
 """
+)
 
 CALL = "def call(theirs, name, **arguments):\n    return getattr(theirs, name)(**arguments)\n"
 

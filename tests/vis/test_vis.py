@@ -73,19 +73,15 @@ def test_shadows_lift_the_dark_and_keep_white_and_hues():
     rng = np.random.default_rng(0)
     hues = rng.uniform(0.1, 1, (50, 1, 3)) * [[[1, 0.5, 0]]]
     values = hues / hues.max(axis=2, keepdims=True) * np.geomspace(1e-4, 1, 40)[:, None]
-    linear = vis.tonemap(values, exposure=1) / 255
+    plain = vis.tonemap(values, exposure=1) / 255
     lifted = vis.tonemap(values, exposure=1, shadows=3) / 255
-    assert (lifted >= linear).all()
-    assert (lifted[:, -1] == linear[:, -1]).all()
+    assert (lifted >= plain).all()
+    assert (lifted[:, -1] == plain[:, -1]).all()
     assert (np.diff(lifted.max(axis=2), axis=1) >= 0).all()
-
-    def light(srgb):
-        return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-    ratios = light(lifted)[..., 1] / light(lifted)[..., 0]
+    ratios = linear(lifted)[..., 1] / linear(lifted)[..., 0]
     steps = 2 / (255 * lifted[..., 1].clip(1 / 255))  # Of eight bits, as a part
     assert (np.abs(ratios / (values[..., 1] / values[..., 0]) - 1) < 0.05 + 3 * steps).all()
-    dark = light(vis.tonemap(np.full((1, 1), 1e-3), exposure=1, shadows=6)[0, 0, 0] / 255)
+    dark = linear(vis.tonemap(np.full((1, 1), 1e-3), exposure=1, shadows=6)[0, 0, 0] / 255)
     assert dark == pytest.approx(64e-3, rel=0.25)  # k = 390 bends it by a sixth already
 
 
@@ -173,6 +169,11 @@ def test_quantity_of_an_array_is_what_it_is_said_to_be():
     quantity = "radiance per metre"
     figure = vis.plot_pixel_transient(np.ones((2, 2, 4)), 0, 0, 0.0, 0.1, quantity=quantity)
     assert figure.axes[0].get_ylabel() == "radiance per metre"
+
+
+def linear(colours):
+    colours = np.asarray(colours, float)
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
 def drawn(figure):

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.made_dataset import START, WIDTH, make_dataset
+from helpers.support import refused
 from matplotlib import pyplot as plt
 from test_vis import drawn
 
@@ -99,8 +100,7 @@ def test_parts_of_a_phasor_must_fit():
         (20e6, (*good[:3], phase[:2], depth), r"phase with shape .* must be \(4, 6, 3\) or \(4, 6"),
         (20e6, (real, imaginary * 1j, *good[2:]), "Q of type complex128: must hold real numbers"),
     ):
-        with pytest.raises(ValueError, match=said):
-            vis.phasor_panel(frequencies, *parts)
+        refused(said, vis.phasor_panel, frequencies, *parts)
 
 
 def two_arrivals(early, late, share=0.25, bins=40):
@@ -210,13 +210,9 @@ def test_bad_overlays():
     for options, message in (
         ({"style": "peek"}, "style = 'peek': did you mean 'peak'"),
         ({"period_ns": 1.0}, "period_ns = 1.0: must be None for style = 'arrival'"),
-        (
-            {"style": "rainbow", "period_ns": 0.1},
-            "period_ns = 0.1: must be at least two bins, 0.13",
-        ),
+        ({"style": "rainbow", "period_ns": 0.1}, "= 0.1: must be at least two bins, 0.13"),
     ):
-        with pytest.raises(ValueError, match=message):
-            vis.light_in_flight(np.ones((2, 2, 5)), 3.5, 0.02, **options)
+        refused(message, vis.light_in_flight, np.ones((2, 2, 5)), 3.5, 0.02, **options)
 
 
 def test_a_shift_by_whole_bins_is_exact():
@@ -271,8 +267,7 @@ def test_an_unwarped_dataset_is_one_like_any_other(tmp_path):
     path = io.save_exr_stack(unwarped, tmp_path / "stack")
     assert io.load_exr_stack(path).identical(unwarped)
     vis.summary_figure(unwarped)
-    with pytest.raises(ValueError, match="camera_unwarp = 1: must be in camera time"):
-        vis.unwarp_camera(unwarped, np.zeros((6, 10)))
+    refused("camera_unwarp = 1: must be in", vis.unwarp_camera, unwarped, np.zeros((6, 10)))
 
 
 def test_bad_distances():
@@ -282,8 +277,7 @@ def test_bad_distances():
         (np.full((6, 10), 1e13), r"distance_m holds 1e\+13"),
         (np.arange(60).reshape(6, 10) * 1e9, "distance_m spreads the light over .* bins"),
     ):
-        with pytest.raises(ValueError, match=message):
-            vis.unwarp_camera(make_dataset(), distances)
+        refused(message, vis.unwarp_camera, make_dataset(), distances)
 
 
 def mean_opl(data):
