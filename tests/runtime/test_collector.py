@@ -189,7 +189,7 @@ def test_threads_that_trace_take_turns():
     with backend.uncollected():
         other.start()
         assert not begun.wait(0.1)
-    other.join(10)
+    other.join()
     assert begun.is_set()
     assert gc.isenabled()
 
