@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import COMPARISONS, agree, load, over_seeds, rotate, translate, unit
+from helpers.support import COMPARISONS, agree, load, over_seeds, refused, rotate, translate, unit
 
 from tofrender.sampling import (
     Quad,
@@ -660,27 +660,15 @@ BAD = {
     "triangle density": (lambda: sample_triangle_pdf(mi.Point3f(0), *LINE), r"^v0 = .*span an"),
     "triangle light": (lambda: Triangle(*LINE), r"^v0 = .* v2 = \[2.0, 2.0, 2.0\]: must span"),
     "triangle of NaN": (lambda: Triangle([0, 0, math.nan], *LINE[:2]), r"^v0 = .*finite"),
-    "point of two": (lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]), r"^v1 = \[1, 0\]: must be"),
-    "cap beyond": (lambda: sample_sphere_cap(mi.Point2f(0.5), 1.5), r"^cos_theta_max = 1.5: must"),
-    "cap density": (
-        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), -1.01),
-        r"^cos_theta_max = -1.01: must be a finite number from -1 to 1$",
-    ),
-    "no radius": (lambda: Sphere((0, 0, 0), 0), r"^radius = 0: must be .* above 0$"),
-    "centre": (lambda: Sphere((0, math.inf, 0), 1), r"^centre = \(0, inf, 0\): must be three"),
     "ellipsoid": (
         lambda: Sphere(transform=mi.ScalarTransform4f().scale([1, 1, 2])),
         r"^transform: scales by 2, 1, 1; must scale all directions alike$",
     ),
     "squashed sphere": (lambda: Sphere(transform=np.zeros((4, 4))), r"^transform = .*last row"),
     "point sphere": (lambda: Sphere(transform=np.diag([0.0, 0, 0, 1])), r"^transform: scales by 0"),
-    "no quad": (lambda: Quad((0, 1)), r"^size = \(0, 1\): must be two finite numbers above 0$"),
     "flat transform": (lambda: Quad(transform=np.diag([1.0, 0, 1, 1])), r"^transform = .*an area"),
     "projection": (lambda: Quad(transform=np.ones((4, 4))), r"^transform = .*last row 0, 0, 0, 1$"),
     "edges": (lambda: Quad.from_edges([0, 0, 0], [1, 0, 0], [3, 0, 0]), r"^e0 = .*span an area"),
-    "emission": (lambda: Quad(emission=-1), r"^emission = -1: must be one number or three, each"),
-    "emission of two": (lambda: Sphere(emission=(1, 2)), r"^emission = \(1, 2\): must be one"),
-    "group of others": (lambda: SurfaceGroup([3]), r"^shapes = \[3\]: must be a list"),
     "empty group": (lambda: SurfaceGroup([]), r"^shapes = \[\]: must be a list of at least one"),
 }
 
@@ -688,26 +676,23 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name):
     call, message = BAD[name]
-    with pytest.raises(ValueError, match=message) as error:
-        call()
-    assert "\n" not in str(error.value)
+    refused(message, call)
 
 
-BAD_SCENES = {
-    "no light": ({"type": "sphere"}, r"^scene: has no emitter; must have area lights$"),
-    "point light": ({"type": "point"}, r"^scene: emitter 'a' has no surface; must be area"),
-    "disk": (
-        {"type": "disk", "emitter": {"type": "area"}},
-        r"^scene: emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64",
-    ),
-}
+DISK = {"type": "disk", "emitter": {"type": "area"}}
+DISK_REFUSED = "emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64"
 
 
-@pytest.mark.parametrize("name", BAD_SCENES)
-def test_bad_scenes(name):
-    part, message = BAD_SCENES[name]
-    with pytest.raises(ValueError, match=message):
-        emitters_of(load({"type": "scene", "a": part}))
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"type": "sphere"}, "has no emitter; must have area lights$"),
+        ({"type": "point"}, "emitter 'a' has no surface; must be area"),
+        (DISK, DISK_REFUSED),
+    ],
+)
+def test_bad_scenes(part, said):
+    refused(f"^scene: {said}", emitters_of, load({"type": "scene", "a": part}))
 
 
 def test_debug_mode_looks_at_samples_and_arrays():
@@ -726,8 +711,8 @@ def test_debug_mode_looks_at_samples_and_arrays():
 
 def test_spectral_variants_are_refused():
     mi.set_variant("llvm_ad_spectral")
-    with pytest.raises(ValueError, match=r"^variant = 'llvm_ad_spectral': must be an rgb or mono"):
-        QUAD.sample(point((0, 0, 0)), mi.Point2f(0.5))
+    said = "^variant = 'llvm_ad_spectral': must be an rgb or mono"
+    refused(said, QUAD.sample, point((0, 0, 0)), mi.Point2f(0.5))
 
 
 def test_records_are_carried_through_loops():
