@@ -103,19 +103,13 @@ def test_scenes(capsys):
 REFUSALS: dict[str, list[tuple[str, str]]] = {
     # a command and what it must have: more words, and what is said of them
     "render cornell_box": [
-        ("--spp 0", "--spp = 0: must be an integer from 1 to 16777216"),
-        ("--size 64", "--size = 64: must be width x height, like 256x256, of integers from"),
-        ("--seed -1", "--seed = -1: must be an integer from 0 to 4294967295"),
         ("--sampler multijiter", "--sampler = 'multijiter': did you mean 'multijitter'?"),
-        ("--variant llvm_ad_rgbb", "--variant = 'llvm_ad_rgbb': did you mean 'llvm_ad_rgb'?"),
         ("--window auto --start-opl 3", "--start-opl = 3: must be left out with --window"),
         ("--window 3,15 --bin-width 1", "--bin-width = 1: must be left out with --win"),
-        ("--window 9,3", "--window = 9,3: must end after it starts"),
         ("--window 9999,10000 --bins 1000", "bin_width_opl = 0.001: must be at least "),
         ("--window 0,1", "--window = 0 m to 1 m: no light arrives in it; must overlap"),
         ("--spp 10 --errors", "--spp = 10: must be a multiple of 4 with"),
         ("--workers 2 --scheduler a:1", "--scheduler: must be left out with --workers"),
-        ("-D spp", "-D spp: must be name=value"),
         ("-D spp=3", "parameter spp = '3': must be left out, only XML files have parameters"),
         ("--sp 3", "No such option: --sp"),
         ("--spp", "Option '--spp' requires an argument."),
@@ -125,16 +119,9 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
         ("cornell_box", "Missing option '--freq'"),
         ("cornel_box --freq 2e7", "did you mean cornell_box"),
     ],
-    "gate cornell_box": [
-        ("--at 1 --size 8x8", "no light arrives then"),
-    ],
-    "capture nlos-z": [
-        ("--mode confocl", "--mode = 'confocl': did you mean 'confocal'? Must be one of"),
-        ("--out missing/z.h5", "--out = missing/z.h5: its folder does not exist"),
-    ],
-    "capture cornell_box": [
-        ("--out c.h5", "integrator = TransientPath: must be transient_nlos_path or"),
-    ],
+    "gate cornell_box": [("--at 1 --size 8x8", "no light arrives then")],
+    "capture nlos-z": [("--out missing/z.h5", "--out = missing/z.h5: its folder does not exist")],
+    "capture cornell_box": [("--out c.h5", "integrator = TransientPath: must be transient_nlos_")],
     "warp": [
         ("bekmann", "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),
         ("beckmann", "--alpha: must be given, beckmann needs it"),
@@ -144,7 +131,6 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
         ("hierarchical --image no.exr", "--image = 'no.exr': must be a file that exists"),
     ],
 }
-SUFFIXES = {"capture nlos-z": ".h5", "warp": ".png"}
 
 
 @pytest.mark.parametrize(
@@ -157,7 +143,7 @@ SUFFIXES = {"capture nlos-z": ".h5", "warp": ".png"}
 )
 def test_bad_options_are_refused_in_one_line(capsys, tmp_path, monkeypatch, command, words, text):
     monkeypatch.chdir(tmp_path)
-    out = [] if "--out" in words else ["--out", f"out{SUFFIXES.get(command, '')}"]
+    out = [] if "--out" in words else ["--out", f"out{'.png' * (command == 'warp')}"]
     assert text in refused(capsys, *command.split(), *out, *words.split())
     assert not list(tmp_path.iterdir())
 

@@ -28,66 +28,35 @@ PACKAGE = Path(tofrender.__file__).parent
 # ----------------------------------------------------------------------- what the calls are given
 
 
-@functools.cache
-def box() -> mi.Scene:
-    window = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
-    return tofrender.load_scene("cornell_box", width=4, height=4, spp=1, max_depth=2, **window)
+WINDOW = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
+BOX = {"width": 4, "height": 4, "spp": 1, "max_depth": 2, **WINDOW}
+WALL = {"width": 2, "height": 2, "spp": 1, "optimize": False}
+PATCH = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+QUIET = {"progress": False}
+
+cached = functools.cache
+box = cached(lambda: tofrender.load_scene("cornell_box", **BOX))
+wall = cached(lambda: tofrender.load_scene("nlos_plane", **WALL))
+lamp = cached(lambda: lamp_above_floor.scene())
+gated = cached(lambda: mi.load_dict({"type": "tofrender_time_gated_transient_path"}))
+data = cached(lambda: make_dataset(2, 3, 4, energy_outside_window=0.0))
+captured = cached(lambda: capture_of(PATCH, Wall(4), bins=24, width=0.05))
+volume = cached(lambda: tofrender.reconstruct(captured(), "bp", **QUIET))
+pyramid = cached(lambda: tofrender.strategy_pyramid(box(), max_depth=2, spp=1, **QUIET))
+verdict = cached(lambda: sampling.warp_case("tent").test(samples=2000, resolution=4))
+drawn = cached(lambda: tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1))
+record = cached(lambda: sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0), mi.Point2f(0.5)))
 
 
-@functools.cache
-def wall() -> mi.Scene:
-    return tofrender.load_scene("nlos_plane", width=2, height=2, spp=1, optimize=False)
-
-
-@functools.cache
-def gated() -> Any:
-    return mi.load_dict({"type": "tofrender_time_gated_transient_path"})
-
-
-@functools.cache
+@cached
 def modulated() -> Any:
     integrator = mi.load_dict({"type": "tofrender_amcw_transient_path"})
     integrator.set_modulation(tofrender.AMCWPulse(20e6))
     return integrator
 
 
-@functools.cache
-def data() -> xr.Dataset:
-    return make_dataset(2, 3, 4, energy_outside_window=0.0)
-
-
 def seeded(seed: int) -> xr.Dataset:
     return data().assign_attrs(seed=seed, spp=1, complete=1, render_seconds=1.0)
-
-
-@functools.cache
-def captured() -> xr.Dataset:
-    return capture_of(rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1), Wall(4), bins=24, width=0.05)
-
-
-@functools.cache
-def volume() -> xr.Dataset:
-    return tofrender.reconstruct(captured(), "bp", progress=False)
-
-
-@functools.cache
-def pyramid() -> xr.Dataset:
-    return tofrender.strategy_pyramid(box(), max_depth=2, spp=1, progress=False)
-
-
-@functools.cache
-def verdict() -> Any:
-    return sampling.warp_case("tent").test(samples=2000, resolution=4)
-
-
-@functools.cache
-def drawn() -> Any:
-    return tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1)
-
-
-@functools.cache
-def record() -> Any:
-    return sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0, 0, 0), mi.Point2f(0.5, 0.5))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -260,11 +229,6 @@ def row(name: str, kinds: dict[str, str] | None = None, /, *, only=False, **good
 
 
 alone = functools.partial(row, only=True)
-
-
-@functools.cache
-def lamp() -> mi.Scene:
-    return lamp_above_floor.scene()
 
 
 def place_lamp(params: Any, values: dict[str, Any]) -> None:
