@@ -38,6 +38,13 @@ def run(capsys, *arguments: object) -> tuple[int, str, str]:
     return status, captured.out, captured.err
 
 
+def done(capsys, *arguments: object) -> tuple[str, str]:
+    """What a command that succeeds says on stdout and stderr."""
+    status, out, err = run(capsys, *arguments)
+    assert status == 0, err
+    return out, err
+
+
 def refused(capsys, *arguments: object) -> str:
     """The one line with which bad input is refused."""
     status, out, err = run(capsys, *arguments)
@@ -79,8 +86,7 @@ def test_help_imports_nothing_heavy():
 
 
 def test_bare_command_shows_help(capsys):
-    status, out, _ = run(capsys)
-    assert status == 0
+    out, _ = done(capsys)
     for command in ("render", "scenes", "doctor"):
         assert command in out
 
@@ -90,8 +96,7 @@ def test_version(capsys):
 
 
 def test_scenes(capsys):
-    status, out, _ = run(capsys, "scenes")
-    assert status == 0
+    out, _ = done(capsys, "scenes")
     assert len(out.splitlines()) >= 5
     assert all(len(line) <= 100 for line in out.splitlines())
     assert "cornell_box_glass  " in out
@@ -256,8 +261,7 @@ def test_render_and_render_again(capsys, tmp_path):
     folder = tmp_path / "box"
     arguments = ["render", "cornell-box", "--out", folder, *TINY]
     for video in ("--no-video", "--video"):
-        status, out, err = run(capsys, *arguments, video)
-        assert status == 0, err
+        out, _ = done(capsys, *arguments, video)
         assert names(folder) == FRAMES | ({"video.mp4"} if video == "--video" else set())
         assert "frame_0000.exr ... frame_0019.exr, steady.exr, summary.png" in out
         assert "samples per second" in out
@@ -273,8 +277,7 @@ def test_render_and_render_again(capsys, tmp_path):
 def test_formats(capsys, tmp_path, layout, file):
     folder = tmp_path / "box"
     arguments = ["render", XML, "--out", folder, *TINY, "--no-video", "--format", layout]
-    status, _, err = run(capsys, *arguments, "-D", "max_depth=2")
-    assert status == 0, err
+    done(capsys, *arguments, "-D", "max_depth=2")
     assert names(folder) == {file, "summary.png"}
 
 
@@ -287,19 +290,15 @@ def test_a_film_outlives_files_that_cannot_be_written(capsys, tmp_path, monkeypa
     with monkeypatch.context() as patch:
         patch.setattr(tofrender.vis, "summary_figure", full)
         assert run(capsys, *arguments, "--no-video")[0] == 1
-    status, _, err = run(capsys, *arguments, "--no-video", "--resume")
-    assert status == 0, err
+    done(capsys, *arguments, "--no-video", "--resume")
     assert tofrender.load_zarr(tmp_path / "a" / "transient.zarr").attrs["complete"] == 1
     assert names(tmp_path) == {"a"}
 
 
 def test_settings_arrive(capsys, tmp_path):
-    status, _, err = run(
-        capsys, "render", "cornell_box_steady_state", "--out", tmp_path / "box", *TINY,
-        "--start-opl", "3.0", "--pulse-width", "0.05", "--max-depth", "2", "--seed", "7",
-        "--sampler", "multijitter", "--format", "npz", "--no-video",
-    )  # fmt: skip
-    assert status == 0, err
+    options = "--start-opl 3.0 --pulse-width 0.05 --max-depth 2 --seed 7 --sampler multijitter"
+    options = [*TINY, *options.split(), "--format", "npz", "--no-video"]
+    done(capsys, "render", "cornell_box_steady_state", "--out", tmp_path / "box", *options)
     dataset = tofrender.load_npz(tmp_path / "box" / "transient.npz")
     assert dataset.attrs["start_opl"] == pytest.approx(3.0)
     assert dataset.attrs["bin_width_opl"] == pytest.approx(0.3)
@@ -323,8 +322,7 @@ def test_window_auto(capsys, tmp_path, scene):
 
 def test_lost_energy_is_one_line(capsys, tmp_path):
     arguments = ["render", "cornell_box", "--out", tmp_path / "box", *TINY, "--no-video"]
-    status, _, err = run(capsys, *arguments, "--bins", "8")
-    assert status == 0
+    _, err = done(capsys, *arguments, "--bins", "8")
     assert err.startswith("warning: ")
     assert err.count("\n") == 1
 
@@ -373,8 +371,7 @@ def test_phasors_of_a_scene(tmp_path, capsys):
     out = tmp_path / "phasors"
     options = ["--freq", "20e6", "--freq", "50e6", "--out", out, "--size", "8x6", "--spp", "4"]
     for _ in range(2):  # Its own output is replaced
-        status, told, err = run(capsys, "phasor", "cornell_box_flash", *options)
-        assert status == 0, err
+        told, _ = done(capsys, "phasor", "cornell_box_flash", *options)
         assert "panel.png" in told
     assert names(out) == {"phasor_20000000Hz.exr", "phasor_50000000Hz.exr", "panel.png"}
     channels = OpenEXR.File(str(out / "phasor_20000000Hz.exr")).channels()
@@ -398,7 +395,7 @@ def test_phasors_of_a_render(tmp_path, capsys):
         ("phasor", "cornell_box_flash", "--freq", "20e6", "--out", direct, *tiny),
     )
     for command in commands:
-        assert main([str(each) for each in command]) == 0, capsys.readouterr().err
+        done(capsys, *command)
     first, second = (
         OpenEXR.File(str(path / "phasor_20000000Hz.exr")).channels()["I"].pixels
         for path in (converted, direct)

@@ -21,7 +21,7 @@ import OpenEXR
 import pytest
 from helpers.films_in_parts import in_small_steps, watch_steps
 from helpers.support import largest
-from test_cli import refused, run
+from test_cli import done, refused, run
 
 import tofrender
 from tofrender.cli import render as cli_render
@@ -139,21 +139,14 @@ def is_complete(out: Path, name: str) -> bool:
     return bool((loaded if loaded is not None else tofrender.load_capture(out)).attrs["complete"])
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """What each command writes if nobody stops it."""
-    folder, made = tmp_path_factory.mktemp("whole"), {}
-
-    def of(name: str) -> list[np.ndarray]:
-        if name not in made:
-            out = place(folder / name, name)
-            out.parent.mkdir()
-            assert main(arguments(name, out)) == 0
-            assert os.listdir(out.parent) == [out.name]
-            made[name] = values(out)
-        return made[name]
-
-    return of
+@functools.cache
+def whole(name: str) -> list[np.ndarray]:
+    """What a command writes if nobody stops it."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = place(Path(folder), name)
+        assert main(arguments(name, out)) == 0
+        assert os.listdir(folder) == [out.name]
+        return values(out)
 
 
 def require_equal(out: Path, expected: list[np.ndarray]) -> None:
@@ -172,8 +165,7 @@ def one_line(err: str, start: str = "error: ") -> str:
 
 def goes_on(capsys, name: str, out: Path, expected: list[np.ndarray]) -> str:
     """Run the command with --resume to its end; what it says on stderr."""
-    status, _, err = run(capsys, *arguments(name, out, "--resume"))
-    assert status == 0, err
+    _, err = done(capsys, *arguments(name, out, "--resume"))
     require_equal(out, expected)
     assert is_complete(out, name)
     assert os.listdir(out.parent) == [out.name]
@@ -193,7 +185,7 @@ def goes_on(capsys, name: str, out: Path, expected: list[np.ndarray]) -> str:
         ("exhaustive", signal.SIGINT),
     ],
 )
-def test_stopped(capsys, tmp_path, whole, name, by):
+def test_stopped(capsys, tmp_path, name, by):
     expected, out = whole(name), place(tmp_path, name)
     status, err = ended(started(arguments(name, out)), by)
     assert status == 130, err
@@ -246,7 +238,7 @@ ORDER = ["render", "gate", "exhaustive", "phasor", "single"]
 
 
 @pytest.mark.parametrize(("by", "number"), KINDS)
-def test_killed_at_a_random_moment(capsys, tmp_path, whole, by, number):
+def test_killed_at_a_random_moment(capsys, tmp_path, by, number):
     """Some twice in a row. An earlier output stays, or is replaced by a whole one."""
     shift = ("SIGKILL", "SIGTERM", "SIGHUP").index(by)
     name = ORDER[(number + 2 * shift) % len(ORDER)]
@@ -281,7 +273,7 @@ def test_killed_at_a_random_moment(capsys, tmp_path, whole, by, number):
         if not (out.exists() and content(out) != before and is_complete(out, name)):
             if out.suffix == ".h5":
                 out.unlink(missing_ok=True)
-            assert run(capsys, *arguments(name, out))[0] == 0
+            done(capsys, *arguments(name, out))
     require_equal(out, expected)
     assert set(os.listdir(tmp_path)) - {kept(out).name} == {out.name}
 
@@ -292,16 +284,16 @@ def test_a_kill_loses_at_most_the_interval(capsys, tmp_path, monkeypatch):
 
     def look(number):
         now[0] += 1
-        done = 0
+        samples = 0
         if kept(out).exists():
             with np.load(kept(out)) as archive:
-                done = json.loads(archive["tofrender"].item())["done"]
-        lost.append(number + 1 - done // 16)
+                samples = json.loads(archive["tofrender"].item())["done"]
+        lost.append(number + 1 - samples // 16)
 
     in_small_steps(monkeypatch, 2048)
     watch_steps(monkeypatch, look)
     monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    assert run(capsys, *arguments("render", out, "--checkpoint", 3))[0] == 0
+    done(capsys, *arguments("render", out, "--checkpoint", 3))
     assert lost == [1, 2, 3] * (len(lost) // 3) + [1, 2, 3][: len(lost) % 3]
     assert len(lost) > 20
 
@@ -318,7 +310,7 @@ def test_leftovers_go(capsys, tmp_path):
     (mine[0] / "half").write_text("x")
     for each in (mine[1], other):
         each.write_text("x")
-    assert run(capsys, *arguments("render", out, spp=4))[0] == 0
+    done(capsys, *arguments("render", out, spp=4))
     assert set(os.listdir(tmp_path)) == {"out", other.name}
 
 
@@ -331,7 +323,7 @@ def test_two_runs_with_one_output(capsys, tmp_path, name):
         said = refused(capsys, *arguments(name, out))
         assert said.startswith(f"--out = {out}: another process")
         assert set(os.listdir(tmp_path)) == files
-    assert run(capsys, *arguments(name, out, spp=4))[0] == 0
+    done(capsys, *arguments(name, out, spp=4))
 
 
 # ------------------------------------------------------------------------- going on, or not
@@ -358,8 +350,7 @@ class Stopped:
                 signal.raise_signal(by)
             return False
 
-        self.patch.setattr(passes, "STEP_SAMPLES", 4096)
-        self.patch.setattr(passes, "FIRST_SAMPLES", 4096)
+        in_small_steps(self.patch, 2048)
         self.patch.setattr(Checkpoint, "due", property(due))
 
 
@@ -376,7 +367,7 @@ def stop(capsys, stopped, name, out, *options, steps: int = 3, spp: int = 0) -> 
     return err
 
 
-def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped, whole):
+def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped):
     out, expected = tmp_path / "out", whole("gate")
     stop(capsys, stopped, "gate", out)
     assert hidden(tmp_path) == [kept(out).name]
@@ -386,7 +377,7 @@ def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped, whole)
     assert refused(capsys, *arguments("gate", out)) == f"--out = {out}: {said}"
     assert kept(out).read_bytes() == before
     kept(out).unlink()
-    assert run(capsys, *arguments("gate", out))[0] == 0
+    done(capsys, *arguments("gate", out))
     require_equal(out, expected)
     assert os.listdir(tmp_path) == ["out"]
 
@@ -404,7 +395,7 @@ def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped, whole)
 def test_what_is_complete_stays(capsys, tmp_path, name, options):
     """`--resume || ...`, as for clusters, would else render all again; 0 whatever was there."""
     out = place(tmp_path, name)
-    assert run(capsys, *arguments(name, out, *options, spp=16))[0] == 0
+    done(capsys, *arguments(name, out, *options, spp=16))
     before = {file: file.stat().st_mtime_ns for file in [out, *out.rglob("*")]}
     status, told, err = run(capsys, *arguments(name, out, "--resume", *options, spp=16))
     assert (status, err) == (0, "")
@@ -415,10 +406,10 @@ def test_what_is_complete_stays(capsys, tmp_path, name, options):
     assert os.listdir(tmp_path) == [out.name]
 
 
-def test_a_checkpoint_on_top_of_an_earlier_render(capsys, tmp_path, stopped, whole):
+def test_a_checkpoint_on_top_of_an_earlier_render(capsys, tmp_path, stopped):
     """DIR has 128 samples and a stopped run's file more; after Ctrl-C DIR has a part of all."""
     out, expected = tmp_path / "out", whole("render")
-    assert run(capsys, *arguments("render", out, spp=128))[0] == 0
+    done(capsys, *arguments("render", out, spp=128))
     err = stop(capsys, stopped, "render", out, "--resume")
     assert f"resuming from 128 samples per pixel in {out}" in err
     assert "interrupted after 176 samples per pixel" in err
@@ -429,17 +420,17 @@ def test_a_checkpoint_on_top_of_an_earlier_render(capsys, tmp_path, stopped, who
 
 
 @pytest.mark.parametrize("changed", [False, True])
-def test_killed_on_top_of_an_earlier_render(capsys, tmp_path, whole, changed):
+def test_killed_on_top_of_an_earlier_render(capsys, tmp_path, changed):
     """If the folder has changed since, the checkpoint is of another render's rest."""
     out, expected = tmp_path / "out", whole("render")
-    assert run(capsys, *arguments("render", out, spp=128))[0] == 0
+    done(capsys, *arguments("render", out, spp=128))
     before = content(out)
     ended(started(arguments("render", out, "--resume")), signal.SIGKILL)
     assert content(out) == before
     if changed:
         rest = kept(out).read_bytes()
         kept(out).unlink()
-        assert run(capsys, *arguments("render", out, spp=64))[0] == 0
+        done(capsys, *arguments("render", out, spp=64))
         kept(out).write_bytes(rest)
         assert "resuming from 64 samples per pixel" in goes_on(capsys, "render", out, expected)
         return
@@ -448,7 +439,7 @@ def test_killed_on_top_of_an_earlier_render(capsys, tmp_path, whole, changed):
     assert f" of {SPP} samples per pixel\n" in err
 
 
-def test_a_damaged_checkpoint(capsys, tmp_path, stopped, whole):
+def test_a_damaged_checkpoint(capsys, tmp_path, stopped):
     out, expected = tmp_path / "out", whole("gate")
     stop(capsys, stopped, "gate", out)
     stopped.after(0)
@@ -463,8 +454,7 @@ def test_a_damaged_checkpoint(capsys, tmp_path, stopped, whole):
 def test_without_checkpoints(capsys, tmp_path, monkeypatch):
     """Nothing is kept, and no way to go on is promised."""
     out = tmp_path / "out"
-    monkeypatch.setattr(passes, "STEP_SAMPLES", 4096)
-    monkeypatch.setattr(passes, "FIRST_SAMPLES", 4096)
+    in_small_steps(monkeypatch, 2048)
     step, number = passes._step, count()
 
     def stopping(*arguments, **options):
@@ -492,7 +482,7 @@ def test_without_checkpoints(capsys, tmp_path, monkeypatch):
         ("single", tofrender.io, "save_capture"),
     ],
 )
-def test_files_become_whole(capsys, tmp_path, monkeypatch, whole, name, module, writer):
+def test_files_become_whole(capsys, tmp_path, monkeypatch, name, module, writer):
     out, expected = place(tmp_path, name), whole(name)
     write, number = getattr(module, writer), count()
 

@@ -12,7 +12,7 @@ import pytest
 from helpers.bad_inputs import listing
 from helpers.films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from helpers.hidden_scenes import small_capture
-from test_cli import refused, run
+from test_cli import done, refused
 
 import tofrender
 from tofrender.cli.keeping import on_disk
@@ -69,13 +69,6 @@ def short_of_memory(monkeypatch) -> None:
     monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 40000)
 
 
-def done(capsys, *arguments) -> str:
-    """What a command that succeeds says on stderr."""
-    status, _, err = run(capsys, *arguments)
-    assert status == 0, err
-    return err
-
-
 def check(folder: Path, whole, *within: float) -> None:
     """A folder holds a render, whatever its files are."""
     if (folder / "transient.zarr").exists():
@@ -102,7 +95,7 @@ def test_formats(capsys, out, monkeypatch, whole, format, short):
     """Of a film too large for memory there is a note, and the files are the same."""
     if short:
         short_of_memory(monkeypatch)
-    err = done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", format)
+    _, err = done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", format)
     if format != "zarr":
         assert err.startswith("note: film of 12 x 9 pixels x 40 bins: takes ")
         assert "it is rendered tile by tile on the disk\n" in err
@@ -215,7 +208,7 @@ def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
         end(process)
     assert process.returncode == -signal.SIGKILL
     assert not out.exists()
-    err = done(capsys, *arguments, "--resume")
+    _, err = done(capsys, *arguments, "--resume")
     assert "resuming from 3 of 5 tiles" in err
     assert names(out.parent) == {"box"}
     if kind == "errors":
@@ -267,7 +260,7 @@ def test_a_scheduler_that_is_lost(capsys, out, address, arguments, unit):
     assert said.endswith(f" {unit}; the same command with --resume goes on")
     assert "Traceback" not in err
     count = int(said.partition("after ")[2].split()[0])
-    err = done(capsys, *arguments, "--scheduler", address, "--resume")
+    _, err = done(capsys, *arguments, "--scheduler", address, "--resume")
     assert int(err.partition("resuming from ")[2].split()[0]) >= count
 
 

@@ -1,7 +1,6 @@
 """Files that are damaged, cut or made up: one clear line, or exactly what was saved."""
 
 import json
-import os
 import random
 import re
 import shutil
@@ -15,7 +14,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
-from helpers.bad_inputs import listing, one_clear_line
+from helpers.bad_inputs import OTHER_FILES, listing, one_clear_line
 from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.limited import write_film
 from helpers.made_dataset import make_dataset
@@ -221,36 +220,13 @@ def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm
 # ------------------------------------------------------------------------ what is no such file
 
 READERS = {"npz": io.load_npz, "exr": io.load_exr_stack, "h5": io.load_capture}
-CONTENTS = {
-    "empty": b"",
-    "text": b"some text\n" * 9,
-    "zeros": bytes(4096),
-    "png": b"\x89PNG\r\n\x1a\n" + bytes(40),
-    "zip": b"PK\x03\x04" + bytes(100),
-    "exr": b"\x76\x2f\x31\x01" + bytes(200),
-    "hdf5": b"\x89HDF\r\n\x1a\n" + bytes(200),
-    "numpy": b"\x93NUMPY\x01\x00v\x00" + bytes(200),
-    "pickle": b"cos\nsystem\n(S'true'\ntR.",
-}
-
-
-PLACES: dict[str, Callable[[Path], Any]] = {
-    "missing": lambda path: None,
-    "folder": Path.mkdir,
-    "dangling": lambda path: path.symlink_to(path.parent / "nowhere"),
-    "loop": lambda path: path.symlink_to(path),
-    "pipe": os.mkfifo,
-}
 
 
 @pytest.mark.parametrize("suffix", READERS)
-@pytest.mark.parametrize("what", [*CONTENTS, *PLACES])
+@pytest.mark.parametrize("what", OTHER_FILES)
 def test_other_files(tmp_path, suffix, what):
     path = tmp_path / f"a.{suffix}"
-    if what in CONTENTS:
-        path.write_bytes(CONTENTS[what])
-    else:
-        PLACES[what](path)
+    OTHER_FILES[what](path)
     assert not refused(lambda: READERS[suffix](path))
 
 

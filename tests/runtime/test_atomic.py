@@ -8,6 +8,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from helpers.processes import ROOT
@@ -178,16 +179,13 @@ def test_it_is_never_away(tmp_path, folder):
 
 def test_a_disk_without_inodes(tmp_path, monkeypatch):
     """ENOSPC, though there is room: it is no matter of permissions."""
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     counts = list(os.statvfs(tmp_path))
     counts[5:8] = 4, 0, 0  # f_files, f_ffree, f_favail
     monkeypatch.setattr(atomic.tempfile, "mkdtemp", full)
     monkeypatch.setattr(os, "statvfs", lambda _: os.statvfs_result(counts))
     said = "^path = .*/film: too little room; needs more, no inode is free for another file$"
-    with pytest.raises(OSError, match=said) as error:
+    with refused(said, OSError) as error:
         check_writable(tmp_path / "film")
     assert error.value.errno == errno.ENOSPC
 
@@ -304,12 +302,13 @@ def test_leftovers_go(tmp_path):
     assert names(tmp_path) == []
 
 
+_HOLDS = "with locked(sys.argv[1]):\n    print('locked', flush=True)\n    sys.stdin.read()"
+
+
 @pytest.mark.parametrize("killed", [False, True])
 def test_one_writer_at_a_time(tmp_path, killed):
     path = tmp_path / "film"
-    holder = child(
-        "with locked(sys.argv[1]):\n    print('locked', flush=True)\n    sys.stdin.read()", path
-    )
+    holder = child(_HOLDS, path)
     assert holder.stdout.readline() == "locked\n"
     try:
         # It does not wait for the holder, which waits for this process

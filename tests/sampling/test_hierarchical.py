@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import ALPHA, COMPARISONS, largest, refused
+from helpers.support import ALPHA, COMPARISONS, largest, refused, uniform
 
 from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
 from tofrender.sampling.histograms import pearson
@@ -42,12 +42,6 @@ IMAGES = {
     "hot pixel": np.where(np.arange(256).reshape(16, 16) == 77, 1e12, 0.0),
     "one texel": np.array([[3.0]]),
 }
-
-
-def uniform(n: int) -> mi.Point2f:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, n)
-    return sampler.next_2d()
 
 
 def texels(p: mi.Point2f, n: int) -> np.ndarray:
