@@ -8,24 +8,22 @@ import signal
 import subprocess
 import sys
 import termios
-import time
 import types
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 import numpy as np
 import pytest
-from helpers.films_in_parts import in_small_steps
+from helpers.films_in_parts import in_small_steps, watch_steps
 from helpers.hidden_scenes import small_capture as captured
 from PIL import Image
-from test_cli import COMMAND, HEAVY, ROOT, TINY, _rest, imported_by, names, refused, run
+from test_cli import COMMAND, HEAVY, ROOT, TINY, _rest, done, imported_by, names, refused, run
 
 import tofrender
 from tofrender import io
 from tofrender.cli import answers, completion
 from tofrender.cli.app import main
-from tofrender.rendering import pieces
-from tofrender.runtime import doctor
+from tofrender.runtime import doctor, progress
 
 SCHEMAS = {
     "render": answers.Render,
@@ -61,8 +59,7 @@ def mistakes(value: Any, kind: Any, where: str = "") -> list[str]:
 
 def said(capsys, *arguments: object) -> dict:
     """The object that a command says, which is of its schema; stdout has nothing else."""
-    status, out, err = run(capsys, *arguments, "--json")
-    assert status == 0, err
+    out, _ = done(capsys, *arguments, "--json")
     assert out.count("\n") == 1
     return checked(json.loads(out), str(arguments[0]))
 
@@ -140,15 +137,7 @@ def test_errors_leave_stdout_empty(capsys, tmp_path):
 
 
 def test_json_of_a_render_that_was_stopped(capsys, tmp_path, monkeypatch):
-    steps = pieces.steps
-
-    def stopped(*arguments):
-        for number, done in enumerate(steps(*arguments)):
-            if not number:
-                signal.raise_signal(signal.SIGINT)
-            yield done
-
-    monkeypatch.setattr(pieces, "steps", stopped)
+    watch_steps(monkeypatch, lambda number: number or signal.raise_signal(signal.SIGINT))
     in_small_steps(monkeypatch, 8 * 6)
     arguments = ["render", "cornell_box", *TINY, "--no-video", "--out", tmp_path / "a"]
     status, out, err = run(capsys, *arguments, "--json")
@@ -246,10 +235,10 @@ def test_the_script_of_a_shell(tmp_path, shell):
     environment["_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION"] = "1"
     for option in ("--show-completion", "--install-completion"):
         command = [*COMMAND, option, shell]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT)
-        assert done.returncode == 0, done.stderr
+        ran = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT)
+        assert ran.returncode == 0, ran.stderr
         if option == "--show-completion":
-            assert f"complete_{shell}" in done.stdout
+            assert f"complete_{shell}" in ran.stdout
     assert any("tofrender" in path.name for path in tmp_path.rglob("*") if path.is_file())
 
 
@@ -272,16 +261,14 @@ def pixels(path: Path) -> np.ndarray:
 def test_pictures(capsys, tmp_path):
     out = tmp_path / "box"
     arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "png", "--no-video"]
-    status, said_, err = run(capsys, *arguments)
-    assert status == 0, err
+    told, _ = done(capsys, *arguments)
     frames = {f"frame_{k:04d}.png" for k in range(20)}
     assert names(out) == frames | {"steady.png", "summary.png"}
-    assert "frame_0000.png ... frame_0019.png, steady.png, summary.png" in said_
+    assert "frame_0000.png ... frame_0019.png, steady.png, summary.png" in told
     assert pixels(out / "steady.png").shape == (6, 8, 3)
     brightest = max(pixels(out / name).mean() for name in frames)
     assert brightest > 20
-    status, _, err = run(capsys, *arguments)  # In place of the first
-    assert status == 0, err
+    done(capsys, *arguments)  # In place of the first
     assert "holds pictures, which cannot be read back" in refused(capsys, *arguments, "--resume")
     assert "--precision = half: must be" in refused(capsys, *arguments, "--precision", "half")
 
@@ -289,24 +276,21 @@ def test_pictures(capsys, tmp_path):
 @pytest.mark.parametrize("kind", ["pdf", "svg"])
 def test_vectors(capsys, tmp_path, kind):
     out, marks = tmp_path / "out", {"pdf": b"%PDF", "svg": b"<?xml"}
-    status, _, err = run(
-        capsys, "render", "cornell_box", "--out", out, *TINY, "--no-video", "--figure", kind
-    )
-    assert status == 0, err
+    figure = ["--figure", kind]
+    done(capsys, "render", "cornell_box", "--out", out, *TINY, "--no-video", *figure)
     assert (out / f"summary.{kind}").read_bytes().startswith(marks[kind])
     assert not (out / "summary.png").exists()
     panel = tmp_path / "panel"
-    run(capsys, "phasor", out, "--freq", "2e7", "--out", panel, "--figure", kind)
+    run(capsys, "phasor", out, "--freq", "2e7", "--out", panel, *figure)
     assert (panel / f"panel.{kind}").read_bytes().startswith(marks[kind])
     gate = tmp_path / "gate"
-    run(capsys, "gate", "cornell_box", *SMALL, "--at", "6", "--out", gate, "--figure", kind)
+    run(capsys, "gate", "cornell_box", *SMALL, "--at", "6", "--out", gate, *figure)
     assert (gate / f"picture.{kind}").read_bytes().startswith(marks[kind])
     io.save_capture(captured(), tmp_path / "a.h5")
     volume = tmp_path / "volume"
     arguments = ["reconstruct", tmp_path / "a.h5", "--method", "bp", "--out", volume]
     for _ in range(2):  # The second replaces the first
-        status, _, err = run(capsys, *arguments, "--figure", kind)
-        assert status == 0, err
+        done(capsys, *arguments, *figure)
     assert (volume / f"volume.{kind}").read_bytes().startswith(marks[kind])
 
 
@@ -315,8 +299,7 @@ def test_dots_per_inch(capsys, tmp_path):
     for dpi in (50, 100):
         out = tmp_path / f"{dpi}"
         arguments = ["--out", out, *TINY, "--no-video", "--dpi", dpi]
-        status, _, err = run(capsys, "render", "cornell_box", *arguments)
-        assert status == 0, err
+        done(capsys, "render", "cornell_box", *arguments)
         widths.append(pixels(out / "summary.png").shape[1])
         run(capsys, "warp", "tent", "--out", tmp_path / f"{dpi}.png", "--dpi", dpi)
         widths.append(pixels(tmp_path / f"{dpi}.png").shape[1])
@@ -327,28 +310,36 @@ def test_dots_per_inch(capsys, tmp_path):
 # -------------------------------------------------------------------------------------- progress
 
 
+_WAITS = """
+import sys, time
+from tofrender.cli import main, render
+from tofrender.runtime import backend
+activate = backend.activate
+def waiting(*arguments):
+    start = time.process_time()
+    sys.stdin.readline()
+    print(time.process_time() - start, flush=True)
+    activate(*arguments)
+backend.activate = waiting
+main(sys.argv[1:])
+"""
+
+
 def test_a_command_is_seen_to_work_within_a_second(tmp_path):
-    """In a terminal; the clock starts when the command does, after Python has."""
-    terminal, its = pty.openpty()
-    termios.tcsetwinsize(its, (30, 100))
-    code = (
-        "import sys, time; from tofrender.cli import main, app; from tofrender.cli import render; "
-        "import tofrender.runtime.backend as b; before = b.activate; "
-        "b.activate = lambda *a: (print('begun'), sys.stdout.flush(), time.sleep(2), before(*a)); "
-        f"main(['render', 'cornell_box', '--out', {str(tmp_path / 'a')!r}, '--size', '4x4', "
-        "'--spp', '1', '--no-video'])"
-    )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=its, stderr=its, cwd=ROOT)
-    os.close(its)
-    seen = b""
-    begun = None
-    while b"tofrender render ..." not in seen:
-        part = os.read(terminal, 4096)
-        assert part, seen
-        seen += part
-        if begun is None and b"begun" in seen:
-            begun = time.monotonic()
-    assert time.monotonic() - begun < 1
-    _rest(terminal)
-    assert process.wait() == 0
-    os.close(terminal)
+    """In a terminal, after the delay and what drawing it computes, while the command waits."""
+    screen, stderr = pty.openpty()
+    termios.tcsetwinsize(stderr, (30, 100))
+    arguments = ["render", "cornell_box", "--out", tmp_path / "a", *SMALL, "--no-video"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": stderr}
+    command = [sys.executable, "-c", _WAITS, *map(str, arguments)]
+    with subprocess.Popen(command, cwd=ROOT, text=True, **pipes) as process:
+        os.close(stderr)
+        seen = b""
+        while b"tofrender render ..." not in seen:
+            seen += os.read(screen, 4096)
+        process.stdin.write("\n")
+        process.stdin.flush()
+        assert progress.DELAY_S + float(process.stdout.readline()) < 1
+        _rest(screen)
+    assert process.returncode == 0
+    os.close(screen)

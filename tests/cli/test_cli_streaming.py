@@ -12,7 +12,7 @@ import pytest
 from helpers.bad_inputs import listing
 from helpers.films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from helpers.hidden_scenes import small_capture
-from test_cli import refused, run
+from test_cli import done, refused
 
 import tofrender
 from tofrender.cli.keeping import on_disk
@@ -69,13 +69,6 @@ def short_of_memory(monkeypatch) -> None:
     monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 40000)
 
 
-def done(capsys, *arguments) -> str:
-    """What a command that succeeds says on stderr."""
-    status, _, err = run(capsys, *arguments)
-    assert status == 0, err
-    return err
-
-
 def check(folder: Path, whole, *within: float) -> None:
     """A folder holds a render, whatever its files are."""
     if (folder / "transient.zarr").exists():
@@ -94,13 +87,6 @@ def check(folder: Path, whole, *within: float) -> None:
 # ------------------------------------------------------------------------------------- formats
 
 
-def test_error_bars(capsys, out):
-    options = ["--format", "zarr", "--errors"]
-    done(capsys, "render", "cornell_box", "--out", out, *TINY, *options)
-    expected = render("cornell_box", settings=SETTINGS, spp=16, errors=True)
-    check_same(tofrender.load_zarr(out / "transient.zarr"), expected, 1e-4)
-
-
 @pytest.mark.parametrize(
     ("format", "short"),
     [("frames", True), ("multipart", True), ("npz", True), ("zarr", True), ("zarr", False)],
@@ -109,7 +95,7 @@ def test_formats(capsys, out, monkeypatch, whole, format, short):
     """Of a film too large for memory there is a note, and the files are the same."""
     if short:
         short_of_memory(monkeypatch)
-    err = done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", format)
+    _, err = done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", format)
     if format != "zarr":
         assert err.startswith("note: film of 12 x 9 pixels x 40 bins: takes ")
         assert "it is rendered tile by tile on the disk\n" in err
@@ -160,7 +146,7 @@ def test_by_own_workers(tmp_path, whole, command, arguments, out):
         tofrender.save_capture(seen, tmp_path / "seen.h5")
     (tmp_path / "boxes.toml").write_text(BOXES)
     options = ["--workers", "2", "--out", out]
-    subprocess.run([*command, *arguments, *options], cwd=tmp_path, check=True, timeout=120)
+    subprocess.run([*command, *arguments, *options], cwd=tmp_path, check=True)
     assert names(tmp_path) - {"boxes.toml", "seen.h5"} == {out}
     if arguments[0] == "render":
         check_same(tofrender.load_zarr(tmp_path / "box" / "transient.zarr"), whole)
@@ -180,43 +166,11 @@ def test_an_address_where_nobody_answers(capsys, monkeypatch, tmp_path, command)
     assert names(tmp_path) == {"z.h5"}
 
 
-@pytest.mark.parametrize("mode", ["confocal", "exhaustive"])
-def test_captures_by_workers(capsys, tmp_path, address, mode):
-    arguments = ["capture", "nlos_z", "--mode", mode, "--grid", "3x2", "--spp", "16"]
-    files = [tmp_path / "here.h5", tmp_path / "there.h5"]
-    done(capsys, *arguments, "--out", files[0])
-    done(capsys, *arguments, "--out", files[1], "--scheduler", address)
-    here, there = map(tofrender.load_capture, files)
-    top = float(here["transient"].max())
-    assert top > 0
-    assert float(abs(here["transient"] - there["transient"]).max()) <= 1e-5 * top
-    assert names(tmp_path) == {"here.h5", "there.h5"}
-
-
-def test_reconstructions_by_workers(capsys, tmp_path, address):
-    seen = tofrender.nlos.capture("nlos_z", grid=(4, 4), spp=16, progress=False)
-    tofrender.save_capture(seen, tmp_path / "z.h5")
-    arguments = ["reconstruct", tmp_path / "z.h5", "--method", "bp"]
-    done(capsys, *arguments, "--out", tmp_path / "here")
-    done(capsys, *arguments, "--out", tmp_path / "there", "--scheduler", address)
-    files = [
-        next(file for file in sorted((tmp_path / place).iterdir()) if file.suffix == ".npz")
-        for place in ("here", "there")
-    ]
-    here, there = (np.load(file)["intensity"] for file in files)
-    assert np.abs(here - there).max() <= 1e-5 * here.max()
-    text = refused(
-        *(capsys, "reconstruct", tmp_path / "z.h5", "--method", "lct", "--out", tmp_path / "lct"),
-        *("--scheduler", address),
-    )
-    assert "lct" in text
-
-
 # ------------------------------------------------------------------------------------ going on
 
 
 _KILLED = """
-import sys, time
+import sys
 import pytest
 from helpers.films_in_parts import in_tiles
 import tofrender
@@ -233,7 +187,7 @@ if __name__ == "__main__":
         puts.append(None)
         if len(puts) == 3:
             print("here", flush=True)
-            time.sleep(60)
+            input()
         return receipt
     store.Store.put = counted
     sys.exit(main(sys.argv[2:]))
@@ -245,7 +199,7 @@ def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
     """After SIGKILL, the same command with --resume has the same files as one that was not."""
     options = {"zarr": ["--format", "zarr"], "errors": ["--format", "zarr", "--errors"]}
     arguments = ["render", "cornell_box", "--out", out, *TINY, *options.get(kind, [])]
-    process = script(_KILLED, kind, *arguments)
+    process = script(_KILLED, kind, *arguments, stdin=subprocess.PIPE)
     try:
         assert process.stdout.readline() == "here\n", process.stderr.read()
         text = refused(capsys, *arguments)
@@ -254,40 +208,12 @@ def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
         end(process)
     assert process.returncode == -signal.SIGKILL
     assert not out.exists()
-    err = done(capsys, *arguments, "--resume")
+    _, err = done(capsys, *arguments, "--resume")
     assert "resuming from 3 of 5 tiles" in err
     assert names(out.parent) == {"box"}
     if kind == "errors":
         whole = render("cornell_box", settings=SETTINGS, spp=16, errors=True)
     check(out, whole, *[1e-4] * (kind == "errors"))
-
-
-def test_a_killed_run_by_workers_goes_on(capsys, out, address, whole):
-    """Tiles that workers wrote are there."""
-    code = _KILLED.replace("store.Store.put = counted", "").replace(
-        "    sys.exit",
-        "    from tofrender.rendering import workers\n"
-        "    following, calls = workers._next, []\n"
-        "    def slow(*arguments):\n"
-        "        calls.append(None)\n"
-        "        if len(calls) == 3:\n"
-        "            print('here', flush=True)\n"
-        "            time.sleep(60)\n"
-        "        return following(*arguments)\n"
-        "    workers._next = slow\n"
-        "    sys.exit",
-    )
-    arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "zarr"]
-    arguments += ["--scheduler", address]
-    process = script(code, "workers", *arguments)
-    try:
-        assert process.stdout.readline() == "here\n", process.stderr.read()
-    finally:
-        end(process)
-    err = done(capsys, *arguments, "--resume")
-    assert "resuming from " in err
-    assert names(out.parent) == {"box"}
-    check_same(tofrender.load_zarr(out / "transient.zarr"), whole)
 
 
 _WAITS = """
@@ -325,7 +251,7 @@ def test_a_scheduler_that_is_lost(capsys, out, address, arguments, unit):
         try:
             assert process.stdout.readline() == "here\n", process.stderr.read()
             end(scheduler)
-            _, err = process.communicate("\n", timeout=60)
+            _, err = process.communicate("\n")
         finally:
             process.kill()
     assert process.returncode == 1
@@ -334,7 +260,7 @@ def test_a_scheduler_that_is_lost(capsys, out, address, arguments, unit):
     assert said.endswith(f" {unit}; the same command with --resume goes on")
     assert "Traceback" not in err
     count = int(said.partition("after ")[2].split()[0])
-    err = done(capsys, *arguments, "--scheduler", address, "--resume")
+    _, err = done(capsys, *arguments, "--scheduler", address, "--resume")
     assert int(err.partition("resuming from ")[2].split()[0]) >= count
 
 

@@ -57,31 +57,21 @@ def test_a_built_in_scene_gets_a_window_and_a_pulse_as_python_has_them(tmp_path,
     assert f"a pulse of {width:g} m suit this scene; --window scene has the scene's own" in line
 
 
-@pytest.mark.parametrize("options", [["--window", "scene"], ["--pulse-width", "none"]])
-def test_it_can_be_left_alone(tmp_path, capfd, options):
-    dataset, said = rendered(tmp_path, capfd, "cornell_box", *options)
+@pytest.mark.parametrize(
+    ("options", "start"),
+    [
+        ("--window scene", 3.5),
+        ("--pulse-width none", 3.5),
+        ("--window 3,20 --bins 10", 3.0),
+        ("--window 3,20 --pulse-width auto", 3.0),  # Bins from 3 to 20 m were not found
+    ],
+)
+def test_whoever_speaks_of_time_gets_what_they_say(tmp_path, capfd, options, start):
+    dataset, said = rendered(tmp_path, capfd, "cornell_box", *options.split())
     assert "suit this scene" not in said
-    assert dataset.attrs["pulse"] == "none"
-    assert start_of(dataset) == pytest.approx(3.5)
-
-
-def test_whoever_speaks_of_time_gets_what_they_say(tmp_path, capfd):
-    dataset, said = rendered(tmp_path, capfd, "cornell_box", "--window", "3,20", "--bins", "10")
-    assert "suit this scene" not in said
-    _, said = rendered(tmp_path, capfd, "cornell_box", "--window", "3,20", "--pulse-width", "auto")
-    assert "suit this scene" not in said  # Bins from 3 to 20 m were not found
-    assert dataset.attrs["pulse"] == "none"
-    assert (start_of(dataset), dataset.sizes["opl"]) == (3.0, 10)
-
-
-def test_a_steady_file_needs_no_options(tmp_path, capfd):
-    file = tmp_path / "ball.xml"
-    file.write_text(STEADY.format(BODY.format(film="hdrfilm", bins="")))
-    dataset, said = rendered(tmp_path, capfd, file)
-    assert dataset.sizes["opl"] == 300
-    assert dataset.attrs["pulse"].startswith("GaussianPulse")
-    assert "note: bins from " in said
-    assert dataset.attrs["energy_outside_window"] < 0.01
+    assert (dataset.attrs["pulse"] == "none") == ("auto" not in options)
+    assert start_of(dataset) == pytest.approx(start)
+    assert "--bins" not in options or dataset.sizes["opl"] == 10
 
 
 def test_a_file_with_bins_of_its_own_keeps_them(tmp_path, capfd):
@@ -138,6 +128,8 @@ def test_a_steady_scene_has_the_same_bins_from_python(tmp_path, capfd, kind):
     dataset, said = rendered(tmp_path, capfd, command, *bare)
     same = tofrender.render(scene, size=size, spp=16, progress=False)
     assert same.sizes["opl"] == 300
+    assert dataset.attrs["energy_outside_window"] < 0.01
+    assert kind == "loaded" or dataset.attrs["pulse"].startswith("GaussianPulse")
     np.testing.assert_allclose(dataset.opl, same.opl, rtol=1e-6)
     assert dataset.attrs["pulse"] == same.attrs["pulse"]
     assert ("suit this scene" in said) == (kind != "loaded")

@@ -1,5 +1,6 @@
 """Bad values for each kind of argument, and the one check of how they are refused."""
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -266,6 +267,25 @@ def bad_texts(kind: str) -> dict[str, str]:
     texts = {name: text for name, text in TEXTS.items() if name not in good}
     return texts | {text: text for text in MORE_TEXTS.get(kind, [])}
 
+
+CONTENTS = {
+    **{"empty": b"", "text": b"some text\n" * 9, "zeros": bytes(4096), "zip": b"PK\x03\x04" * 25},
+    **{"png": b"\x89PNG\r\n\x1a\n" + bytes(40), "exr": b"\x76\x2f\x31\x01" + bytes(200)},
+    **{"hdf5": b"\x89HDF\r\n\x1a\n" + bytes(200), "pickle": b"cos\nsystem\n(S'true'\ntR."},
+    "numpy": b"\x93NUMPY\x01\x00v\x00" + bytes(200),
+}
+PLACES: dict[str, Callable[[Path], Any]] = {
+    "folder": Path.mkdir,
+    "dangling": lambda path: path.symlink_to(path.parent / "nowhere"),
+    "loop": lambda path: path.symlink_to(path),
+    "pipe": os.mkfifo,
+}
+"""Ways to make something that is no file to be read."""
+
+OTHER_FILES = PLACES | {
+    "missing": lambda path: None,
+    **{name: lambda path, it=content: path.write_bytes(it) for name, content in CONTENTS.items()},
+}
 
 ALWAYS = {"None", "nan", "inf", "-1", "0", "1.5", "text", "empty-text"}
 """What is tried everywhere."""

@@ -121,4 +121,4 @@ def script(code: str, *arguments: object, **options: Any) -> subprocess.Popen:
 def end(process: subprocess.Popen, number: int = signal.SIGKILL) -> tuple[str, str]:
     """Send a signal to a process, and give what else it has to say."""
     process.send_signal(number)
-    return process.communicate(timeout=60)
+    return process.communicate()

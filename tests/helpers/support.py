@@ -334,6 +334,13 @@ def beam(origin, target, lanes: int = 1) -> mi.Ray3f:
     )
 
 
+def uniform(n: int, seed: int = 0) -> mi.Point2f:
+    """Random points of the unit square."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, n)
+    return sampler.next_2d()
+
+
 def camera_rays(loaded: mi.Scene, lanes: int, seed: int = 0):
     """Random rays of the scene's camera, all through its first pixel."""
     sensor = loaded.sensors()[0]

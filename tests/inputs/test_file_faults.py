@@ -1,7 +1,6 @@
 """Files that are damaged, cut or made up: one clear line, or exactly what was saved."""
 
 import json
-import os
 import random
 import re
 import shutil
@@ -15,7 +14,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
-from helpers.bad_inputs import listing, one_clear_line
+from helpers.bad_inputs import OTHER_FILES, listing, one_clear_line
 from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.limited import write_film
 from helpers.made_dataset import make_dataset
@@ -58,12 +57,9 @@ def film() -> xr.Dataset:
     return dataset
 
 
-def save_film(dataset: xr.Dataset, path: Path) -> None:
-    tofrender.save_zarr(dataset, path)
-
-
-def load_film(folder: Path) -> xr.Dataset:
-    return tofrender.load_zarr(folder / "a.zarr").load()
+def film_kind(damaged: str, called: str = "path") -> Kind:
+    load = lambda folder: tofrender.load_zarr(folder / "a.zarr").load()  # noqa: E731
+    return Kind(film, tofrender.save_zarr, f"a.zarr/{damaged}", load, called)
 
 
 KINDS = {
@@ -71,10 +67,10 @@ KINDS = {
     "frame": Kind(picture, save_stack, "a/frame_0001.exr", lambda p: io.load_exr_stack(p / "a")),
     "steady": Kind(picture, save_stack, "a/steady.exr", lambda p: io.load_exr_stack(p / "a")),
     "parts": Kind(picture, save_stack, "a.exr", lambda p: io.load_exr_stack(p / "a.exr")),
-    "film": Kind(film, save_film, "a.zarr/zarr.json", load_film),
-    "list": Kind(film, save_film, "a.zarr/files.json", load_film),
-    "axis": Kind(film, save_film, "a.zarr/opl/c/0", load_film),
-    "tile": Kind(film, save_film, "a.zarr/transient/c/0/0/0/0", load_film, "film|path"),
+    "film": film_kind("zarr.json"),
+    "list": film_kind("files.json"),
+    "axis": film_kind("opl/c/0"),
+    "tile": film_kind("transient/c/0/0/0/0", "film|path"),
     "capture": Kind(captured, io.save_capture, "a.h5", lambda p: io.load_capture(p / "a.h5")),
 }
 kinds = pytest.mark.parametrize("name", KINDS)
@@ -191,23 +187,27 @@ def test_black_tiles_need_no_file(stored):
     np.testing.assert_array_equal(tofrender.load_zarr(folder)["transient"], dataset["transient"])
 
 
-@pytest.mark.parametrize("harm", ["taken away", "emptied", "a folder", "longer"])
+def become_folder(file: Path) -> None:
+    file.unlink()
+    file.mkdir()
+
+
+HARM: dict[str, Callable[[Path], Any]] = {
+    "taken away": Path.unlink,
+    "emptied": lambda file: file.write_bytes(b""),
+    "a folder": become_folder,
+    "longer": lambda file: file.write_bytes(file.read_bytes() + b"x"),
+}
+
+
+@pytest.mark.parametrize("harm", HARM)
 def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm):
     wrong = {}
-    for number, name in enumerate(
-        sorted(name for name, data in listing(stored[0]).items() if data)
-    ):
+    files = sorted(name for name, data in listing(stored[0]).items() if data)
+    for number, name in enumerate(files):
         folder = tmp_path / f"{number}.zarr"
         shutil.copytree(stored[0], folder)
-        file = folder / name
-        if harm in ("taken away", "a folder"):
-            file.unlink()
-        if harm == "a folder":
-            file.mkdir()
-        elif harm == "emptied":
-            file.write_bytes(b"")
-        elif harm == "longer":
-            file.write_bytes(file.read_bytes() + b"x")
+        HARM[harm](folder / name)
         try:
             tofrender.load_zarr(folder)
             wrong[name] = "was opened"
@@ -220,36 +220,13 @@ def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm
 # ------------------------------------------------------------------------ what is no such file
 
 READERS = {"npz": io.load_npz, "exr": io.load_exr_stack, "h5": io.load_capture}
-CONTENTS = {
-    "empty": b"",
-    "text": b"some text\n" * 9,
-    "zeros": bytes(4096),
-    "png": b"\x89PNG\r\n\x1a\n" + bytes(40),
-    "zip": b"PK\x03\x04" + bytes(100),
-    "exr": b"\x76\x2f\x31\x01" + bytes(200),
-    "hdf5": b"\x89HDF\r\n\x1a\n" + bytes(200),
-    "numpy": b"\x93NUMPY\x01\x00v\x00" + bytes(200),
-    "pickle": b"cos\nsystem\n(S'true'\ntR.",
-}
-
-
-PLACES: dict[str, Callable[[Path], Any]] = {
-    "missing": lambda path: None,
-    "folder": Path.mkdir,
-    "dangling": lambda path: path.symlink_to(path.parent / "nowhere"),
-    "loop": lambda path: path.symlink_to(path),
-    "pipe": os.mkfifo,
-}
 
 
 @pytest.mark.parametrize("suffix", READERS)
-@pytest.mark.parametrize("what", [*CONTENTS, *PLACES])
+@pytest.mark.parametrize("what", OTHER_FILES)
 def test_other_files(tmp_path, suffix, what):
     path = tmp_path / f"a.{suffix}"
-    if what in CONTENTS:
-        path.write_bytes(CONTENTS[what])
-    else:
-        PLACES[what](path)
+    OTHER_FILES[what](path)
     assert not refused(lambda: READERS[suffix](path))
 
 
@@ -368,16 +345,10 @@ def test_an_archive_that_claims_more_than_it_has(tmp_path):
     path = io.save_npz(picture(), tmp_path / "a.npz")
     with zipfile.ZipFile(path) as archive:
         members = {info.filename: archive.read(info) for info in archive.infolist()}
-    shape = b"(2, 3, 3, 3)"
-    claimed = b"(200000, 300000, 3, 3)"
-    header = members["transient.npy"]
-    assert shape in header
-    at = header.index(shape)
-    taken = len(claimed) - len(shape)
-    end = header.index(b" " * taken + b"\n")
-    members["transient.npy"] = (
-        header[:at] + claimed + header[at + len(shape) : end] + header[end + taken :]
-    )
+    shape, claimed = b"(2, 3, 3, 3)", b"(200000, 300000, 3, 3)"
+    header, padding = members["transient.npy"], b" " * (len(claimed) - len(shape))
+    assert header.count(shape) == 1
+    members["transient.npy"] = header.replace(shape, claimed).replace(padding + b"\n", b"\n", 1)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
@@ -403,10 +374,7 @@ STACKS: dict[str, Callable[[Path], Any]] = {
     "a frame twice": copied("frame_0001.exr", "frame_0002.exr"),
     "a frame that is the steady": copied("steady.exr", "frame_0002.exr"),
     "a steady that is a frame": copied("frame_0001.exr", "steady.exr"),
-    "a frame that is a folder": lambda s: (
-        (s / "frame_0002.exr").unlink(),
-        (s / "frame_0002.exr").mkdir(),
-    ),
+    "a frame that is a folder": lambda s: become_folder(s / "frame_0002.exr"),
     "a frame of another size": frame(pixels=np.ones((5, 5, 3), np.float32)),
     "a frame of another channel": frame(channel="Z"),
     "a grey frame": frame(channel="Y", pixels=GREY),
@@ -450,13 +418,9 @@ def test_stacks_that_do_not_fit_into_memory(tmp_path, monkeypatch):
     archive = io.save_npz(picture(), tmp_path / "a.npz")
     capture = io.save_capture(captured(), tmp_path / "a.h5")
     monkeypatch.setattr(memory, "free_on_host", lambda: 10)
-    for load, path in (
-        (io.load_exr_stack, stack),
-        (io.load_npz, archive),
-        (io.load_capture, capture),
-    ):
+    for suffix, path in (("exr", stack), ("npz", archive), ("h5", capture)):
         with pytest.raises(MemoryError, match=r"GiB, must be at most 0\.0 GiB") as error:
-            load(path)
+            READERS[suffix](path)
         assert not one_clear_line(error.value, "path")
 
 

@@ -28,66 +28,35 @@ PACKAGE = Path(tofrender.__file__).parent
 # ----------------------------------------------------------------------- what the calls are given
 
 
-@functools.cache
-def box() -> mi.Scene:
-    window = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
-    return tofrender.load_scene("cornell_box", width=4, height=4, spp=1, max_depth=2, **window)
+WINDOW = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
+BOX = {"width": 4, "height": 4, "spp": 1, "max_depth": 2, **WINDOW}
+WALL = {"width": 2, "height": 2, "spp": 1, "optimize": False}
+PATCH = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+QUIET = {"progress": False}
+
+cached = functools.cache
+box = cached(lambda: tofrender.load_scene("cornell_box", **BOX))
+wall = cached(lambda: tofrender.load_scene("nlos_plane", **WALL))
+lamp = cached(lambda: lamp_above_floor.scene())
+gated = cached(lambda: mi.load_dict({"type": "tofrender_time_gated_transient_path"}))
+data = cached(lambda: make_dataset(2, 3, 4, energy_outside_window=0.0))
+captured = cached(lambda: capture_of(PATCH, Wall(4), bins=24, width=0.05))
+volume = cached(lambda: tofrender.reconstruct(captured(), "bp", **QUIET))
+pyramid = cached(lambda: tofrender.strategy_pyramid(box(), max_depth=2, spp=1, **QUIET))
+verdict = cached(lambda: sampling.warp_case("tent").test(samples=2000, resolution=4))
+drawn = cached(lambda: tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1))
+record = cached(lambda: sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0), mi.Point2f(0.5)))
 
 
-@functools.cache
-def wall() -> mi.Scene:
-    return tofrender.load_scene("nlos_plane", width=2, height=2, spp=1, optimize=False)
-
-
-@functools.cache
-def gated() -> Any:
-    return mi.load_dict({"type": "tofrender_time_gated_transient_path"})
-
-
-@functools.cache
+@cached
 def modulated() -> Any:
     integrator = mi.load_dict({"type": "tofrender_amcw_transient_path"})
     integrator.set_modulation(tofrender.AMCWPulse(20e6))
     return integrator
 
 
-@functools.cache
-def data() -> xr.Dataset:
-    return make_dataset(2, 3, 4, energy_outside_window=0.0)
-
-
 def seeded(seed: int) -> xr.Dataset:
     return data().assign_attrs(seed=seed, spp=1, complete=1, render_seconds=1.0)
-
-
-@functools.cache
-def captured() -> xr.Dataset:
-    return capture_of(rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1), Wall(4), bins=24, width=0.05)
-
-
-@functools.cache
-def volume() -> xr.Dataset:
-    return tofrender.reconstruct(captured(), "bp", progress=False)
-
-
-@functools.cache
-def pyramid() -> xr.Dataset:
-    return tofrender.strategy_pyramid(box(), max_depth=2, spp=1, progress=False)
-
-
-@functools.cache
-def verdict() -> Any:
-    return sampling.warp_case("tent").test(samples=2000, resolution=4)
-
-
-@functools.cache
-def drawn() -> Any:
-    return tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1)
-
-
-@functools.cache
-def record() -> Any:
-    return sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0, 0, 0), mi.Point2f(0.5, 0.5))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -96,7 +65,8 @@ def _made():
     for made in (pyramid, volume, verdict):
         made()
     yield
-    for each in (box, wall, gated, modulated, data, captured, volume, pyramid, verdict, record):
+    scenes = (box, wall, lamp, gated, modulated)
+    for each in (*scenes, data, captured, volume, pyramid, verdict, record):
         each.cache_clear()
 
 
@@ -134,13 +104,8 @@ CONSTANTS: dict[str, Any] = {
     **dict.fromkeys(("data", "values", "transient_data", "rendered", "target"), CUBE),
     **dict.fromkeys(("I", "Q", "B0", "B90", "B180", "B270", "depth", "true_depth"), PICTURE),
     **{"distance_m": PICTURE, "stokes": np.ones((2, 3, 4, 3)), "image": np.ones((4, 4))},
-    **{
-        "frequency_hz": 20e6,
-        "frequencies_hz": [20e6],
-        "start_opl": 1.0,
-        "bin_width_opl": 0.1,
-        "target_time": 6.0,
-    },
+    **{"frequency_hz": 20e6, "frequencies_hz": [20e6], "target_time": 6.0},
+    **{"start_opl": 1.0, "bin_width_opl": 0.1},
     **{"x": 2, "y": 1, "opl": 1.0, "time_ns": 1.0, "pulse_width_opl": 0.03, "width_opl": 0.1},
     **{"k": 3, "n_bits": 4, "count": 4, "kind": "grid", "mode": "confocal", "name": "tent"},
     **{"v0": (0, 0, 0), "v1": (1, 0, 0), "v2": (0, 1, 0), "alpha": 0.3, "cos_theta_max": 0.5},
@@ -254,17 +219,16 @@ class Row(NamedTuple):
     alone: bool = False
 
 
-def alone(name: str, kinds: dict[str, str], /, **good: Any) -> Row:
-    return Row(name, lambda: good, kinds, alone=True)
+def row(name: str, kinds: dict[str, str] | None = None, /, *, only=False, **good: Any) -> Row:
+    """A row whose good values are those that are given; what is cached is called."""
+
+    def made() -> dict[str, Any]:
+        return {k: v() if hasattr(v, "cache_clear") else v for k, v in good.items()}
+
+    return Row(name, made, kinds or {}, only)
 
 
-def fitted() -> dict[str, Any]:
-    return {
-        "scene": lamp_above_floor.scene(),
-        "params": {lamp_above_floor.POSITION: [0.0, 0.0, 1.0]},
-        "target": np.ones((4, 4, 60, 3)),
-        "steps": 2,
-    }
+alone = functools.partial(row, only=True)
 
 
 def place_lamp(params: Any, values: dict[str, Any]) -> None:
@@ -288,6 +252,18 @@ SETTINGS = {
 SETTINGS |= {"sampler": "choice?", "integrator": "choice?", "max_depth": "depth?"}
 SETTINGS |= {"start_opl": "metres? but 1e30, 2**40", "pulse_width_opl": "pulse-width?"}
 PATH = {"path": "path"}
+FITTED = {"params": "parameters", "integrator": "object?", "loss": "choice but type"}
+FITTED |= {"target": "cube but dataset without pixels"}
+LAMP = {"scene": lamp, "params": {lamp_above_floor.POSITION: [0.0, 0.0, 1.0]}}
+LAMP |= {"target": np.ones((4, 4, 60, 3)), "steps": 2}
+PANEL = ("amplitude", "phase", "depth")
+PHASES = {"phases": np.ones((2, 2, 3)), "frequencies_hz": [20e6, 30e6]}
+FOCUSED = {"scene": "scene", "pixel": "pair?", "sensor": "sensor"}
+OF_BINS = (
+    *("vis.visualize_transient", "vis.plot_pixel_transient", "vis.light_in_flight"),
+    *("vis.Transient.of", "analysis.transient_to_phasor"),
+)
+OTHER_BOXES = [f"scenes.cornell_box_{kind}" for kind in ("flash", "glass", "mirror")]
 AXIS = {"start_opl": "metres", "bin_width_opl": "positive"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
@@ -304,151 +280,92 @@ PEERS = (
 )
 
 TABLE = [
-    Row("render", kinds=RENDERED | {"scene": "source"}),
+    row("render", RENDERED | {"scene": "source"}),
     Row(
         "render",
         lambda: {"params": mi.traverse(box())},
         RENDERED | {"scene": "scene", "params": "object?"},
         alone=True,
     ),
-    Row("Checkpoint", kinds={"path": "checkpoint", "resume": "boolean"}),
-    Row("local_workers", lambda: {"count": 1}),
-    Row(
-        "strategy_pyramid",
-        lambda: {"max_depth": 2},
-        {"scene": "source", "max_depth": "pyramid-depth"},
-    ),
+    row("Checkpoint", {"path": "checkpoint", "resume": "boolean"}),
+    row("local_workers", count=1),
+    row("strategy_pyramid", {"scene": "source", "max_depth": "pyramid-depth"}, max_depth=2),
     *rows("render_at_time", "render_transient", **OF_SCENE),
-    Row("render_single_amcw", lambda: {"integrator": modulated()}, OF_SCENE),
-    Row(
-        "render_amcw_phasor",
-        kinds=OF_SCENE | {"integrator": "object?", "frequency_hz": "frequencies but digits"},
-    ),
-    Row(
-        "fit",
-        fitted,
-        {"params": "parameters", "integrator": "object?", "loss": "choice but type"}
-        | {"target": "cube but dataset without pixels"},
-    ),
-    Row(
-        "fit",
-        lambda: fitted() | {"apply": place_lamp, "params": {"z": 1.0}},
-        {"apply": "function?"},
-        alone=True,
-    ),
-    Row(
-        "fit",
-        lambda: fitted() | {"loss": "phasor", "frequency_hz": 5e7},
-        {"frequency_hz": "frequencies"},
-        alone=True,
-    ),
-    *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
-    Row("load_scene", kinds=SETTINGS),
-    # ----------------------------------------------------------------------------------- files
+    row("render_single_amcw", OF_SCENE, integrator=modulated),
     *rows(
-        "io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", "io.check_output", **PATH
+        "render_amcw_phasor",
+        **(OF_SCENE | {"integrator": "object?", "frequency_hz": "frequencies but digits"}),
     ),
-    *rows("io.output_folder", "io.replacing", **PATH),
-    Row("io.save_npz", kinds={"path": "path but nothing"}),
-    Row("io.save_figure", kinds={"path": "path but text, digits, lines"}),
-    Row("explore", lambda: {"data": data()}, {"data": "dataset"}),
-    Row("report", lambda: {"data": data()}, {"data": "dataset"} | PATH),
+    row("fit", FITTED, **LAMP),
+    alone("fit", {"apply": "function?"}, **LAMP | {"params": {"z": 1.0}}, apply=place_lamp),
+    alone("fit", {"frequency_hz": "frequencies"}, **LAMP, loss="phasor", frequency_hz=5e7),
+    *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
+    row("load_scene", SETTINGS),
+    # ----------------------------------------------------------------------------------- files
+    *rows("io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", **PATH),
+    *rows("io.check_output", "io.output_folder", "io.replacing", **PATH),
+    *rows("io.save_npz", path="path but nothing"),
+    *rows("io.save_figure", path="path but text, digits, lines"),
+    row("explore", {"data": "dataset"}, data=data),
+    row("report", {"data": "dataset"} | PATH, data=data),
     # --------------------------------------------------------------------------------- figures
-    Row(
-        "vis.gate_figure",
-        lambda: {"image": PIXELS},
-        {"image": "light", "pulse_width_opl": "positive"},
-    ),
+    row("vis.gate_figure", {"image": "light", "pulse_width_opl": "positive"}, image=PIXELS),
     *rows("vis.figure_style", width="inches?"),
-    Row(
-        "vis.phasor_panel",
-        lambda: {name: np.ones((1, 2, 3, 1)) for name in (*"IQ", "amplitude", "phase", "depth")},
-    ),
-    Row("vis.plan_figure", lambda: {"scene": wall()}),
+    row("vis.phasor_panel", **dict.fromkeys([*"IQ", *PANEL], np.ones((1, 2, 3, 1)))),
+    row("vis.plan_figure", scene=wall),
     *rows("vis.pyramid_figure", opl="opl?"),
     *rows("vis.auto_exposure", values="light"),
-    Row("vis.tonemap", lambda: {"values": PIXELS}, {"values": "light"}),
-    Row("vis.luminance", lambda: {"values": PICTURE}, {"values": "colours"}),
+    row("vis.tonemap", {"values": "light"}, values=PIXELS),
+    row("vis.luminance", {"values": "colours"}, values=PICTURE),
     *rows("vis.Transient", quantity="label"),
-    *(
-        Row(name, lambda: {"start_opl": 1.0, "bin_width_opl": 0.1}, AXIS)
-        for name in (
-            *("vis.visualize_transient", "vis.plot_pixel_transient", "vis.light_in_flight"),
-            *("vis.Transient.of", "analysis.transient_to_phasor"),
-        )
-    ),
+    *(row(name, AXIS, start_opl=1.0, bin_width_opl=0.1) for name in OF_BINS),
     # -------------------------------------------------------------------------------- analysis
-    Row(
-        "analysis.unwrap",
-        lambda: {"phases": np.ones((2, 2, 3)), "frequencies_hz": [20e6, 30e6]},
-        {"max_depth": "positive?"},
-    ),
+    row("analysis.unwrap", {"max_depth": "positive?"}, **PHASES),
     *rows("analysis.true_normals", "analysis.true_depth", scene="source"),
     # ------------------------------------------------------------------------ around the corner
-    Row("nlos.capture", lambda: {"scene": wall()}, {"scene": "source"}),
-    Row(
-        "nlos.focus_laser",
-        lambda: {"scene": wall(), "pixel": (0, 0)},
-        {"scene": "scene", "pixel": "pair?", "sensor": "sensor"},
-        alone=True,
-    ),
-    Row(
-        "nlos.focus_laser", lambda: {"scene": wall(), "point": (0, 0, 0)}, {"point": "point?"}, True
-    ),
-    Row("nlos.focus_laser", lambda: {"scene": wall(), "uv": (0.5, 0.5)}, {"uv": "pair?"}, True),
-    Row("nlos.check_capture", lambda: {"dataset": captured()}),
-    Row("nlos.reconstruct", kinds={"volume": "voxels? but nan"}),
+    *(row(f"nlos.{name}", {"scene": "source"}, scene=wall) for name in ("capture", "hidden_depth")),
+    alone("nlos.focus_laser", FOCUSED, scene=wall, pixel=(0, 0)),
+    alone("nlos.focus_laser", {"point": "point?"}, scene=wall, point=(0, 0, 0)),
+    alone("nlos.focus_laser", {"uv": "pair?"}, scene=wall, uv=(0.5, 0.5)),
+    row("nlos.check_capture", dataset=captured),
+    *rows("nlos.reconstruct", volume="voxels? but nan"),
     alone("nlos.reconstruct", {"surface": "choice?", "snr": "positive?"}, method="lct"),
     alone("nlos.reconstruct", {"wavelength": "positive?", "cycles": "positive?"}, method="phasor"),
-    Row("nlos.hidden_depth", lambda: {"scene": wall()}, {"scene": "source"}),
-    Row(
-        "nlos.VolumeGrid",
-        lambda: dict.fromkeys("xyz", (0.5, 1.0, 2)),
-        dict.fromkeys("xyz", "axis"),
-    ),
-    Row("nlos.VolumeGrid.of", lambda: {"value": [(0.5, 1.0, 2)] * 3}, {"value": "voxels but nan"}),
-    Row("find_relay_wall", lambda: {"scene": wall()}),
+    row("nlos.VolumeGrid", dict.fromkeys("xyz", "axis"), **dict.fromkeys("xyz", (0.5, 1.0, 2))),
+    row("nlos.VolumeGrid.of", {"value": "voxels but nan"}, value=[(0.5, 1.0, 2)] * 3),
+    row("find_relay_wall", scene=wall),
     # --------------------------------------------------------------------------------- signals
     *rows("AMCWPulse", "SquareWave", "HamiltonianCode", "MSequence", **WAVE),
-    Row(
-        "SampledPulse",
-        lambda: {"values": [1.0, 2.0]},
-        {"values": "energies", "bin_width_opl": "pulse-width"},
-    ),
-    Row("SampledPulse.from_file"),
+    row("SampledPulse", {"values": "energies", "bin_width_opl": "pulse-width"}, values=[1.0, 2.0]),
+    row("SampledPulse.from_file"),
     *rows("opl_to_ns", opl="length"),
     # -------------------------------------------------------------------------------- sampling
-    Row("sampling.point_set"),
+    row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),
     *rows("sampling.warp_case", name="choice"),
-    Row("scenes.describe", lambda: {"name": "cornell_box"}, {"name": "choice"}),
+    row("scenes.describe", {"name": "choice"}, name="cornell_box"),
     alone("sampling.warp_case", {"alpha": "roughness"}, name="beckmann", alpha=0.3),
     alone("sampling.warp_case", {"image": "image"}, name="hierarchical", image=np.ones((2, 2))),
-    Row("warptest", lambda: {"subject": "tent"}),
+    row("warptest", subject="tent"),
     *rows("sampling.bsdf_case", uv="pair"),
     *rows("sampling.light_case", light="object"),
-    Row("sampling.chi_square_suite", kinds={"alpha": "chance"} | CHI_SQUARE),
-    Row("sampling.chi_square_test", lambda: TENT, {"alpha": "chance", "figure": "figure?"} | CASE),
-    Row("sampling.Case", lambda: TENT, CASE),
+    row("sampling.chi_square_suite", {"alpha": "chance"} | CHI_SQUARE),
+    row("sampling.chi_square_test", {"alpha": "chance", "figure": "figure?"} | CASE, **TENT),
+    row("sampling.Case", CASE, **TENT),
     *rows("sampling.Quad", size="pair"),
-    Row("sampling.Quad.from_edges"),
+    row("sampling.Quad.from_edges"),
     Row("sampling.sample_triangle_pdf", lambda: {"p": mi.Point3f(0)}),
     # ---------------------------------------------------------------------------------- scenes
-    *(Row(f"scenes.{name}", kinds={"start_opl": FAR}) for name in IN_BINS),
-    Row("scenes.cornell_box", kinds={"start_opl": "metres? but 1e30, 2**40"}),
-    *(
-        Row(f"scenes.cornell_box_{kind}", kinds={"temporal_bins": "count", "start_opl": "metres?"})
-        for kind in ("flash", "glass", "mirror")
-    ),
+    *rows(*(f"scenes.{name}" for name in IN_BINS), start_opl=FAR),
+    *rows("scenes.cornell_box", start_opl="metres? but 1e30, 2**40"),
+    *rows(*OTHER_BOXES, temporal_bins="count", start_opl="metres?"),
     *rows("scenes.nlos_behind_fog", "scenes.nlos_bunny", "scenes.nlos_z", **SIZE),
     *rows("scenes.nlos_patch", side="positive"),
-    *(Row(f"scenes.{name}", kinds={"width": "count"}) for name in PEERS),
+    *rows(*(f"scenes.{name}" for name in PEERS), width="count"),
     # ------------------------------------------------------------------------------- endpoints
-    *rows(
-        *("ConnectionsOnly", "EmitterHits", "OneSampleLights", "SceneLights", "OpenSky"),
-        sensor="object?",
-    ),
-    Row("GatedLights", lambda: {"sensor": None}, {"sensor": "object?"}),
+    *rows("ConnectionsOnly", "EmitterHits", "OneSampleLights", sensor="object?"),
+    *rows("SceneLights", "OpenSky", sensor="object?"),
+    row("GatedLights", {"sensor": "object?"}, sensor=None),
 ]
 SAID = {
     "source": "scene",

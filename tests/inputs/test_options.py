@@ -1,11 +1,10 @@
 """Every option of every command with bad text: one line on stderr, status 2, nothing written."""
 
-import os
 from pathlib import Path
 
 import pytest
 import typer
-from helpers.bad_inputs import listing, one_clear_line, sample
+from helpers.bad_inputs import OTHER_FILES, listing, one_clear_line, sample
 from helpers.hidden_scenes import small_capture as captured
 from helpers.made_dataset import make_dataset
 
@@ -147,15 +146,10 @@ def test_bad_options(
     assert not wrong
 
 
-@pytest.mark.parametrize("what", ["no file", "folder", "text", "empty", "pipe"])
+@pytest.mark.parametrize("what", ["missing", "folder", "text", "empty", "pipe"])
 def test_warp_images(tmp_path, capsys, what):
     path = tmp_path / "a.exr"
-    if what == "folder":
-        path.mkdir()
-    elif what == "pipe":
-        os.mkfifo(path)
-    elif what != "no file":
-        path.write_text("text" * (what == "text"))
+    OTHER_FILES[what](path)
     arguments = ["warp", "hierarchical", "--image", str(path), "--out", str(tmp_path / "b.png")]
     assert main(arguments) == 2
     said = capsys.readouterr().err

@@ -12,9 +12,12 @@ import pytest
 from helpers.bad_inputs import listing, one_clear_line
 from helpers.hidden_scenes import small_capture as captured
 from helpers.made_dataset import make_dataset
+from helpers.refusals import refused
 
+import tofrender
 from tofrender import io, report
 from tofrender.cli.app import main
+from tofrender.runtime import memory
 
 if sys.platform != "linux":
     pytest.skip("the places are Linux's", allow_module_level=True)
@@ -138,12 +141,10 @@ Usage = namedtuple("Usage", "total used free")
 def test_a_full_disk(tmp_path, monkeypatch, writer):
     suffix, save = WRITERS[writer]
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(100, 90, 10))
-    with pytest.raises(
-        OSError, match=r"too little room; needs up to .*, 10 bytes is free"
-    ) as error:
+    said = "too little room; needs up to .*, 10 bytes is free"
+    with refused(said, OSError) as error:
         save(tmp_path / f"a{suffix}")
     assert error.value.errno == errno.ENOSPC
-    assert str(error.value).count("\n") == 0
     assert not os.listdir(tmp_path)
 
 
@@ -161,21 +162,22 @@ def test_a_full_disk_for_a_command(tmp_path, monkeypatch, capsys, sources, comma
 # ---------------------------------------------------------------------- outputs and their sources
 
 
+MADE_OF = {
+    "render": (WRITERS["stack"], "phasor {} --freq 2e7"),
+    "capture": (WRITERS["capture"], "reconstruct {} --method bp"),
+    "image": (WRITERS["layers"], "warp hierarchical --image {}"),
+}
+
+
 @pytest.mark.parametrize("where", ["same", "inside", "above", "by a link", "by dots"])
-@pytest.mark.parametrize("kind", ["render", "capture", "image"])
+@pytest.mark.parametrize("kind", MADE_OF)
 def test_a_source_is_not_replaced_by_what_is_made_of_it(tmp_path, capsys, kind, where):
     folder = tmp_path / "sources"
     folder.mkdir()
-    image = folder / "image.png"
-    if kind == "render":
-        source = io.save_exr_stack(picture(), folder / "box", **QUIET)
-        command = ["phasor", str(source), "--freq", "2e7"]
-    elif kind == "capture":
-        source = io.save_capture(captured(), folder / "wall.h5")
-        command = ["reconstruct", str(source), "--method", "bp"]
-    else:
-        image.write_bytes(b"mine")
-        source, command = image, ["warp", "hierarchical", "--image", str(image)]
+    (suffix, save), command = MADE_OF[kind]
+    source = folder / f"source{suffix}"
+    save(source)
+    command = [word.format(source) for word in command.split()]
     link = tmp_path / f"link{source.suffix}"
     link.symlink_to(source)
     out = {
@@ -203,9 +205,6 @@ def test_a_source_is_not_replaced_by_what_is_made_of_it(tmp_path, capsys, kind, 
     [("exhaustive", (256, 256), "x"), ("confocal", (4096, 4096), "x"), ("single", (8, 8), "0 x 0")],
 )
 def test_captures_that_do_not_fit_into_memory(monkeypatch, mode, grid, fits):
-    import tofrender
-    from tofrender.runtime import memory
-
     free = 1000 if mode == "single" else 8 << 30
     monkeypatch.setattr(memory, "free_on_host", lambda: free)
     with pytest.raises(MemoryError, match=rf"^grid of {grid[0]} x .*{fits} .*would fit$") as error:

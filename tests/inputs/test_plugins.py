@@ -8,12 +8,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.bad_inputs import ANY, outcome
+from test_scene_faults import camera, material, room
 
 import tofrender
 from tofrender.runtime.plugins import PLUGINS
 
-FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
-FILM |= {"start_opl": 0.0, "bin_width_opl": 1.0}
 NUMBERS = {"-1", "0", "1.5", "1e30", "2**40"}
 
 MORE: dict[str, Any] = {
@@ -72,27 +71,9 @@ class Plugin(NamedTuple):
     parameters: str
 
 
-def room(**parts: Any) -> dict[str, Any]:
-    """A floor, a lamp and a camera."""
-    look = mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
-    camera = {"type": "perspective", "to_world": look, "film": FILM}
-    light = {"type": "point", "position": [0, 0, 2]}
-    floor = {"type": "rectangle"}
-    return {"type": "scene", "floor": floor, "lamp": light, "sensor": camera} | parts
-
-
-def as_integrator(plugin: dict) -> dict[str, Any]:
-    return room(integrator=plugin)
-
-
 def with_part(name: str) -> Callable[[dict], dict[str, Any]]:
     """The room with another part of its camera."""
-    described = room(integrator={"type": "transient_path"})
-    return lambda part: described | {"sensor": described["sensor"] | {name: part}}
-
-
-def with_material(bsdf: dict) -> dict[str, Any]:
-    return room(integrator={"type": "transient_path"}, floor={"type": "rectangle", "bsdf": bsdf})
+    return lambda part: camera(**{name: part})
 
 
 def with_meter(meter: dict) -> dict[str, Any]:
@@ -117,7 +98,7 @@ WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
 
 
 def integrator(name: str, parameters: str, **good: Any) -> Plugin:
-    return Plugin(name, as_integrator, good, parameters)
+    return Plugin(name, lambda it: room(integrator=it), good, parameters)
 
 
 TABLE = [
@@ -152,7 +133,7 @@ TABLE = [
         "frequencies_hz temporal_bins bin_width_opl start_opl wl_mean wl_sigma",
     ),
     Plugin("padded_sobol", with_part("sampler"), {}, "sample_count seed"),
-    Plugin("retroreflector", with_material, {}, "reflectance lobe_exponent"),
+    Plugin("retroreflector", lambda bsdf: material(**bsdf), {}, "reflectance lobe_exponent"),
     Plugin(
         "nlos_capture_meter",
         with_meter,
@@ -212,10 +193,8 @@ def test_bad_parameters(plugin, name, start, pytestconfig):
         values = {label: values[label] for label in list(values)[start % 4 :: 4]}
     wrong = {}
     for label, value in values.items():
-        what = outcome(lambda value=value: load(plugin, **{name: value}), name)
-        if what:
-            wrong[label] = what
-    assert not wrong
+        wrong[label] = outcome(lambda value=value: load(plugin, **{name: value}), name)
+    assert not {label: what for label, what in wrong.items() if what}
 
 
 def test_the_table_has_every_parameter():

@@ -2,7 +2,6 @@
 
 import functools
 import math
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.bad_inputs import listing, one_clear_line
+from helpers.bad_inputs import PLACES, listing, one_clear_line
 
 import tofrender
 
@@ -329,15 +328,10 @@ def test_entities_are_not_multiplied(tmp_path):
 
 
 @pytest.mark.usefixtures("no_work")
-@pytest.mark.parametrize("kind", ["folder", "pipe", "dangling", "loop"])
+@pytest.mark.parametrize("kind", PLACES)
 def test_xml_that_is_no_file(tmp_path, kind):
     path = tmp_path / "scene.xml"
-    {
-        "folder": path.mkdir,
-        "pipe": lambda: os.mkfifo(path),
-        "dangling": lambda: path.symlink_to(tmp_path / "nowhere"),
-        "loop": lambda: path.symlink_to(path),
-    }[kind]()
+    PLACES[kind](path)
     for source in (path, str(path)):
         assert not refused(source)
 

@@ -65,17 +65,12 @@ def rendered(scene, integrator):
     tofrender.render(scene, spp=2, integrator=kind, progress=False, window="auto")
 
 
-def at_a_time():
-    scene = small()
-    tracer = tofrender.TimeGatedTransientPath()
-    tofrender.render_at_time(scene, tracer, scene.sensors()[0], 6.0, spp=2, progress=False)
+def at(render, when):
+    scene, tracer = small(), tofrender.TimeGatedTransientPath()
+    render(scene, tracer, scene.sensors()[0], when, spp=2, progress=False)
 
 
-def at_many_times():
-    scene = small()
-    film = {"temporal_bins": 3, "start_opl": 4, "bin_width_opl": 1}
-    tracer = tofrender.TimeGatedTransientPath()
-    tofrender.render_transient(scene, tracer, scene.sensors()[0], film, spp=2, progress=False)
+FILM = {"temporal_bins": 3, "start_opl": 4, "bin_width_opl": 1}
 
 
 def gated(asked):
@@ -128,8 +123,8 @@ WORK = {
     "fog": lambda: rendered(foggy(), "transient_path"),
     "fog from both ends": lambda: rendered(foggy(), "transient_bdpt"),
     "mi.render": lambda: mi.render(small(), spp=2),
-    "gate": at_a_time,
-    "gates": at_many_times,
+    "gate": lambda: at(tofrender.render_at_time, 6.0),
+    "gates": lambda: at(tofrender.render_transient, FILM),
     "phasors": as_phasors,
     "gradient": lambda: derived(reverse=True),
     "rate": lambda: derived(reverse=False),
@@ -189,7 +184,7 @@ def test_threads_that_trace_take_turns():
     with backend.uncollected():
         other.start()
         assert not begun.wait(0.1)
-    other.join(10)
+    other.join()
     assert begun.is_set()
     assert gc.isenabled()
 

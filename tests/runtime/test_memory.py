@@ -8,7 +8,7 @@ import mitsuba as mi
 import psutil
 import pytest
 from helpers.processes import python, says
-from helpers.support import film
+from helpers.support import film, refused
 
 from tofrender.runtime import memory
 
@@ -42,8 +42,7 @@ def test_the_boundary_is_exact(machine):
     machine(memory.RESERVE + size)
     memory.require_film(*shape)
     machine(memory.RESERVE + size - 1)
-    with pytest.raises(MemoryError):
-        memory.require_film(*shape)
+    refused("film of", memory.require_film, *shape, kind=MemoryError)
 
 
 @pytest.mark.parametrize(
@@ -69,8 +68,7 @@ def test_what_is_offered_fits(machine, free, shape):
     memory.require_film(height, width, fewer, channels)
     memory.require_film(low, narrow, bins, channels)
     for more in ((height, width, fewer + 1), (low + height // 50 + 1, narrow + width // 50, bins)):
-        with pytest.raises(MemoryError):
-            memory.require_film(*more, channels)
+        refused("film of", memory.require_film, *more, channels, kind=MemoryError)
 
 
 @pytest.mark.parametrize(
@@ -84,8 +82,7 @@ def test_what_is_offered_fits(machine, free, shape):
 )
 def test_what_does_not_fit_at_all(machine, free, shape, message):
     machine(free)
-    with pytest.raises(MemoryError, match=message):
-        memory.require_film(*shape)
+    refused(message, memory.require_film, *shape, kind=MemoryError)
 
 
 def test_available_is_what_the_system_says():
@@ -139,10 +136,10 @@ def test_dr_jit_maps_powers_of_two(machine, monkeypatch):
     machine(64 * GIB)
     monkeypatch.setattr(memory, "address_space", lambda: (8 * GIB, memory.RESERVE + GIB))
     memory.require_film(512, 512, 256, 3)  # exactly 1 GiB
-    with pytest.raises(MemoryError, match=r"at most 1\.0 GiB; 256 bins"):
-        memory.require_film(512, 512, 257, 3)
-    with pytest.raises(MemoryError, match=r"at most 1\.0 GiB"):
-        memory.require_film(512, 512, 256, 3, copies=2)
+    shape = (512, 512, 257, 3)
+    refused(r"at most 1\.0 GiB; 256 bins", memory.require_film, *shape, kind=MemoryError)
+    shape = (512, 512, 256, 3)
+    refused(r"at most 1\.0 GiB", memory.require_film, *shape, copies=2, kind=MemoryError)
 
 
 UNDER_A_LIMIT = """
@@ -179,5 +176,4 @@ def test_a_film_refuses_before_it_allocates(machine, monkeypatch):
     made = mi.load_dict(film(640, 480, bins=3000, type=OURS))
     machine(GIB)
     monkeypatch.setattr(dr, "zeros", lambda *_: pytest.fail("bins were allocated"))
-    with pytest.raises(MemoryError, match=r"640 x 480 pixels x 3000 bins: takes 13\.7 GiB"):
-        made.prepare([])
+    refused(r"640 x 480 pixels x 3000 bins: takes 13\.7 GiB", made.prepare, [], kind=MemoryError)

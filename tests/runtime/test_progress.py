@@ -1,10 +1,13 @@
 """Progress bars appear when they should; Ctrl-C asks first and insists later."""
 
+import queue
 import signal
 import subprocess
 import sys
 import threading
 import time
+import types
+from typing import ClassVar
 
 import pytest
 from helpers import processes
@@ -16,57 +19,83 @@ from tofrender.rendering import pieces
 from tofrender.runtime import progress
 from tofrender.runtime.progress import deferred_stop, held_signals, progress_bar
 
+IS_WATCHED = progress.is_watched
+
+
+class Ticks(threading.Event):
+    """What a bar's thread waits for: time that is over when the test says so."""
+
+    made: ClassVar[list] = []
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked, self.over = queue.Queue(), queue.Queue()
+        self.made.append(self)
+
+    def wait(self, timeout=None) -> bool:
+        self.asked.put(timeout)
+        self.over.get()
+        return self.is_set()
+
+    def set(self) -> None:
+        super().set()
+        self.over.put(None)
+
+    def tick(self) -> float:
+        """Let a wait be over, and what follows be done; how long the wait was to be."""
+        seconds = self.asked.get()
+        self.over.put(None)
+        self.asked.put(self.asked.get())  # The thread waits again
+        return seconds
+
 
 @pytest.fixture(autouse=True)
-def watched(monkeypatch):
-    """As if stderr was a terminal."""
+def ticks(monkeypatch):
+    """As if stderr was a terminal; the waits of the bars that are made."""
     monkeypatch.setattr(progress, "is_watched", lambda: True)
+    monkeypatch.setattr(Ticks, "made", [])
+    faked = types.SimpleNamespace(**vars(threading) | {"Event": Ticks})
+    monkeypatch.setattr(progress, "threading", faked)
+    return Ticks.made
 
 
-def two_updates(last: float = 0.0, **options) -> None:
-    """Short work until 0.3 s, then one more update."""
-    with progress_bar("Working", 8, **options) as bar:
-        bar.update(1)
-        time.sleep(0.15)
-        bar.update(1)
-        print("early", file=sys.stderr)
-        time.sleep(0.3)
-        bar.update(1)
-        time.sleep(last)
-
-
-def test_something_is_to_be_seen_within_a_second():
+def test_something_is_to_be_seen_within_a_second_but_not_of_short_work(capsys, ticks):
     assert progress.DELAY_S + progress.REFRESH_S < 1
+    with progress_bar("Working", 8) as bar:
+        bar.update(2)
+    assert capsys.readouterr().err == ""
+    with progress_bar("Working", 8) as bar:
+        bar.update(2)
+        assert ticks[1].tick() == progress.DELAY_S
+        assert "2/8" in capsys.readouterr().err
+        bar.update(1)
+        assert ticks[1].tick() == progress.REFRESH_S
+        assert "3/8" in capsys.readouterr().err
+    assert capsys.readouterr().err.endswith("\r")  # Nothing stays
 
 
-def test_the_bar_comes_after_the_delay(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 0.3)
-    two_updates(last=0.2)
-    early, late = capsys.readouterr().err.split("early\n")
-    assert "Working" not in early
-    assert "Working" in late
-    assert "3/8" in late
-
-
-@pytest.mark.parametrize(("enabled", "delay"), [(True, progress.DELAY_S), (False, 0.0)])
-def test_short_work_and_a_disabled_bar_show_nothing(capsys, monkeypatch, enabled, delay):
-    monkeypatch.setattr(progress, "DELAY_S", delay)
-    two_updates(enabled=enabled)
-    assert capsys.readouterr().err == "early\n"
+def test_disabled_and_hidden_bars(monkeypatch):
+    with progress_bar("Working", 8, enabled=False):
+        assert progress._shown == []
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr(progress, "is_watched", IS_WATCHED)
+    with progress.hidden(), progress_bar("Working", 3):
+        assert progress._shown == []
+    with progress_bar("Working", 3):
+        assert len(progress._shown) == 1
 
 
 @pytest.mark.parametrize("shown", [True, False])
-def test_render_shows_a_bar(capsys, monkeypatch, shown):
+def test_render_shows_a_bar(capsys, monkeypatch, ticks, shown):
     steps = pieces.steps
 
-    def slow(*arguments):
+    def watched(*arguments):
         for done in steps(*arguments):
-            time.sleep(0.12)  # The bar shows at most ten times a second
             yield done
+            if shown:
+                ticks[-1].tick()
 
-    monkeypatch.setattr(pieces, "steps", slow)
-    monkeypatch.setattr(progress, "DELAY_S", 0.0)
-    monkeypatch.setattr(progress, "REFRESH_S", 0.02)
+    monkeypatch.setattr(pieces, "steps", watched)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
     tofrender.render(scene, spp=256, progress=shown)
@@ -76,25 +105,32 @@ def test_render_shows_a_bar(capsys, monkeypatch, shown):
     assert shown or captured.err == ""
 
 
-_NOTEBOOK = """
-import sys, time, types, warnings
+# The bars of notebooks are drawn by their own threads, as soon as they may be
+_DRAWN = """
+import time
+from tofrender.runtime import progress
+progress.DELAY_S = 0
+def drawn(bar):
+    while bar._bar is None:
+        time.sleep(0.01)
+"""
+_WITHOUT_IPYWIDGETS = f"""
+import sys, types, warnings
 warnings.simplefilter("error")
 sys.modules["ipywidgets"] = None  # Not installed
-shell = types.SimpleNamespace(config={"IPKernelApp": {}})
+shell = types.SimpleNamespace(config={{"IPKernelApp": {{}}}})
 sys.modules["IPython"] = types.ModuleType("IPython")
 sys.modules["ipykernel"] = types.ModuleType("ipykernel")
 sys.modules["IPython"].get_ipython = lambda: shell
 sys.argv = ["tofrender"]  # No variant is needed
-from tofrender.runtime import progress
-progress.DELAY_S = 0
+{_DRAWN}
 with progress.progress_bar("Working", 2) as bar:
-    bar.update(1)
-    time.sleep(0.5)
+    drawn(bar)
 """
 
 
 def test_in_a_notebook_without_ipywidgets():
-    result = python(_NOTEBOOK)
+    result = python(_WITHOUT_IPYWIDGETS)
     assert result.returncode == 0, result.stderr
     assert "Working" in result.stderr
     assert "Warning" not in result.stderr
@@ -105,29 +141,31 @@ def test_in_a_notebook_without_ipywidgets():
     [
         # As while kernels are compiled: no step is done, but a bar is there, with its clock
         (lambda: progress_bar("Working", 8), "Working:   0%"),
-        (lambda: progress.status("Loading"), "Loading ... 00:00"),
+        (lambda: progress.status("Loading"), "Loading ... 01:0"),
     ],
 )
-def test_what_is_done_is_shown_though_nothing_is_counted(capsys, monkeypatch, bar, shown):
-    monkeypatch.setattr(progress, "DELAY_S", 0.1)
+def test_what_is_done_is_shown_though_nothing_is_counted(capsys, monkeypatch, ticks, bar, shown):
+    now = [1000.0]
+    clock = types.SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr(progress, "time", clock)
     with bar():
-        time.sleep(0.4)
+        now[0] += 62  # From when the work began, not the bar
+        ticks[0].tick()
     said = capsys.readouterr().err
     assert shown in said
     assert said.endswith("\r")  # Nothing stays
 
 
-def test_inner_work_takes_the_place_of_the_outer(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 0.1)
-    monkeypatch.setattr(progress, "REFRESH_S", 0.02)
+def test_inner_work_takes_the_place_of_the_outer(capsys, ticks):
     with progress.status("Outer"):
-        time.sleep(0.25)
+        ticks[0].tick()
         with progress_bar("Inner", 3) as bar:
             bar.update()
-            time.sleep(0.25)
+            for each in (1, 0, 1):
+                ticks[each].tick()
             print("within", file=sys.stderr)
-            time.sleep(0.1)
-        time.sleep(0.25)
+            ticks[1].tick()
+        ticks[0].tick()
     before, after = capsys.readouterr().err.split("within\n")
     assert before.index("Outer") < before.index("Inner")
     assert "Outer" not in before[before.index("Inner") :]
@@ -135,36 +173,23 @@ def test_inner_work_takes_the_place_of_the_outer(capsys, monkeypatch):
     assert "\n" not in before + after  # One line at a time
 
 
-def test_what_is_said_meanwhile_has_a_line_of_its_own(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "DELAY_S", 0.0)
+def test_what_is_said_meanwhile_has_a_line_of_its_own(capsys, ticks):
     with progress.status("Working"):
-        time.sleep(0.2)
+        ticks[0].tick()
         with progress.cleared():
             print("a note", file=sys.stderr)
-        time.sleep(0.1)
+        ticks[0].tick()
     line = capsys.readouterr().err.split("\n")[0]
     assert line.rpartition("\r")[2] == "a note"
 
 
-def test_hidden_bars(capsys, monkeypatch):
-    monkeypatch.undo()
-    monkeypatch.setattr(progress, "DELAY_S", 0.0)
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with progress.hidden(), progress_bar("Working", 3):
-        time.sleep(0.1)
-    assert capsys.readouterr().err == ""
-    assert progress.is_watched()
-
-
-_JUPYTER = """
-import time
-from tofrender.runtime import progress
-progress.DELAY_S = 0.1
-with progress.status("Starting"):
-    time.sleep(0.4)
+_JUPYTER = f"""
+{_DRAWN}
+with progress.status("Starting") as starting:
+    drawn(starting)
     with progress.progress_bar("Working", 8) as bar:
         bar.update(3)
-        time.sleep(0.4)
+        drawn(bar)
 """
 
 
@@ -176,11 +201,11 @@ def test_in_a_notebook():
     try:
         client = manager.client()
         client.start_channels()
-        client.wait_for_ready(60)
+        client.wait_for_ready(None)
         asked = client.execute(_JUPYTER)
         said = []
         while True:
-            message = client.get_iopub_msg(timeout=60)
+            message = client.get_iopub_msg()
             if message["parent_header"].get("msg_id") != asked:
                 continue
             content = message["content"]
@@ -201,8 +226,8 @@ def test_threads_end_with_their_bars():
     for _ in range(20):
         with progress_bar("Working", 3), progress.status("Within"):
             pass
-    time.sleep(0.1)
-    assert threading.active_count() <= before
+    while threading.active_count() > before:  # Until the time limit of tests
+        time.sleep(0.01)
 
 
 def test_one_ctrl_c_asks_and_two_interrupt():
@@ -277,5 +302,5 @@ def test_another_thread_keeps_the_handler():
 
     thread = threading.Thread(target=work)
     thread.start()
-    thread.join(10)
+    thread.join()
     assert seen == [(before, False)]

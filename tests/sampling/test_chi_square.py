@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.processes import says
-from helpers.support import ALPHA, COMPARISONS, area_light
+from helpers.support import ALPHA, COMPARISONS, area_light, refused
 
 from tofrender.sampling import (
     bsdf_case,
@@ -331,37 +331,24 @@ def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
     assert (tmp_path / "figure.png").exists()
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda: chi_square_test(*TENT, samples=10),
-            "samples = 10: must be an integer from 1000 to 16777216",
-        ),
-        (lambda: chi_square_test(*TENT, alpha=1.0), "alpha = 1.0: must be a number between"),
-        (
-            lambda: chi_square_test(*TENT, expected_moments={"z": 0}),
-            "expected_moments = 'z': must be one of x, y, xx, xy, yy",
-        ),
-        (lambda: chi_square_test(*TENT, figure="no/f.png"), "figure = no/f.png: no must be a"),
-        (lambda: find("spher"), "domain = 'spher': did you mean 'sphere'\\? Must be one of square"),
-        (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
-        (
-            lambda: chi_square_test(lambda u: (warps.square_to_tent(u), u.x), *TENT[1:]),
-            "sample: returns the weight .*, must be 0 or 1",
-        ),
-        (lambda: warp_case("tnt"), "name = 'tnt': did you mean 'tent'\\? Must be one of tent"),
-        (lambda: warp_case("tent", alpha=1), "name = 'tent': takes no parameter, given are"),
-        (lambda: warp_case("beckmann"), "name = 'beckmann': takes the parameter alpha, given are"),
-        (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: has no density"),
-        (lambda: bsdf_case({"type": "diffuse"}, (0, 0, 0)), "wi = .*: must be a direction"),
-        (lambda: light_case({"type": "point"}, (0, 0, 0)), "light = 'point': must be one light"),
-        (lambda: chi_square_suite([]), "cases = \\[\\]: must be at least one"),
-    ],
-)
+BAD = [
+    (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
+    (
+        lambda: chi_square_test(lambda u: (TENT[0](u), u.x), *TENT[1:]),
+        "sample: returns the weight .*, must be 0 or 1",
+    ),
+    (lambda: warp_case("tent", alpha=1), "name = 'tent': takes no parameter, given are"),
+    (lambda: warp_case("beckmann"), "name = 'beckmann': takes the parameter alpha, given are"),
+    (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: has no density"),
+    (lambda: bsdf_case({"type": "diffuse"}, (0, 0, 0)), "wi = .*: must be a direction"),
+    (lambda: light_case({"type": "point"}, (0, 0, 0)), "light = 'point': must be one light"),
+    (lambda: chi_square_suite([]), "cases = \\[\\]: must be at least one"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), BAD)
 def test_bad_input(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()
+    refused(message, call)
 
 
 _DRAWN = """

@@ -57,18 +57,3 @@ def test_mean_is_unbiased_and_stratified_has_less_noise(count):
         assert np.mean(found) == pytest.approx(1 / 4, abs=5 * error), draw
         variance[draw] = np.var(found)
     assert 0 < variance[stratified] < 0.01 * variance[independent]
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: grid(0), "count = 0: must be an integer from 1 to 16777216"),
-        (lambda: independent(-1), "count = -1: must be an integer from 1 to"),
-        (lambda: stratified(2.5), "count = 2.5: must be an integer from 1 to"),
-        (lambda: stratified(4, -1), "seed = -1: must be an integer from 0 to"),
-        (lambda: point_set("sobol", 4), "kind = 'sobol': must be one of independent, grid"),
-    ],
-)
-def test_bad_input(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

@@ -1,5 +1,6 @@
 """Shapes that emit light: densities, closed forms, and wrong densities that must be found."""
 
+import itertools
 import math
 from functools import partial
 
@@ -7,7 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import COMPARISONS, agree, load, over_seeds, rotate, translate, unit
+from helpers import support
+from helpers.support import COMPARISONS, agree, over_seeds, refused, rotate, translate, unit
 
 from tofrender.sampling import (
     Quad,
@@ -34,12 +36,6 @@ SPHERES = {
     "moved": Sphere((0, 1, 0), 0.5, emission=1, transform=MOVED),
 }
 SHAPES = [QUAD, TRIANGLE, *SPHERES.values()]
-
-
-def uniform(n: int, seed: int = 0) -> mi.Point2f:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, n)
-    return sampler.next_2d()
 
 
 def point(o, n: int = 1) -> mi.Point3f:
@@ -195,7 +191,7 @@ def test_samples_follow_the_density_and_bugs_are_found(name):
 def test_triangle_density():
     v0, v1, v2 = (np.array(each, dtype=float) for each in CORNERS)
     area = 0.5 * np.linalg.norm(np.cross(v1 - v0, v2 - v0))
-    for u in (uniform(10_000), mi.Point2f([0, 0, 1, 1], [0, 1, 0, 1])):
+    for u in (support.uniform(10_000), mi.Point2f([0, 0, 1, 1], [0, 1, 0, 1])):
         pdf = sample_triangle_pdf(sample_triangle(*CORNERS, u), *CORNERS)
         assert np.array(pdf) == pytest.approx(1 / area)
     normal = unit(np.cross(v1 - v0, v2 - v0))
@@ -204,7 +200,7 @@ def test_triangle_density():
         off = middle + away
         assert sample_triangle_pdf(mi.Point3f(*off.tolist()), *CORNERS)[0] == 0
     far = [[1000 + x, y, z] for x, y, z in CORNERS]
-    p = sample_triangle(*far, uniform(1000))
+    p = sample_triangle(*far, support.uniform(1000))
     assert np.array(sample_triangle_pdf(p, *far)).min() > 0
     # Corners may be arrays; their degenerate triangles have no density
     many = mi.Point3f(0), mi.Point3f([1, 2, 0], 0, 0), mi.Point3f(0, 2, 0)
@@ -215,7 +211,7 @@ def test_triangle_density():
 @pytest.mark.parametrize("cosine", [-1.0, -0.5, 0.0, math.cos(math.pi / 4), 0.999, 1 - 1e-9])
 def test_cap_samples_and_density(cosine):
     height = 1 - cosine
-    v = numpy(sample_sphere_cap(uniform(1 << 16), cosine))
+    v = numpy(sample_sphere_cap(support.uniform(1 << 16), cosine))
     assert np.linalg.norm(v, axis=1) == pytest.approx(1, abs=1e-6)
     # sin^2(theta) has the mean height - height^2 / 3, known to all digits where the cosine is not
     sin2 = v[:, 0] ** 2 + v[:, 1] ** 2
@@ -259,13 +255,13 @@ def test_directions_from_inside_a_sphere(o):
     # The cone's formula, cut where its root is negative, would give the hemisphere
     half = with_pdf(sphere, lambda o, v, pdf: mi.Float(1 / (2 * math.pi)))
     assert not verdict(half, o, "sphere").passed
-    record = sphere.sample(point(o, 1000), uniform(1000))
+    record = sphere.sample(point(o, 1000), support.uniform(1000))
     assert np.array(record.pdf) == pytest.approx(1 / (4 * math.pi))
     assert np.array(record.valid).all()
     assert not np.any(np.array(record.radiance))  # Light leaves outwards
     inwards = Sphere((0, 0, 3), 1, emission=2, flip_normals=True)
-    assert np.array(inwards.sample(point(o, 9), uniform(9)).radiance) == pytest.approx(2)
-    assert not np.any(np.array(inwards.sample(point((0, 0, 0), 9), uniform(9)).radiance))
+    assert np.array(inwards.sample(point(o, 9), support.uniform(9)).radiance) == pytest.approx(2)
+    assert not np.any(np.array(inwards.sample(point((0, 0, 0), 9), support.uniform(9)).radiance))
 
 
 @pytest.mark.statistical
@@ -276,7 +272,7 @@ def test_directions_from_the_surface_of_a_sphere():
     assert result.valid == pytest.approx(0.5, abs=0.02)
     assert result.pdf_integral == pytest.approx(0.5, abs=2e-3)
     # Half of the directions from a point a micrometre above: a cone of almost a hemisphere
-    record = SPHERES["plain"].sample(point((0, 0, 2 - 1e-6), 1000), uniform(1000))
+    record = SPHERES["plain"].sample(point((0, 0, 2 - 1e-6), 1000), support.uniform(1000))
     assert np.array(record.pdf) == pytest.approx(1 / (2 * math.pi), rel=5e-3)
     assert np.array(record.distance).max() < 5e-3
 
@@ -286,7 +282,7 @@ def test_directions_from_the_surface_of_a_sphere():
 def test_records(shape, origin):
     """What a record says of itself, and what the ray in its direction says, are the same."""
     o = point(ORIGINS[origin], 2000)
-    record = shape.sample(o, uniform(2000))
+    record = shape.sample(o, support.uniform(2000))
     again = shape.record(o, record.d)
     dr.eval(record, again)
     inner = np.array(record.valid & again.valid)
@@ -327,7 +323,7 @@ def test_edges_of_the_unit_square_are_finite(shape):
         for each in (record.pdf, record.weight, record.radiance):
             assert np.isfinite(np.array(each)).all()
     for o in ((3, 0, 0), (0.2, 0.1, 0), (1, 1, 0)):  # In the plane of a patch
-        record = Quad((2, 2), emission=1).sample(point(o, 100), uniform(100))
+        record = Quad((2, 2), emission=1).sample(point(o, 100), support.uniform(100))
         assert not np.any(np.array(record.valid) | (np.array(record.pdf) != 0))
 
 
@@ -338,7 +334,7 @@ def test_far_and_small_spheres_keep_their_digits(distance, radius):
     direction = unit([0.3, -0.5, 0.8])
     sphere = Sphere(distance * direction, radius, emission=1)
     n = 20_000
-    record = sphere.sample(point((0, 0, 0), n), uniform(n))
+    record = sphere.sample(point((0, 0, 0), n), support.uniform(n))
     s2 = (radius / distance) ** 2
     solid_angle = 2 * math.pi * s2 / (1 + math.sqrt(1 - s2))
     assert np.array(record.pdf) == pytest.approx(1 / solid_angle, rel=1e-5)
@@ -387,7 +383,7 @@ def test_monochrome():
 
 def irradiance(shape, o, n, seed: int, samples: int = 4096) -> float:
     """Of a surface at `o` with the normal `n`, by sampling the shape."""
-    record = shape.sample(point(o, samples), uniform(samples, seed))
+    record = shape.sample(point(o, samples), support.uniform(samples, seed))
     cosine = dr.maximum(dr.dot(record.d, mi.Vector3f(*(float(x) for x in n))), 0)
     return float(np.array(record.weight[0] * cosine, dtype=np.float64).mean())
 
@@ -431,7 +427,7 @@ def test_irradiance_of_a_sphere(radius):
     means = over_seeds(lambda seed: irradiance(sphere, (0, 0, 0), n, seed), range(16))
     assert agree(means, np.array(exact))
     assert not agree(means, np.array(1.05 * exact))
-    distance = np.array(sphere.sample(point((0, 0, 0), 4096), uniform(4096)).distance)
+    distance = np.array(sphere.sample(point((0, 0, 0), 4096), support.uniform(4096)).distance)
     assert distance.min() == pytest.approx(3 - radius, rel=1e-2)
     assert distance.max() == pytest.approx(math.sqrt(9 - radius**2), rel=1e-2)
 
@@ -444,7 +440,7 @@ NESTED = SurfaceGroup(
 
 def seen_by_chance(shape, o, n, seed: int, samples: int = 1 << 16) -> float:
     """Irradiance by uniform directions: knows nothing of sampling the shape."""
-    v = mi.warp.square_to_uniform_sphere(uniform(samples, seed))
+    v = mi.warp.square_to_uniform_sphere(support.uniform(samples, seed))
     cosine = dr.maximum(dr.dot(v, mi.Vector3f(*(float(x) for x in n))), 0)
     seen = shape.record(point(o, samples), v).radiance[0]
     return float(np.mean(np.array(seen * cosine, dtype=np.float64)) * 4 * math.pi)
@@ -459,18 +455,6 @@ def test_groups_are_unbiased_where_lights_hide_each_other(group, origin):
     by_chance = over_seeds(lambda seed: seen_by_chance(group, o, n, seed), range(50, 66))
     assert agree(sampled, by_chance)
     assert not agree(2 * sampled, by_chance)
-
-
-@pytest.mark.parametrize("group", [GROUP, NESTED], ids=["group", "nested"])
-def test_density_of_a_group_is_the_mean_of_its_shapes(group):
-    o = point(ORIGINS["below"], 5000)
-    record = group.sample(o, uniform(5000))
-    each = np.array([shape.pdf(o, record.d) for shape in group.shapes])
-    wrong = np.abs(np.array(record.pdf) / each.mean(axis=0) - 1) > 1e-3
-    assert wrong.mean() < 2e-3  # Rounding at edges
-    again = np.array(group.pdf(o, record.d))
-    assert again == pytest.approx(each.mean(axis=0), rel=1e-5)
-    assert np.array(record.valid).all()
 
 
 @pytest.mark.statistical
@@ -495,7 +479,7 @@ def test_directions_of_groups_follow_the_density(group, o, integral):
 def test_a_near_light_hides_a_far_one():
     """Two spheres of one solid angle: only the near one's radiance arrives."""
     near, far = Sphere((0, 0, 2), 0.5, emission=1), Sphere((0, 0, 8), 2, emission=7)
-    o, u = point((0, 0, 0), 4000), uniform(4000)
+    o, u = point((0, 0, 0), 4000), support.uniform(4000)
     for shapes in ([near, far], [far, near]):
         group = SurfaceGroup(shapes)
         record = group.sample(o, u)
@@ -513,7 +497,7 @@ def test_the_dark_side_of_a_light_hides_others():
     """Light from behind a quad does not pass through it."""
     screen = Quad((9, 9), emission=5, transform=translate(0, 0, 1))
     group = SurfaceGroup([screen, Sphere((0, 0, 3), 0.5, emission=7)])
-    record = group.sample(point((0, 0, 0), 1000), uniform(1000))
+    record = group.sample(point((0, 0, 0), 1000), support.uniform(1000))
     assert not np.any(np.array(record.radiance))
     assert np.array(record.valid).all()
 
@@ -527,10 +511,10 @@ def test_visibility_in_a_scene():
         "far": {"type": "sphere", "center": [4, 0, 4], "radius": 0.8, "emitter": area},
         "lamp": {"type": "rectangle", "to_world": translate(0, 3, 2), "emitter": area},
     }
-    scene = load({"type": "scene", **parts})
+    scene = support.load({"type": "scene", **parts})
     near, far = Sphere((2, 0, 2), 0.4), Sphere((4, 0, 4), 0.8)
     hidden, lamp = Sphere((-4.5, 0, 3), 0.3), Quad((2, 2), transform=translate(0, 3, 2))
-    o, u = point((0, 0, 0), 2000), uniform(2000)
+    o, u = point((0, 0, 0), 2000), support.uniform(2000)
     for floor in (mi.Vector3f(0, 0, 1), None):
         for light, share in ((near, 1), (far, 0), (hidden, 0), (lamp, 1)):
             seen = np.array(visible(scene, light.sample(o, u), floor)).mean()
@@ -553,7 +537,7 @@ def test_emitters_of_a_scene(flip):
         "dark": {"type": "sphere", "center": [9, 9, 9]},
     }
     parts = {name: part | {"flip_normals": flip} for name, part in parts.items()}
-    scene = load({"type": "scene", **parts})
+    scene = support.load({"type": "scene", **parts})
     group = emitters_of(scene)
     assert len(group.shapes) == 14
     rng = np.random.default_rng(0)
@@ -598,15 +582,6 @@ WRONG_PATCHES = {
 }
 
 
-@pytest.mark.statistical
-@pytest.mark.parametrize("bug", WRONG_PATCHES)
-@pytest.mark.parametrize("patch", [QUAD, TRIANGLE], ids=repr)
-def test_wrong_densities_of_patches_are_found(patch, bug):
-    wrong = with_pdf(patch, partial(WRONG_PATCHES[bug], patch))
-    origins = [ORIGINS[name] for name in ("below", "behind", "side")]
-    assert not all(verdict(wrong, o).passed for o in origins)
-
-
 def tangent_for_sine(s, o, v, pdf):
     squared = dr.squared_norm(mi.Point3f(s.centre) - o)
     wrong = 1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared)))
@@ -621,11 +596,18 @@ WRONG_SPHERES = {
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize("bug", WRONG_SPHERES)
-def test_wrong_densities_of_spheres_are_found(bug):
-    sphere, o = SPHERES["plain"], ORIGINS["below"]
-    wrong = with_pdf(sphere, partial(WRONG_SPHERES[bug], sphere))
-    assert not verdict(wrong, o, "sphere" if bug == "not 0 beside it" else None).passed
+@pytest.mark.parametrize(
+    ("shape", "bug"),
+    [
+        *itertools.product([QUAD, TRIANGLE], WRONG_PATCHES),
+        *((SPHERES["plain"], bug) for bug in WRONG_SPHERES),
+    ],
+)
+def test_wrong_densities_are_found(shape, bug):
+    wrong = with_pdf(shape, partial((WRONG_PATCHES | WRONG_SPHERES)[bug], shape))
+    domain = "sphere" if bug == "not 0 beside it" else None
+    places = ("below",) if isinstance(shape, Sphere) else ("below", "behind", "side")
+    assert not all(verdict(wrong, ORIGINS[place], domain).passed for place in places)
 
 
 def without_occlusion(group):
@@ -660,27 +642,15 @@ BAD = {
     "triangle density": (lambda: sample_triangle_pdf(mi.Point3f(0), *LINE), r"^v0 = .*span an"),
     "triangle light": (lambda: Triangle(*LINE), r"^v0 = .* v2 = \[2.0, 2.0, 2.0\]: must span"),
     "triangle of NaN": (lambda: Triangle([0, 0, math.nan], *LINE[:2]), r"^v0 = .*finite"),
-    "point of two": (lambda: Triangle([0, 0, 0], [1, 0], [0, 1, 0]), r"^v1 = \[1, 0\]: must be"),
-    "cap beyond": (lambda: sample_sphere_cap(mi.Point2f(0.5), 1.5), r"^cos_theta_max = 1.5: must"),
-    "cap density": (
-        lambda: sample_sphere_cap_pdf(mi.Vector3f(0, 0, 1), -1.01),
-        r"^cos_theta_max = -1.01: must be a finite number from -1 to 1$",
-    ),
-    "no radius": (lambda: Sphere((0, 0, 0), 0), r"^radius = 0: must be .* above 0$"),
-    "centre": (lambda: Sphere((0, math.inf, 0), 1), r"^centre = \(0, inf, 0\): must be three"),
     "ellipsoid": (
         lambda: Sphere(transform=mi.ScalarTransform4f().scale([1, 1, 2])),
         r"^transform: scales by 2, 1, 1; must scale all directions alike$",
     ),
     "squashed sphere": (lambda: Sphere(transform=np.zeros((4, 4))), r"^transform = .*last row"),
     "point sphere": (lambda: Sphere(transform=np.diag([0.0, 0, 0, 1])), r"^transform: scales by 0"),
-    "no quad": (lambda: Quad((0, 1)), r"^size = \(0, 1\): must be two finite numbers above 0$"),
     "flat transform": (lambda: Quad(transform=np.diag([1.0, 0, 1, 1])), r"^transform = .*an area"),
     "projection": (lambda: Quad(transform=np.ones((4, 4))), r"^transform = .*last row 0, 0, 0, 1$"),
     "edges": (lambda: Quad.from_edges([0, 0, 0], [1, 0, 0], [3, 0, 0]), r"^e0 = .*span an area"),
-    "emission": (lambda: Quad(emission=-1), r"^emission = -1: must be one number or three, each"),
-    "emission of two": (lambda: Sphere(emission=(1, 2)), r"^emission = \(1, 2\): must be one"),
-    "group of others": (lambda: SurfaceGroup([3]), r"^shapes = \[3\]: must be a list"),
     "empty group": (lambda: SurfaceGroup([]), r"^shapes = \[\]: must be a list of at least one"),
 }
 
@@ -688,26 +658,23 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name):
     call, message = BAD[name]
-    with pytest.raises(ValueError, match=message) as error:
-        call()
-    assert "\n" not in str(error.value)
+    refused(message, call)
 
 
-BAD_SCENES = {
-    "no light": ({"type": "sphere"}, r"^scene: has no emitter; must have area lights$"),
-    "point light": ({"type": "point"}, r"^scene: emitter 'a' has no surface; must be area"),
-    "disk": (
-        {"type": "disk", "emitter": {"type": "area"}},
-        r"^scene: emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64",
-    ),
-}
+DISK = {"type": "disk", "emitter": {"type": "area"}}
+DISK_REFUSED = "emitter on the shape 'a': must be a rectangle, a sphere, or a mesh of at most 64"
 
 
-@pytest.mark.parametrize("name", BAD_SCENES)
-def test_bad_scenes(name):
-    part, message = BAD_SCENES[name]
-    with pytest.raises(ValueError, match=message):
-        emitters_of(load({"type": "scene", "a": part}))
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"type": "sphere"}, "has no emitter; must have area lights$"),
+        ({"type": "point"}, "emitter 'a' has no surface; must be area"),
+        (DISK, DISK_REFUSED),
+    ],
+)
+def test_bad_scenes(part, said):
+    refused(f"^scene: {said}", emitters_of, support.load({"type": "scene", "a": part}))
 
 
 def test_debug_mode_looks_at_samples_and_arrays():
@@ -720,20 +687,20 @@ def test_debug_mode_looks_at_samples_and_arrays():
             sample_sphere_cap(mi.Point2f(0.5), mi.Float([0.5, 1.5]))
         with pytest.raises(AssertionError, match="v0, v1, v2: must span an area"):
             sample_triangle(
-                mi.Point3f(0), mi.Point3f([1, 0], 0, 0), mi.Point3f(0, 1, 0), uniform(2)
+                mi.Point3f(0), mi.Point3f([1, 0], 0, 0), mi.Point3f(0, 1, 0), support.uniform(2)
             )
 
 
 def test_spectral_variants_are_refused():
     mi.set_variant("llvm_ad_spectral")
-    with pytest.raises(ValueError, match=r"^variant = 'llvm_ad_spectral': must be an rgb or mono"):
-        QUAD.sample(point((0, 0, 0)), mi.Point2f(0.5))
+    said = "^variant = 'llvm_ad_spectral': must be an rgb or mono"
+    refused(said, QUAD.sample, point((0, 0, 0)), mi.Point2f(0.5))
 
 
 def test_records_are_carried_through_loops():
     """A record is a tree of arrays: it can be the state of a symbolic loop and be selected."""
     o = point((0, 0, 0), 4)
-    record = GROUP.sample(o, uniform(4))
+    record = GROUP.sample(o, support.uniform(4))
 
     def body(i, record):
         return i + 1, GROUP.record(record.o, record.d)
