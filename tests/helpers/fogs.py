@@ -1,6 +1,6 @@
 """Media for tests: even ones, grids of the same density, and scenes with them.
 
-In the scenes, boundaries are far from all else: see `test_media_agreement.py`.
+In the scenes, boundaries are far from all else: see `test_straight_through.py`.
 """
 
 from typing import Any

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers import peer_scenes
+from helpers.peer_scenes import tags
 from helpers.scenes import refusal as refused
 from helpers.support import agree, over_seeds
 from oracles.nlos import Nodes, Setup, total
@@ -30,14 +31,6 @@ def edited(path: Path, *changes: tuple[str, str]) -> Path:
         text = re.sub(pattern, new, text)
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def integer(name: str, value: int) -> str:
-    return f'<integer name="{name}" value="{value}"/>'
-
-
-def boolean(name: str, value: str) -> str:
-    return f'<boolean name="{name}" value="{value}"/>'
 
 
 def at_pixel(x: float, y: float) -> str:
@@ -236,7 +229,7 @@ def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", ["single", "confocal"])
 def test_the_letter_before_the_meter_is_its_formula(mode, tmp_path):
-    three = {"path_options": integer("filter_bounces", 3), "lookat": at_pixel(1, 2)}
+    three = {"path_options": tags("integer", filter_bounces=3), "lookat": at_pixel(1, 2)}
     path = peer_scenes.nlos_z(tmp_path, **three)
     edited(path, ('name="filter_depth" value="-1"', 'name="rr_depth" value="5"'))
     data = [
@@ -292,16 +285,16 @@ def test_what_has_no_effect_is_told(tmp_path):
         "transient_nlos_path has it",
         "block_size = 1: has no effect; only scalar variants render in blocks",
     ]
-    more = integer("nlos_hidden_geometry_sampling_max_depth", 2)
+    more = tags("integer", nlos_hidden_geometry_sampling_max_depth=2)
     more += '<float name="illumination_scan_fov" value="20"/>'
-    more += boolean("force_equal_illumination_scanning", "true")
+    more += tags("boolean", force_equal_illumination_scanning="true")
     told = warned(peer_scenes.z_simple, tmp_path, size=4, more=more)
     assert sorted(told) == [
         "illumination_scan_fov = 20.0: has no effect; the laser lights the sensor's points",
         "nlos_hidden_geometry_sampling_max_depth = 2: has no effect; paths are sent from the "
         "relay wall only",
     ]
-    options = {"path_options": integer("capture_type", 2), "lookat": aim}
+    options = {"path_options": tags("integer", capture_type=2), "lookat": aim}
     told = warned(peer_scenes.nlos_z, tmp_path, size=4, **options)
     assert "confocal = False: has no effect; capture_type is 'confocal'" in told
 
@@ -312,11 +305,11 @@ def test_filter_depth_is_one_more_than_bounces(tmp_path):
         path = peer_scenes.nlos_z(tmp_path, size=2, lookat=at_pixel(1, 1))
         return apart(edited(path, ('<integer name="filter_depth" value="-1"/>', line)))
 
-    four, three = integer("filter_depth", 4), integer("filter_bounces", 3)
+    four, three = tags("integer", filter_depth=4), tags("integer", filter_bounces=3)
     assert np.array_equal(bins(filtered(four), 64), bins(filtered(three), 64))
     said = refusal(filtered, four + three)
     assert said.endswith("filter_depth = 4: must be left out; filter_bounces is given")
-    said = refusal(filtered, integer("filter_depth", 1))
+    said = refusal(filtered, tags("integer", filter_depth=1))
     assert "filter_depth = 1: must be an integer from 2" in said
 
 
@@ -324,7 +317,7 @@ def test_filter_depth_is_one_more_than_bounces(tmp_path):
 def test_a_confocal_meter(tmp_path):
     path = peer_scenes.nlos_z(tmp_path, size=3, lookat="")
     found = bins(apart(edited(path, ('"confocal" value="false"', '"confocal" value="true"'))), 256)
-    confocal = {"path_options": integer("capture_type", 2)}
+    confocal = {"path_options": tags("integer", capture_type=2)}
     expected = bins(apart(peer_scenes.nlos_z(tmp_path, size=3, lookat="", **confocal)), 256)
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-6 * expected.max())
 
@@ -340,7 +333,7 @@ def test_a_laser_at_a_point(point, tmp_path):
 @QUIET
 def test_a_film_of_one_pixel_looks_at_the_lit_point(tmp_path):
     """As tools do that capture point by point: pixel (2, 1) of 4 x 3."""
-    original = integer("original_film_width", 4) + integer("original_film_height", 3)
+    original = tags("integer", original_film_width=4) + tags("integer", original_film_height=3)
     aim = {"lookat": at_point(0.25, 0), "meter_options": original}
     loaded = apart(peer_scenes.nlos_z(tmp_path, size=1, **aim))
     data = tofrender.capture(loaded, mode="confocal", spp=4096, progress=False)
@@ -363,14 +356,14 @@ def test_what_is_refused(tmp_path):
     def file(**options) -> Path:
         return peer_scenes.nlos_z(tmp_path, **options)
 
-    three = integer("capture_type", 3)
+    three = tags("integer", capture_type=3)
     exhaustive = file(size=2, lookat=at_pixel(1, 1), path_options=three)
     assert "mode='exhaustive'" in refusal(mi.render, apart(exhaustive), spp=1)
     data = tofrender.capture(exhaustive, mode="exhaustive", spp=4, progress=False)
     assert data["transient"].shape == (2, 2, 2, 2, 300, 3)
-    others = boolean("force_equal_illumination_scanning", "false")
+    others = tags("boolean", force_equal_illumination_scanning="false")
     assert "force_equal_illumination" in refusal(apart, file(path_options=others))
-    none = integer("nlos_hidden_geometry_sampling_max_depth", 0)
+    none = tags("integer", nlos_hidden_geometry_sampling_max_depth=0)
     assert "sampling_max_depth = 0" in refusal(apart, file(path_options=none))
     assert refusal(mi.render, apart(file(size=16)), spp=1) == (
         "laser_lookat_pixel = [32.0, 32.0]: must be a pixel of the film, which has [16, 16]"
@@ -423,13 +416,13 @@ def test_timegated_transient_path():
 @QUIET
 def test_nlos_confocal_and_angulararea(tmp_path):
     def with_option(value: str, more: str = "") -> mi.Scene:
-        options = boolean("nlos_confocal", value) + more
+        options = tags("boolean", nlos_confocal=value) + more
         return apart(peer_scenes.nlos_z(tmp_path, size=2, path_options=options))
 
     with pytest.warns(UserWarning, match=r"\Anlos_confocal = True: is capture_type = 'confocal'"):
         assert with_option("true").integrator().capture_type == "confocal"
     assert with_option("false").integrator().capture_type == "single"
-    said = refusal(with_option, "true", integer("capture_type", 2))
+    said = refusal(with_option, "true", tags("integer", capture_type=2))
     assert said == "nlos_confocal = True: must be left out; capture_type is given"
     lamp = {"type": "rectangle", "emitter": {"type": "angulararea", "cutoff_angle": 20.0}}
     said = refusal(tofrender.load_scene, {"type": "scene", "lamp": lamp})
