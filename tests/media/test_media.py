@@ -8,6 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.fogs import FLAKES, TWO_LOBES, cube, filled, fog, red
+from helpers.mistakes import gives_other
+from helpers.scenes import numbers
 from helpers.support import plane, rotate, translate
 
 from tofrender.integrators.plan import Plan
@@ -80,12 +82,6 @@ def agrees(samples: Any, wanted: Any) -> bool:
     return bool(p.min() >= smallest_allowed(ALPHA, p.size))
 
 
-def numbers(seed: int, count: int) -> mi.Sampler:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, count)
-    return sampler
-
-
 def from_one_point(direction: Any, count: int) -> mi.Ray3f:
     """Equal rays from the origin."""
     return mi.Ray3f(mi.Point3f(0) + dr.zeros(mi.Float, count), mi.Vector3f(*direction))
@@ -137,33 +133,22 @@ def test_photons_wander_as_they_must(kind, g, mu_s, length, z, r2):
     assert agrees(found, [z, r2])
 
 
-def moved_by_null_collisions(right):
+def moved_by_null_collisions(self, flight, before, *_):
     """A flight that goes a centimetre further at each."""
-
-    def wrong(self, flight, *args):
-        before = flight.at
-        flight = right(self, flight, *args)
-        null = flight.going & (flight.at > before)
-        flight.at = dr.select(null, flight.at + 0.01, flight.at)
-        return flight
-
-    return wrong
+    null = flight.going & (flight.at > before.at)
+    flight.at = dr.select(null, flight.at + 0.01, flight.at)
+    return flight
 
 
-def in_vacuum(right):
+def in_vacuum(self, place, ray):
     """A sensor that does not know what it is in."""
-    return lambda self, ray: Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+    return Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
 
 
-def turned_round(right):
+def turned_round(ray, mei, *_):
     """Points that take where light goes for where it comes from: the sign of g."""
-
-    def wrong(ray, p, medium):
-        mei = right(ray, p, medium)
-        mei.wi, mei.sh_frame = ray.d, mi.Frame3f(ray.d)
-        return mei
-
-    return wrong
+    mei.wi, mei.sh_frame = ray.d, mi.Frame3f(ray.d)
+    return mei
 
 
 @pytest.mark.parametrize(
@@ -175,7 +160,7 @@ def turned_round(right):
     ],
 )
 def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
-    monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
+    monkeypatch.setattr(owner, name, gives_other(mistake)(getattr(owner, name)))
     found = [wandered(fog(2.0, 1.0, 0.7, kind), 3.0, seed) for seed in range(8)]
     assert not agrees(found, [1.39117, 5.36277])
 

@@ -17,6 +17,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import GLASS, MIRROR, ball, facing_down, spot
+from helpers.mistakes import gives_other, of_other
+from helpers.scenes import numbers
 from helpers.support import (
     area_light,
     camera,
@@ -166,13 +168,9 @@ def test_paths_are_of_all_kinds(view):
 def emitted(loaded: mi.Scene) -> tuple[Emission, Any]:
     """Where light starts, for each of LANES paths."""
     emission = Emission(loaded, loaded.sensors()[0])
-    return emission, emission.sample(numbers(), mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
-
-
-def numbers() -> mi.Sampler:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, LANES)
-    return sampler
+    return emission, emission.sample(
+        numbers(0, LANES), mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))
+    )
 
 
 INSTANCE = {
@@ -230,7 +228,7 @@ def test_choices_have_the_densities_that_connections_have(importance):
     """Both ways; paths that are walked again rest on it."""
     loaded = load(room("off centre"))
     materials = Materials(loaded, importance=importance, both_ways=True)
-    sampler = numbers()
+    sampler = numbers(0, LANES)
     d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
     si = loaded.ray_intersect(mi.Ray3f(mi.Point3f(0.2, -0.6, 0.7), d))
     vertex = Vertex(si, si.t, si.is_valid())
@@ -245,16 +243,6 @@ def test_choices_have_the_densities_that_connections_have(importance):
 
 
 # ------------------------------------------------------------------------ mistakes are found
-
-
-def of_other(change: Callable) -> Callable:
-    """A method that is called with other arguments."""
-    return lambda right: lambda self, *args: right(self, *change(*args))
-
-
-def gives_other(change: Callable) -> Callable:
-    """A method whose result is changed, with the same arguments."""
-    return lambda right: lambda self, *args: change(self, right(self, *args), *args)
 
 
 def no_way_back(link):
