@@ -272,22 +272,26 @@ def cosine_to_the(power: int) -> Callable:
 
 MISTAKES: dict[str, tuple[Any, str, Callable]] = {
     "no way back to the lens": (
-        *(Camera, "share_of_link"),
+        Camera,
+        "share_of_link",
         of_other(lambda p, v, link, turn: (p, v, link, replace(turn, back=mi.Float(0)))),
     ),
     "no way back at the far end": (
-        *(LightPaths, "_share_of_kept"),
+        LightPaths,
+        "_share_of_kept",
         of_other(lambda p, v, link, turn: (p, v, no_way_back(link), turn)),
     ),
     "no other way to start": (LightPaths, "share_of_hit", of_other(no_other_way_to_start)),
     "lamps as points": (
-        *(LightPaths, "share_of_link"),
+        LightPaths,
+        "share_of_link",
         of_other(lambda p, v, link, turn: (p, v, replace(link, delta=mi.Bool(True)), turn)),
     ),
     "no cosine on arrival": (Sharing, "arrive", gives_other(no_cosine_on_arrival)),
     "no cosine on leaving": (Sharing, "leave", gives_other(no_cosine_on_leaving)),
     "mirrors that connect": (
-        *(Sharing, "leave"),
+        Sharing,
+        "leave",
         of_other(lambda rivals, v, bounce: (rivals, v, replace(bounce, specular=mi.Bool(False)))),
     ),
     "no pi": (Emission, "ratio", gives_other(lambda self, it, *_: it / dr.pi)),

@@ -95,9 +95,8 @@ def test_other_channels_are_refused(tmp_path):
 )
 def test_render_writes_what_is_read_back(capsys, tmp_path, kind, variant):
     found = render(capsys, tmp_path / "a", "--spp", 8, "--format", kind, variant=variant)
-    same = tofrender.render(
-        "brewster_window", size=(6, 4), bins=5, window=(3, 13), spp=8, progress=False
-    )
+    picture = {"size": (6, 4), "bins": 5, "window": (3, 13), "spp": 8}
+    same = tofrender.render("brewster_window", **picture, progress=False)
     np.testing.assert_allclose(found["transient"], same["transient"], rtol=1e-5, atol=1e-7)
     assert found["steady"].dims == ("y", "x", "stokes", "channel")
     assert (tmp_path / "a" / "polarisation.png").stat().st_size > 1000

@@ -10,6 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.peer_scenes import mesh
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -19,12 +20,7 @@ FACES = [[0, 1, 2], [0, 2, 3]]
 
 
 def write_files(folder: Path, faces=FACES, texel: float = 0.5) -> None:
-    lines = ["ply", "format ascii 1.0", "element vertex 4"]
-    lines += [f"property float {axis}" for axis in "xyz"]
-    lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
-    lines += [" ".join(map(str, row)) for row in CORNERS]
-    lines += [" ".join(map(str, [3, *face])) for face in faces]
-    (folder / "mesh.ply").write_text("\n".join(lines) + "\n")
+    mesh(folder / "mesh.ply", np.array(CORNERS, float), np.array(faces))
     pixels = np.linspace(0, texel, 48, dtype=np.float32).reshape(4, 4, 3)
     mi.Bitmap(pixels).write(str(folder / "texture.exr"))
 
