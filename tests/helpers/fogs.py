@@ -1,6 +1,6 @@
 """Media for tests: even ones, grids of the same density, and scenes with them.
 
-In the scenes, boundaries are far from all else: see `test_media_agreement.py`.
+In the scenes, boundaries are far from all else: see `test_straight_through.py`.
 """
 
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from helpers.light_paths import spot
 from helpers.support import (
     area_light,
     camera,
@@ -42,12 +43,8 @@ def fog(
 def volume(density: np.ndarray, corner: Any, size: Any) -> dict:
     """A grid of values, from a corner on."""
     place = mi.ScalarTransform4f().translate(list(corner)).scale(size)
-    return {
-        "type": "gridvolume",
-        "grid": mi.VolumeGrid(density.astype(np.float32)),
-        "to_world": place,
-        "filter_type": "nearest",
-    }
+    grid = mi.VolumeGrid(density.astype(np.float32))
+    return {"type": "gridvolume", "grid": grid, "to_world": place, "filter_type": "nearest"}
 
 
 def cloud(size: float, sigma_t: float = 4.0, **more: Any) -> dict:
@@ -85,22 +82,11 @@ COLOURED = fog(red(0.1, 0.3, 0.8), red(0.9, 0.7, 0.95), 0.3)
 BALL = {"ball": filled(sphere(0.8), fog(2.0, 0.9, 0.6))}
 GLASS = {"type": "dielectric", "int_ior": 1.4, "ext_ior": 1.0}
 ROUGH = {"type": "roughdielectric", "int_ior": 1.3, "ext_ior": 1.0, "alpha": 0.3}
-TWO_LOBES = {
-    "type": "blendphase",
-    "weight": 0.3,
-    "a": {"type": "hg", "g": 0.8},
-    "b": {"type": "isotropic"},
-}
-FLAKES = {
-    "type": "sggx",
-    "S": volume(np.tile([0.3, 0.5, 0.9, 0.05, 0.1, 0.02], (2, 2, 2, 1)), (-40, -40, -40), 80),
-}
-SPOT = {
-    "type": "spot",
-    "to_world": mi.ScalarTransform4f().look_at([0.5, 0.2, 2.5], [0, 0, 0], [0, 1, 0]),
-    "intensity": grey(8.0),
-    "cutoff_angle": 25.0,
-}
+LOBES = {"a": {"type": "hg", "g": 0.8}, "b": {"type": "isotropic"}}
+TWO_LOBES = {"type": "blendphase", "weight": 0.3, **LOBES}
+S = np.tile([0.3, 0.5, 0.9, 0.05, 0.1, 0.02], (2, 2, 2, 1))
+FLAKES = {"type": "sggx", "S": volume(S, (-40, -40, -40), 80)}
+SPOT = spot((0.5, 0.2, 2.5), (0, 0, 0), beam=18.75, cutoff=25.0, intensity=8.0)
 SUN = {"type": "directional", "direction": [0.3, 0.1, -1], "irradiance": grey(2.0)}
 SKY = {"type": "constant", "radiance": grey(0.7)}
 HUGE = {"room": filled(cube(12.0), fog(0.1, 0.8)), "around": fog(0.1, 0.8)}

@@ -1,11 +1,22 @@
 """Small scenes with every kind of light and material, for tests that compare two renderers."""
 
+from functools import partial
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from helpers.support import area_light, camera, diffuse, film, grey, point_light, with_sampler
+from helpers.support import (
+    area_light,
+    camera,
+    diffuse,
+    film,
+    grey,
+    plane,
+    point_light,
+    scene,
+    with_sampler,
+)
 from tofrender.scenes import cornell_box, cornell_box_flash, cornell_box_glass, cornell_box_mirror
 
 SIZE = {"width": 8, "height": 8, "temporal_bins": 2000, "start_opl": 0.0, "max_depth": 12}
@@ -17,15 +28,13 @@ def _cornell(builder, **parts: Any) -> dict:
 
 def _without_light(**parts: Any) -> dict:
     described = _cornell(cornell_box, **parts)
-    del described["light"]
-    del described["ceiling"]
+    del described["light"], described["ceiling"]
     return described
 
 
 def _small_box(bsdf: dict) -> dict:
     described = _cornell(cornell_box)
-    described["small-box"] = described["small-box"] | {"bsdf": bsdf}
-    return described
+    return described | {"small-box": described["small-box"] | {"bsdf": bsdf}}
 
 
 def _ball_in_ball() -> dict:
@@ -38,39 +47,35 @@ def _ball_in_ball() -> dict:
     return described
 
 
-def _sky() -> dict:
-    sky = np.linspace(0.1, 2.0, 8 * 16 * 3).reshape(8, 16, 3).astype(np.float32)
-    return {"type": "envmap", "bitmap": mi.Bitmap(sky)}
-
-
-def _checkers() -> dict:
-    return {
-        "type": "diffuse",
-        "reflectance": {
-            "type": "checkerboard",
-            "color0": grey(0.1),
-            "color1": grey(0.9),
-            "to_uv": mi.ScalarTransform4f().scale([6, 6, 1]),
-        },
-    }
-
-
 def _lamps() -> dict:
     """Several lights of different kinds at once."""
-    spot = {
-        "type": "spot",
-        "intensity": grey(20.0),
-        "cutoff_angle": 30.0,
-        "to_world": mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, -1, 0], [0, 1, 0]),
-    }
-    ball = {
-        "type": "sphere",
-        "center": [-0.5, 0.3, 0.6],
-        "radius": 0.15,
-        "emitter": area_light(6.0),
-    }
+    at = mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, -1, 0], [0, 1, 0])
+    spot = {"type": "spot", "intensity": grey(20.0), "cutoff_angle": 30.0, "to_world": at}
+    ball = {"type": "sphere", "center": [-0.5, 0.3, 0.6], "radius": 0.15}
+    ball["emitter"] = area_light(6.0)
     return _cornell(cornell_box, spot=spot, ball=ball, lamp=point_light((0.4, 0.2, 0.7), 0.5))
 
+
+PICTURE = np.linspace(0.1, 2.0, 8 * 16 * 3).reshape(8, 16, 3).astype(np.float32)
+LIGHTS = {
+    "constant environment": {"type": "constant", "radiance": grey(1.0)},
+    "environment map": {"type": "envmap", "bitmap": mi.Bitmap(PICTURE)},
+    "directional": {
+        "type": "directional",
+        "direction": [0.2, -0.9, -0.3],
+        "irradiance": grey(3.0),
+    },
+}
+SIX = mi.ScalarTransform4f().scale([6, 6, 1])
+CHECKERS = {"type": "checkerboard", "color0": grey(0.1), "color1": grey(0.9), "to_uv": SIX}
+MATERIALS = {
+    "texture": {"type": "diffuse", "reflectance": CHECKERS},
+    "rough conductor": {"type": "roughconductor", "material": "Au", "alpha": 0.1},
+    "rough plastic": {"type": "roughplastic", "alpha": 0.15},
+    "rough glass": {"type": "roughdielectric", "alpha": 0.2},
+    "principled": {"type": "principled", "metallic": 0.3, "roughness": 0.4},
+    "mask": {"type": "mask", "opacity": 0.4, "nested": diffuse(0.8)},
+}
 
 SCENES = {
     "cornell": lambda: _cornell(cornell_box),
@@ -78,20 +83,9 @@ SCENES = {
     "glass": lambda: _cornell(cornell_box_glass),
     "mirror": lambda: _cornell(cornell_box_mirror),
     "nested dielectrics": _ball_in_ball,
-    "constant environment": lambda: _without_light(sky={"type": "constant", "radiance": grey(1.0)}),
-    "environment map": lambda: _without_light(sky=_sky()),
-    "directional": lambda: _without_light(
-        sun={"type": "directional", "direction": [0.2, -0.9, -0.3], "irradiance": grey(3.0)}
-    ),
+    **{name: partial(_without_light, sky=light) for name, light in LIGHTS.items()},
     "many lights": _lamps,
-    "texture": lambda: _small_box(_checkers()),
-    "rough conductor": lambda: _small_box(
-        {"type": "roughconductor", "material": "Au", "alpha": 0.1}
-    ),
-    "rough plastic": lambda: _small_box({"type": "roughplastic", "alpha": 0.15}),
-    "rough glass": lambda: _small_box({"type": "roughdielectric", "alpha": 0.2}),
-    "principled": lambda: _small_box({"type": "principled", "metallic": 0.3, "roughness": 0.4}),
-    "mask": lambda: _small_box({"type": "mask", "opacity": 0.4, "nested": diffuse(0.8)}),
+    **{name: partial(_small_box, bsdf) for name, bsdf in MATERIALS.items()},
 }
 """Scenes of 8 x 8 pixels and 12 segments, most paths end by roulette; the window holds all."""
 
@@ -104,28 +98,15 @@ def emitter_grid(width: int, height: int) -> tuple[dict, np.ndarray]:
     for each column.
     """
     values = (1 + np.arange(width * height).reshape(height, width)).astype(np.float32)
-    texture = {
-        "type": "bitmap",
-        "data": mi.TensorXf(values[::-1, :, None].copy()),
-        "raw": True,
-        "filter_type": "nearest",
-        "wrap_mode": "clamp",
-    }
+    texture = {"type": "bitmap", "data": mi.TensorXf(values[::-1, :, None].copy()), "raw": True}
+    texture |= {"filter_type": "nearest", "wrap_mode": "clamp"}
     # The camera's view is two units wide; columns go along +x, and the plane falls along +x
     tilt = np.eye(4)
     tilt[2, 0] = -width / 16
     half = mi.ScalarTransform4f().scale([1, height / width, 1])
-    picture = {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f(tilt) @ half,
-        "emitter": {"type": "area", "radiance": texture},
-    }
+    light = {"type": "area", "radiance": texture}
+    picture = plane(mi.ScalarTransform4f(tilt) @ half, 1, emitter=light)
     window = film(width, height, bins=width, bin_width=1 / 8, start=2 - width / 16)
     sensor = camera((0, 0, 2), (0, 0, 0), window, kind="orthographic", near_clip=0.1)
-    described = {
-        "type": "scene",
-        "integrator": {"type": "transient_path", "max_depth": 1},
-        "sensor": sensor,
-        "picture": picture,
-    }
+    described = scene({"picture": picture}, sensor, max_depth=1)
     return described, values[:, :, None] * np.eye(width)

@@ -3,6 +3,7 @@
 Each function writes a file and the meshes that it needs into a folder and returns the file's path.
 """
 
+import re
 from pathlib import Path
 
 import mitsuba as mi
@@ -22,6 +23,29 @@ TURNED = """
 <rotate z="1" angle="180"/>
 <translate value="-2 0 2"/>
 """
+
+
+def tags(kind: str, **values: object) -> str:
+    """One tag of a value for each name, such as `<integer name="width" value="4"/>`."""
+    return "".join(f'<{kind} name="{name}" value="{value}"/>\n' for name, value in values.items())
+
+
+def sampler(spp: object, **more: int) -> str:
+    return f'<sampler type="independent">{tags("integer", sample_count=spp, **more)}</sampler>'
+
+
+def film(kind: str, size: object, bins: int, width: float, start: float, more: str = "") -> str:
+    return f"""
+    <film type="{kind}">
+      {tags("integer", width=size, height=size, temporal_bins=bins)}
+      {tags("float", bin_width_opl=width, start_opl=start)}
+      <rfilter type="box"/>{more}
+    </film>"""
+
+
+def written(path: Path, version: str, body: str) -> Path:
+    path.write_text(f'<scene version="{version}">{body}</scene>', encoding="utf-8")
+    return path
 
 
 def give_names_back() -> None:
@@ -50,45 +74,34 @@ def mesh(path: Path, vertices: np.ndarray, faces: np.ndarray = SQUARE_FACES) -> 
 
 
 def camera(spp: int, size: int) -> str:
-    """Looks at the origin from (-2, 0, 2), by the transforms of an exporter."""
+    """Looks at the origin from (-2, 0, 2), by the transforms and names of an exporter."""
+    inner = sampler(spp) + film("transient_hdr_film", size, 300, 0.006, 5.25)
+    inner = re.sub("<(sampler|film|rfilter)", r'<\1 name="\1"', inner)
     return f"""
     <sensor type="perspective" id="elm__1" name="elm__1">
       <string name="fov_axis" value="x"/>
-      <float name="fov" value="40"/>
-      <float name="principal_point_offset_x" value="0"/>
-      <float name="principal_point_offset_y" value="-0"/>
-      <float name="near_clip" value="0.1"/>
-      <float name="far_clip" value="100"/>
+      {tags("float", fov=40, principal_point_offset_x=0, principal_point_offset_y="-0")}
+      {tags("float", near_clip=0.1, far_clip=100)}
       <transform name="to_world">{TURNED}</transform>
-      <sampler type="independent" name="sampler">
-        <integer name="sample_count" value="{spp}"/>
-      </sampler>
-      <film type="transient_hdr_film" name="film">
-        <integer name="width" value="{size}"/>
-        <integer name="height" value="{size}"/>
-        <integer name="temporal_bins" value="300"/>
-        <float name="bin_width_opl" value="0.006"/>
-        <float name="start_opl" value="5.25"/>
-        <rfilter type="box" name="rfilter"/>
-      </film>
+      {inner}
     </sensor>"""
 
 
+HIDDEN_GEOMETRY = {
+    "nlos_laser_sampling": "true",
+    "nlos_hidden_geometry_sampling": "true",
+    "nlos_hidden_geometry_sampling_do_rroulette": "false",
+    "nlos_hidden_geometry_sampling_includes_relay_wall": "false",
+}
+
+
 def integrator(capture_type: int = 1, more: str = "") -> str:
-    names = {
-        "nlos_laser_sampling": "true",
-        "nlos_hidden_geometry_sampling": "true",
-        "nlos_hidden_geometry_sampling_do_rroulette": "false",
-        "nlos_hidden_geometry_sampling_includes_relay_wall": "false",
-        "discard_direct_paths": "False",
-        "account_first_and_last_bounces": "False",
-    }
-    lines = "".join(f'<boolean name="{name}" value="{value}"/>' for name, value in names.items())
+    direct = {"discard_direct_paths": "False", "account_first_and_last_bounces": "False"}
     return f"""
     <integrator type="transient_nlos_path">
-      {lines}
+      {tags("boolean", **HIDDEN_GEOMETRY, **direct)}
       <string name="temporal_filter" value="box"/>
-      <integer name="capture_type" value="{capture_type}"/>
+      {tags("integer", capture_type=capture_type)}
       {more}
     </integrator>"""
 
@@ -128,10 +141,8 @@ def z_simple(
     shapes = plate("elm__3", "Plane.ply", True) + plate(
         "elm__4", "hidden_geometry_Z.ply", True, flat
     )
-    path = folder / "nlos-z-simple.xml"
     parts = camera(spp, size) + integrator(**options) + PROJECTOR + shapes
-    path.write_text(f'<scene version="2.1.0">{parts}</scene>', encoding="utf-8")
-    return path
+    return written(folder / "nlos-z-simple.xml", "2.1.0", parts)
 
 
 # Centre, and the axes along a plane's own x and y (half of its sides), of the room's six planes
@@ -154,10 +165,8 @@ def z_room(folder: Path, *, spp: int = 250000, size: int = 32, **options) -> Pat
         corners = np.asarray(centre) + SQUARE[:, :1] * np.asarray(u) + SQUARE[:, 1:2] * np.array(v)
         mesh(folder / "meshes" / file, corners)
         shapes += plate(f"elm__{number}", file, False)
-    path = folder / "nlos-z-room.xml"
     parts = camera(spp, size) + integrator(**options) + PROJECTOR + shapes
-    path.write_text(f'<scene version="2.1.0">{parts}</scene>', encoding="utf-8")
-    return path
+    return written(folder / "nlos-z-room.xml", "2.1.0", parts)
 
 
 CORNELL = {  # Corners of each rectangle, as in the box that is 5.6 m wide, in decimetres
@@ -193,25 +202,17 @@ def cornell(folder: Path, kind: str = "diffuse") -> Path:
     bsdfs = dict.fromkeys(("floor", "ceiling", "back"), '<ref id="white"/>')
     bsdfs |= {"greenwall": colour("0.1, 0.4, 0.1"), "redwall": colour("0.6, 0.04, 0.04")}
     bsdfs |= dict.fromkeys(BOXES, '<ref id="gray"/>')
-    more = '<float name="gaussian_stddev" value="2.0"/>'
-    window = """
-        <integer name="temporal_bins" value="400"/>
-        <float name="start_opl" value="1000"/>
-        <float name="bin_width_opl" value="6.5"/>"""
+    more = tags("float", gaussian_stddev=2.0)
     if kind == "mirror":
         metal = '<string name="material" value="none"/>'
         bsdfs["back"] = f'<bsdf type="conductor">{metal}</bsdf>'
-        water = '<string name="int_ior" value="water"/><string name="ext_ior" value="air"/>'
+        water = tags("string", int_ior="water", ext_ior="air")
         bsdfs["largebox"] = f'<bsdf type="dielectric">{water}</bsdf>'
-    film = "transient_hdr_film"
+    window = film("transient_hdr_film", "$res", 400, 6.5, 1000)
     if kind == "freq":
-        film, more = "phasor_hdr_film", more + '<boolean name="discard_direct_light" value="true"/>'
-        window = """
-        <float name="wl_mean" value="100"/>
-        <float name="wl_sigma" value="100"/>
-        <integer name="temporal_bins" value="4000"/>
-        <float name="bin_width_opl" value="1"/>
-        <float name="start_opl" value="0"/>"""
+        more += tags("boolean", discard_direct_light="true")
+        wavelengths = tags("float", wl_mean=100, wl_sigma=100)
+        window = film("phasor_hdr_film", "$res", 4000, 1, 0, wavelengths)
     shapes = "".join(
         f"""
   <shape type="obj" id="{name}">
@@ -220,10 +221,7 @@ def cornell(folder: Path, kind: str = "diffuse") -> Path:
   </shape>"""
         for name, bsdf in bsdfs.items()
     )
-    path = folder / f"cbox_{kind}.xml"
-    path.write_text(
-        f"""
-<scene version="3.3.0">
+    body = f"""
   <default name="spp" value="256"/>
   <default name="res" value="400"/>
   <default name="integrator" value="transient_path"/>
@@ -235,20 +233,12 @@ def cornell(folder: Path, kind: str = "diffuse") -> Path:
   </integrator>
   <sensor type="perspective" id="sensor">
     <string name="fov_axis" value="smaller"/>
-    <float name="near_clip" value="10"/>
-    <float name="far_clip" value="2800"/>
-    <float name="focus_distance" value="1000"/>
-    <float name="fov" value="39.3077"/>
+    {tags("float", near_clip=10, far_clip=2800, focus_distance=1000, fov=39.3077)}
     <transform name="to_world">
       <lookat origin="280, 275, -800" target="280, 275, -799" up="  0,   1,    0"/>
     </transform>
-    <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
-    <film type="{film}">
-        <integer name="width" value="$res"/>
-        <integer name="height" value="$res"/>
-        {window}
-        <rfilter type="box"/>
-    </film>
+    {sampler("$spp")}
+    {window}
   </sensor>
   <bsdf type="diffuse" id="gray"><rgb name="reflectance" value="0.85, 0.85, 0.85"/></bsdf>
   <bsdf type="diffuse" id="white"><rgb name="reflectance" value="0.9, 0.7, 0.7"/></bsdf>
@@ -257,21 +247,16 @@ def cornell(folder: Path, kind: str = "diffuse") -> Path:
     <transform name="to_world"><translate x="0" y="-0.5" z="0"/></transform>
     <ref id="white"/>
     <emitter type="area"><rgb name="radiance" value="18.4, 11, 2.8"/></emitter>
-  </shape>{shapes}
-</scene>""".lstrip(),
-        encoding="utf-8",
-    )
-    return path
-
-
-def white(more: str = "") -> str:
-    return '<bsdf type="diffuse"><rgb name="reflectance" value="1.0, 1.0, 1.0"/></bsdf>' + more
+  </shape>{shapes}"""
+    return written(folder / f"cbox_{kind}.xml", "3.3.0", body)
 
 
 def placed(z: float) -> str:
+    """A shape's transform and white material."""
     turns = "".join(f'<rotate {axis}="1" angle="0.0"/>' for axis in "xyz")
     return f"""<transform name="to_world">
-      <scale x="1" y="1" z="1"/>{turns}<translate x="0.0" y="0.0" z="{z}"/></transform>"""
+      <scale x="1" y="1" z="1"/>{turns}<translate x="0.0" y="0.0" z="{z}"/></transform>
+      {colour("1.0, 1.0, 1.0")}"""
 
 
 def nlos_z(
@@ -281,61 +266,35 @@ def nlos_z(
     size: int = 64,
     path_options: str = "",
     meter_options: str = "",
-    film_options: str = "",
     lookat: str = '<point name="laser_lookat_pixel" x="32" y="32" z="0"/>',
 ) -> Path:
     """A meter that says where the laser is; the emitter has no transform of its own."""
-    vertices, faces = letter_z()
-    mesh(folder / "Z.obj", vertices, faces)
-    path = folder / "nlos_Z.xml"
-    path.write_text(
-        f"""
-<scene version="3.3.0">
+    mesh(folder / "Z.obj", *letter_z())
+    body = f"""
   <integrator type="transient_nlos_path">
-    <integer name="block_size" value="1"/>
-    <integer name="max_depth" value="-1"/>
-    <integer name="filter_depth" value="-1"/>
-    <boolean name="discard_direct_paths" value="false"/>
-    <boolean name="nlos_laser_sampling" value="true"/>
-    <boolean name="nlos_hidden_geometry_sampling" value="true"/>
-    <boolean name="nlos_hidden_geometry_sampling_do_rroulette" value="false"/>
-    <boolean name="nlos_hidden_geometry_sampling_includes_relay_wall" value="false"/>
+    {tags("integer", block_size=1, max_depth=-1, filter_depth=-1)}
+    {tags("boolean", discard_direct_paths="false", **HIDDEN_GEOMETRY)}
     <string name="temporal_filter" value="box"/>
     {path_options}
   </integrator>
   <shape type="obj">
     <string name="filename" value="./Z.obj"/>
-    {white(placed(1.0))}
+    {placed(1.0)}
   </shape>
   <emitter type="projector">
     <rgb name="irradiance" value="1.0, 1.0, 1.0"/>
     <float name="fov" value="0.2"/>
   </emitter>
   <shape type="rectangle" id="relay_wall">
-    {white(placed(0.0))}
+    {placed(0.0)}
     <sensor type="nlos_capture_meter">
-      <sampler type="independent">
-        <integer name="sample_count" value="{spp}"/>
-        <integer name="seed" value="0"/>
-      </sampler>
-      <boolean name="confocal" value="false"/>
-      <boolean name="account_first_and_last_bounces" value="false"/>
+      {sampler(spp, seed=0)}
+      {tags("boolean", confocal="false", account_first_and_last_bounces="false")}
       <point name="sensor_origin" x="-0.5" y="0.0" z="0.25"/>
       <point name="laser_origin" x="-0.5" y="0.0" z="0.25"/>
       {lookat}
       {meter_options}
-      <film type="transient_hdr_film">
-        <integer name="width" value="{size}"/>
-        <integer name="height" value="{size}"/>
-        <integer name="temporal_bins" value="300"/>
-        <float name="bin_width_opl" value="0.006"/>
-        <float name="start_opl" value="1.85"/>
-        <rfilter type="box"/>
-        {film_options}
-      </film>
+      {film("transient_hdr_film", size, 300, 0.006, 1.85)}
     </sensor>
-  </shape>
-</scene>""".lstrip(),
-        encoding="utf-8",
-    )
-    return path
+  </shape>"""
+    return written(folder / "nlos_Z.xml", "3.3.0", body)

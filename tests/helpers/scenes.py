@@ -38,10 +38,15 @@ def seen(described: dict, size: int, *names: str) -> np.ndarray:
     return np.any(np.array(found), axis=0).reshape(size, size)
 
 
-def random_directions(lanes: int = 1 << 18, seed: int = 0) -> mi.Vector3f:
+def numbers(seed: int, count: int) -> mi.Sampler:
+    """Random numbers for so many lanes."""
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, lanes)
-    return mi.warp.square_to_uniform_sphere(sampler.next_2d())
+    sampler.seed(seed, count)
+    return sampler
+
+
+def random_directions(lanes: int = 1 << 18, seed: int = 0) -> mi.Vector3f:
+    return mi.warp.square_to_uniform_sphere(numbers(seed, lanes).next_2d())
 
 
 def random_rays(center: Sequence[float]) -> mi.Ray3f:

@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.fogs import cube, filled, fog
+from helpers.light_paths import spot
 from helpers.support import (
     TIME,
     agree,
@@ -13,7 +14,6 @@ from helpers.support import (
     camera,
     diffuse,
     film,
-    grey,
     load,
     over_seeds,
     plane,
@@ -30,12 +30,7 @@ pytestmark = pytest.mark.statistical
 SEEDS = range(8)
 WIDTH = 0.03
 POINT = (0.5, 0.3, -0.4)
-SPOT = {
-    "type": "spot",
-    "to_world": mi.ScalarTransform4f().look_at([0.1, 0, 0], [0, 0, -2], [0, 1, 0]),
-    "intensity": grey(50.0),
-    "cutoff_angle": 30.0,
-}
+SPOT = spot((0.1, 0, 0), (0, 0, -2), beam=22.5, cutoff=30.0, intensity=50.0)
 ASIDE = plane(
     translate(0.4, 0, 0) @ rotate((1, 0, 0), 180), 0.2, bsdf=diffuse(0.0), light=area_light(20.0)
 )
@@ -54,9 +49,8 @@ def gated(parts: dict, medium: dict | None, depth: int, **more: Any) -> tuple[mi
 
 def seen(pair: tuple, target: float, spp: int, seed: int) -> np.ndarray:
     loaded, integrator = pair
-    image = tofrender.render_at_time(
-        loaded, integrator, loaded.sensors()[0], target, spp=spp, seed=seed
-    )
+    sensor = loaded.sensors()[0]
+    image = tofrender.render_at_time(loaded, integrator, sensor, target, spp=spp, seed=seed)
     return np.asarray(image, float)[..., 0]
 
 

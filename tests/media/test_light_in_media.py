@@ -20,6 +20,7 @@ from helpers.fogs import (
     sphere,
 )
 from helpers.light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
+from helpers.mistakes import gives_other
 from helpers.support import (
     agree,
     area_light,
@@ -57,18 +58,15 @@ BETWEEN = LIT | {
     "half": filled(cube((9, 9, 0.4), (0, 0, 0.8)), fog(0.8, 0.9, 0.5)),
     "hanging": ball((0.4, 0.3, -0.5), 0.05, emitter=area_light(60.0)),
 }
+MILK = LIT | {"milk": filled(sphere(0.8), fog(2.0, 0.98, 0.5))}
+PUFF = LIT | {"puff": filled(sphere(0.6, (0.4, -3.5, 1.6)), fog(1.5, 0.9))}
 MORE = {
     "lamp in fog without end": INSIDE,
     "lamp in a room of fog": ROOM,
     "lamp below a cloud": BETWEEN,
-    "lamp in a ball of milk": LIT
-    | {
-        "milk": filled(sphere(0.8), fog(2.0, 0.98, 0.5)),
-        "inside": point_light((0.1, 0.2, 0.1), 3.0),
-    },
+    "lamp in a ball of milk": MILK | {"inside": point_light((0.1, 0.2, 0.1), 3.0)},
     "flakes": LIT | {"ball": filled(sphere(0.8), fog(2.0, 0.9, phase=FLAKES))},
-    "lens in a puff": LIT
-    | {"puff": filled(sphere(0.6, (0.4, -3.5, 1.6)), fog(1.5, 0.9)), "around": fog(1.5, 0.9)},
+    "lens in a puff": PUFF | {"around": fog(1.5, 0.9)},
 }
 
 
@@ -116,25 +114,23 @@ def test_a_lamp_seen_through_absorbing_fog(technique, boxed):
     assert agree(found, np.full_like(found, np.exp(-2)), rounding=1e-3)
 
 
-def lamp_in_slab(sigma_t: float | None, technique: str, **more) -> dict:
+def in_slab(sigma_t: float | None, technique: str, seeds=OTHER_SEEDS, hide=True) -> tuple:
     """A lamp in the camera's view, in a slab of fog; None is no slab."""
     parts = LIT | {"hanging": ball((0.2, -0.2, 0.8), 0.25, emitter=area_light(6.0))}
     if sigma_t is not None:
         parts["slab"] = filled(cube((9, 9, 0.4), (0, 0, 0.8)), fog(sigma_t, 0.9, 0.5))
-    return looked_at(parts) | {"integrator": by(technique, DEPTH, rr_depth=20, **more)}
+    integrator = by(technique, DEPTH, rr_depth=20, hide_emitters=hide)
+    return seen(looked_at(parts) | {"integrator": integrator}, 4 * SPP, seeds)
 
 
 @pytest.mark.parametrize("technique", [PATH, LIGHT_TRACER, BDPT])
 def test_lamps_behind_the_end_of_fog_are_hidden(technique):
     """Fog of no density changes nothing; through other fog, paths from both ends agree."""
-    clear = seen(lamp_in_slab(None, technique, hide_emitters=True), 4 * SPP, SEEDS)
-    thin = seen(lamp_in_slab(0.0, technique, hide_emitters=True), 4 * SPP, OTHER_SEEDS)
-    assert same(thin, clear)
-    assert not same(seen(lamp_in_slab(0.0, technique), 4 * SPP, OTHER_SEEDS), clear)
+    clear = in_slab(None, technique, SEEDS)
+    assert same(in_slab(0.0, technique), clear)
+    assert not same(in_slab(0.0, technique, hide=False), clear)
     if technique != PATH:
-        found = seen(lamp_in_slab(0.8, technique, hide_emitters=True), 4 * SPP, SEEDS)
-        reference = seen(lamp_in_slab(0.8, PATH, hide_emitters=True), 4 * SPP, OTHER_SEEDS)
-        assert same(found, reference)
+        assert same(in_slab(0.8, technique, SEEDS), in_slab(0.8, PATH))
 
 
 def small_particles(technique: str) -> dict:
@@ -191,34 +187,25 @@ def test_polarised_light_from_both_ends(technique, monkeypatch):
 BALL = "ball"
 
 
-def flat(right):
+def flat(self, cosine, d):
     """Cosines to a normal that a point of a medium does not have."""
-    return lambda self, d: dr.abs(dr.dot(self.si.n, d))
+    return dr.abs(dr.dot(self.si.n, d))
 
 
-def in_vacuum(right):
+def in_vacuum(self, place, ray):
     """Light that starts in vacuum, wherever its lamp is."""
-    return lambda self, ray: Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+    return Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
 
 
-def to_the_near_plane(right):
+def to_the_near_plane(self, link, *_):
     """Fog that ends where the camera begins to see surfaces."""
-
-    def wrong(self, *args):
-        link = right(self, *args)
-        link.reach = None
-        return link
-
-    return wrong
+    link.reach = None
+    return link
 
 
-def one_sided(right):
+def one_sided(self, scattered, *_):
     """A phase function that scatters back what comes from the lights."""
-
-    def wrong(self, f, mei, wo):
-        return right(self, f, mei, wo) * (0.9 if self.importance else 1)
-
-    return wrong
+    return scattered * (0.9 if self.importance else 1)
 
 
 MISTAKES = {
@@ -240,5 +227,5 @@ def test_mistakes_are_noticed(mistake, monkeypatch):
 
     reference = seen(looked(PATH), 4 * SPP, OTHER_SEEDS)
     assert same(seen(looked(technique), SPP // 2, MANY_SEEDS), reference)
-    monkeypatch.setattr(owner, name, make(getattr(owner, name)))
+    monkeypatch.setattr(owner, name, gives_other(make)(getattr(owner, name)))
     assert not same(seen(looked(technique), SPP // 2, MANY_SEEDS), reference)

@@ -1,7 +1,5 @@
 """Light in participating media, against what is exact to all orders of scattering."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.fogs import FLAKES, TWO_LOBES, cube, filled, fog, red
+from helpers.mistakes import gives_other
+from helpers.scenes import numbers
 from helpers.support import plane, rotate, translate
 
 from tofrender.integrators.plan import Plan
@@ -40,15 +40,11 @@ SHELL = {"type": "sphere", "flip_normals": True, **SHINES}
 class Moments:
     """Sum of light, of light times length, and of light in one bin."""
 
-    total: Any
-    length: mi.Float
-    binned: mi.Float
     low: mi.Float
     high: mi.Float
-
-    @classmethod
-    def zero(cls, low: float = 0.0, high: float = 1e9) -> Moments:
-        return cls(mi.Color3f(0), mi.Float(0), mi.Float(0), mi.Float(low), mi.Float(high))
+    total: mi.Color3f
+    length: mi.Float
+    binned: mi.Float
 
     def add(self, contribution: Any) -> None:
         light = dr.select(contribution.active, contribution.spectrum, 0)
@@ -72,7 +68,8 @@ def traced(
     plan = Plan(space, SceneLights(scene), scattering, Limits(max_depth, 10_000))
     origin = mi.Point3f(ray.o)
     ray.o = dr.fma(ray.d, 1e-4, ray.o)  # Off the surface; lengths and media start at the origin
-    moments, _ = plan.trace(sampler, ray, origin, Moments.zero(*window))
+    none = mi.Color3f(0), mi.Float(0), mi.Float(0)
+    moments, _ = plan.trace(sampler, ray, origin, Moments(*map(mi.Float, window), *none))
     sums = [moments.total.x, moments.length, moments.binned]
     dr.eval(sums)
     return np.array([dr.mean(each)[0] for each in sums])
@@ -85,39 +82,41 @@ def agrees(samples: Any, wanted: Any) -> bool:
     return bool(p.min() >= smallest_allowed(ALPHA, p.size))
 
 
-def numbers(seed: int, count: int) -> mi.Sampler:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, count)
-    return sampler
-
-
 def from_one_point(direction: Any, count: int) -> mi.Ray3f:
     """Equal rays from the origin."""
     return mi.Ray3f(mi.Point3f(0) + dr.zeros(mi.Float, count), mi.Vector3f(*direction))
 
 
+def walk(scene: mi.Scene, medium: mi.Medium | None, ray: mi.Ray3f, seed: int):
+    """Paths along rays, before each vertex, which comes along: none are active in the end."""
+    sampler = numbers(seed, dr.width(ray))
+    space, phases = Media(scene, medium), Phases(Materials(scene))
+    path = Path.start(ray, place=space.place(ray))
+    while dr.any(path.active):
+        path, vertex = space.next(path, sampler)
+        yield path, vertex
+        path.active &= vertex.valid
+        _, bounce = phases.scatter(vertex, None, sampler, path.active)
+        path.opl += dr.select(path.active, path.η * vertex.length, 0)
+        path.place = space.leave(path, vertex, bounce.ray.d)
+        path.β, path.η = path.β * bounce.weight, path.η * bounce.η
+        path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
+        sampler.schedule_state()
+        dr.eval(path)
+
+
 # ------------------------------------------------------------------------------ wandering
 
 
-def wandered(scene: Any, medium: Any, length: float, count: int, seed: int) -> np.ndarray:
+def wandered(medium: dict, length: float, seed: int, count: int = 6000) -> np.ndarray:
     """Where paths are that start along z, when they are so long: means of z and r²."""
-    sampler = numbers(seed, count)
-    space, phases = Media(scene, medium), Phases(Materials(scene))
-    ray = from_one_point([0, 0, 1], count)
-    path = Path.start(ray, place=space.place(ray))
-    reached = dr.zeros(mi.Point3f, count)
-    while dr.any(path.active):
-        path, vertex = space.next(path, sampler)
+    scene, reached = mi.load_dict({"type": "scene"}), dr.zeros(mi.Point3f, count)
+    for path, vertex in walk(scene, mi.load_dict(medium), from_one_point([0, 0, 1], count), seed):
         ends = path.active & ~(path.opl + vertex.length < length)
         at = path.prev.p + path.ray.d * (length - path.opl)
         reached = dr.select(ends, at, reached)
-        _, bounce = phases.scatter(vertex, None, sampler, path.active)
-        path.opl += vertex.length
-        path.place = space.leave(path, vertex, bounce.ray.d)
-        path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
-        path.active &= ~ends & vertex.valid
-        sampler.schedule_state()
-        dr.eval(path, reached)
+        path.active &= ~ends
+        dr.eval(reached)
     p = reached.numpy()
     return np.array([p[2].mean(), np.sum(p**2, axis=0).mean()])
 
@@ -129,38 +128,27 @@ def wandered(scene: Any, medium: Any, length: float, count: int, seed: int) -> n
 )
 def test_photons_wander_as_they_must(kind, g, mu_s, length, z, r2):
     """<z> = l (1 - exp(-s/l)) and <r²> = 2 l² (s/l - 1 + exp(-s/l)), l = 1 / (mu_s (1 - g))."""
-    medium, scene = mi.load_dict(fog(float(mu_s), 1.0, g, kind)), mi.load_dict({"type": "scene"})
-    found = [wandered(scene, medium, float(length), 6000, seed) for seed in range(5)]
+    medium = fog(float(mu_s), 1.0, g, kind)
+    found = [wandered(medium, float(length), seed) for seed in range(5)]
     assert agrees(found, [z, r2])
 
 
-def moved_by_null_collisions(right):
+def moved_by_null_collisions(self, flight, before, *_):
     """A flight that goes a centimetre further at each."""
-
-    def wrong(self, flight, *args):
-        before = flight.at
-        flight = right(self, flight, *args)
-        null = flight.going & (flight.at > before)
-        flight.at = dr.select(null, flight.at + 0.01, flight.at)
-        return flight
-
-    return wrong
+    null = flight.going & (flight.at > before.at)
+    flight.at = dr.select(null, flight.at + 0.01, flight.at)
+    return flight
 
 
-def in_vacuum(right):
+def in_vacuum(self, place, ray):
     """A sensor that does not know what it is in."""
-    return lambda self, ray: Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+    return Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
 
 
-def turned_round(right):
+def turned_round(ray, mei, *_):
     """Points that take where light goes for where it comes from: the sign of g."""
-
-    def wrong(ray, p, medium):
-        mei = right(ray, p, medium)
-        mei.wi, mei.sh_frame = ray.d, mi.Frame3f(ray.d)
-        return mei
-
-    return wrong
+    mei.wi, mei.sh_frame = ray.d, mi.Frame3f(ray.d)
+    return mei
 
 
 @pytest.mark.parametrize(
@@ -172,9 +160,8 @@ def turned_round(right):
     ],
 )
 def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
-    medium, scene = mi.load_dict(fog(2.0, 1.0, 0.7, kind)), mi.load_dict({"type": "scene"})
-    monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
-    found = [wandered(scene, medium, 3.0, 6000, seed) for seed in range(8)]
+    monkeypatch.setattr(owner, name, gives_other(mistake)(getattr(owner, name)))
+    found = [wandered(fog(2.0, 1.0, 0.7, kind), 3.0, seed) for seed in range(8)]
     assert not agrees(found, [1.39117, 5.36277])
 
 
@@ -227,10 +214,8 @@ def test_single_scattering(kind):
     lamp = {"type": "point", "position": [2.5, 0.8, 0], "intensity": power}
     scene = mi.load_dict({"type": "scene", "fog": behind, "lamp": lamp})
     window = (3.0, 3.2)
-    found = []
-    for seed in range(SEEDS):
-        ray = from_one_point([1, 0, 0], 20_000)
-        found.append(traced(scene, None, ray, seed, 2, window)[[0, 2]])
+    ray = from_one_point([1, 0, 0], 20_000)
+    found = [traced(scene, None, mi.Ray3f(ray), k, 2, window)[[0, 2]] for k in range(SEEDS)]
     assert agrees(found, [0.03865337, 0.00670907])
 
 
@@ -271,10 +256,7 @@ def test_colours_are_right_where_they_differ_much():
     scene = mi.load_dict({"type": "scene", "lamp": lamp, "wall": wall})
     found = []
     for seed in range(SEEDS):
-        sampler, ray = numbers(seed, 20_000), from_one_point([0, 0, 1], 20_000)
-        space = Media(scene)
-        path = Path.start(ray, place=space.place(ray))
-        path, vertex = space.next(path, sampler)
+        path, vertex = next(walk(scene, None, from_one_point([0, 0, 1], 20_000), seed))
         light = dr.select(vertex.valid & vertex.inside.here, 0, path.β)
         found.append(np.array(dr.mean(light, axis=1)).ravel())
     assert agrees(found, np.exp(-2 * np.array([0.05, 1.0, 4.0])))
@@ -317,25 +299,15 @@ def test_half_space_under_even_light(albedo, cosine, window, wanted):
 
 def lengths_in_glass(scene: mi.Scene, seed: int, count: int) -> np.ndarray:
     """Light that leaves a glass sphere again, and its optical length in there, for rays onto it."""
-    sampler = numbers(seed, count)
-    space, phases = Media(scene), Phases(Materials(scene))
     ray = inwards(seed, count)
     ray.o = ray.o + mi.Vector3f(0, 0, 1e-4)
-    path = Path.start(ray, place=space.place(ray))
-    left = dr.zeros(mi.Float, count)
-    while dr.any(path.active):
-        path, vertex = space.next(path, sampler)
-        left += dr.select(path.active & ~vertex.valid, path.β.x, 0)
-        path.active &= vertex.valid
-        _, bounce = phases.scatter(vertex, None, sampler, path.active)
-        within = path.active & (path.η > 1)
-        path.opl += dr.select(within, path.η * vertex.length, 0)
-        path.place = space.leave(path, vertex, bounce.ray.d)
-        path.β, path.η = path.β * bounce.weight, path.η * bounce.η
-        path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
-        sampler.schedule_state()
-        dr.eval(path, left)
-    return np.array([dr.mean(left)[0], dr.mean(left * path.opl)[0]])
+    left, times_length = dr.zeros(mi.Float, count), dr.zeros(mi.Float, count)
+    for path, vertex in walk(scene, None, ray, seed):
+        leaves = dr.select(path.active & ~vertex.valid, path.β.x, 0)
+        left += leaves
+        times_length += leaves * path.opl
+        dr.eval(left, times_length)
+    return np.array([dr.mean(left)[0], dr.mean(times_length)[0]])
 
 
 @pytest.mark.parametrize(("mu_s", "g"), [(0.5, 0.0), (2.0, 0.8)])

@@ -1,4 +1,10 @@
-"""`transient_volpath` where surfaces let light straight through: it is Mitsuba's `volpath`."""
+"""`transient_volpath` in media and where surfaces let light straight through: it is `volpath`.
+
+Connections of Mitsuba's `volpath` lose light where they pass a boundary shortly before a lamp or a
+surface: the epsilons of its rays add up, and a part of the lamp hides behind itself. (A cube of fog
+that is almost empty, 5 cm from the walls of the Cornell box, takes 1.3 % of the picture's light.)
+In the scenes below, boundaries are far from all else.
+"""
 
 from typing import Any
 
@@ -6,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.fogs import BALL, FLOOR, LIT, SKY, THIN, looked_at, sphere
+from helpers.fogs import BALL, FLOOR, LIT, SCENES as IN_MEDIA, SKY, THIN, looked_at, sphere
 from helpers.support import (
     agree,
     area_light,
@@ -51,17 +57,18 @@ def sheet(material: dict, size: float = 1.5, z: float = 0.5) -> dict:
 
 
 def seen(description: dict, seeds=SEEDS, spp: int = SPP, by: Any = None) -> np.ndarray:
-    """The picture's mean for each seed."""
+    """Means of the picture's channels for each seed."""
     loaded = load(description)
 
     def one(seed: int) -> np.ndarray:
         if by is None:
-            return rendered(loaded, spp, seed)[0].mean()
-        return np.array(mi.render(loaded, integrator=by, spp=spp, seed=seed), float).mean()
+            return rendered(loaded, spp, seed)[0].mean((0, 1))
+        return np.array(mi.render(loaded, integrator=by, spp=spp, seed=seed), float).mean((0, 1))
 
     return over_seeds(one, seeds)
 
 
+ONE_SAMPLE = {"type": "path_tracer_mis", "technique": "one_sample"}
 SCENES: dict[str, tuple[dict, dict]] = {
     "point behind a pane": (POINT | sheet(PANE, 30.0, 1.0), {}),
     "point behind null": (POINT | ball(NULL), {}),
@@ -77,18 +84,21 @@ SCENES: dict[str, tuple[dict, dict]] = {
     "two segments": (LIT | GLOW | ball(PANE), {"max_depth": 2}),
     "three segments": (LIT | ball(MASK), {"max_depth": 3}),
     "lamps by hits": (LIT | GLOW | ball(MASK), {"emitter_sampling": False}),
+    **{name: (parts, {}) for name, parts in IN_MEDIA.items()},
+    "one sample": (IN_MEDIA["cloud under a sky"], ONE_SAMPLE),
 }
 
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", SCENES)
 def test_energy_is_that_of_volpath(name):
+    """Of each channel."""
     parts, more = SCENES[name]
     description = looked_at(parts, **more)
     depth = description["integrator"]["max_depth"]
     volpath = mi.load_dict({"type": "volpath", "max_depth": depth, "rr_depth": 20})
     expected = seen(steady_twin(description), OTHER_SEEDS, by=volpath)
-    assert agree(seen(description), expected, rounding=2e-3)
+    assert agree(seen(description), expected, rounding=2e-4)
 
 
 @pytest.mark.statistical

@@ -153,13 +153,10 @@ class Track:
         """What is given."""
         return surfaces
 
-    def place(self, ray):
+    def place(self, *_):
         """Nothing."""
 
-    around = place
-
-    def leave(self, path, vertex, direction):
-        """Nothing."""
+    around = leave = place
 
     def next(self, path, sampler):
         """The next one of a path from the camera, or from a light."""
@@ -175,9 +172,8 @@ class Track:
         valid = there & si.is_valid()
         si.wi = dr.select(valid, si.to_local(-path.ray.d), -path.ray.d)
         specular = paths.at(paths.specular, j, there) == 1
-        return path, Recorded(
-            si, dr.norm(si.p - path.prev.p), valid, onward=onward, specular=specular
-        )
+        length = dr.norm(si.p - path.prev.p)
+        return path, Recorded(si, length, valid, onward=onward, specular=specular)
 
     def transmittance(self, path, vertex, connection, sampler):
         """All: what is in the way was asked when the paths were found."""
@@ -339,12 +335,13 @@ class Products:
         si = mi.SurfaceInteraction3f(paths.si)
         before = si.to_local(-dr.gather(mi.Vector3f, paths.d, index - 1, rough))
         after = si.to_local(paths.d)
-        both = []
-        for wi, wo in ((after, before), (before, after)):
+
+        def density(wi: mi.Vector3f, wo: mi.Vector3f) -> np.ndarray:
             si.wi = wi
             pdf = dr.select(rough, si.bsdf().pdf(ctx, si, wo, rough), 1)
-            both.append(np.array(pdf, float).reshape(-1, WIDE))
-        return both[0], both[1]
+            return np.array(pdf, float).reshape(-1, WIDE)
+
+        return density(after, before), density(before, after)
 
     def possible(self, camera_connections: bool = True) -> np.ndarray:
         """Which strategies find each path, shape (lanes, LONGEST + 1).
@@ -363,10 +360,9 @@ class Products:
         """Density to the power over the sum, 0 for what is not possible."""
         products = []
         for s in range(LONGEST + 1):
-            last = self.k + 1 - s
-            from_lens = np.where(self.j <= last, self.from_lens, 1).prod(axis=1)
-            lit = (self.j > last) & (self.j <= self.k + 1)
-            from_light = np.where(lit, self.from_light, 1).prod(axis=1)
+            lit = self.j > self.k + 1 - s
+            from_lens = np.where(lit, 1, self.from_lens).prod(axis=1)
+            from_light = np.where(lit & (self.j <= self.k + 1), self.from_light, 1).prod(axis=1)
             products.append(from_lens * (self.connected if s == 1 else from_light))
         powers = np.stack(products, axis=1) ** exponent * self.possible(camera_connections)
         return powers / np.maximum(powers.sum(axis=1, keepdims=True), 1e-300)

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES
+from helpers.scenes import numbers
 from helpers.support import agree, over_seeds, with_sampler
 
 import tofrender
@@ -60,18 +61,13 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
     loaded = tofrender.load_scene(SCENES[name]())
     gate = tofrender.GaussianPulse(0.2)
     opl, η, lanes = mi.Float(3.0), mi.Float(1.25), 4096
-    looking, plain = (
-        GatedLights(loaded, None, lambda length: gate.eval(5.0 - length)),
-        SceneLights(loaded),
-    )
+    looking = GatedLights(loaded, None, lambda length: gate.eval(5.0 - length))
 
     def irradiance(lights, seed):
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed, lanes)
+        sampler = numbers(seed, lanes)
         si = dr.zeros(mi.SurfaceInteraction3f, lanes)
-        si.p = mi.Point3f(0.1, -0.9, 0.8) + 0.1 * mi.Point3f(
-            sampler.next_1d(), sampler.next_1d(), sampler.next_1d()
-        )
+        aside = mi.Point3f(*(sampler.next_1d() for _ in range(3)))
+        si.p = mi.Point3f(0.1, -0.9, 0.8) + 0.1 * aside
         si.n = mi.Normal3f(0, 1, 0)
         si.sh_frame = mi.Frame3f(si.n)
         path = Path.start(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, -1, 0)))
@@ -84,12 +80,9 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         value = dr.mean(em.weight) * cos * gate.eval(5.0 - dr.fma(η, em.length, opl))
         return np.array(dr.mean(dr.select(em.active, value, 0)))
 
-    reference = over_seeds(lambda seed: irradiance(plain, seed), range(50, 82))
+    reference = over_seeds(lambda seed: irradiance(SceneLights(loaded), seed), range(50, 82))
     values = over_seeds(lambda seed: irradiance(looking, seed), range(32))
-    if np.any(reference):
-        assert agree(values, reference)
-    else:
-        assert not np.any(values)
+    assert agree(values, reference) if np.any(reference) else not np.any(values)
 
 
 @pytest.mark.parametrize(("opl", "less"), [(5.2, 4.0), (5.9, 2.0), (6.7, 1.5)])
@@ -100,11 +93,12 @@ def test_less_noise_at_equal_samples(opl, less):
     sensor = loaded.sensors()[0]
     integrator = gated(pulse_width_opl=0.03)
     gates = {"temporal_bins": 1, "start_opl": opl - 0.01, "bin_width_opl": 0.02}
+    at = loaded, integrator, sensor
     all_gates, one = (
         over_seeds(render, range(8)).var(axis=0, ddof=1).mean()
         for render in (
-            lambda s: tofrender.render_transient(loaded, integrator, sensor, gates, 16, s)[:, :, 0],
-            lambda s: tofrender.render_at_time(loaded, integrator, sensor, opl, 16, s),
+            lambda seed: tofrender.render_transient(*at, gates, 16, seed)[:, :, 0],
+            lambda seed: tofrender.render_at_time(*at, opl, 16, seed),
         )
     )
     assert all_gates > less * one

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import GLASS
+from helpers.scenes import numbers
 from helpers.support import diffuse, load, plane, point_light
 
 from tofrender.paths.records import Vertex
@@ -51,8 +52,7 @@ def scattered(material: dict, cos: float) -> tuple[np.ndarray, np.ndarray, np.nd
     start = mi.Point3f(sine, 0, cos) + dr.zeros(mi.Float, LANES)
     si = loaded.ray_intersect(mi.Ray3f(start, mi.Vector3f(-sine, 0, -cos)))
     vertex = Vertex(si, si.t, si.is_valid())
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, LANES)
+    sampler = numbers(0, LANES)
     _, bounce = materials.scatter(vertex, None, sampler, vertex.valid)
     sampler.seed(0, LANES)
     flux = mi.BSDFContext(mi.TransportMode.Importance)

@@ -17,6 +17,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import GLASS, MIRROR, ball, facing_down, spot
+from helpers.mistakes import gives_other, of_other
+from helpers.scenes import numbers
 from helpers.support import (
     area_light,
     camera,
@@ -127,26 +129,18 @@ def are_plain(it: Case) -> bool:
     return bool((difference < ROUNDING).all())
 
 
-CASES = pytest.mark.parametrize(
-    ("view", "exponent", "camera_connections"),
-    [(view, exponent, on) for view in VIEWS for exponent in (1, 2) for on in (True, False)],
-)
-
-
 def test_shares_in_a_plain_room():
     it = found("off centre", 2, True, plain=True)
     assert sum_to_1(it)
     assert are_plain(it)
 
 
-@CASES
-def test_shares_of_each_path_sum_to_1(view, exponent, camera_connections):
-    assert sum_to_1(case(view, exponent, camera_connections))
-
-
-@CASES
-def test_shares_are_the_plain_definition(view, exponent, camera_connections):
+@pytest.mark.parametrize("camera_connections", [True, False])
+@pytest.mark.parametrize("exponent", [1, 2])
+@pytest.mark.parametrize("view", VIEWS)
+def test_shares_sum_to_1_and_are_the_plain_definition(view, exponent, camera_connections):
     it = case(view, exponent, camera_connections)
+    assert sum_to_1(it)
     assert are_plain(it)
     assert not are_plain(case(view, 3 - exponent, camera_connections)._replace(shares=it.shares))
 
@@ -171,13 +165,27 @@ def test_paths_are_of_all_kinds(view):
         assert shape.is_emitter() or (here & inner).sum() > 50, shape.id()
 
 
-def test_light_starts_with_its_density():
-    """That of the definition, emitter by emitter."""
-    loaded = load(room("thin lens"))
+def emitted(loaded: mi.Scene) -> tuple[Emission, Any]:
+    """Where light starts, for each of LANES paths."""
     emission = Emission(loaded, loaded.sensors()[0])
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, LANES)
-    it = emission.sample(sampler, mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
+    return emission, emission.sample(
+        numbers(0, LANES), mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))
+    )
+
+
+INSTANCE = {
+    "group": {"type": "shapegroup", "a": {"type": "sphere"}},
+    "instance": {"type": "instance", "of": {"type": "ref", "id": "group"}},
+}
+"""It knows no points of its own, and must not be asked."""
+
+
+@pytest.mark.parametrize("beside", [{}, INSTANCE], ids=["alone", "beside an instance"])
+def test_light_starts_with_its_density(beside):
+    """That of the definition, emitter by emitter."""
+    alive = mi.load_dict({"type": "scene"} | beside)
+    loaded = load(room("thin lens"))
+    emission, it = emitted(loaded)
     cross_section = float(emission.cross_section[0])
     surface = np.array(mi.has_flag(it.emitter.flags(), mi.EmitterFlags.Surface))
     cos = np.where(surface, np.abs(np.array(dr.dot(it.normal, it.ray.d))), 1)
@@ -185,17 +193,6 @@ def test_light_starts_with_its_density():
     assert np.array(it.density) == pytest.approx(expected, rel=1e-4)
     for emitter in loaded.emitters():
         assert dr.count(it.emitter == mi.EmitterPtr(emitter))[0] > LANES / 8
-
-
-def an_instance() -> dict:
-    group = {"type": "shapegroup", "a": {"type": "sphere"}}
-    return {"group": group, "instance": {"type": "instance", "of": {"type": "ref", "id": "group"}}}
-
-
-def test_light_starts_beside_instances():
-    """Which know no points of their own, and must not be asked."""
-    alive = mi.load_dict({"type": "scene"} | an_instance())
-    test_light_starts_with_its_density()
     del alive
 
 
@@ -211,17 +208,11 @@ def test_light_of_many_lamps_starts_beside_instances():
     size = mi.ScalarTransform4f().scale(0.1)
     lamps = {f"lamp{k}": kinds[k % 3] | {"to_world": translate(k, 0, 5) @ size} for k in range(20)}
     view = camera(EYE, TARGET, film())
-    loaded = load(scene(lamps | an_instance() | {"point": point_light((0, 3, 0), 1.0)}, view))
-    emission = Emission(loaded, loaded.sensors()[0])
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, LANES)
-    it = emission.sample(sampler, mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
+    loaded = load(scene(lamps | INSTANCE | {"point": point_light((0, 3, 0), 1.0)}, view))
+    _, it = emitted(loaded)
     places = np.array(it.origin).T
-    for emitter in loaded.emitters():
-        shape = emitter.get_shape()
-        if shape is None:
-            continue
-        here = np.array(it.emitter == mi.EmitterPtr(emitter))
+    for shape in filter(None, (emitter.get_shape() for emitter in loaded.emitters())):
+        here = np.array(it.emitter == mi.EmitterPtr(shape.emitter()))
         assert here.sum() == pytest.approx(LANES / 21, rel=0.3)
         box, found = shape.bbox(), places[here]
         assert (found >= np.array(box.min) - 1e-5).all()
@@ -237,8 +228,7 @@ def test_choices_have_the_densities_that_connections_have(importance):
     """Both ways; paths that are walked again rest on it."""
     loaded = load(room("off centre"))
     materials = Materials(loaded, importance=importance, both_ways=True)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, LANES)
+    sampler = numbers(0, LANES)
     d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
     si = loaded.ray_intersect(mi.Ray3f(mi.Point3f(0.2, -0.6, 0.7), d))
     vertex = Vertex(si, si.t, si.is_valid())
@@ -255,87 +245,65 @@ def test_choices_have_the_densities_that_connections_have(importance):
 # ------------------------------------------------------------------------ mistakes are found
 
 
-def no_way_back_to_the_lens(right: Callable) -> Callable:
-    return lambda self, path, vertex, link, turn: right(
-        self, path, vertex, link, replace(turn, back=mi.Float(0))
-    )
+def no_way_back(link):
+    other = copy(link.rival)
+    other.back = mi.Float(0)
+    return replace(link, rival=other)
 
 
-def no_way_back_at_the_far_end(right: Callable) -> Callable:
-    def wrong(self, path, vertex, link, turn):
-        other = copy(link.rival)
-        other.back = mi.Float(0)
-        return right(self, path, vertex, replace(link, rival=other), turn)
-
-    return wrong
+def no_other_way_to_start(path, vertex, hit):
+    path = copy(path)
+    path.memory = Rivals(path.memory.a, mi.Float(0))
+    return path, vertex, hit
 
 
-def no_other_way_to_start(right: Callable) -> Callable:
-    def wrong(self, path, vertex, hit):
-        path = copy(path)
-        path.memory = Rivals(path.memory.a, mi.Float(0))
-        return right(self, path, vertex, hit)
-
-    return wrong
+def no_cosine_on_arrival(self, it, rivals, path, vertex):
+    power = self.power(dr.abs(dr.dot(vertex.si.n, path.ray.d)))
+    return Rivals(it.a * power, it.b * power)
 
 
-def lamps_as_points(right: Callable) -> Callable:
-    return lambda self, path, vertex, link, turn: right(
-        self, path, vertex, replace(link, delta=mi.Bool(True)), turn
-    )
-
-
-def no_cosine_on_arrival(right: Callable) -> Callable:
-    def wrong(self, rivals, path, vertex):
-        it, cos = right(self, rivals, path, vertex), dr.abs(dr.dot(vertex.si.n, path.ray.d))
-        return Rivals(it.a * self.power(cos), it.b * self.power(cos))
-
-    return wrong
-
-
-def no_cosine_on_leaving(right: Callable) -> Callable:
-    def wrong(self, rivals, vertex, bounce):
-        it, cos = right(self, rivals, vertex, bounce), dr.abs(dr.dot(vertex.si.n, bounce.ray.d))
-        return Rivals(it.a, it.b / self.power(cos))
-
-    return wrong
-
-
-def mirrors_that_connect(right: Callable) -> Callable:
-    return lambda self, rivals, vertex, bounce: right(
-        self, rivals, vertex, replace(bounce, specular=mi.Bool(False))
-    )
-
-
-def no_pi(right: Callable) -> Callable:
-    return lambda self, *args: right(self, *args) / dr.pi
+def no_cosine_on_leaving(self, it, rivals, vertex, bounce):
+    return Rivals(it.a, it.b / self.power(dr.abs(dr.dot(vertex.si.n, bounce.ray.d))))
 
 
 def cosine_to_the(power: int) -> Callable:
-    def wrongly(right: Callable) -> Callable:
-        return lambda self, d: right(self, d) * dr.abs(dr.dot(d, self.axis)) ** (3 - power)
-
-    return wrongly
+    return gives_other(lambda self, it, d: it * dr.abs(dr.dot(d, self.axis)) ** (3 - power))
 
 
-def no_area(right: Callable) -> Callable:
-    return lambda self, d: right(self, d) * self.area
+MISTAKES: dict[str, tuple[Any, str, Callable]] = {
+    "no way back to the lens": (
+        Camera,
+        "share_of_link",
+        of_other(lambda p, v, link, turn: (p, v, link, replace(turn, back=mi.Float(0)))),
+    ),
+    "no way back at the far end": (
+        LightPaths,
+        "_share_of_kept",
+        of_other(lambda p, v, link, turn: (p, v, no_way_back(link), turn)),
+    ),
+    "no other way to start": (LightPaths, "share_of_hit", of_other(no_other_way_to_start)),
+    "lamps as points": (
+        LightPaths,
+        "share_of_link",
+        of_other(lambda p, v, link, turn: (p, v, replace(link, delta=mi.Bool(True)), turn)),
+    ),
+    "no cosine on arrival": (Sharing, "arrive", gives_other(no_cosine_on_arrival)),
+    "no cosine on leaving": (Sharing, "leave", gives_other(no_cosine_on_leaving)),
+    "mirrors that connect": (
+        Sharing,
+        "leave",
+        of_other(lambda rivals, v, bounce: (rivals, v, replace(bounce, specular=mi.Bool(False)))),
+    ),
+    "no pi": (Emission, "ratio", gives_other(lambda self, it, *_: it / dr.pi)),
+}
+IN_ALL_ALIKE = {
+    "cos²": cosine_to_the(2),
+    "cos⁴": cosine_to_the(4),
+    "no area": gives_other(lambda self, it, d: it * self.area),
+}
 
 
-MISTAKES: list[tuple[Any, str, Callable]] = [
-    (Camera, "share_of_link", no_way_back_to_the_lens),
-    (LightPaths, "_share_of_kept", no_way_back_at_the_far_end),
-    (LightPaths, "share_of_hit", no_other_way_to_start),
-    (LightPaths, "share_of_link", lamps_as_points),
-    (Sharing, "arrive", no_cosine_on_arrival),
-    (Sharing, "leave", no_cosine_on_leaving),
-    (Sharing, "leave", mirrors_that_connect),
-    (Emission, "ratio", no_pi),
-]
-IN_ALL_ALIKE = {"cos²": cosine_to_the(2), "cos⁴": cosine_to_the(4), "no area": no_area}
-
-
-@pytest.mark.parametrize(("owner", "name", "mistake"), MISTAKES)
+@pytest.mark.parametrize(("owner", "name", "mistake"), MISTAKES.values(), ids=MISTAKES)
 def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
     monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
     it = found("off centre", 2, True, plain=True)

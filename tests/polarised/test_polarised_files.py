@@ -23,17 +23,15 @@ def rendered(**more) -> xr.Dataset:
     return tofrender.render(scene, spp=8, progress=False, **more)
 
 
-def run(capsys, *arguments: object) -> tuple[int, str]:
-    """Exit status and stderr of the command, in this process."""
+def run(capsys, *arguments: object) -> None:
+    """The command, in this process."""
     status = main([str(argument) for argument in arguments])
-    return status, capsys.readouterr().err
+    assert status == 0, capsys.readouterr().err
 
 
 def render(capsys, out: Path, *more: object, variant: str = MONO) -> xr.Dataset:
     """What `tofrender render` writes, read back."""
-    arguments = ["render", "brewster_window", "--out", out, *TINY, "--variant", variant, *more]
-    status, err = run(capsys, *arguments)
-    assert status == 0, err
+    run(capsys, "render", "brewster_window", "--out", out, *TINY, "--variant", variant, *more)
     if (out / "transient.npz").exists():
         return tofrender.load_npz(out / "transient.npz")
     if (out / "transient.zarr").exists():
@@ -97,18 +95,16 @@ def test_other_channels_are_refused(tmp_path):
 )
 def test_render_writes_what_is_read_back(capsys, tmp_path, kind, variant):
     found = render(capsys, tmp_path / "a", "--spp", 8, "--format", kind, variant=variant)
-    same = tofrender.render(
-        "brewster_window", size=(6, 4), bins=5, window=(3, 13), spp=8, progress=False
-    )
+    picture = {"size": (6, 4), "bins": 5, "window": (3, 13), "spp": 8}
+    same = tofrender.render("brewster_window", **picture, progress=False)
     np.testing.assert_allclose(found["transient"], same["transient"], rtol=1e-5, atol=1e-7)
     assert found["steady"].dims == ("y", "x", "stokes", "channel")
     assert (tmp_path / "a" / "polarisation.png").stat().st_size > 1000
 
 
 def test_pictures_are_of_the_intensity(capsys, tmp_path):
-    arguments = ["render", "brewster_window", "--out", tmp_path / "a", *TINY[:-1], "--spp", 4]
-    status, err = run(capsys, *arguments, "--variant", MONO, "--format", "png")
-    assert status == 0, err
+    arguments = ["--out", tmp_path / "a", *TINY[:-1], "--spp", 4, "--format", "png"]
+    run(capsys, "render", "brewster_window", *arguments, "--variant", MONO)
     names = {path.name for path in (tmp_path / "a").iterdir()}
     assert {"video.mp4", "summary.png", "polarisation.png", "steady.png"} <= names
 
@@ -131,14 +127,11 @@ def test_renders_are_merged_reported_and_converted(capsys, tmp_path):
     one = render(capsys, tmp_path / "a", "--spp", 4)
     two = render(capsys, tmp_path / "b", "--spp", 4, "--seed", 1)
     folders = [tmp_path / "a", tmp_path / "b"]
-    status, err = run(capsys, "merge", *folders, "--out", tmp_path / "c", "--no-video")
-    assert status == 0, err
+    run(capsys, "merge", *folders, "--out", tmp_path / "c", "--no-video")
     both = tofrender.load_exr_stack(tmp_path / "c")
     np.testing.assert_allclose(both["steady"], (one["steady"] + two["steady"]) / 2, atol=1e-6)
-    status, err = run(capsys, "report", tmp_path / "c", "--out", tmp_path / "c.html")
-    assert status == 0, err
-    status, err = run(capsys, "phasor", tmp_path / "c", "--freq", 20e6, "--out", tmp_path / "d")
-    assert status == 0, err
+    run(capsys, "report", tmp_path / "c", "--out", tmp_path / "c.html")
+    run(capsys, "phasor", tmp_path / "c", "--freq", 20e6, "--out", tmp_path / "d")
 
 
 @pytest.mark.parametrize(
@@ -151,8 +144,8 @@ def test_renders_are_merged_reported_and_converted(capsys, tmp_path):
 )
 def test_what_has_no_stokes_vectors_says_so(capsys, tmp_path, arguments):
     out = tmp_path / ("a.h5" if arguments[0] == "capture" else "a")
-    status, err = run(capsys, *arguments, "--variant", MONO, "--out", out)
-    assert status == 1
+    assert main([*arguments, "--variant", MONO, "--out", str(out)]) == 1
+    err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert f"variant = '{MONO}': has Stokes vectors, which are not kept here" in err
     assert not out.exists()

@@ -112,9 +112,9 @@ def test_the_camera_sees_the_caustic():
 
 def test_the_mirror_makes_a_second_caustic():
     described = BUILT_IN["mirror_and_glass"]()
-    assert ndimage.label(bright_floor(described), np.ones((3, 3)))[1] == 2
-    described["mirror-block"]["bsdf"] = {"type": "ref", "id": "white"}
-    assert ndimage.label(bright_floor(described), np.ones((3, 3)))[1] == 1
+    for count in (2, 1):
+        assert ndimage.label(bright_floor(described), np.ones((3, 3)))[1] == count
+        described["mirror-block"]["bsdf"] = {"type": "ref", "id": "white"}
 
 
 @pytest.mark.parametrize(("name", "share"), [("lamp_in_fixture", 0.7), ("light_through_hole", 0.9)])

@@ -1,6 +1,8 @@
 """What a loaded scene must not have: media, polarisation, numbers that are none."""
 
 import time
+from contextlib import nullcontext
+from functools import partial
 
 import mitsuba as mi
 import numpy as np
@@ -27,19 +29,11 @@ NAN, INF = float("nan"), float("inf")
 FOG = {"type": "homogeneous"}
 
 
-def refusal(loaded: mi.Scene, sensor: mi.Sensor | None = None) -> str:
-    return refused(check_scene, loaded, sensor)
+refusal = partial(refused, check_scene)
 
 
 def scaled(x: float, y: float, z: float):
     return mi.ScalarTransform4f().scale([x, y, z])
-
-
-def right_or_refused(loaded: mi.Scene, right: bool, said: str) -> None:
-    if right:
-        check_scene(loaded)
-    else:
-        assert said in refusal(loaded)
 
 
 def of(**parts) -> mi.Scene:
@@ -78,10 +72,9 @@ def bitmap(value: float) -> dict:
 
 
 def test_a_large_mesh_takes_milliseconds():
-    count = 1_000_000
-    mesh = mi.Mesh("large", count, 10)
+    mesh = mi.Mesh("large", 1_000_000, 10)
     parameters = mi.traverse(mesh)
-    positions = np.ones(3 * count, dtype=np.float32)
+    positions = np.ones(3_000_000, dtype=np.float32)
     positions[:9] = np.arange(9)
     parameters["vertex_positions"] = positions
     parameters["faces"] = np.tile([0, 1, 2], 10).astype(np.uint32)
@@ -165,42 +158,45 @@ def test_a_scale_of_0(kind):
         assert "must be a transform with an inverse" in refusal(line)
 
 
-@pytest.mark.parametrize(("axis", "right"), [((0, 0, 2), 0), ((1, 1, 0), 0), ((0, 0.6, 0.8), 1)])
+@pytest.mark.parametrize(
+    ("axis", "right"), [((0, 0, 2), False), ((1, 1, 0), False), ((0, 0.6, 0.8), True)]
+)
 def test_a_rotation_about_an_axis_that_is_no_unit_vector(axis, right):
     """Mitsuba takes its transpose for its inverse: a disk lamp was 10 % too dark."""
     far = translate(9, 0, 0).rotate(axis, 40).scale([1, 1, 1e-3])
     turned = of(a={"type": "disk", "to_world": far})
-    right_or_refused(turned, right, "rotations need an axis of length 1")
+    with nullcontext() if right else pytest.raises(ValueError, match="need an axis of length 1"):
+        check_scene(turned)
 
 
 @pytest.mark.parametrize(
     ("radius", "x", "right"), [(0.008, 0, False), (0.009, 0, True), (1, 200, False), (4, 200, True)]
 )
 def test_scenes_must_be_larger_than_gaps_beside_rays(radius, x, right):
-    ball = {"type": "sphere", "radius": radius, "center": [x, 0, 0]}
-    right_or_refused(of(ball=ball), right, "scene: its shapes span ")
+    ball = of(ball={"type": "sphere", "radius": radius, "center": [x, 0, 0]})
+    with nullcontext() if right else pytest.raises(ValueError, match="scene: its shapes span "):
+        check_scene(ball)
 
 
 def test_an_object_without_an_id_goes_by_its_class(tmp_path):
     flat = '<transform name="to_world"><scale x="0"/></transform>'
     shapes = "".join(f'<shape type="rectangle">{inner}</shape>' for inner in ("", flat))
     (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{shapes}</scene>')
-    scene = load_scene(tmp_path / "a.xml", optimize=False)
-    with pytest.raises(ValueError, match=r"^Rectangle 2\.to_world = .* with an inverse"):
-        check_scene(scene)
+    said = refusal(load_scene(tmp_path / "a.xml", optimize=False))
+    assert said.startswith("Rectangle 2.to_world = ")
+    assert "with an inverse" in said
 
 
 def test_a_rotation_about_a_long_axis_in_a_file_or_a_dict(tmp_path):
     """Of a mesh, which keeps no transform; XML has the same rotation."""
-    text = r"^a.to_world = .* axis of length 1"
-    turned = mi.ScalarTransform4f().rotate([1, 1, 0], 40)
-    with pytest.raises(ValueError, match=text):
-        load_scene({"type": "scene", "a": {"type": "cube", "to_world": turned}})
+    askew = mi.ScalarTransform4f().rotate([1, 1, 0], 40)
     rotation = '<transform name="to_world"><rotate x="1" y="1" angle="40"/></transform>'
     path = tmp_path / "askew.xml"
     path.write_text(f'<scene version="3.0.0"><shape type="cube" id="a">{rotation}</shape></scene>')
-    with pytest.raises(ValueError, match=text):
-        load_scene(path)
+    for source in ({"type": "scene", "a": {"type": "cube", "to_world": askew}}, path):
+        said = refused(load_scene, source)
+        assert said.startswith("a.to_world = ")
+        assert "axis of length 1" in said
 
 
 @pytest.mark.parametrize("radius", [1.0, 0.009, 0.001])

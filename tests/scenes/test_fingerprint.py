@@ -10,6 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.peer_scenes import mesh
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -19,12 +20,7 @@ FACES = [[0, 1, 2], [0, 2, 3]]
 
 
 def write_files(folder: Path, faces=FACES, texel: float = 0.5) -> None:
-    lines = ["ply", "format ascii 1.0", "element vertex 4"]
-    lines += [f"property float {axis}" for axis in "xyz"]
-    lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
-    lines += [" ".join(map(str, row)) for row in CORNERS]
-    lines += [" ".join(map(str, [3, *face])) for face in faces]
-    (folder / "mesh.ply").write_text("\n".join(lines) + "\n")
+    mesh(folder / "mesh.ply", np.array(CORNERS, float), np.array(faces))
     pixels = np.linspace(0, texel, 48, dtype=np.float32).reshape(4, 4, 3)
     mi.Bitmap(pixels).write(str(folder / "texture.exr"))
 
@@ -68,14 +64,15 @@ def put(*path: str, value) -> Callable[[dict, Path], None]:
 def swap(one: str, other: str, *path: str) -> Callable[[dict, Path], None]:
     def edit(scene: dict, folder: Path) -> None:
         first, second = scene[one], scene[other]
-        for name in path[:-1]:
+        *inner, last = path
+        for name in inner:
             first, second = first[name], second[name]
-        first[path[-1]], second[path[-1]] = second[path[-1]], first[path[-1]]
+        first[last], second[last] = second[last], first[last]
 
     return edit
 
 
-TEXTURE = ("e", "bsdf", "reflectance")
+TEXTURE, FILM = ("e", "bsdf", "reflectance"), ("sensor", "film")
 EDITS: dict[str, Callable[[dict, Path], None]] = {
     "material of a shape": swap("a", "b", "bsdf"),
     "colours of nameless shapes": swap("c", "d", "bsdf", "reflectance", "value"),
@@ -91,10 +88,8 @@ EDITS: dict[str, Callable[[dict, Path], None]] = {
     "texture's bytes": lambda scene, folder: write_files(folder, texel=0.6),
     "winding": lambda scene, folder: write_files(folder, [[0, 1, 2], [0, 3, 2]]),
     "topology": lambda scene, folder: write_files(folder, [[0, 1, 3], [1, 2, 3]]),
-    "film's filter": put("sensor", "film", "rfilter", value={"type": "gaussian"}),
-    "width of the film's filter": put(
-        "sensor", "film", "rfilter", value={"type": "gaussian", "stddev": 0.4}
-    ),
+    "film's filter": put(*FILM, "rfilter", value={"type": "gaussian"}),
+    "width of the film's filter": put(*FILM, "rfilter", value={"type": "gaussian", "stddev": 0.4}),
     "sample_border": put("sensor", "film", "sample_border", value=True),
     "roughness": put("metal", "alpha", value=0.3),
     "place": put("cube", "to_world", value=mi.ScalarTransform4f().translate([0, 0, 0.11])),
@@ -139,15 +134,14 @@ def test_names_and_places_of_files_do_not_count(tmp_path):
 def test_a_shape_that_the_integrator_is_told_of_is_found_by_its_id():
     """Else a capture of another wall of the same scene would go on."""
 
-    def walls(first: str, second: str) -> dict:
+    def walls(first: str, second: str) -> str:
         scene = tofrender.cornell_box(width=4, height=4, temporal_bins=20)
-        return {{"floor": first, "back": second}.get(name, name): v for name, v in scene.items()}
+        names = {"floor": first, "back": second}
+        scene = {names.get(name, name): part for name, part in scene.items()}
+        return of(scene, partial(tofrender.load_scene, optimize=False))
 
-    apart = partial(tofrender.load_scene, optimize=False)
-    names = [("relay_wall", "x"), ("x", "relay_wall"), ("y", "x"), ("x", "y")]
-    first, second, *others = (of(walls(*each), apart) for each in names)
-    assert first != second
-    assert others[0] == others[1]
+    assert walls("relay_wall", "x") != walls("x", "relay_wall")
+    assert walls("y", "x") == walls("x", "y")
 
 
 def test_parameters_that_were_set_after_loading_count():
@@ -175,11 +169,10 @@ print(fingerprint(s, s.sensors()[0], s.integrator()))
 def test_another_process_finds_the_same():
     file = Path(tofrender.__file__).parents[1] / "scenes" / "cornell_box.xml"
     sources = ["cornell_box_fog", str(file)]
-    told = set()
-    for seed in ("1", "2"):
-        command = [sys.executable, "-c", FRESH, mi.variant(), *sources]
-        env = os.environ | {"PYTHONHASHSEED": seed}
-        told.add(subprocess.run(command, env=env, capture_output=True, check=True).stdout)
+    command = [sys.executable, "-c", FRESH, mi.variant(), *sources]
+    told = {
+        subprocess.check_output(command, env=os.environ | {"PYTHONHASHSEED": seed}) for seed in "12"
+    }
     assert len(told) == 1
     here = [of(tofrender.cornell_box_fog() if n == "cornell_box_fog" else Path(n)) for n in sources]
     assert told.pop().decode().split()[:2] == here

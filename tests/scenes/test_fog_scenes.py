@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.scenes import load, random_rays, seen
-from helpers.support import agree, over_seeds, with_film, with_integrator
+from helpers.support import agree, over_seeds, steady_twin, with_film, with_integrator
 
 from tofrender.scenes import BUILT_IN, fog
 
@@ -27,9 +27,6 @@ def without_medium(described: dict) -> dict:
             part = {key: value for key, value in part.items() if key not in around}
         kept[name] = part
     return kept
-
-
-# ----------------------------------------------------------------------------------- windows
 
 
 def light_in_bins(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
@@ -92,12 +89,8 @@ def test_light_of_all_time_is_that_of_volpath(name):
     here none is.
     """
     described = BUILT_IN[name](width=2, height=2, spp=1)
-    sensor = described["sensor"]
-    steady = {"type": "hdrfilm", "width": 2, "height": 2, "rfilter": {"type": "box"}}
-    twin = described | {
-        "sensor": sensor | {"film": steady, "sampler": {"type": "independent"}},
-        "integrator": {"type": "volpath", "max_depth": -1},
-    }
+    twin = steady_twin(described) | {"integrator": {"type": "volpath", "max_depth": -1}}
+    twin["sensor"] = twin["sensor"] | {"sampler": {"type": "independent"}}
     ours, theirs = load(described), mi.load_dict(twin)
     found = over_seeds(lambda seed: np.array(mi.render(ours, spp=8192, seed=seed)[0]), SEEDS)
     wanted = over_seeds(lambda seed: np.array(mi.render(theirs, spp=8192, seed=seed + 100)), SEEDS)

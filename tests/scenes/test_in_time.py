@@ -45,12 +45,8 @@ def white_box(integrator: dict) -> dict:
     """Walls that glow with 1 and reflect 0.8: everybody sees 1 / (1 - 0.8) everywhere."""
     walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.8), "glow": area_light(1.0)}
     steady = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
-    return {
-        "type": "scene",
-        "integrator": integrator,
-        "sensor": {"type": "perspective", "film": steady},
-        "walls": walls,
-    }
+    sensor = {"type": "perspective", "film": steady}
+    return {"type": "scene", "integrator": integrator, "sensor": sensor, "walls": walls}
 
 
 @QUIET
@@ -125,16 +121,14 @@ def test_others_are_refused_by_name(name):
 def in_a_file(integrator: str, folder) -> str:
     nested = '<integrator type="path"><integer name="max_depth" value="3"/></integrator>'
     inner = nested if integrator in WRAPPERS else ""
-    aovs = '<string name="aovs" value="dd:depth"/>' if integrator == "aov" else ""
-    size = "".join(f'<integer name="{name}" value="2"/>' for name in ("width", "height"))
+    inner += '<string name="aovs" value="dd:depth"/>' if integrator == "aov" else ""
+    size = '<integer name="width" value="2"/><integer name="height" value="2"/>'
     light = '<emitter type="area"><rgb name="radiance" value="1 1 1"/></emitter>'
-    inwards = '<boolean name="flip_normals" value="true"/>'
     path = folder / f"{integrator}.xml"
     path.write_text(
-        f"""<scene version="3.0.0">
-        <integrator type="{integrator}">{inner}{aovs}</integrator>
+        f"""<scene version="3.0.0"><integrator type="{integrator}">{inner}</integrator>
         <sensor type="perspective"><film type="hdrfilm">{size}</film></sensor>
-        <shape type="cube">{inwards}{light}</shape></scene>"""
+        <shape type="cube"><boolean name="flip_normals" value="true"/>{light}</shape></scene>"""
     )
     return str(path)
 
@@ -165,12 +159,10 @@ def test_a_dict_says_what_changes():
     assert scene.integrator().camera_unwarp
     assert given == {"type": "transient_path", "max_depth": 5, "camera_unwarp": True}
     projector = {"type": "confocal_projector", "grid_intensity": 3.0}
-    scene = load_scene(
-        described, integrator={"type": "confocal_transient_path", "confocal_projector": projector}
-    )
-    assert scene.integrator().projector.power == [3, 3, 3]
+    confocal = {"type": "confocal_transient_path", "confocal_projector": projector}
+    assert load_scene(described, integrator=confocal).integrator().projector.power == [3, 3, 3]
     said = refusal(described, integrator={"type": "transient_path", "max_dept": 5})
-    assert '"max_dept"' in said or "max_dept" in said
+    assert "max_dept" in said
     said = refusal(described, integrator={"max_depth": 5})
     assert said == "integrator = {'max_depth': 5}: must have a plugin's name as its type"
 

@@ -32,24 +32,15 @@ def picture(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
     return np.array(mi.render(scene, spp=spp, seed=seed), dtype=np.float64)
 
 
-# -------------------------------------------------------------------------------------- mesh
-
-
-# ------------------------------------------------------------------------------------ lights
-
-
-def power(light: dict) -> np.ndarray:
-    """Power of a sphere light [W]: its area times pi times its radiance."""
-    radiance = np.array(light["emitter"]["radiance"]["value"])
-    return 4 * pi * light["radius"] ** 2 * pi * radiance
-
-
 def test_lights_of_veach_have_equal_power_and_distinct_colours():
     scene = BUILT_IN["veach"]()
-    powers = [power(scene[f"{name}-light"]) for name in VEACH_LIGHTS]
+    lights = [scene[f"{name}-light"] for name in VEACH_LIGHTS]
+    radii = [light["radius"] for light in lights]
+    # Of a sphere [W]: its area times pi times its radiance
+    radiances = [np.array(light["emitter"]["radiance"]["value"]) for light in lights]
+    powers = [4 * pi * r**2 * pi * radiance for r, radiance in zip(radii, radiances, strict=True)]
     np.testing.assert_allclose([each.mean() for each in powers], VEACH_POWER)
     assert len({tuple(each.round(6)) for each in powers}) == len(VEACH_LIGHTS)
-    radii = [scene[f"{name}-light"]["radius"] for name in VEACH_LIGHTS]
     assert radii == sorted(radii)
     assert radii[-1] / radii[0] >= 20
 
@@ -97,23 +88,18 @@ def test_veach_separates_the_ways_to_sample():
     noise = {}
     for way, (lights, materials) in {"nee": (1, 0), "mats": (0, 1), "mis": (1, 1)}.items():
         scene = BUILT_IN["veach"](width=192, height=128)
-        scene["integrator"] = {
-            "type": "direct",
-            "emitter_samples": lights,
-            "bsdf_samples": materials,
-        }
-        loaded = load(scene)
+        samples = {"emitter_samples": lights, "bsdf_samples": materials}
+        loaded = load(scene | {"integrator": {"type": "direct", **samples}})
         noise[way] = np.std([picture(loaded, 16, seed) for seed in range(8)], axis=0, ddof=1)
-    small_and_rough = reflection(loaded, "roughest", "green")
-    large_and_smooth = reflection(loaded, "smooth", "red")
-    assert small_and_rough.sum() > 10
-    assert large_and_smooth.sum() > 200
-    nee, mats, mis = (noise[way][small_and_rough].mean() for way in ("nee", "mats", "mis"))
-    assert mats > 30 * nee
-    assert mis < 2 * nee
-    nee, mats, mis = (noise[way][large_and_smooth].mean() for way in ("nee", "mats", "mis"))
-    assert nee > 30 * mats
-    assert mis < 2 * mats
+    for plate, light, pixels, good, bad in (
+        ("roughest", "green", 10, "nee", "mats"),  # a small light on a rough plate
+        ("smooth", "red", 200, "mats", "nee"),  # a large light on a smooth plate
+    ):
+        there = reflection(loaded, plate, light)
+        assert there.sum() > pixels
+        of = {way: noise[way][there].mean() for way in noise}
+        assert of[bad] > 30 * of[good]
+        assert of["mis"] < 2 * of[good]
 
 
 @pytest.mark.parametrize(("width", "height"), [(32, 24), (24, 32), (64, 16)])

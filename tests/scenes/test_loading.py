@@ -83,17 +83,9 @@ STEADY_XML = """<scene version="3.0.0">
 
 @pytest.mark.parametrize("source", ["cornell_box", "cornell-box", XML, str(XML), "dict"])
 def test_every_source_takes_every_setting(source):
-    scene = load_scene(
-        cornell_box() if source == "dict" else source,
-        width=12,
-        height=8,
-        spp=16,
-        sampler="multijitter",
-        max_depth=3,
-        integrator="transient_path",
-        pulse_width_opl=0.03,
-        **WINDOW,
-    )
+    picture = {"width": 12, "height": 8, "spp": 16, "sampler": "multijitter"}
+    paths = {"max_depth": 3, "integrator": "transient_path", "pulse_width_opl": 0.03}
+    scene = load_scene(cornell_box() if source == "dict" else source, **picture, **paths, **WINDOW)
     film = film_of(scene)
     assert list(film.size()) == [12, 8]
     assert film.temporal_bins == 7
@@ -198,51 +190,31 @@ def test_bad_xml_says_where(tmp_path, body, text):
     assert "scene.xml" in line
 
 
-def test_unknown_parameters_are_told_with_settings_too(tmp_path):
-    """Looking for the film of a sensor does not count as reading all that the sensor has."""
+def test_unknown_parameters(tmp_path):
+    """Of a part, with settings too (which look for the film of a sensor); of the file; of none."""
     body = '<sensor type="perspective"><float name="fovv" value="3"/></sensor>'
     path = write(tmp_path, f'<scene version="3.0.0">{body}</scene>')
     assert '"fovv"' in refusal(path, width=4)
-
-
-def test_unknown_parameter_lists_those_of_the_file():
     text = refusal(XML, parameters={"sp": 3})
     assert text.startswith("parameter sp = '3'")
     assert "width, height, temporal_bins, start_opl, bin_width_opl, spp, max_depth" in text
-
-
-def test_parameters_need_a_file():
     for source in ("cornell_box", cornell_box()):
         assert "only XML files have parameters" in refusal(source, parameters={"spp": 3})
 
 
-def test_loaded_scene_refuses_settings():
+def test_settings_that_cannot_be():
+    """Of what is loaded, of what nobody can tell the nature of, and half a window."""
     scene = load_scene(cornell_box_steady_state(width=4, height=4))
     assert load_scene(scene) is scene
     assert "width = 8: a loaded scene cannot be changed" in refusal(scene, width=8)
-
-
-def test_ready_made_film_refuses_settings():
-    film = mi.load_dict({"type": "hdrfilm"})
-    source = {"type": "scene", "camera": {"type": "perspective", "film": film}}
-    assert "its film is a ready-made object" in refusal(source, width=8)
-
-
-def test_nobody_can_tell_what_a_python_plugin_in_a_dict_is():
+    camera = {"type": "perspective", "film": mi.load_dict({"type": "hdrfilm"})}
+    said = refusal({"type": "scene", "camera": camera}, width=8)
+    assert "its film is a ready-made object" in said
     mi.register_sampler("dice", lambda props: mi.load_dict({"type": "independent"}))
     camera = {"type": "perspective", "random": {"type": "dice"}}
     assert "'dice' may be its sampler" in refusal({"type": "scene", "camera": camera}, spp=4)
-
-
-def test_half_a_window_for_a_steady_scene():
     line = refusal("cornell_box_steady_state", temporal_bins=30)
     assert "give `start_opl` and `bin_width_opl` too" in line
-
-
-def test_integrator_without_a_transient_counterpart():
-    source = cornell_box_steady_state() | {"integrator": {"type": "direct"}}
-    assert "integrator = 'direct'" in refusal(source, **WINDOW)
-    assert load_scene(source, integrator="transient_path", **WINDOW).integrator() is not None
 
 
 def test_scene_without_sensor_or_light():

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.nlos import BOXES, CONFOCAL, WALLS, WITH_WALL, builder, stands_alone
+from helpers.scenes import numbers
 
 SMALL = {"width": 16, "height": 12, "spp": 4}
 DEVICES = dict.fromkeys(WALLS, (-0.5, 0, 0.25)) | dict.fromkeys(BOXES, (0, 0, 0))
@@ -31,11 +32,10 @@ def test_shapes_keep_their_identity(name, optimize):
 
 def points_on(scene: mi.Scene, start: str, count: int = 4096) -> tuple:
     """Points and normals on the shapes whose ids start so."""
-    numbers = mi.load_dict({"type": "independent"})
-    numbers.seed(3, count)
+    sampler = numbers(3, count)
     chosen = [shape for shape in scene.shapes() if shape.id().startswith(start)]
     for shape in chosen:
-        sample = shape.sample_position(0, numbers.next_2d())
+        sample = shape.sample_position(0, sampler.next_2d())
         yield sample.p, sample.n
 
 
@@ -79,9 +79,8 @@ def test_occluder_shadows_little_between_wall_and_letter():
     scene = stands_alone(builder("nlos_z"))
     (wall, _), *_ = points_on(scene, "relay_wall")
     (letter, _), *_ = points_on(scene, "hidden")
-    ray = mi.Ray3f(wall, letter - wall, 1 - 1e-4, 0, [])
-    ray.o += 1e-4 * ray.d
-    assert 0 < np.array(scene.ray_test(ray)).mean() < 0.02
+    hidden = ~sees(scene, wall + 1e-4 * (letter - wall), letter)
+    assert 0 < hidden.mean() < 0.02
 
 
 @pytest.mark.parametrize("name", WALLS)

@@ -19,13 +19,8 @@ def test_plans_show_wall_hidden_shapes_and_laser(name, view):
     assert axes.get_title() == name
     assert axes.get_xlabel() == ("x [m]" if view == "above" else "z [m]")
     legend = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"camera", "laser"} <= legend
-    if name in WITH_WALL:
-        assert {"relay wall", "hidden"} <= legend
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    depth, across = (
-        ((low, high), (left, right)) if view == "above" else ((left, right), (low, high))
-    )
+    assert {"camera", "laser", *(["relay wall", "hidden"] if name in WITH_WALL else [])} <= legend
+    across, depth = (axes.get_xlim(), axes.get_ylim())[:: 1 if view == "above" else -1]
     wall = {**dict.fromkeys(WALLS, (0, 2)), "ourbox_confocal": (-0.5, 0.9)}.get(name, (-2, 4))
     assert depth[0] < wall[0] < depth[1]
     assert wall[1] < across[1] - across[0] < 2.5 * wall[1]

@@ -14,6 +14,11 @@ from tofrender.scenes import BUILT_IN, polarised
 POLARISED = "llvm_ad_mono_polarized"
 
 
+@pytest.fixture(autouse=True)
+def _polarised(_variant):
+    mi.set_variant(POLARISED)
+
+
 def rendered(described: dict, spp: int, seed: int = 0) -> list[np.ndarray]:
     """Steady picture and bins of one channel, (height, width, [bins,] 4), float64."""
     found = mi.render(load(described), spp=spp, seed=seed)
@@ -22,15 +27,14 @@ def rendered(described: dict, spp: int, seed: int = 0) -> list[np.ndarray]:
 
 # ------------------------------------------------------------------------------------ window
 
-SHEET = ("polariser", "sheet")
 REFLECTED = ("lamp", "target", "ring", "gap", "eye")
 
 
 def middle_of_the_window(reflected: bool) -> np.ndarray:
     """The Stokes vector of a ray through the window's middle, in a window of time."""
     described = BUILT_IN["brewster_window"](width=2, height=2)
-    left_out = (*SHEET, *(("room-lamp",) if reflected else REFLECTED))
-    described = {name: part for name, part in described.items() if name not in left_out}
+    for name in ("polariser", "sheet", *(("room-lamp",) if reflected else REFLECTED)):
+        del described[name]
     described["sensor"]["fov"] = 0.1
     start = 3.0 if reflected else 6.2
     film = {"temporal_bins": 1, "start_opl": start, "bin_width_opl": 3.2 if reflected else 20.0}
@@ -40,7 +44,6 @@ def middle_of_the_window(reflected: bool) -> np.ndarray:
 
 def test_reflected_light_is_polarised_wholly():
     """At Brewster's angle both faces of the pane reflect what oscillates along `up` only."""
-    mi.set_variant(POLARISED)
     s0, *rest = middle_of_the_window(reflected=True)
     assert s0 > 0
     np.testing.assert_allclose(np.array(rest) / s0, [-1, 0, 0], atol=2e-3)
@@ -53,7 +56,6 @@ def test_light_from_the_room_lacks_what_is_reflected():
     All orders of a pane pass (1 - R) / (1 + R) of the one polarisation, and all of the other, so
     the degree is (1 - T) / (1 + T) = R. The bound is 5 % of R, the noise below 1 %.
     """
-    mi.set_variant(POLARISED)
     n = polarised.INDEX
     reflected = ((n**2 - 1) / (n**2 + 1)) ** 2
     s0, *rest = middle_of_the_window(reflected=False)
@@ -70,7 +72,6 @@ def through_the_sheet(angle: float) -> np.ndarray:
 
 
 def test_a_polariser_takes_the_reflection_away():
-    mi.set_variant(POLARISED)
     (crossed, room), (kept, room_as_well) = through_the_sheet(0.0), through_the_sheet(90.0)
     assert crossed < 0.05 * kept
     assert 0.5 < room_as_well / room < 1
@@ -113,7 +114,6 @@ def test_each_pass_turns_the_state(angle, retardance):
 
     Above and below the axis only: plates that are tilted the other way turn theirs in Mitsuba.
     """
-    mi.set_variant(POLARISED)
     found = images(theta=float(angle), delta=float(retardance))[:, 16].sum(axis=0)
     for k, (s0, *rest) in enumerate(found, 1):
         state = np.linalg.matrix_power(plate(angle, retardance), 2 * k) @ [1, 1, 0, 0]
@@ -122,7 +122,6 @@ def test_each_pass_turns_the_state(angle, retardance):
 
 def test_mirrors_lose_what_they_lose():
     """The k-th image has seen 2 k - 1 mirrors of reflectance 0.85; the polariser takes half."""
-    mi.set_variant(POLARISED)
     found = images(spp=1, bins=3, width=64)[..., 0]
     for k in (1, 2, 3):
         lit = found[:, :, k - 1]
@@ -132,7 +131,6 @@ def test_mirrors_lose_what_they_lose():
 
 
 def test_the_picture_has_no_noise_and_is_polarised_wholly():
-    mi.set_variant(POLARISED)
     first, second = (
         rendered(BUILT_IN["strained_mirror_corridor"](width=33, height=33), 64, seed)[0]
         for seed in (0, 1)
@@ -157,10 +155,8 @@ def test_the_wall_behind_fog_loads():
     described = BUILT_IN["nlos_behind_fog"](width=4, height=4, temporal_bins=8, sigma_t=1.5)
     path = Path(__file__).parents[2] / "scenes" / "nlos" / "nlos_behind_fog.xml"
     found = []
-    for scene in (
-        tofrender.load_scene(described, optimize=False),
-        tofrender.load_scene(path, parameters={"sigma_t": 1.5}, width=4, height=4),
-    ):
+    for source, options in ((described, {}), (path, {"parameters": {"sigma_t": 1.5}})):
+        scene = tofrender.load_scene(source, width=4, height=4, optimize=False, **options)
         (end,) = (each for each in scene.shapes() if each.id() == "fog-end")
         medium = mi.traverse(end.interior_medium())
         found.append(float(np.ravel(medium["sigma_t.value.value"])[0]))

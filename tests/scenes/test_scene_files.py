@@ -32,19 +32,16 @@ def ply(path: Path, form: str, faces, index: str = "int", more: bool = False) ->
         *(f"element face {len(faces)}", *extra, f"property list uchar {index} vertex_indices"),
         "end_header\n",
     ]
-    body = b""
+    shades = [7] if more else []
+    rows = [("3f" + "B" * more, [*corner, *shades]) for corner in CORNERS]
+    rows += [
+        ("B" * more + f"B{len(face)}{codes[index]}", [*shades, len(face), *face]) for face in faces
+    ]
     if form == "ascii":
-        shade = "7 " if more else ""
-        rows = [" ".join(map(str, corner)) + (" 7" if more else "") for corner in CORNERS]
-        rows += [shade + f"{len(face)} " + " ".join(map(str, face)) for face in faces]
-        body = "\n".join(rows).encode() + b"\n"
+        body = "".join(" ".join(map(str, row)) + "\n" for _, row in rows).encode()
     else:
         order = "<" if "little" in form else ">"
-        shade = b"\7" if more else b""
-        for corner in CORNERS:
-            body += struct.pack(f"{order}3f", *corner) + shade
-        for face in faces:
-            body += shade + struct.pack(f"{order}B{len(face)}{codes[index]}", len(face), *face)
+        body = b"".join(struct.pack(order + codes, *row) for codes, row in rows)
     path.write_bytes("\n".join(header).encode() + body)
     return {"type": "scene", "mesh": {"type": "ply", "filename": str(path)}}
 
