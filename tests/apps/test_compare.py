@@ -73,3 +73,19 @@ def test_the_divider():
         there.wait_for_selector('[data-divider="100"]')
         there.get_by_label("Left", exact=True).select_option(label="nee: light sampling")
         there.get_by_text("nee, 16 samples").first.wait_for()
+
+
+def test_each_technique_is_rendered_by_its_tracer(monkeypatch):
+    kinds = []
+
+    def load(description):
+        kinds.append(description["integrator"]["type"])
+        raise InterruptedError
+
+    monkeypatch.setattr(pictures.mi, "load_dict", load)
+    for scene in ("veach", "cornell_box_steady_state"):
+        for way in pictures.TECHNIQUES:
+            with pytest.raises(InterruptedError):
+                pictures._render(scene, way, 1, 0)
+    plugins = [plugin for plugin, _ in pictures.TECHNIQUES.values()]
+    assert kinds == 2 * plugins

@@ -14,6 +14,7 @@ from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps import serving
+from tofrender.apps.view.looking import Live
 from tofrender.cli.app import main
 
 
@@ -119,3 +120,11 @@ def test_without_panel_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "panel", None)
     with pytest.raises(RuntimeError, match=r"run: pip install 'tofrender\[explore\]'"):
         serving.require_panel()
+
+
+def test_a_live_render_ends_at_its_samples():
+    live = Live("box", {"scene": "cornell_box", "size": (2, 2), "bins": 2, "spp": 3})
+    live.begin()
+    live._thread.join()
+    assert live.error is None
+    assert live.done == 3

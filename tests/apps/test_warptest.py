@@ -16,7 +16,7 @@ from helpers.support import refused
 
 import tofrender
 from tofrender import sampling
-from tofrender.apps.warptest import engine, subjects
+from tofrender.apps.warptest import engine, probes, subjects
 from tofrender.apps.warptest.engine import Engine
 from tofrender.apps.warptest.sources import Library, Module, find_module
 from tofrender.apps.warptest.subjects import SUBJECTS
@@ -274,3 +274,9 @@ def test_bad_options_of_the_command(capsys, tmp_path, monkeypatch):
         err = capsys.readouterr().err
         assert err.startswith(f"error: {said}")
         assert err.count("\n") == 1
+
+
+def test_other_parameters_count_at_once():
+    points = np.array([[0.0], [0.0], [1.0]])
+    densities = [probes.density(sampling, "beckmann", {"alpha": a}, points)[0] for a in (0.3, 0.6)]
+    assert densities[0] == pytest.approx(4 * densities[1])

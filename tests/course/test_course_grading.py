@@ -22,7 +22,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 from tofrender.cli import app as cli
 from tofrender.course.assignments import PACKAGE, find
 from tofrender.course.grade import classes, grading, unpacking
-from tofrender.course.grade.results import Results, grades_of
+from tofrender.course.grade.results import Results, finished, grades_of
 from tofrender.course.judge import processes, sandbox
 from tofrender.course.judge.running import read_report
 
@@ -433,6 +433,7 @@ def test_what_was_given_need_not_come_back(tmp_path):
         assert sorted(path.name for path in taken.iterdir()) == ["given.py", "other.py", "p0.py"]
 
 
+@pytest.mark.essential
 def test_class_is_graded_and_gone_on_with(tmp_path, home):
     folder = tmp_path / "class"
     tiny_assignment.write(folder / "=ana", {"p0.py": ADD0})
@@ -449,6 +450,7 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
 
         assert grade_class(grader, folder, out, said.append) == before
         assert all(line.endswith("graded before") for line in said[2:])
+        assert finished(out / "ben.zip.json", grader.assignment.rubric, "of other tests") is None
 
         (folder / "=ana" / "p0.py").unlink()
         results = json.loads((out / "ben.zip.json").read_text())

@@ -525,3 +525,23 @@ def test_new_sentences_need_a_contract(tiny):
     assert not any("Three" in line for line in told())
     (tiny.folder / contracts.FILE_NAME).unlink()
     assert told() == ["contracts.toml: is missing"]
+
+
+def test_copied_solutions_are_leaks(tmp_path):
+    for name in assignments.known():
+        assignment = assignments.find(name)
+        folder = tmp_path / name / "mine"
+        shutil.copytree(assignment.solutions, folder, ignore=shutil.ignore_patterns("__pycache__"))
+        found = {line.partition(":")[0] for line in leaks.leaks(assignment, folder)}
+        assert found == {path.name for path in folder.glob("*.py")}
+
+
+def test_a_stub_whose_test_is_skipped_is_told(tiny, tmp_path, monkeypatch):
+    tests = tiny.rubric.problem_of
+    skipped = {name: running.Outcome("skipped") for name in tests}
+    monkeypatch.setattr(running, "run", lambda *_, **__: skipped)
+    work = verify._Work(tiny, tmp_path, 1, (), None, print)
+    vars(work)["_edition"] = tmp_path
+    check = verify.Check("starter")
+    work.starter(check)
+    assert len(check.reasons) == len(tests)
