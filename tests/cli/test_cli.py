@@ -54,9 +54,6 @@ def refused(capsys, *arguments: object) -> str:
     return err[len("error: ") : -1]
 
 
-# ------------------------------------------------------------------------------------ help
-
-
 def imported_by(arguments: list[str], **environment: str) -> tuple[set[str], str]:
     """What a process of the command imports, and what it says."""
     command = [COMMAND[0], "-X", "importtime", *COMMAND[1:], *arguments]
@@ -100,9 +97,6 @@ def test_scenes(capsys):
     assert len(out.splitlines()) >= 5
     assert all(len(line) <= 100 for line in out.splitlines())
     assert "cornell_box_glass  " in out
-
-
-# -------------------------------------------------------------------------------- refusals
 
 
 REFUSALS: dict[str, list[tuple[str, str]]] = {
@@ -247,9 +241,6 @@ def test_failure_is_one_line_and_status_one(capsys, tmp_path, monkeypatch):
         main(arguments)
 
 
-# --------------------------------------------------------------------------------- renders
-
-
 def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
@@ -364,9 +355,6 @@ def test_ctrl_c(tmp_path):
     assert 0.9 < float(dataset.transient.sum() / dataset.steady.sum()) < 1.0
 
 
-# ---------------------------------------------------------------------------- phasors and gates
-
-
 def test_phasors_of_a_scene(tmp_path, capsys):
     out = tmp_path / "phasors"
     options = ["--freq", "20e6", "--freq", "50e6", "--out", out, "--size", "8x6", "--spp", "4"]
@@ -438,8 +426,6 @@ def test_phasors_of_a_folder_without_a_render(tmp_path, capsys):
         error = refused(capsys, *arguments, *option)
         assert error == f"{' = '.join(option)}: must be left out, {folder} is rendered"
 
-
-# ------------------------------------------------------------------------------------- signals
 
 IMPORT_INTERRUPTED = """
 import signal, sys

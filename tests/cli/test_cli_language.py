@@ -38,9 +38,6 @@ ALL = {"command": str, "version": str}
 SMALL = ["--size", "6x5", "--spp", "1"]
 
 
-# ------------------------------------------------------------------------------------------ json
-
-
 def mistakes(value: Any, kind: Any, where: str = "") -> list[str]:
     """Where a value is not of its type."""
     if is_typeddict(kind):
@@ -160,9 +157,6 @@ def test_the_page_has_all_keys():
                 assert set(get_type_hints(nested)) <= set(re.findall(r"`(\w+)`", part))
 
 
-# ------------------------------------------------------------------------------------ completion
-
-
 ASKED = {
     "bash": {"COMP_WORDS": "{line}", "COMP_CWORD": "{last}"},
     "zsh": {"_TYPER_COMPLETE_ARGS": "{line}"},
@@ -250,9 +244,6 @@ def test_paths_that_cannot_be_looked_at():
     assert completion.paths("/no/such/folder/a", ".xml") == []
 
 
-# ----------------------------------------------------------------------------- pictures, figures
-
-
 def pixels(path: Path) -> np.ndarray:
     with Image.open(path) as image:
         return np.asarray(image)
@@ -305,9 +296,6 @@ def test_dots_per_inch(capsys, tmp_path):
         widths.append(pixels(tmp_path / f"{dpi}.png").shape[1])
     assert widths[2] == pytest.approx(2 * widths[0], abs=2)
     assert widths[3] == pytest.approx(2 * widths[1], abs=2)
-
-
-# -------------------------------------------------------------------------------------- progress
 
 
 _WAITS = """

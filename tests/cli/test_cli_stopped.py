@@ -172,9 +172,6 @@ def goes_on(capsys, name: str, out: Path, expected: list[np.ndarray]) -> str:
     return err
 
 
-# ------------------------------------------------------------------------------------ stopped
-
-
 @pytest.mark.parametrize(
     ("name", "by"),
     [
@@ -211,9 +208,6 @@ def test_two_signals_end_at_once(tmp_path):
     if out.exists():
         assert values(out)
     assert set(hidden(tmp_path)) <= {kept(out).name}
-
-
-# ------------------------------------------------------------------------------------- killed
 
 
 def begun(name: str, out: Path, *options: object) -> subprocess.Popen:
@@ -298,9 +292,6 @@ def test_a_kill_loses_at_most_the_interval(capsys, tmp_path, monkeypatch):
     assert len(lost) > 20
 
 
-# ------------------------------------------------------------------- what is beside the output
-
-
 def test_leftovers_go(capsys, tmp_path):
     """Of killed writers of this output, not of others."""
     out = tmp_path / "out"
@@ -324,9 +315,6 @@ def test_two_runs_with_one_output(capsys, tmp_path, name):
         assert said.startswith(f"--out = {out}: another process")
         assert set(os.listdir(tmp_path)) == files
     done(capsys, *arguments(name, out, spp=4))
-
-
-# ------------------------------------------------------------------------- going on, or not
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -468,9 +456,6 @@ def test_without_checkpoints(capsys, tmp_path, monkeypatch):
     assert status == 130
     assert one_line(err) == f"error: interrupted after 16 of {SPP} samples per pixel"
     assert os.listdir(tmp_path) == []
-
-
-# ---------------------------------------------------------------- Ctrl-C while files are written
 
 
 @pytest.mark.parametrize(

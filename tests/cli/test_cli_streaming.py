@@ -84,9 +84,6 @@ def check(folder: Path, whole, *within: float) -> None:
     assert found.attrs["spp"] == whole.attrs["spp"]
 
 
-# ------------------------------------------------------------------------------------- formats
-
-
 @pytest.mark.parametrize(
     ("format", "short"),
     [("frames", True), ("multipart", True), ("npz", True), ("zarr", True), ("zarr", False)],
@@ -105,9 +102,6 @@ def test_formats(capsys, out, monkeypatch, whole, format, short):
     assert names(out.parent) == {"box"}
     monkeypatch.undo()
     check(out, whole)
-
-
-# -------------------------------------------------------------------------------------- workers
 
 
 @pytest.mark.parametrize("format", ["frames", "zarr"])
@@ -164,9 +158,6 @@ def test_an_address_where_nobody_answers(capsys, monkeypatch, tmp_path, command)
     text = refused(capsys, command, *arguments, "--scheduler", "tcp://127.0.0.1:9")
     assert text.startswith("--scheduler = tcp://127.0.0.1:9: does not answer; must be ")
     assert names(tmp_path) == {"z.h5"}
-
-
-# ------------------------------------------------------------------------------------ going on
 
 
 _KILLED = """
@@ -299,9 +290,6 @@ def test_resume_of_nothing(capsys, out):
     arguments = ["render", "cornell_box", "--out", out, *TINY, "--format", "zarr", "--resume"]
     assert f"--resume: no run that writes {out} was stopped" in refused(capsys, *arguments)
     assert names(out.parent) == set()
-
-
-# --------------------------------------------------------------------------------------- merging
 
 
 @pytest.mark.parametrize("format", ["frames", "zarr"])

@@ -45,9 +45,6 @@ def bins_of(target) -> np.ndarray:
     return np.array(target.develop()[1])
 
 
-# ------------------------------------------------------------------------------- edges of bins
-
-
 @pytest.mark.parametrize(
     ("start", "width"), [(0.0, 0.25), (1.0, 0.25), (3.5, 2.0**-6), (-2.0, 0.5)]
 )
@@ -114,8 +111,6 @@ def test_defaults_are_those_of_the_documentation():
     assert list(target.size()) == [768, 576]
     assert target.rfilter().is_box_filter()
 
-
-# --------------------------------------------------------------------------------- operations
 
 TENT, GAUSSIAN = {"rfilter": {"type": "tent", "radius": 2.0}}, {"rfilter": {"type": "gaussian"}}
 
@@ -185,9 +180,6 @@ def test_tiles_that_do_not_fit_are_refused(of_film, change, message):
 def test_time_slice_outside_is_refused():
     for k in (-1, 3, 1.5):
         refused(f"k = {k}: must be an integer from 0 to 2", empty(bins=3).time_slice, k)
-
-
-# ----------------------------------------------------------------- temporal filters and pulses
 
 
 def lamp_at(opl: float, window: dict, **integrator) -> dict:
@@ -268,9 +260,6 @@ def test_any_pulse_can_be_set():
     assert bins.sum() == pytest.approx(2.0, abs=1e-5)
 
 
-# ------------------------------------------------------------------------------ bad parameters
-
-
 FILM, PATH = "transient_hdr_film", "transient_path"
 NAN, INF = float("nan"), float("inf")
 BAD = [
@@ -324,9 +313,6 @@ def test_films_that_cannot_be_filled(window, text):
     refused(text, loaded.integrator().render, loaded, kind=(TypeError, ValueError, MemoryError))
 
 
-# ------------------------------------------------------------------------------- clear refusals
-
-
 def test_folding_some_pixels_copies_nothing():
     """A copy of all bins would take as much memory again, and its time in each step."""
     target = empty(bins=64, bin_width=1.0)
@@ -362,8 +348,6 @@ def test_derivatives_of_nothing_are_refused():
     backward = loaded.integrator().render_backward
     refused("params: track no gradients", backward, loaded, None, None)
 
-
-# -------------------------------------------------------------------------------------- tiles
 
 WIDTH, HEIGHT = 8, 6
 TILES = [(0, 0, 5, 2), (5, 0, 3, 2), (0, 2, 5, 4), (5, 2, 3, 4)]

@@ -50,9 +50,6 @@ def through(described: dict, technique: str, **more: Any) -> dict:
     return described | {"integrator": by(technique, **own | more)}
 
 
-# --------------------------------------------------------------------------------- scene parts
-
-
 def floor(size: float = 10.0, albedo: float = ALBEDO) -> dict:
     return {"floor": plane(size=size, bsdf=diffuse(albedo))}
 
@@ -92,9 +89,6 @@ def spot(origin, target, beam: float, cutoff: float, intensity: float = 1.0) -> 
 
 def lamp(position, intensity: float = 1.0) -> dict:
     return {"lamp": point_light(position, intensity)}
-
-
-# ----------------------------------------------------------------------------------- estimates
 
 
 def disk_over_receiver(

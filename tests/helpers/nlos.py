@@ -1,14 +1,9 @@
 """Scenes of non-line-of-sight captures for tests, with stand-ins for their sensor and laser."""
 
-import importlib
-import sys
-
 import mitsuba as mi
 import numpy as np
 
 import tofrender
-from tofrender.nlos.device import retroreflector
-from tofrender.runtime import plugins
 from tofrender.scenes import BUILT_IN
 
 WALLS = ["nlos_z", "nlos_bunny", "nlos_patch", "nlos_plane"]
@@ -16,15 +11,6 @@ BOXES = ["wall_box_sphere_nlos", "wall_box_spheres_nlos", "wall_box_hi_nlos"]
 CONFOCAL = [*BOXES, "wall_box_behind", "ourbox_confocal"]
 ALL = [*WALLS, *CONFOCAL]
 WITH_WALL = [name for name in ALL if name != "ourbox_confocal"]
-
-
-REGISTERED = {each.name for each in plugins.PLUGINS.values()}
-
-
-def register_retroreflector() -> None:
-    """Register the plugin in the active variant, unless the package does."""
-    if "retroreflector" not in REGISTERED:
-        importlib.reload(sys.modules[retroreflector.__name__])
 
 
 def builder(name: str, **options) -> dict:

@@ -30,9 +30,6 @@ COMPARISONS = 1000
 TIME = ("temporal_bins", "start_opl", "bin_width_opl")
 
 
-# -------------------------------------------------------------------------------- scene parts
-
-
 def film(
     width: int = 1,
     height: int = 1,
@@ -151,8 +148,6 @@ def steady_twin(description: dict, **changes: Any) -> dict:
     return result
 
 
-# -------------------------------------------------------------------------------- descriptions
-
 NAMELESS = (
     *("integrator", "sensor", "film", "rfilter", "sampler", "emitter", "bsdf", "phase", "sigma_t"),
     *("theta", "delta", "side"),
@@ -217,17 +212,11 @@ def require_equal(nodes: dict, others: dict, atol: float = 1e-6) -> None:
                 np.testing.assert_allclose(*both, rtol=1e-5, atol=atol, err_msg=f"{name}.{key}")
 
 
-# ----------------------------------------------------------------------------------- bad input
-
-
 def refused(text: str, call: Callable, *args: Any, kind=(ValueError, TypeError), **options) -> None:
     """The call raises an error of one line, in which the regular expression is found."""
     with pytest.raises(kind, match=text) as error:
         call(*args, **options)
     assert "\n" not in str(error.value)
-
-
-# ---------------------------------------------------------------------------------- rendering
 
 
 def rendered(description: dict | mi.Scene, spp: int = 16, seed: int = 0) -> tuple:
@@ -347,9 +336,6 @@ def camera_rays(loaded: mi.Scene, lanes: int, seed: int = 0):
     sampler = mi.load_dict({"type": "independent", "sample_count": lanes})
     sampler.seed(seed, lanes)
     return sample_camera(sensor, sensor.film(), sampler, dr.zeros(mi.UInt32, lanes))
-
-
-# -------------------------------------------------------------------------------- comparisons
 
 
 def over_seeds(estimate: Callable[[int], np.ndarray], seeds: Iterable[int]) -> np.ndarray:

@@ -217,8 +217,6 @@ def test_every_file_of_a_film_is_missed_when_it_is_opened(tmp_path, stored, harm
     assert not {name: what for name, what in wrong.items() if what}
 
 
-# ------------------------------------------------------------------------ what is no such file
-
 READERS = {"npz": io.load_npz, "exr": io.load_exr_stack, "h5": io.load_capture}
 
 
@@ -236,8 +234,6 @@ def refused(call: Callable[[], Any], name: str = "path") -> str:
         call()
     return one_clear_line(error.value, name)
 
-
-# ------------------------------------------------------------------- descriptions that are wrong
 
 MISSING = object()
 
@@ -355,9 +351,6 @@ def test_an_archive_that_claims_more_than_it_has(tmp_path):
     assert not refused(lambda: io.load_npz(path))
 
 
-# ------------------------------------------------------------------------------------ stacks
-
-
 def copied(source: str, target: str) -> Callable[[Path], Any]:
     return lambda stack: (stack / target).write_bytes((stack / source).read_bytes())
 
@@ -422,9 +415,6 @@ def test_stacks_that_do_not_fit_into_memory(tmp_path, monkeypatch):
         with pytest.raises(MemoryError, match=r"GiB, must be at most 0\.0 GiB") as error:
             READERS[suffix](path)
         assert not one_clear_line(error.value, "path")
-
-
-# ------------------------------------------------------------------------------------ captures
 
 
 def change_capture(path: Path, **changes: Any) -> None:

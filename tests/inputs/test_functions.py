@@ -25,9 +25,6 @@ from tofrender import sampling
 PACKAGE = Path(tofrender.__file__).parent
 
 
-# ----------------------------------------------------------------------- what the calls are given
-
-
 WINDOW = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
 BOX = {"width": 4, "height": 4, "spp": 1, "max_depth": 2, **WINDOW}
 WALL = {"width": 2, "height": 2, "spp": 1, "optimize": False}
@@ -132,8 +129,6 @@ READ = {
 }
 """The file of each function that has a path."""
 
-
-# ------------------------------------------------------------------------------------- the table
 
 KINDS = {
     "boolean": "all_bins discard_direct_light errors flip_normals folder hide_emitters occluder "
@@ -488,9 +483,6 @@ def _key(thing: Any) -> int:
 
 
 CALLS = [*TABLE, *rest()]
-
-
-# ------------------------------------------------------------------------------------- the tests
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # Of sockets of distributed

@@ -159,9 +159,6 @@ def test_a_full_disk_for_a_command(tmp_path, monkeypatch, capsys, sources, comma
     assert not os.listdir(tmp_path)
 
 
-# ---------------------------------------------------------------------- outputs and their sources
-
-
 MADE_OF = {
     "render": (WRITERS["stack"], "phasor {} --freq 2e7"),
     "capture": (WRITERS["capture"], "reconstruct {} --method bp"),
@@ -194,9 +191,6 @@ def test_a_source_is_not_replaced_by_what_is_made_of_it(tmp_path, capsys, kind, 
     assert said.count("\n") == 1
     assert "must " in said
     assert listing(tmp_path) == before
-
-
-# ------------------------------------------------------------------------------------- memory
 
 
 @pytest.mark.usefixtures("no_work")

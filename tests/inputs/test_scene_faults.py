@@ -203,8 +203,6 @@ def test_scenes(tmp_path, monkeypatch, what):
     assert not refused(SCENES[what]())
 
 
-# ---------------------------------------------------------------------------------------- XML
-
 GOOD = """<scene version="3.0.0">
 <default name="width" value="4"/>
 <integrator type="transient_path"/>

@@ -52,9 +52,6 @@ import tofrender
 BINS = 40
 
 
-# ------------------------------------------------------------------------------- comparisons
-
-
 class Seen(NamedTuple):
     """Several seeds of a picture: blocks (seeds, ...) and bins of the film's mean (seeds, bins)."""
 
@@ -84,9 +81,6 @@ def finds_mistakes(found: Seen, reference: Seen, factor: float = 1.05) -> bool:
     late = Seen(found.blocks, np.roll(found.bins, 1, axis=1))
     mirrored = Seen(found.blocks[:, :, ::-1], found.bins)
     return not any(same(each, reference) for each in (wrong, late, mirrored))
-
-
-# ------------------------------------------------------------------------------------- scenes
 
 
 def window(start: float, stop: float, size: int = 8, **more: Any) -> dict:
@@ -309,9 +303,6 @@ def test_mistakes_are_found(name):
     assert finds_mistakes(of_tracer(name, BDPT), of_path(name))
 
 
-# --------------------------------------------------------------- cameras, films and parameters
-
-
 def corner(max_depth: int = 3, the_film: dict | None = None, **more: Any) -> dict:
     """Two coloured walls on a floor under a lamp, with nothing alike left and right."""
     red = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.3, 0.2]}}
@@ -388,9 +379,6 @@ def test_weights(mis, camera_connections):
     assert same(found, view_of_path("plain"))
 
 
-# ---------------------------------------------------------------------- variants, and Mitsuba's
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_variants(variant):
@@ -401,9 +389,6 @@ def test_variants(variant):
         assert found.blocks.shape[-1] == (1 if "mono" in variant else 3)
         assert same(found, reference), technique
         assert not same(Seen(1.1 * found.blocks, found.bins), reference)
-
-
-# ------------------------------------------------------------------------------ no light at all
 
 
 @pytest.mark.parametrize("technique", TRACERS)

@@ -44,8 +44,6 @@ def no_work(monkeypatch):
         monkeypatch.setattr(kind, "prepare", never)
 
 
-# ---------------------------------------------------------------------------------- parameters
-
 BOTH = [
     *[("max_depth", value) for value in (1, 0, -2)],
     ("rr_depth", 0),
@@ -108,9 +106,6 @@ def test_a_scenes_unlimited_depth_is_not_taken_over():
     """The scene's own integrator has no bound, and this one must have one."""
     endless = described() | {"integrator": {"type": "transient_path", "max_depth": -1}}
     refused("max_depth = -1", tofrender.render, endless, integrator=BDPT, spp=1, progress=False)
-
-
-# -------------------------------------------------------------------------------------- scenes
 
 
 TWO = {name: {"type": "perspective", "film": film(1, 1, bins=50)} for name in ("one", "two")}

@@ -31,9 +31,6 @@ UP = (0.0, 0.0, 1.0)
 SEEDS = range(32)
 
 
-# ----------------------------------------------------- a: point light, diffuse surface, camera
-
-
 LIGHT, INTENSITY, ALBEDO = (1.0, 0.3, 2.0), 3.0, 0.5
 
 
@@ -81,9 +78,6 @@ def test_camera_unwarp_sets_an_emitter_in_view_to_zero():
     ray = beam((0, 0, 3), (0, 0, 0))
     assert follow(lamp, ray, unwarp=True).all()[0].tolist() == [0.0]
     assert follow(lamp, ray).all()[0] == pytest.approx([3.0])
-
-
-# ------------------------------------------------------------- c: inside of a diffuse sphere
 
 
 RADIUS = 2.0
@@ -134,9 +128,6 @@ def test_sphere_all_bounces_with_roulette():
     assert not agree(totals * 1.1, expected)
 
 
-# -------------------------------------------------------------------------- h: glass slab
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("index", [1.5, 3.0])
 def test_glass_slab(index):
@@ -172,9 +163,6 @@ def test_glass_slab(index):
     assert not agree(samples[:, shown] * 1.1, expected[shown])
 
 
-# ------------------------------------------------------------------------------ i: mirror
-
-
 def test_mirror():
     """Camera, mirror at z = 2 that faces down, floor at z = 0, lamp."""
     eye, lamp, x = (-1.0, 0.2, 0.7), (1.0, 0.6, 1.6), (0.8, -0.3, 0.0)
@@ -187,9 +175,6 @@ def test_mirror():
     radiance, opl = oracles.point_light_on_plane(image, x, UP, lamp, 3.0, ALBEDO)
     assert found.all()[1] == pytest.approx([radiance], rel=1e-5)
     assert found.all()[0] == pytest.approx([opl], abs=1e-4)  # rays leave 0.2 mm off the mirror
-
-
-# --------------------------------------------------------------------- lights without a place
 
 
 def test_environment_in_view():

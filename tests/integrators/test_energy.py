@@ -34,8 +34,6 @@ from tofrender.scenes import cornell_box
 
 pytestmark = pytest.mark.usefixtures("mitsubas_steps")
 
-# ----------------------------------------------------------- same random numbers, same picture
-
 
 def all_its_light(described: dict, spp: int, seed: int) -> np.ndarray:
     """The steady picture, which is Mitsuba's, and the sum of the bins."""
@@ -105,9 +103,6 @@ def test_crop_is_the_crop_of_the_whole():
     assert whole[..., 0] == pytest.approx(expected, rel=1e-6)
     assert part == pytest.approx(whole[3:5, 4:7], rel=1e-6)
     assert steady == pytest.approx(whole[3:5, 4:7].sum(axis=2), rel=1e-6)
-
-
-# ---------------------------------------------------------------- bins against the steady image
 
 
 def full_window(width: int, height: int, bins: int = 2, **more) -> dict:
@@ -184,9 +179,6 @@ def test_a_million_samples_in_one_pixel_are_not_low():
     steady, transient = rendered(described, spp=1 << 20)
     assert transient[0, 0, 3] == pytest.approx([0.7] * 3, rel=2e-4)
     assert steady[0, 0] == pytest.approx([0.7] * 3, rel=1e-4)
-
-
-# --------------------------------------------------------------------------- in expectation
 
 
 @pytest.mark.statistical

@@ -59,9 +59,6 @@ def one_path(colour=(1.0, 1.0, 1.0)):
     return loaded, 3.5, 0.5 / math.pi * 3.0 / 1.5**2
 
 
-# ---------------------------------------------------------------------------------------- gates
-
-
 def test_one_path_through_a_gate():
     """Form a: L p(t - opl), a density."""
     loaded, opl, radiance = one_path()
@@ -166,9 +163,6 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
             refused("has no (gates|modulation); must be", call, loaded, other, sensor, more)
     for frequency in (0, -1.0, math.nan, math.inf, "fast", [20e6, 0.0], []):
         refused(r"frequenc(y|ies)_hz", parse_frequencies, frequency)
-
-
-# -------------------------------------------------------------------------------------- phasors
 
 
 def test_phasors_of_one_path():

@@ -62,9 +62,6 @@ def environment() -> dict:
     return described
 
 
-# ----------------------------------------------------------------------------- every scene
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", GALLERY)
 def test_every_scene_has_the_bins_of_one_point(name):
@@ -104,9 +101,6 @@ def test_bins_and_energy_are_those_of_one_point(describe):
         several = samples(n, range(1000 * n, 1000 * n + 40))
         assert agree(several[:, lit], one[:, lit]), n
         assert not agree(1.1 * several[:, lit], one[:, lit])
-
-
-# -------------------------------------------------------------------------- what auto takes
 
 
 def taken(described: dict, kind: str | None = None) -> tuple[int, int]:
@@ -167,9 +161,6 @@ def test_auto_is_the_number_that_it_takes():
     np.testing.assert_allclose(pictures[0], pictures[1], rtol=1e-5, atol=1e-7)
     assert abs(pictures[0] - pictures[2]).max() > 0.01
     assert abs(pictures[0] - pictures[3]).max() > 0.01
-
-
-# ------------------------------------------------------------------------------ closed forms
 
 
 def points(n: int, kind: type = SceneLights, blocked: bool = False) -> tuple:
@@ -257,9 +248,6 @@ def test_planted_bugs_are_noticed(kind):
     assert not agree(*points(8, kind, blocked=kind is ZeroWhereHidden))
 
 
-# ------------------------------------------------------------------------------ the parameter
-
-
 @pytest.mark.parametrize("value", [0, -1, 65, 2.5, True, "many", "8"])
 def test_what_is_no_number_of_points_is_refused(value):
     text = f"light_samples = {value!r}: must be 'auto' or an integer from 1 to 64"
@@ -287,9 +275,6 @@ def test_integrators_with_one_connection_refuse_it(given):
     for value in (1, 8, "auto"):
         text = f"light_samples = {value!r}: must be left out"
         refused(text, load_plugin, "integrator", given | {"light_samples": value})
-
-
-# ----------------------------------------------------------------------------- resumed renders
 
 
 def small(**integrator) -> dict:

@@ -72,9 +72,6 @@ from tofrender.integrators.two_strategies import TransientTwoStrategies
 SEEDS = range(32)
 
 
-# -------------------------------------------------------------------------- lights over a floor
-
-
 class Case(NamedTuple):
     """A floor under some light: the view, parts of the scene, and the exact film mean."""
 
@@ -176,9 +173,6 @@ def test_each_has_all_light(name, technique, spp):
         assert not arrives(centred + found - found.mean(axis=0), masses, edges)
 
 
-# ----------------------------------------------------------- c: inside of a diffuse sphere
-
-
 BOUNCE = 0.8
 """Albedo of the sphere of radius 1, with a lamp and a camera of 90 degrees at its centre."""
 
@@ -271,9 +265,6 @@ def test_arrival_times_in_a_sphere(technique, bounces, spp):
     assert not arrives(np.roll(found, 1, axis=1), masses, edges)
 
 
-# ---------------------------------------------------------------------------- the thin lens
-
-
 GLOBE = {"y": (0.5, -0.3, 2.0), "radius": 0.1, "radiance": 3.0, "lens": 0.2, "fov": 40.0}
 
 
@@ -293,9 +284,6 @@ def test_a_ball_out_of_focus(technique, spp):
     assert arrives(found, light.masses(edges), edges)
     assert not arrives(1.05 * found, light.masses(edges), edges)
     assert not arrives(np.roll(found, 1, axis=1), light.masses(edges), edges)
-
-
-# ------------------------------------------------------------------------------------ caustics
 
 
 class Glass(NamedTuple):
@@ -392,9 +380,6 @@ def test_a_lamp_in_glass_is_as_far_as_its_index_says():
     assert arrives(found, light.masses(edges), edges)
 
 
-# ------------------------------------------------------------------- films and ways to render
-
-
 TECHNIQUES = pytest.mark.parametrize(("technique", "spp"), [(LIGHT_TRACER, 256), (BDPT, 32)])
 WIDTH_OPL = 0.06
 
@@ -488,9 +473,6 @@ def test_a_window_of_its_own(kind):
     assert dataset.attrs["energy_outside_window"] < 0.002
     stop = dataset.attrs["start_opl"] + 50 * dataset.attrs["bin_width_opl"]
     assert stop == pytest.approx(it.caustic.opl.max(), abs=0.03)
-
-
-# --------------------------------------- next-event estimation and light tracing, two strategies
 
 
 @pytest.mark.parametrize("end", ["both", "camera", "light"])

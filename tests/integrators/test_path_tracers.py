@@ -51,8 +51,6 @@ import tofrender
 from tofrender.runtime import plugins
 from tofrender.scenes import BUILT_IN
 
-# ----------------------------------------------------------- same random numbers, same picture
-
 
 @pytest.mark.usefixtures("mitsubas_steps")
 @pytest.mark.parametrize("name", [*SCENES, *COURSE])
@@ -109,9 +107,6 @@ def test_the_techniques_differ():
         assert all(largest(first, second) > 0.01 for second in pictures[:i])
     default = lit() | {"integrator": {"type": "path_tracer_mis", "max_bounces": 11}}
     assert largest(picture(steady(default)), pictures[2]) < 1e-6
-
-
-# ------------------------------------------------------------------------------- expectation
 
 
 @pytest.mark.statistical
@@ -234,9 +229,6 @@ def test_materials_in_expectation(lamps):
         assert not all_equal({"one_sample": wrong}, reference)
 
 
-# --------------------------------------------------------------- no light is counted twice
-
-
 @pytest.mark.statistical
 @pytest.mark.parametrize("tracer", TRACERS)
 def test_furnace_without_limit(tracer):
@@ -257,9 +249,6 @@ def test_furnace_in_every_variant(variant, tracer):
     _, transient = rendered(furnace(tracer, 2), spp=256)
     tolerance = 0.05 if "spectral" in variant else 5e-3
     assert transient.sum(axis=2).mean(axis=(0, 1)) == pytest.approx(expected, rel=tolerance)
-
-
-# --------------------------------------------------------------------- scenes and settings
 
 
 @pytest.mark.parametrize("tracer", ["path_tracer_mats", "path_tracer_nee", "path_tracer_mis"])
@@ -287,9 +276,6 @@ def test_render_in_time(tracer):
     assert dataset["transient"].values.sum() == pytest.approx(inside)
 
 
-# ------------------------------------------------------------------------------- bad input
-
-
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
@@ -309,9 +295,6 @@ def test_bad_input_is_one_line(parameters, text):
     for tracer in TRACERS.values():
         described = course("small_box") | {"integrator": tracer | parameters}
         refused(text, tofrender.load_scene, described)
-
-
-# ------------------------------------------------------------------------------- when light arrives
 
 
 @pytest.mark.statistical
@@ -387,9 +370,6 @@ def test_lights_of_equal_power_differ_in_time_alone(tracer):
         first[size] = edges[np.flatnonzero(bins.any(axis=0))[0]]
         assert first[size] <= HEIGHT - r < first[size] + 1 / 32
     assert first["large"] < first["medium"] - 0.5
-
-
-# -------------------------------------------------------------------------------------------- noise
 
 
 @pytest.mark.statistical

@@ -60,9 +60,6 @@ def values(loaded: mi.Scene, plugin: dict, origin, way, seed: int = 0) -> np.nda
     return paths(loaded, plugin, ray, seed)
 
 
-# ---------------------------------------------------------------------------------- simple
-
-
 FLOOR_AND_BALL = {"floor": plane(bsdf=diffuse(0.3)), "ball": ball(bsdf=diffuse(0.7))}
 
 
@@ -175,9 +172,6 @@ def test_every_variant(variant):
         assert bins.sum(axis=2) == pytest.approx(total, rel=1e-4)
 
 
-# ---------------------------------------------------------------------- ambient occlusion
-
-
 def at_point(parts: dict, x, seed: int = 0, eye=(0.0, 0.0, 1e-2), count: int = 1 << 16):
     """Means of 32 batches at a point, seen from just beside it."""
     way = np.repeat([np.negative(eye)], count, axis=0)
@@ -279,9 +273,6 @@ def test_hidden_emitters_still_cast_shadows(plugin):
         direct = lit * to_light[2] / (4 * math.pi**2 * np.linalg.norm(to_light) ** 3)
         expected = ENERGY * direct if plugin is SIMPLE else 1 - occluded(x)
         assert found.mean() == pytest.approx(expected, abs=1e-5 if plugin is SIMPLE else 0.04)
-
-
-# -------------------------------------------------------------------------------- settings
 
 
 @pytest.mark.parametrize("name", ["bust_simple", "bust_ao"])

@@ -70,8 +70,6 @@ def has_all(*pictures, expected: float | None = None, tolerance: float = NOISE) 
     return all(abs(np.mean(each, dtype=float) / expected - 1) < tolerance for each in found)
 
 
-# ----------------------------------------------------------------------------- nothing is lost
-
 ONE_BIN = {"temporal_bins": 1, "bin_width_opl": 8.0}
 
 
@@ -127,9 +125,6 @@ def test_many_steps(monkeypatch):
     assert has_all(*rendered(under_the_spot(), spp=1000))
 
 
-# ------------------------------------------------------------------------------ films and files
-
-
 @pytest.mark.parametrize("technique", ALONE)
 @pytest.mark.parametrize("kind", ["hdrfilm", "phasor_hdr_film"])
 def test_every_film(technique, kind):
@@ -167,8 +162,6 @@ def test_operations_of_the_film():
     the_film.clear()
     assert max(np.array(each).max() for each in the_film.develop()) == 0
 
-
-# ------------------------------------------------------------------------------ crops and tiles
 
 WIDTH, HEIGHT = 8, 6
 TILES = [(0, 0, 5, 4), (5, 0, 3, 6), (0, 4, 5, 2)]
@@ -215,9 +208,6 @@ def test_tiles_are_the_whole():
     assert not agree(1.5 * found, expected)
 
 
-# --------------------------------------------------------- renders that stop, and that go on
-
-
 @pytest.mark.parametrize("technique", ALONE)
 @pytest.mark.parametrize("first", [256, 1000])
 def test_resumed_renders_contain_splats(technique, first):
@@ -250,9 +240,6 @@ def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypat
     assert part.attrs["complete"] == 0
     assert part.attrs["spp"] * size**2 < 1 << 23
     assert has_all(part.steady.values, part.transient.values, tolerance=2 * NOISE)
-
-
-# ---------------------------------------------------------------------------- visibility
 
 
 @pytest.mark.parametrize("technique", TRACERS)

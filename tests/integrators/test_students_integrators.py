@@ -132,9 +132,6 @@ def correlated(integrator, spp: int = 16) -> np.ndarray:
     return tofrender.render_single_amcw(loaded, integrator, loaded.sensors()[0], spp)
 
 
-# ---------------------------------------------------------------------------------------- gates
-
-
 def test_an_overridden_sample_makes_the_picture():
     assert at(made(Seven)) == pytest.approx(np.full((2, 4, 3), 7.0))
     integrator = made(SevenCorrelated)
@@ -202,9 +199,6 @@ def test_a_pulse_without_a_density_is_refused_in_a_line():
         at(integrator)
 
     refused(r"pulse.*eval", use)
-
-
-# ------------------------------------------------------------------------------------ modulation
 
 
 @pytest.mark.parametrize("offset", [0.0, -math.pi / 2])

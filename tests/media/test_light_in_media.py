@@ -182,8 +182,6 @@ def test_polarised_light_from_both_ends(technique, monkeypatch):
     assert not agree(stokes(technique, SPP // 2, MANY_SEEDS), reference, rounding=2e-3)
 
 
-# ----------------------------------------------------------------------------------- mistakes
-
 BALL = "ball"
 
 

@@ -105,9 +105,6 @@ def walk(scene: mi.Scene, medium: mi.Medium | None, ray: mi.Ray3f, seed: int):
         dr.eval(path)
 
 
-# ------------------------------------------------------------------------------ wandering
-
-
 def wandered(medium: dict, length: float, seed: int, count: int = 6000) -> np.ndarray:
     """Where paths are that start along z, when they are so long: means of z and r²."""
     scene, reached = mi.load_dict({"type": "scene"}), dr.zeros(mi.Point3f, count)
@@ -163,9 +160,6 @@ def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
     monkeypatch.setattr(owner, name, gives_other(mistake)(getattr(owner, name)))
     found = [wandered(fog(2.0, 1.0, 0.7, kind), 3.0, seed) for seed in range(8)]
     assert not agrees(found, [1.39117, 5.36277])
-
-
-# ------------------------------------------------------------------------- bodies and beams
 
 
 def inwards(seed: int, count: int) -> mi.Ray3f:
@@ -294,9 +288,6 @@ def test_half_space_under_even_light(albedo, cosine, window, wanted):
     assert agrees(found, wanted)
 
 
-# ------------------------------------------------------------------------------------- glass
-
-
 def lengths_in_glass(scene: mi.Scene, seed: int, count: int) -> np.ndarray:
     """Light that leaves a glass sphere again, and its optical length in there, for rays onto it."""
     ray = inwards(seed, count)
@@ -322,9 +313,6 @@ def test_mean_path_in_glass(mu_s, g):
     scene = mi.load_dict({"type": "scene", "ball": ball})
     found = [lengths_in_glass(scene, seed, 6000) for seed in range(SEEDS)]
     assert agrees(found, [1, n**3 * 4 / 3])
-
-
-# ---------------------------------------------------------------------------------- mistakes
 
 
 @pytest.mark.parametrize("phase", [FLAKES, TWO_LOBES | {"a": FLAKES}], ids=["sggx", "blendphase"])

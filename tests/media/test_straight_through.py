@@ -120,8 +120,6 @@ def test_shares_with_hits_are_those_of_the_last_turn(monkeypatch):
     assert not agree(seen(before_lamp), bare, rounding=2e-3)
 
 
-# ------------------------------------------------------------------------------- closed forms
-
 HEIGHT, ASIDE, INTENSITY, ALBEDO = 1.5, 0.7, 5.0, 0.6
 
 
@@ -205,9 +203,6 @@ def test_polarised_light_is_that_of_volpath():
     wanted = np.array(expected).ravel()[-12::3]  # The last layers are S0 to S3, in R, G and B
     assert np.abs(wanted[1:]).max() > 0.1 * wanted[0]
     np.testing.assert_allclose(found.reshape(4, -1)[:, 0], wanted, rtol=2e-3, atol=1e-5)
-
-
-# -------------------------------------------------------------------------------- derivatives
 
 
 def changing(material: dict | None, end: str) -> tuple[mi.Scene, Any, str]:

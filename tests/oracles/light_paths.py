@@ -87,9 +87,6 @@ class View:
         return u * self.height, v * self.height, self.height * np.sqrt(1 + u**2 + v**2), a, b
 
 
-# ---------------------------------------------------------------------- lights over the floor
-
-
 def under_a_point(view: View, light, intensity: float, albedo: float) -> Light:
     """E = I z / d³ from a point light at (x, y, z)."""
     x, y, seen, _, _ = view.points()
@@ -149,9 +146,6 @@ def under_a_sun(view: View, to_light, irradiance: float, albedo: float, centre, 
     along = (x - centre[0]) * to_light[0] + (y - centre[1]) * to_light[1] - centre[2] * to_light[2]
     radiance = albedo / math.pi * irradiance * to_light[2]
     return Light.of(radiance / x.size, seen + radius - along)
-
-
-# ------------------------------------------------------------------------------------- caustics
 
 
 def reflectance(cosine, index: float) -> np.ndarray:
@@ -262,9 +256,6 @@ def through_a_ball(
         r=np.abs(radius * np.sin(at) + np.sin(at + i) * rest),
         opl=light * np.cos(t) - radius * np.cos(i) + 2 * radius * index * np.cos(b) + rest,
     )
-
-
-# --------------------------------------------------------------------------------- a thin lens
 
 
 def ball_in_a_lens(y, radius: float, radiance: float, lens: float, fov: float) -> Light:

@@ -130,9 +130,6 @@ class Paths:
         )
 
 
-# -------------------------------------------------------------------------- walked once more
-
-
 @dataclass
 class Recorded(Vertex):
     """A vertex, with the direction that its path went on in; 0 at the end."""
@@ -244,9 +241,6 @@ def shares(
     ray = mi.Ray3f(paths.lens, paths.at(paths.d, mi.UInt32(0)))
     plan.trace(sampler, ray, paths.lens, Nowhere(), paths.complete)
     return np.array(sharing.shares, float).reshape(paths.lanes, LONGEST + 1)
-
-
-# --------------------------------------------------------------------- the plain definition
 
 
 def started(scene: mi.Scene, emitter: Any, cos: np.ndarray, cross_section: float) -> np.ndarray:

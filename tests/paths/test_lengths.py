@@ -218,9 +218,6 @@ def test_near_clip_counts_in_the_sensors_own_units(scale):
     assert np.ravel(ray_origin(sensor, ray)) == pytest.approx([0, 0, 6], abs=1e-5)
 
 
-# ------------------------------------------------------------------- cameras in glass and water
-
-
 ROOM = {"type": "cube", "to_world": translate(0, 0, 2) @ mi.ScalarTransform4f().scale(5)}
 FOG = {"type": "homogeneous", "sigma_t": 0.2, "albedo": 0.0}
 ROUGH_BALL = glass_ball(1.0, type="roughdielectric", alpha=0.3)

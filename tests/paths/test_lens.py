@@ -59,9 +59,6 @@ BOTH_POINTS = pytest.mark.parametrize("aperture", [(0.5, 0.5), (0.1, 0.8)])
 """Random numbers of two points on the lens."""
 
 
-# -------------------------------------------------------------------------------- its density
-
-
 @BOTH_POINTS
 @EACH
 def test_density_is_that_of_rays_through_an_even_film(name, aperture):
@@ -85,9 +82,6 @@ def test_density_is_that_of_rays_through_an_even_film(name, aperture):
     cos = np.abs(np.array(dr.dot(ray.d, lens.axis)))
     area = np.pi * THIN["aperture_radius"] ** 2 if "lens" in name else 1.0
     np.testing.assert_allclose(np.array(lens.importance(ray.d)), found / (cos * area), rtol=1e-5)
-
-
-# ------------------------------------------------------------------------------- what it sees
 
 
 @BOTH_POINTS

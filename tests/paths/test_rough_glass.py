@@ -187,8 +187,6 @@ def test_two_indices_in_one_blend_are_refused(wrap, integrator):
     assert re.search(r"two_glasses.*1\.2.*1\.5", said)
 
 
-# ------------------------------------------------------------------------------------------ gates
-
 SPACING = 0.03
 
 

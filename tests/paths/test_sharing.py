@@ -242,9 +242,6 @@ def test_choices_have_the_densities_that_connections_have(importance):
         assert own == pytest.approx(other, rel=1e-2, abs=1e-3)
 
 
-# ------------------------------------------------------------------------ mistakes are found
-
-
 def no_way_back(link):
     other = copy(link.rival)
     other.back = mi.Float(0)

@@ -30,9 +30,6 @@ def _polarised(_variant):
     mi.set_variant(MONO)
 
 
-# ----------------------------------------------------------------------------------- a bench
-
-
 def turned(v: np.ndarray, axis: np.ndarray, degrees: float) -> np.ndarray:
     """A vector, turned around an axis."""
     a = np.radians(degrees)
@@ -95,9 +92,6 @@ def traced(scene: mi.Scene, samples: int, measurement=None, seed: int = 0) -> np
     measured, _ = plan.trace(sampler, camera.ray, camera.origin, measurement, frame=camera.frame)
     dr.eval(measured.total)
     return np.array([np.array(each[0], float).mean() for each in measured.total])
-
-
-# ------------------------------------------------------------------------------ closed forms
 
 
 @pytest.mark.parametrize(
@@ -197,9 +191,6 @@ def test_what_goes_to_and_fro_in_a_slab(order):
     S = traced(slab(40), (100_000, 1_000_000, 4_000_000)[order], Weighted.zero(near))
     assert abs(S[0] / expected - 1) < (0.01, 0.05, 0.4)[order]
     assert np.allclose(S[1:] / S[0], [-degree, 0, 0], atol=1e-3)
-
-
-# ------------------------------------------------------------------------ against `stokes`
 
 
 def metals(roll: float = 20.0, **film) -> dict:
@@ -322,9 +313,6 @@ def test_films_add_tiles_and_muellers_matrices():
     assert whole.take()[1].sum() == 40 + 24
 
 
-# ------------------------------------------------------------------- gates, phasors, Datasets
-
-
 def test_gates_add_up_to_the_steady_picture():
     scene = traced_by(metals(**LONG), "time_gated_transient_path", pulse_width_opl=1.0)
     steady, cube = (np.array(each) for each in mi.render(scene, spp=64))
@@ -397,9 +385,6 @@ def test_renders_go_on_and_have_errors():
     assert (noisy["steady_error"].sel(stokes="S1").mean() > 0).item()
 
 
-# ---------------------------------------------------------------------------- from both ends
-
-
 def matte(**film) -> dict:
     """Rough metals without a sky, which all strategies find."""
     scene = metals(**LONG | {"width": 12, "height": 8} | film)
@@ -433,9 +418,6 @@ def test_each_strategy_finds_all_of_three_segments(strategy):
         both = np.stack([found[:, :, k].ravel(), expected[:, :, k].ravel()]).astype(float)
         slope = both[0] @ both[1] / (both[1] @ both[1])
         assert abs(slope - 1) < 0.15
-
-
-# ------------------------------------------------------------------------------------- media
 
 
 def fog(sigma_t: float, albedo: float = 0.0, **phase) -> dict:
@@ -518,9 +500,6 @@ def test_rayleigh_in_a_blend_is_refused():
     assert "phase = blendphase: must have no rayleigh" in said
 
 
-# ---------------------------------------------------------------------------------- refusals
-
-
 @pytest.mark.parametrize("integrator", ["transient_nlos_path", "confocal_transient_path", "ao"])
 def test_who_does_not_follow_polarised_light_says_so(integrator):
     scene = metals(**LONG) | {"integrator": {"type": integrator}}
@@ -537,9 +516,6 @@ def test_who_takes_one_component_says_so(tmp_path):
         (tofrender.transient_to_phasor, 20e6),
     ):
         assert "stokes" in refusal(call, dataset, *more), call
-
-
-# ---------------------------------------------------------------------------------- pictures
 
 
 def test_degrees_and_angles_of_a_render():

@@ -39,9 +39,6 @@ def render(capsys, out: Path, *more: object, variant: str = MONO) -> xr.Dataset:
     return tofrender.load_exr_stack(out / "stack.exr" if (out / "stack.exr").exists() else out)
 
 
-# ------------------------------------------------------------------------------------- files
-
-
 @pytest.mark.parametrize("variant", [MONO, SPECTRAL])
 @pytest.mark.parametrize("errors", [False, True])
 def test_files_keep_stokes_vectors(variant, errors, tmp_path):
@@ -84,9 +81,6 @@ def test_other_channels_are_refused(tmp_path):
     OpenEXR.File(header, {"S0.Y": image, "S1.Y": image}).write(str(stack / "steady.exr"))
     said = refusal(tofrender.load_exr_stack, stack)
     assert said.endswith("must be RGB or Y, or those of S0 to S3")
-
-
-# ------------------------------------------------------------------------------- the command
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ FILES = {"format", "precision", "video", "figure", "dpi", "as_json"}
 THE_APPLICATIONS = {"variant"}
 """In Python, `mitsuba.set_variant`."""
 
-OTHER_KINDS = {"out", "checkpoint", "resume"}
 """A folder, seconds and a switch here; a film on disk, a file and a Dataset there."""
 
 OBJECTS = {"client", "params", "settings", "temporal_bins"}

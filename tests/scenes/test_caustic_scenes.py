@@ -24,9 +24,6 @@ def from_the_lamp(described: dict, spp: int = 100) -> np.ndarray:
     return np.array(mi.render(scene, spp=spp, seed=0), dtype=np.float64)
 
 
-# ---------------------------------------------------------------------------- gaps and leaks
-
-
 @GLASS
 def test_glass_is_a_closed_sphere_away_from_all_else(name):
     """The nearest that is seen from the sphere's surface, straight away from its center."""
@@ -85,9 +82,6 @@ def test_light_leaves_the_fixture_at_its_top_only():
     lid = mi.ScalarTransform4f().translate([x, top, z]).scale([radius + 0.01, 0.01, radius + 0.01])
     closed = described | {"lid": {"type": "cube", "to_world": lid, "bsdf": BLACK}}
     assert from_the_lamp(closed).mean() < 1e-6 * open_top.mean()
-
-
-# ------------------------------------------------------------------------- what is to be seen
 
 
 def bright_floor(described: dict) -> np.ndarray:

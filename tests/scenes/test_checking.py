@@ -40,9 +40,6 @@ def of(**parts) -> mi.Scene:
     return load({"type": "scene", **parts})
 
 
-# ------------------------------------------------------------------------------- all is well
-
-
 def test_built_in_scenes_are_sound():
     for name in BUILT_IN:
         check_scene(load_scene(name, optimize=False), media=True)
@@ -88,9 +85,6 @@ def test_a_large_mesh_takes_milliseconds():
     parameters["vertex_positions"] = positions
     parameters.update()
     assert refusal(scene) == "mesh.vertex_positions[2999999] = nan: must be finite numbers"
-
-
-# ---------------------------------------------------------------- numbers that are none
 
 
 LOOKS_AT_ITSELF = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 1], [0, 1, 0])
@@ -230,9 +224,6 @@ def test_what_was_changed_after_the_load():
     assert refusal(scene).startswith("lamp.intensity.value = ")
     camera = mi.load_dict({"type": "perspective", "fov": NAN})
     assert "x_fov = nan" in refusal(of(lamp={"type": "point"}), camera)
-
-
-# ------------------------------------------------------------- what is not followed yet
 
 
 def test_media_are_refused():

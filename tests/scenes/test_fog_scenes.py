@@ -35,9 +35,6 @@ def light_in_bins(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
     return transient.mean(axis=(0, 1))
 
 
-# ---------------------------------------------------------------------------- gaps and leaks
-
-
 def test_milk_has_a_closed_surface():
     """Seen from inside, all around, and nothing of the scene is in it but the lamp."""
     described = BUILT_IN["lamp_in_milk"]()
@@ -58,9 +55,6 @@ def test_the_corridor_is_closed(z):
     hit = load(described).ray_intersect(random_rays([0.1, 1.45, z]))
     assert dr.all(hit.is_valid())
     assert dr.all(hit.wi.z > 0)
-
-
-# --------------------------------------------------------------------------------- the media
 
 
 @pytest.mark.statistical
@@ -135,9 +129,6 @@ def test_smoke_is_as_its_formula():
     for *center, _, _, share in fog.PUFFS:
         x, y, z = ((center - low) / (high - low) * (16, 20, 64)).astype(int)
         assert density[z, y, x, 0] > 0.8 * share
-
-
-# ------------------------------------------------------------------------------ seen by a gate
 
 
 def contrast(light: np.ndarray, target: np.ndarray, around: np.ndarray) -> float:

@@ -38,9 +38,6 @@ def refusal(source, **options) -> str:
     return refused(load_scene, source, **options)
 
 
-# ------------------------------------------------------------------------ depth without limit
-
-
 def white_box(integrator: dict) -> dict:
     """Walls that glow with 1 and reflect 0.8: everybody sees 1 / (1 - 0.8) everywhere."""
     walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.8), "glow": area_light(1.0)}
@@ -73,9 +70,6 @@ def test_paths_without_a_limit_stay_so(name):
     described = box({"type": "transient_path"})  # It has a default of its own
     described["sensor"] = described["sensor"] | {"film": film(2, 2)}
     assert depths(load_scene(described))["max_depth"] == 6
-
-
-# ----------------------------------------------------------------- integrators around others
 
 
 @pytest.mark.parametrize("name", WRAPPERS)
@@ -113,9 +107,6 @@ def test_others_are_refused_by_name(name):
         assert said.startswith(f"integrator = '{name}': a transient film needs another one")
     two = around("aov", {"type": "path"}) | {"second": {"type": "path"}}
     assert refusal(box(two), **WINDOW).startswith("integrator = 'aov'")
-
-
-# ------------------------------------------------------------------------------- overrides
 
 
 def in_a_file(integrator: str, folder) -> str:

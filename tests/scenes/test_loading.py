@@ -78,9 +78,6 @@ STEADY_XML = """<scene version="3.0.0">
 </scene>"""
 
 
-# --------------------------------------------------------------------------------- sources
-
-
 @pytest.mark.parametrize("source", ["cornell_box", "cornell-box", XML, str(XML), "dict"])
 def test_every_source_takes_every_setting(source):
     picture = {"width": 12, "height": 8, "spp": 16, "sampler": "multijitter"}
@@ -150,9 +147,6 @@ def test_files_named_in_xml_are_found_beside_it(tmp_path):
     shape = '<shape type="ply"><string name="filename" value="cube.ply"/></shape>'
     path = write(tmp_path, f'<scene version="3.0.0">{shape}</scene>')
     assert len(load_scene(path).shapes()) == 1
-
-
-# -------------------------------------------------------------------------------- refusals
 
 
 def test_unknown_settings_scenes_and_files(tmp_path):
@@ -225,9 +219,6 @@ def test_scene_without_sensor_or_light():
     whole = load_scene("cornell_box_steady_state")
     require_sensor(whole)
     require_light(whole)
-
-
-# ------------------------------------------------------------------------------ native code
 
 
 @pytest.mark.parametrize(

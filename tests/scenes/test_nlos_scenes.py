@@ -11,9 +11,6 @@ SMALL = {"width": 16, "height": 12, "spp": 4}
 DEVICES = dict.fromkeys(WALLS, (-0.5, 0, 0.25)) | dict.fromkeys(BOXES, (0, 0, 0))
 
 
-# ---------------------------------------------------------------------------------- identity
-
-
 @pytest.mark.parametrize("optimize", [True, False])
 @pytest.mark.parametrize("name", WITH_WALL)
 def test_shapes_keep_their_identity(name, optimize):
@@ -25,9 +22,6 @@ def test_shapes_keep_their_identity(name, optimize):
     wall = next(shape for shape in scene.shapes() if shape.id() == "relay_wall")
     half = 1 if name in WALLS else 2
     assert list(np.array(wall.bbox().max - wall.bbox().min).ravel()) == [2 * half, 2 * half, 0]
-
-
-# ------------------------------------------------------------------------------------- sight
 
 
 def points_on(scene: mi.Scene, start: str, count: int = 4096) -> tuple:

@@ -70,9 +70,6 @@ def coarse(histograms: np.ndarray) -> np.ndarray:
     return np.column_stack([histograms.sum(axis=1), histograms.reshape(rows, -1, 10).sum(axis=2)])
 
 
-# ---------------------------------------------------------------------- a camera and a wall
-
-
 @pytest.mark.parametrize("write", [peer_scenes.z_simple, peer_scenes.z_room])
 def test_files_are_rendered_as_they_are(write, tmp_path):
     """Shapes without ids have the names of the file."""
@@ -183,9 +180,6 @@ def test_captures_of_rooms_are_told_the_wall(tmp_path):
     assert more["on_wall"].sum() > data["on_wall"].sum()
 
 
-# -------------------------------------------------------------------- a meter and its laser
-
-
 def letter(steps: int = 24) -> Nodes:
     """The letter at z = 1, in small triangles' centres; it faces the wall."""
     vertices, faces = letter_z()
@@ -253,9 +247,6 @@ def test_the_power_is_that_of_a_laser_that_was_turned_by_hand(tmp_path):
         ('<point name="laser_origin".*/>', ""),
     )
     assert by_file == pytest.approx(bins(apart(bare), 256), rel=1e-3, abs=1e-6 * by_file.max())
-
-
-# ----------------------------------------------------------------------------- parameters
 
 
 def warned(path: Path) -> list[str]:
@@ -366,9 +357,6 @@ def test_what_is_refused(tmp_path):
     assert said.startswith("laser: is at [0.0, 0.0, 0.0], in the plane of what the sensor sees")
 
 
-# ------------------------------------------------------------------------ names of the fork
-
-
 def gated(**integrator) -> dict:
     """A wall under a laser that follows the camera, as in the fork's scenes."""
     projector = {"type": "confocal_projector", "grid_sigma": 0.2, "pulse_width_opl": 0.05}
@@ -413,9 +401,6 @@ def test_nlos_confocal_and_angulararea(tmp_path):
     lamp = {"type": "rectangle", "emitter": {"type": "angulararea", "cutoff_angle": 20.0}}
     said = refusal(tofrender.load_scene, {"type": "scene", "lamp": lamp})
     assert said.startswith("emitter = 'angulararea': is not known here; must be another emitter")
-
-
-# --------------------------------------------------------------------------- Cornell boxes
 
 
 @pytest.mark.statistical

@@ -25,8 +25,6 @@ def rendered(described: dict, spp: int, seed: int = 0) -> list[np.ndarray]:
     return [np.array(each, dtype=np.float64) for each in found]
 
 
-# ------------------------------------------------------------------------------------ window
-
 REFLECTED = ("lamp", "target", "ring", "gap", "eye")
 
 
@@ -75,9 +73,6 @@ def test_a_polariser_takes_the_reflection_away():
     (crossed, room), (kept, room_as_well) = through_the_sheet(0.0), through_the_sheet(90.0)
     assert crossed < 0.05 * kept
     assert 0.5 < room_as_well / room < 1
-
-
-# ----------------------------------------------------------------------------------- mirrors
 
 
 PERIOD = 2 * polarised.CORRIDOR
@@ -146,9 +141,6 @@ def test_without_polarisation_plates_are_filters():
     mi.set_variant("llvm_ad_mono")
     found = images(spp=1, bins=1, width=16)
     assert np.median(found[found > 0]) == pytest.approx(0.5 * 0.85, rel=1e-3)
-
-
-# ------------------------------------------------------------------------------ around the corner
 
 
 def test_the_wall_behind_fog_loads():

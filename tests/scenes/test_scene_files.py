@@ -19,9 +19,6 @@ def refusal(source, **options) -> str:
     return refused(load_scene, source, **options)
 
 
-# ------------------------------------------------------------------------------- meshes
-
-
 def ply(path: Path, form: str, faces, index: str = "int", more: bool = False) -> dict:
     """A scene with four vertices and the given triangles, in one of PLY's three forms."""
     codes = {"int": "i", "uint": "I", "ushort": "H", "uchar": "B"}
@@ -100,9 +97,6 @@ def test_the_check_of_a_mesh_is_fast():
     for _ in range(10):
         require_indices(str(BUNNY))
     assert time.process_time() - start < 0.2
-
-
-# -------------------------------------------------------------------------------- nesting
 
 
 def nested(path: Path, depth: int, inner: str = "") -> Path:

@@ -71,8 +71,6 @@ DATA = {
 }
 """The same of a texture or volume: its plugin, its key, its file, and the type of both."""
 
-# ------------------------------------------------------------------------------------- files
-
 
 def test_every_scene_has_a_file_and_every_file_a_scene():
     for folder, names in FOLDERS.items():
@@ -202,8 +200,6 @@ def test_changing_a_scene_changes_no_later_one(name):
     assert outline(BUILT_IN[name]()) == before
 
 
-# ------------------------------------------------------------------ variants and integrators
-
 PLAIN = ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"]
 VARIANTS = [
     *((variant, [*FOLDERS["a1"], *WITH_INTEGRATOR]) for variant in PLAIN),
@@ -258,9 +254,6 @@ def test_path_takes_the_place_of_the_path_tracers(name):
     assert tracer == {"type": "path_tracer_nee", "max_bounces": 8 if name == "small_box" else 1}
 
 
-# ----------------------------------------------------------------------------------- windows
-
-
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -301,9 +294,6 @@ def bins_of(described: dict, spp: int) -> np.ndarray:
     return np.array(mi.render(load(described), spp=spp, seed=0)[1]).sum(axis=(0, 1, 3))
 
 
-# ------------------------------------------------------------------------------ Cornell boxes
-
-
 def test_same_picture_as_mitsubas_own_cornell_box():
     reference, ours = mi.cornell_box(), cornell_box_steady_state(width=24, height=24)
     for part in ("film", "sampler"):
@@ -338,8 +328,6 @@ def test_flash_and_ceiling_light_are_about_equally_bright():
     )
     assert 0.6 < flash / ceiling < 1.6
 
-
-# --------------------------------------------------------------------------------- bad input
 
 FINITE = "must be a finite number"
 BAD = [
