@@ -255,6 +255,13 @@ def test_workers_of_other_versions_are_refused(client):
     assert render(box(), client=client).attrs["complete"] == 1
 
 
+def test_a_worker_that_ends_while_it_is_asked_is_left_out(client, monkeypatch):
+    run, first = client.run, addresses(client)[0]
+    closed = distributed.comm.CommClosedError("Stream is closed")
+    monkeypatch.setattr(client, "run", lambda *given, **more: run(*given, **more) | {first: closed})
+    assert workers.check_client(client) == 1
+
+
 def test_workers_that_cannot_render_are_refused(client):
     def break_it(broken):
         from tofrender.runtime import backend

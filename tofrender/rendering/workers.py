@@ -225,12 +225,16 @@ def require_client(client: Any) -> None:
 def check_client(client: Any) -> int:
     """The number of a client's workers, all of which can render with the versions of this process.
 
+    Workers that end while they are asked are left out; they start again.
+
     Raises:
         ValueError: There is no worker, or one has other versions; one line.
         RuntimeError: A worker cannot import this package, or not activate the variant; one line.
     """
     require_client(client)
-    found, own = client.run(versions, on_error="return"), versions()
+    lost, own = require_distributed().comm.CommClosedError, versions()
+    found = client.run(versions, on_error="return")
+    found = {worker: its for worker, its in found.items() if not isinstance(its, lost)}
     if not found:
         raise ValueError("client: has no workers; must have one")
     for worker, its in found.items():
@@ -238,7 +242,7 @@ def check_client(client: Any) -> int:
             raise ValueError(f"client: worker {worker} has {its}; must have {own}")
     active = client.run(backend.activate, mi.variant(), on_error="return")
     for worker, its in [*found.items(), *active.items()]:
-        if isinstance(its, Exception):
+        if isinstance(its, Exception) and not isinstance(its, lost):
             raise RuntimeError(f"client: worker {worker} cannot render: {its}")
     return len(found)
 
