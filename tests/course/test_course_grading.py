@@ -8,6 +8,7 @@ import sys
 import zipfile
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -23,8 +24,8 @@ from tofrender.cli import app as cli
 from tofrender.course.assignments import PACKAGE, find
 from tofrender.course.grade import classes, grading, unpacking
 from tofrender.course.grade.results import Results, finished, grades_of
-from tofrender.course.judge import processes, sandbox
-from tofrender.course.judge.running import read_report
+from tofrender.course.judge import plugin, processes, sandbox
+from tofrender.course.judge.running import outcomes_of, read_report
 
 SLEEP_S = 10_000_000 + os.getpid()  # what a process sleeps that these tests start and should end
 MEMORY_GIB = 0.5
@@ -419,6 +420,20 @@ def test_report_that_was_cut_off(assignment, tmp_path):
     assert cut["test_add.py::test_arrays"].reason == "took too long"
     skipped = grades_of(problem, [lines[0] | {"outcome": "skipped"}], True, "")
     assert not any(grade.passed for grade in skipped.values())
+
+
+def test_the_worst_case_counts_and_a_skipped_one_gives_nothing(tmp_path):
+    case = {"id": "t", "outcome": "failed", "text": "", "seconds": 0.1, "seeded": False, "uses": []}
+    assert outcomes_of(case | {"share": share} for share in (0.5, 0.2, 1.0))["t"].share == 0.2
+    path, stash = tmp_path / "lines.json", pytest.Stash()
+    config = SimpleNamespace(getoption=lambda _: path)
+    item = SimpleNamespace(nodeid="test_a.py::test_b", config=config, stash=stash)
+    reporting = plugin.pytest_runtest_protocol(item)
+    next(reporting)
+    plugin._reports.append(SimpleNamespace(failed=False, skipped=True, duration=0.1))
+    with pytest.raises(StopIteration):
+        reporting.send(None)
+    assert json.loads(path.read_text())["share"] == 0
 
 
 def test_what_was_given_need_not_come_back(tmp_path):

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from helpers import selection, workers
+from mutants.__main__ import bugs, planted as plant
 
 ROOT = Path(__file__).parents[2]
 
@@ -133,6 +134,18 @@ def test_shards_have_each_file_once_and_take_as_long():
     )
     sums = [sum(1 + int(case.nodeid.split(".")[0]) % 3 for case in part) for part in shards]
     assert max(sums) < 1.3 * min(sums)
+
+
+def test_planted_bugs_fit_the_code():
+    planted = bugs()
+    assert len(planted) == len({bug.name for bug in planted})
+    for bug in planted:
+        compile(plant(bug), bug.file, "exec") if bug.file.endswith(".py") else plant(bug)
+        for test in bug.tests:
+            file, _, name = test.partition("::")
+            assert name.rpartition(".")[2].rpartition("::")[2] in (ROOT / file).read_text(), (
+                bug.name
+            )
 
 
 def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
