@@ -112,7 +112,8 @@ def verdict(bug: Bug, folder: Path) -> str:
     path = folder / bug.file
     path.write_text(planted(bug, folder), encoding="utf-8")
     try:
-        if fails(folder, bug.tests, "--brief"):
+        in_tests = any(test.startswith("tests/") for test in bug.tests)
+        if fails(folder, bug.tests, *(["--brief"] if in_tests else [])):  # Doctests are all brief
             return "make test"
         return "make test-all" if fails(folder, bug.tests) else "nothing"
     finally:
