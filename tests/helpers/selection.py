@@ -43,10 +43,7 @@ class Test:
 
 
 def covering(cases: list[pytest.Item], count: int) -> list[pytest.Item]:
-    """So many cases, chosen so that each value of each parameter occurs early.
-
-    One after the other, the case with most values that no case before it has is chosen.
-    """
+    """Choose so many cases, each of which has the parameters' values that occurred least before."""
     if count >= len(cases):
         return cases
     values = [set(case.callspec.indices.items()) for case in cases]
