@@ -16,6 +16,7 @@ from tofrender.runtime.lazy import public_names
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(ROOT.glob("docs/**/*.md"))
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+EXAMPLES = sorted(ROOT.glob("docs/gallery/plot_*.py"))
 SITE = ROOT / "build/docs/html"
 NO_SITE = "the site is not built; run: make docs"
 
@@ -33,10 +34,13 @@ def test_pages_with_python_are_found():
     assert {"index", "researcher", "conventions", "how_it_works", "datasets"} <= names
 
 
-@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.stem)
-def test_python_of_a_page_runs(page, tmp_path):
-    """From top to bottom in one file, as a reader would type it."""
-    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+@pytest.mark.parametrize("page", [*WITH_PYTHON, *EXAMPLES], ids=lambda page: page.stem)
+def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
+    """From top to bottom in one file, as a reader would type it; pages of the gallery are files."""
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    text = page.read_text(encoding="utf-8")
+    is_page = page.suffix == ".md"
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL) if is_page else [text]
     program = tmp_path / "page.py"
     program.write_text("\n".join(blocks), encoding="utf-8")
     command = [sys.executable, "-W", "error", str(program)]
