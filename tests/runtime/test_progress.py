@@ -111,7 +111,7 @@ import time
 from tofrender.runtime import progress
 progress.DELAY_S = 0
 def drawn(bar):
-    while bar._bar is None:
+    while bar._bar is None or bar._bar.n != bar.n:  # The bar may be drawn before its update
         time.sleep(0.01)
 """
 _WITHOUT_IPYWIDGETS = f"""
