@@ -54,11 +54,13 @@ def mitsubas_steps(monkeypatch):
 
     They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, connect
     each vertex to one light point, see `test_light_samples.py`, and find the lamps that the camera
-    sees, see `test_first_seen.py`.
+    sees, see `test_visible_emitters.py`.
     """
-    monkeypatch.setattr(tofrender.integrators.passes.FirstSeen, "of", classmethod(lambda *_: None))
     monkeypatch.setattr(
-        tofrender.paths.scattering, "leave", lambda si, d, specular: si.spawn_ray(d)
+        tofrender.integrators.passes.VisibleEmitters, "of", classmethod(lambda *_: None)
+    )
+    monkeypatch.setattr(
+        tofrender.paths.scattering, "spawn_ray", lambda si, d, specular: si.spawn_ray(d)
     )
     lights = tofrender.paths.endpoints.scene_lights
     monkeypatch.setattr(lights, "points_that_pay", lambda *_: 1)

@@ -26,13 +26,13 @@ TARGETS = {
     "length of light": "tofrender.films.derivatives:Collected.add",
     # Slides along the camera's ray: its Jacobian is 1. Where it follows its surface instead, the
     # Jacobian of the camera's rays belongs to it
-    "first vertex": "tofrender.paths.space:Vacuum.next",
+    "first vertex": "tofrender.paths.space:Vacuum.next_vertex",
     # Of a connection; that of a hit is another function
-    "share of a link": "tofrender.paths.endpoints.scene_lights:SceneLights.share_of_link",
+    "share of a link": "tofrender.paths.endpoints.scene_lights:SceneLights.mis_weight",
     # What it has of the index of refraction behind it
-    "bounce": "tofrender.paths.scattering:Materials.scatter",
+    "bounce": "tofrender.paths.scattering:Materials.sample",
     # Which contributions count
-    "active lanes": "tofrender.paths.walk:deliver",
+    "active lanes": "tofrender.paths.walk:accumulate",
     # Of a vertex that follows its surface, and the same with the cosine and the distance there
     "area Jacobian": "tofrender.paths.attached:element",
     "solid angle": "tofrender.paths.attached:changing",

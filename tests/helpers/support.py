@@ -302,7 +302,7 @@ def follow(
     record = Arrivals.of(lanes, slots)
     origin = options.pop("origin", None)
     limits = Limits(**{"max_depth": 2} | options)
-    plan = Plan(Vacuum(loaded), lights(loaded), Materials(loaded), limits)
+    plan = Plan(loaded, Vacuum(loaded), lights(loaded), Materials(loaded), limits)
     plan.trace(source, ray, origin, record)
     arrays = record.store.arrays
     dr.eval(arrays)

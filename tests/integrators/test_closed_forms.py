@@ -68,7 +68,7 @@ def test_camera_unwarp_leaves_the_first_segment_out():
     segment = np.linalg.norm(np.subtract(LIGHT, x))
     _, transient = rendered(floor_and_lamp(camera_unwarp=True))
     assert np.flatnonzero(transient[0, 0, :, 0]).tolist() == [int(segment * 2**6)]
-    found = follow(load(floor_and_lamp()), beam((0.4, 0, 1.5), x), unwarp=True)
+    found = follow(load(floor_and_lamp()), beam((0.4, 0, 1.5), x), camera_unwarp=True)
     assert found.all()[0] == pytest.approx([segment], abs=1e-6)
 
 
@@ -76,7 +76,7 @@ def test_camera_unwarp_sets_an_emitter_in_view_to_zero():
     sensor = camera((0, 0, 3), (0, 0, 0), film())
     lamp = load(scene({"lamp": plane(emitter=area_light(2.0))}, sensor))
     ray = beam((0, 0, 3), (0, 0, 0))
-    assert follow(lamp, ray, unwarp=True).all()[0].tolist() == [0.0]
+    assert follow(lamp, ray, camera_unwarp=True).all()[0].tolist() == [0.0]
     assert follow(lamp, ray).all()[0] == pytest.approx([3.0])
 
 
@@ -106,7 +106,7 @@ def test_sphere_bounces_one_by_one():
 
 
 def test_camera_unwarp_leaves_out_the_first_segment_of_every_bounce():
-    plain, unwarped = in_sphere(max_depth=4, lanes=64), in_sphere(4, lanes=64, unwarp=True)
+    plain, unwarped = in_sphere(max_depth=4, lanes=64), in_sphere(4, lanes=64, camera_unwarp=True)
     assert unwarped.opl[:, :3] == pytest.approx(plain.opl[:, :3] - RADIUS, abs=1e-5)
 
 

@@ -27,6 +27,7 @@ from helpers.support import (
 import tofrender
 from tofrender.films.recording import recording
 from tofrender.paths.endpoints import ConnectionsOnly, SceneLights, scene_lights
+from tofrender.paths.endpoints.scene_lights import LatticeConnection
 from tofrender.scenes import cornell_box, cornell_box_flash, cornell_box_glass, cornell_box_mirror
 from tofrender.scenes.fingerprint import fingerprint
 from tofrender.scenes.loading import load_plugin
@@ -108,9 +109,11 @@ def taken(described: dict, kind: str | None = None) -> tuple[int, int]:
     loaded = load(described)
     tracer, sensor = loaded.integrator(), loaded.sensors()[0]
     the_film = sensor.film() if kind is None else mi.load_dict({"type": kind, "width": 4})
-    plan = tracer.plan(loaded, sensor).resolving(recording(the_film, tracer.exposure()).width_opl)
-    points = plan.endpoint.points
-    return points.first[0], points.further[0]
+    plan = tracer.plan(loaded, sensor).for_bin_width(
+        recording(the_film, tracer.exposure()).width_opl
+    )
+    lattice = plan.endpoint.further
+    return (1, 1) if lattice is None else (lattice.points.first[0], lattice.points.further[0])
 
 
 @pytest.mark.parametrize(
@@ -202,9 +205,10 @@ class ZeroWhereHidden(SceneLights):
     """Takes a density of 0 for hits where a point of the light is hidden."""
 
     def hit(self, vertex, path):
-        hit, point = super().hit(vertex, path), mi.Point2f(0.5, 0.1)
-        ds, _ = self.scene.sample_emitter_direction(path.prev, point, True, path.active)
+        hit, point = self.emitters.hit(vertex, path), mi.Point2f(0.5, 0.1)
+        ds, _ = self.emitters.scene.sample_emitter_direction(path.prev, point, True, path.active)
         hit.pdf = dr.select(ds.pdf > 0, hit.pdf, 0)
+        hit.mis_weight = self.hit_weight(path, vertex, hit)
         return hit
 
 
@@ -212,32 +216,32 @@ class WithoutShift(SceneLights):
     """Connects to the same lattice from everywhere."""
 
     def connect(self, vertex, path, sampler, active):
-        link = self.choose(vertex, mi.Point2f(0), active)
-        link.rival = mi.Point2f(0)
-        return link
+        connection = self.emitters.sample(vertex, mi.Point2f(0), active)
+        return LatticeConnection(**vars(connection), shift=mi.Point2f(0))
 
 
 class EachInFull(SceneLights):
     """Forgets to divide by the number of points."""
 
-    def share_of_link(self, path, vertex, link, turn):
-        n = mi.Float(self.points.count(path.depth))
-        return n * super().share_of_link(path, vertex, link, turn)
+    def mis_weight(self, path, vertex, connection, bsdf_eval):
+        return self._count(path.depth) * super().mis_weight(path, vertex, connection, bsdf_eval)
 
 
 class HitsAgainstOne(SceneLights):
     """Weighs hits as if there were one point."""
 
-    def share_of_hit(self, path, vertex, hit):
-        once = SceneLights(self.scene)
-        return once.share_of_hit(path, vertex, hit)
+    def hit_weight(self, path, vertex, hit):
+        once = SceneLights(self.emitters.scene)
+        return once.hit_weight(path, vertex, hit)
 
 
 class OneLessPoint(SceneLights):
     """Leaves the last point out."""
 
-    def more_links(self, path, first):
-        return super().more_links(path, first) - 1
+    def _set_count(self, count):
+        super()._set_count(count)
+        if self.further is not None:
+            self.further.count = lambda path: self.further.points.count(path.depth) - 2
 
 
 @pytest.mark.statistical

@@ -39,7 +39,7 @@ from helpers.support import (
 
 import tofrender
 from tofrender.paths.endpoints.camera import Camera
-from tofrender.paths.media import Media, Place
+from tofrender.paths.media import Media
 from tofrender.paths.phases import Phases
 from tofrender.paths.records import Vertex
 
@@ -190,15 +190,15 @@ def flat(self, cosine, d):
     return dr.abs(dr.dot(self.si.n, d))
 
 
-def in_vacuum(self, place, ray):
+def in_vacuum(self, medium, ray):
     """Light that starts in vacuum, wherever its lamp is."""
-    return Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+    return dr.zeros(mi.MediumPtr, dr.width(ray))
 
 
-def to_the_near_plane(self, link, *_):
+def to_the_near_plane(self, connection, *_):
     """Fog that ends where the camera begins to see surfaces."""
-    link.reach = None
-    return link
+    connection.medium_length = None
+    return connection
 
 
 def one_sided(self, scattered, *_):
@@ -208,7 +208,7 @@ def one_sided(self, scattered, *_):
 
 MISTAKES = {
     "cosine": (Vertex, "cosine", flat, BDPT, BALL, 0.01),
-    "around": (Media, "around", in_vacuum, LIGHT_TRACER, "lamp in fog without end", 0.01),
+    "around": (Media, "medium_at", in_vacuum, LIGHT_TRACER, "lamp in fog without end", 0.01),
     "reach": (Camera, "connect", to_the_near_plane, LIGHT_TRACER, "absorbing", 0.5),
     "adjoint": (Phases, "_scattered", one_sided, LIGHT_TRACER, BALL, 0.01),
 }

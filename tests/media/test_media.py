@@ -15,9 +15,9 @@ from helpers.support import plane, rotate, translate
 from tofrender.integrators.plan import Plan
 from tofrender.paths import media as media_module
 from tofrender.paths.endpoints import SceneLights
-from tofrender.paths.media import Media, Place
-from tofrender.paths.phases import Phases, Scattered, as_surface
-from tofrender.paths.records import Limits, Path, Vertex
+from tofrender.paths.media import Media
+from tofrender.paths.phases import Phases, as_surface
+from tofrender.paths.records import Limits, MediumPoint, Path, Vertex
 from tofrender.paths.scattering import Materials
 from tofrender.sampling.statistics import p_values, smallest_allowed
 
@@ -65,7 +65,7 @@ def traced(
     """Mean light, light times length, and light in a window of lengths, of rays in a medium."""
     sampler = numbers(seed, dr.width(ray))
     space, scattering = Media(scene, medium), Phases(Materials(scene))
-    plan = Plan(space, SceneLights(scene), scattering, Limits(max_depth, 10_000))
+    plan = Plan(scene, space, SceneLights(scene), scattering, Limits(max_depth, 10_000))
     origin = mi.Point3f(ray.o)
     ray.o = dr.fma(ray.d, 1e-4, ray.o)  # Off the surface; lengths and media start at the origin
     none = mi.Color3f(0), mi.Float(0), mi.Float(0)
@@ -91,16 +91,16 @@ def walk(scene: mi.Scene, medium: mi.Medium | None, ray: mi.Ray3f, seed: int):
     """Paths along rays, before each vertex, which comes along: none are active in the end."""
     sampler = numbers(seed, dr.width(ray))
     space, phases = Media(scene, medium), Phases(Materials(scene))
-    path = Path.start(ray, place=space.place(ray))
+    path = Path.start(ray, medium=space.medium_at_sensor(ray))
     while dr.any(path.active):
-        path, vertex = space.next(path, sampler)
+        path, vertex = space.next_vertex(path, sampler)
         yield path, vertex
         path.active &= vertex.valid
-        _, bounce = phases.scatter(vertex, None, sampler, path.active)
+        _, bsdf_sample = phases.sample(vertex, None, sampler, path.active)
         path.opl += dr.select(path.active, path.η * vertex.length, 0)
-        path.place = space.leave(path, vertex, bounce.ray.d)
-        path.β, path.η = path.β * bounce.weight, path.η * bounce.η
-        path.ray, path.prev = bounce.ray, mi.Interaction3f(vertex.si)
+        path.medium = space.medium_behind(path, vertex, bsdf_sample.ray.d)
+        path.β, path.η = path.β * bsdf_sample.weight, path.η * bsdf_sample.η
+        path.ray, path.prev = bsdf_sample.ray, mi.Interaction3f(vertex.si)
         sampler.schedule_state()
         dr.eval(path)
 
@@ -132,14 +132,14 @@ def test_photons_wander_as_they_must(kind, g, mu_s, length, z, r2):
 
 def moved_by_null_collisions(self, flight, before, *_):
     """A flight that goes a centimetre further at each."""
-    null = flight.going & (flight.at > before.at)
-    flight.at = dr.select(null, flight.at + 0.01, flight.at)
+    null = flight.active & (flight.distance > before.distance)
+    flight.distance = dr.select(null, flight.distance + 0.01, flight.distance)
     return flight
 
 
-def in_vacuum(self, place, ray):
+def in_vacuum(self, medium, ray):
     """A sensor that does not know what it is in."""
-    return Place(dr.zeros(mi.MediumPtr, dr.width(ray)))
+    return dr.zeros(mi.MediumPtr, dr.width(ray))
 
 
 def turned_round(ray, mei, *_):
@@ -152,8 +152,8 @@ def turned_round(ray, mei, *_):
     ("owner", "name", "mistake", "kind"),
     [
         (Media, "_fly", moved_by_null_collisions, "dense corner"),
-        (Media, "place", in_vacuum, "even"),
-        (media_module, "point_of", turned_round, "even"),
+        (Media, "medium_at_sensor", in_vacuum, "even"),
+        (media_module, "medium_interaction", turned_round, "even"),
     ],
 )
 def test_mistakes_are_noticed(owner, name, mistake, kind, monkeypatch):
@@ -251,7 +251,7 @@ def test_colours_are_right_where_they_differ_much():
     found = []
     for seed in range(SEEDS):
         path, vertex = next(walk(scene, None, from_one_point([0, 0, 1], 20_000), seed))
-        light = dr.select(vertex.valid & vertex.inside.here, 0, path.β)
+        light = dr.select(vertex.valid & vertex.in_medium.here, 0, path.β)
         found.append(np.array(dr.mean(light, axis=1)).ravel())
     assert agrees(found, np.exp(-2 * np.array([0.05, 1.0, 4.0])))
 
@@ -330,14 +330,14 @@ def test_flakes_scatter_by_their_density(phase, wi):
     mei.sh_frame, mei.medium = mi.Frame3f(mei.wi), dr.full(mi.MediumPtr, medium, lanes)
     here = dr.full(mi.Bool, True, lanes)
     point = as_surface(dr.zeros(mi.SurfaceInteraction3f, lanes), mei, here)
-    vertex = Vertex(point, mi.Float(0), here, Scattered(mei, here))
+    vertex = Vertex(point, mi.Float(0), here, MediumPoint(mei, here))
     phases = Phases(Materials(loaded), media=[medium])
-    bounce = phases.scatter(vertex, None, sampler, here)[1]
+    bsdf_sample = phases.sample(vertex, None, sampler, here)[1]
     even = mi.warp.square_to_uniform_sphere(sampler.next_2d())
-    weight = 4 * dr.pi * phases.turn(vertex, even, here).pdf
-    drawn = [dr.rcp(4 * dr.pi * bounce.pdf), *bounce.ray.d]
+    weight = 4 * dr.pi * phases.eval_pdf(vertex, even, here).pdf
+    drawn = [dr.rcp(4 * dr.pi * bsdf_sample.pdf), *bsdf_sample.ray.d]
     expected = [mi.Float(1), *(weight * even)]
     for found, right in zip(drawn, expected, strict=True):
         off = np.array(found, float).mean() - np.array(right, float).mean()
         assert abs(off) < 0.02
-    assert np.array(bounce.weight) == pytest.approx(np.ones((3, lanes)), abs=1e-3)
+    assert np.array(bsdf_sample.weight) == pytest.approx(np.ones((3, lanes)), abs=1e-3)

@@ -15,12 +15,12 @@ import mitsuba as mi
 import numpy as np
 
 from tofrender.integrators.bidirectional import BidirectionalPlan
+from tofrender.paths.bidirectional_mis import BidirectionalMIS
 from tofrender.paths.camera import ray_origin
 from tofrender.paths.emission import Emitted
 from tofrender.paths.endpoints.camera import LightPath
-from tofrender.paths.records import Bounce, Limits, Vertex
+from tofrender.paths.records import BSDFSample, Limits, Vertex
 from tofrender.paths.scattering import Materials
-from tofrender.paths.sharing import Sharing
 
 LONGEST = 5
 """Segments."""
@@ -72,8 +72,10 @@ class Paths:
             last = active & (self.count == j)
             to_end, light = scene.sample_emitter_direction(here, sampler.next_2d(), True, connects)
             if j > 0:
-                turn = materials.turn(Vertex(here, mi.Float(0), connects), to_end.d, connects)
-                dark = dr.all(turn.f == 0) | dr.all(light == 0)
+                bsdf_eval = materials.eval_pdf(
+                    Vertex(here, mi.Float(0), connects), to_end.d, connects
+                )
+                dark = dr.all(bsdf_eval.f == 0) | dr.all(light == 0)
                 last &= ~(connects & dark)
                 ray = dr.select(connects, here.spawn_ray(to_end.d), ray)
             si = scene.ray_intersect(ray, active)
@@ -92,13 +94,13 @@ class Paths:
             dr.scatter(self.si, si, self.lane * WIDE + j + 1, active)
             active &= (self.count > j) & si.is_valid()
             vertex = Vertex(si, mi.Float(0), active)
-            _, bounce = materials.scatter(vertex, None, sampler, active)
+            _, bsdf_sample = materials.sample(vertex, None, sampler, active)
             connects = active & (self.count == j + 1) & materials.smooth(vertex)
             connects &= sampler.next_1d() < 0.5
-            active &= connects | dr.any(bounce.weight > 0)
-            only = dr.select(bounce.specular & ~connects, mi.UInt32(1), 0)
+            active &= connects | dr.any(bsdf_sample.weight > 0)
+            only = dr.select(bsdf_sample.specular & ~connects, mi.UInt32(1), 0)
             dr.scatter(self.specular, only, self.lane * WIDE + j + 1, active)
-            ray, here = bounce.ray, si
+            ray, here = bsdf_sample.ray, si
             dr.eval(ray, here, active, connects, self.end, self.complete)
         flags = self.end.emitter.flags()
         self.far = mi.has_flag(flags, mi.EmitterFlags.Infinite)
@@ -146,19 +148,19 @@ class Track:
 
     scatters, index = False, 1.0
 
-    def scattering(self, surfaces, **_):
-        """What is given."""
+    def with_phase_functions(self, surfaces, **_):
+        """Return the scattering of surfaces."""
         return surfaces
 
-    def place(self, *_):
-        """Nothing."""
+    def medium_at_sensor(self, *_):
+        """Return None: there are no media."""
 
-    around = leave = place
+    medium_at = medium_behind = medium_at_sensor
 
-    def next(self, path, sampler):
+    def next_vertex(self, path, sampler):
         """The next one of a path from the camera, or from a light."""
         paths, k = self.paths, self.paths.count
-        if isinstance(path.memory, LightPath):
+        if isinstance(path.history, LightPath):
             j, there = k - path.depth, path.active & (path.depth < k)
             onward = dr.select(j > 1, -paths.at(paths.d, j - 1, there), 0)
         else:
@@ -180,15 +182,21 @@ class Track:
 class Retraced(Materials):
     """Materials that send paths where they went; densities are those of their choice."""
 
-    def scatter(self, vertex, link, sampler, active):
-        turn = None if link is None else self.turn(vertex, link.direction, link.active)
-        taken = self.turn(vertex, vertex.onward, active & ~vertex.specular)
+    def sample(self, vertex, connection, sampler, active):
+        bsdf_eval = (
+            None
+            if connection is None
+            else self.eval_pdf(vertex, connection.direction, connection.active)
+        )
+        taken = self.eval_pdf(vertex, vertex.onward, active & ~vertex.specular)
         weight = dr.select(dr.any(vertex.onward != 0), mi.UnpolarizedSpectrum(1), 0)
         ray = vertex.si.spawn_ray(vertex.onward)
-        return turn, Bounce(ray, weight, taken.pdf, mi.Float(1), vertex.specular, None, taken.back)
+        return bsdf_eval, BSDFSample(
+            ray, weight, taken.pdf, mi.Float(1), vertex.specular, None, taken.pdf_reverse
+        )
 
 
-class Noted(Sharing):
+class Noted(BidirectionalMIS):
     """Shares that are written down, for strategies of whole paths."""
 
     def __init__(self, paths: Paths, exponent: int, camera_connections: bool) -> None:
@@ -197,8 +205,8 @@ class Noted(Sharing):
         self.shares = dr.full(mi.Float, dr.nan, paths.lanes * (LONGEST + 1))
         dr.make_opaque(self.shares)
 
-    def share(self, x, s, t):
-        share = super().share(x, s, t)
+    def weight(self, x, s, t):
+        share = super().weight(x, s, t)
         s, t = mi.UInt32(s), mi.UInt32(t)
         whole = s + t == self.paths.count + 2
         dr.scatter(self.shares, share, self.paths.lane * (LONGEST + 1) + s, whole)
@@ -220,7 +228,7 @@ def shares(
     Args:
         paths: The paths.
         density: Density of the point and the direction in which light starts, for each path.
-        exponent, camera_connections: As in `Sharing`.
+        exponent, camera_connections: As in `BidirectionalMIS`.
     """
     scene, sensor = paths.scene, paths.scene.sensors()[0]
     sharing = Noted(paths, exponent, camera_connections)
@@ -228,12 +236,13 @@ def shares(
     parts = scene, sensor, Track(paths), limits, sharing
     plan = BidirectionalPlan(*parts, False, False, True)
     plan.scattering = Retraced(scene, both_ways=True)
-    plan.adjoint = plan.connections.adjoint = Retraced(scene, importance=True)
+    plan.adjoint = plan.light_paths.adjoint = Retraced(scene, importance=True)
     light, lit = mi.Float(density.astype(np.float32)), mi.UnpolarizedSpectrum(1)
     plan.emission.sample = lambda sampler, ray: paths.emitted(light)
-    plan.connections.choose = lambda vertex, sample, active: plan.connections.linked(
-        vertex, paths.end, lit, active & paths.complete
-    )
+    emitters = plan.light_paths.emitters
+    emitters.sample_direction = lambda *_: (paths.end, lit)
+    connection = emitters.connection
+    emitters.connection = lambda *light: connection(*light[:3], light[3] & paths.complete)
     plan.lens.sample = lambda sampler: paths.lens
     plan.emission.normals = SimpleNamespace(sample_direction=lambda *_: (paths.end, lit))
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})

@@ -75,7 +75,7 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         vertex = Vertex(si, mi.Float(0), mi.Bool(True))
         em = lights.connect(vertex, path, sampler, mi.Bool(True))
         em.weight *= Vacuum(loaded).transmittance(path, vertex, em, sampler)
-        assert dr.all(~em.active | (em.length >= lights.nearest(si.p) - 1e-5))
+        assert dr.all(~em.active | (em.length >= lights.min_distance(si.p) - 1e-5))
         cos = dr.maximum(dr.dot(em.direction, si.n), 0)
         value = dr.mean(em.weight) * cos * gate.eval(5.0 - dr.fma(η, em.length, opl))
         return np.array(dr.mean(dr.select(em.active, value, 0)))

@@ -53,13 +53,13 @@ def scattered(material: dict, cos: float) -> tuple[np.ndarray, np.ndarray, np.nd
     si = loaded.ray_intersect(mi.Ray3f(start, mi.Vector3f(-sine, 0, -cos)))
     vertex = Vertex(si, si.t, si.is_valid())
     sampler = numbers(0, LANES)
-    _, bounce = materials.scatter(vertex, None, sampler, vertex.valid)
+    _, bsdf_sample = materials.sample(vertex, None, sampler, vertex.valid)
     sampler.seed(0, LANES)
     flux = mi.BSDFContext(mi.TransportMode.Importance)
     _, weight = si.bsdf().sample(flux, si, sampler.next_1d(), sampler.next_2d())
     even = mi.warp.square_to_uniform_sphere(sampler.next_2d())
-    f = materials.turn(vertex, si.to_world(even), vertex.valid).f
-    found = bounce.weight.x, mi.unpolarized_spectrum(weight).x, 4 * dr.pi * f.x
+    f = materials.eval_pdf(vertex, si.to_world(even), vertex.valid).f
+    found = bsdf_sample.weight.x, mi.unpolarized_spectrum(weight).x, 4 * dr.pi * f.x
     own, mitsubas, integrand = (np.array(each, float) for each in found)
     return own, mitsubas, integrand
 

@@ -342,7 +342,7 @@ def test_far_and_small_spheres_keep_their_digits(distance, radius):
     assert lost < 4e-7 * distance / radius
     off = np.linalg.norm(numpy(record.p) - sphere.centre, axis=1)
     assert off == pytest.approx(radius, rel=1e-5, abs=2e-7 * distance)
-    # Uniform over the cone: the projected disk of the sphere is covered evenly
+    # Uniform over the cone: the projected disk of the sphere is valid_ray evenly
     b = numpy(record.p) - sphere.centre
     b -= np.outer(b @ direction, direction)
     assert np.mean(np.sum(b**2, axis=1)) / radius**2 == pytest.approx(0.5, abs=0.02)

@@ -147,13 +147,13 @@ class Recording:
         first, colours = self._landed[:, :, 0], self._landed.shape[3] // stokes_count()
         return first[:, :, :colours], first[:, :, colours:]
 
-    def channels(self, camera: Any, measured: Any, covered: mi.Bool) -> tuple[list, list]:
+    def channels(self, camera: Any, measured: Any, valid_ray: mi.Bool) -> tuple[list, list]:
         """What samples put into the picture, before and behind their weight."""
         light = components(scaled(measured.total, camera.weight))
         colour, *rest = (to_rgb(each, camera.ray.wavelengths) for each in light)
         first: list[Any] = [colour.x, colour.y, colour.z]
         if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):
-            first.append(dr.select(covered, mi.Float(1), mi.Float(0)))
+            first.append(dr.select(valid_ray, mi.Float(1), mi.Float(0)))
         return first, [value for each in rest for value in kept(each)]
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
@@ -368,9 +368,9 @@ class PhasorRecording(Recording):
         first, rest = super().landed()
         return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
-    def channels(self, camera: Any, measured: PhasorSum, covered: mi.Bool) -> tuple[list, list]:
+    def channels(self, camera: Any, measured: PhasorSum, valid_ray: mi.Bool) -> tuple[list, list]:
         """The colour, and all phasors."""
-        first, rest = super().channels(camera, measured, covered)
+        first, rest = super().channels(camera, measured, valid_ray)
 
         def colours(light: Any) -> list[mi.Color3f]:
             light = components(scaled(light, camera.weight))

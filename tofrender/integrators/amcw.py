@@ -22,10 +22,10 @@ from ..scenes.in_time import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
 from ..signals.polarisation import as_spectrum
-from .own_sample import brings_sample, by_sample, follows, require_sample
 from .passes import expose, steps
 from .running import made_with, run_whole
 from .transient_path import TransientPath
+from .user_defined import by_sample, follows, is_user_defined, require_sample
 
 NO_MODULATION = "modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))"
 
@@ -148,7 +148,7 @@ def render_single_amcw(
     """
     check_view(scene, sensor, **follows(integrator))
     film = image_film(sensor.film())
-    if brings_sample(integrator):
+    if is_user_defined(integrator):
         require_sample(integrator, "sample(scene, sampler, ray)")
         record = recording(film, Exposure(onto=(PICTURE,)))
         taking = partial(expose, by_sample(integrator, scene, record), record, sensor)
@@ -223,7 +223,7 @@ def render_amcw_phasor(
             **pixels_of(sensor.film()),
         }
     )
-    if brings_sample(tracer):
+    if is_user_defined(tracer):
         raise TypeError(
             f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "
             "modulation; must be an AMCWTransientPath without, or use render_single_amcw for each"

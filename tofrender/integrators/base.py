@@ -27,9 +27,9 @@ from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .derivatives import Derivative, replaced
 from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
-from .own_sample import brings_sample, by_sample
 from .passes import WHOLE, Part, expose, steps
 from .plan import Plan
+from .user_defined import by_sample, is_user_defined
 
 GRADIENT_SAMPLINGS = ("detached", "attached")
 
@@ -129,16 +129,17 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
         """What paths connect to."""
-        kind = SceneLights if self.emitter_sampling else EmitterHits
-        return self.emitters(kind, scene, sensor, light_samples=self.light_samples)
+        if not self.emitter_sampling:
+            return self.emitters(EmitterHits, scene, sensor)
+        return self.emitters(SceneLights, scene, sensor, light_samples=self.light_samples)
 
     def scattering(self, scene: mi.Scene) -> Scattering:
         """How paths go on."""
         return Materials(scene)
 
-    def limits(self, last_opl: Any = None) -> Limits:
-        """Which paths count; `last_opl` [m] is the greatest length that does, None if all do."""
-        return Limits(self.max_depth, self.rr_depth, last_opl, self.camera_unwarp)
+    def limits(self, max_opl: Any = None) -> Limits:
+        """Which contributions count; `max_opl` [m] is their greatest length, None if all count."""
+        return Limits(self.max_depth, self.rr_depth, max_opl, self.camera_unwarp)
 
     def emitters(
         self, kind: Any, scene: mi.Scene, sensor: mi.Sensor | None, *more: Any, **named: Any
@@ -160,8 +161,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
             weight: What light counts by its length where nothing else of it matters.
         """
         space = self.space(scene, sensor)
-        scattering = space.scattering(self.scattering(scene))
-        return Plan(space, self.endpoint(scene, sensor), scattering, self.limits())
+        scattering = space.with_phase_functions(self.scattering(scene))
+        return Plan(scene, space, self.endpoint(scene, sensor), scattering, self.limits())
 
     def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
         """Vacuum or media of a scene; without a sensor, indices are relative to the rays' start."""
@@ -184,12 +185,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
             Spectrum, lanes that see a surface or an environment, and no AOVs.
         """
         plan = self.plan(scene)
-        radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), active)
+        radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), mi.Bool(active))
         return as_spectrum(radiance.total), self.sees(scene, path), []
 
     def sees(self, scene: mi.Scene, path: Path) -> mi.Bool:
         """Lanes that see something, as Mitsuba's `path` says: a surface or an environment."""
-        return path.covered | (scene.environment() is not None and not self.hide_emitters)
+        return path.valid_ray | (scene.environment() is not None and not self.hide_emitters)
 
     # --------------------------------------------------------------------- rendering
 
@@ -295,7 +296,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def _require_own_derivatives(self) -> None:
         """Refuse an integrator without derivatives."""
-        if not self.has_derivatives or brings_sample(self):
+        if not self.has_derivatives or is_user_defined(self):
             raise RuntimeError(
                 f"integrator = {type(self).__name__}: has no derivatives; must be one that has, "
                 "e.g. transient_path, or parameters must not track gradients"
@@ -335,7 +336,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         part: Part = WHOLE,
     ) -> Iterator[int]:
         """Render in steps of about a second, see `passes.steps`."""
-        if brings_sample(self):
+        if is_user_defined(self):
             follow = by_sample(self, scene, record, *self.sample_arguments())
             return expose(follow, record, sensor, sampler, seed, part)
         plan = self.plan(scene, sensor, record.weight)

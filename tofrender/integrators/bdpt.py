@@ -6,7 +6,7 @@ import re
 
 import mitsuba as mi
 
-from ..paths.sharing import Sharing
+from ..paths.bidirectional_mis import BidirectionalMIS
 from ..runtime import checks
 from .bidirectional import BothEnds
 
@@ -21,7 +21,7 @@ class TransientBDPT(BothEnds):
 
     A sample is a path from a light and one from the camera, all of whose vertices are connected.
     Each path of light is thus found by several strategies (s, t), s vertices from the light and t
-    from the lens, and multiple importance sampling weights them (see `tofrender.paths.sharing`).
+    from the lens, weighted by MIS, see `tofrender.paths.bidirectional_mis`.
     Slower per sample than `transient_path`, and far better where light is hard to find from the
     camera: caustics, lamps in fixtures, light through holes.
 
@@ -65,9 +65,9 @@ there, which shows what it makes of all light of its lengths |
                 "several times"
             )
 
-    def sharing(self) -> Sharing:
+    def mis_strategies(self) -> BidirectionalMIS:
         """All strategies, or one."""
-        return Sharing(HEURISTICS[self.mis], self.camera_connections, self.strategy)
+        return BidirectionalMIS(HEURISTICS[self.mis], self.camera_connections, self.strategy)
 
     def to_string(self) -> str:
         """The integrator's parameters."""

@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-"""Paths from both ends: what is done with camera rays and with light, and the integrators' base."""
+"""Bidirectional path tracing: the plan, and the base of its integrators."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..films.exposure import BINS, PHASORS, PICTURE, Exposure, Weight
-from ..paths.between import arriving
-from ..paths.emission import Emission
-from ..paths.endpoints.camera import Camera
+from ..paths.between import transmittance_between
+from ..paths.bidirectional_mis import BidirectionalMIS
+from ..paths.emission import Emission, Emitted
+from ..paths.endpoints.camera import Camera, LightPathHistory
 from ..paths.endpoints.light_paths import LightPaths
 from ..paths.lens import Lens
-from ..paths.protocols import Space
+from ..paths.protocols import Parts, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
-from ..paths.sharing import Sharing
-from ..paths.walk import deliver, walk
+from ..paths.walk import accumulate, walk
 from ..runtime import checks
 from ..runtime.backend import uncollected
 from ..signals.polarisation import unpolarised
@@ -31,16 +31,16 @@ from .transient_path import TransientPath
 
 
 class BidirectionalPlan(Plan):
-    """What is done with camera rays, and with as many paths from lights.
+    """Traces camera rays, and as many light paths.
 
     Args:
         scene: The scene.
         sensor: The camera.
-        space: What paths go through.
-        limits: Which paths count.
-        sharing: Which strategies count.
+        space: Finds vertices.
+        limits: Which contributions count.
+        mis: Which strategies count, and their weights.
         hide_emitters: Whether the camera sees through area lights.
-        discard_direct_light: Whether light does not count that comes straight from an emitter.
+        discard_direct_light: Whether light that comes straight from an emitter does not count.
         from_camera: Whether there are paths from the camera, t > 1.
     """
 
@@ -52,33 +52,32 @@ class BidirectionalPlan(Plan):
         sensor: mi.Sensor,
         space: Space,
         limits: Limits,
-        sharing: Sharing,
+        mis: BidirectionalMIS,
         hide_emitters: bool,
         discard_direct_light: bool,
         from_camera: bool,
     ) -> None:
-        both_ways = sharing.exponent > 0
+        both_ways = mis.exponent > 0
         media = {"both_ways": both_ways, "connects": True}
-        scattering = space.scattering(Materials(scene, both_ways=both_ways), **media)
+        scattering = space.with_phase_functions(Materials(scene, both_ways=both_ways), **media)
         adjoint = Materials(scene, importance=True)
-        self.adjoint = space.scattering(adjoint, importance=True, **media)
-        self.lens, self.emission, self.sharing = Lens(sensor), Emission(scene, sensor), sharing
-        self.scene, self.hide_emitters, self.from_camera = scene, hide_emitters, from_camera
+        self.adjoint = space.with_phase_functions(adjoint, importance=True, **media)
+        self.lens, self.emission, self.mis = Lens(sensor), Emission(scene, sensor), mis
+        self.hide_emitters, self.from_camera = hide_emitters, from_camera
         self.shows_emitters = not (hide_emitters or discard_direct_light)
-        shown = hide_emitters, discard_direct_light
-        self.connections = LightPaths(
-            *(scene, sensor, self.lens, self.emission, self.adjoint, sharing),
-            *(limits.max_depth, *shown),
+        self.light_paths = LightPaths(
+            *(scene, sensor, self.lens, self.emission, self.adjoint, mis),
+            *(limits.max_depth, hide_emitters, discard_direct_light),
         )
-        super().__init__(space, self.connections, scattering, limits)
-        only = sharing.only or (2, 2)  # Stands for all
-        self.splats = sharing.camera_connections and (sharing.only is None or only[1] == 1)
-        keeps = from_camera and sharing.inner and min(only) > 1
-        self.kept = max(limits.max_depth - 2, 0) if keeps else 0
-        self.from_camera &= sharing.only is None or only[1] > 1
+        super().__init__(scene, space, self.light_paths, scattering, limits)
+        only = mis.only or (2, 2)  # Stands for all
+        self.splats = mis.camera_connections and (mis.only is None or only[1] == 1)
+        stores = from_camera and mis.inner and min(only) > 1
+        self.stored_vertices = max(limits.max_depth - 2, 0) if stores else 0
+        self.from_camera &= mis.only is None or only[1] > 1
 
-    def in_view(self) -> Sequence[mi.Emitter]:
-        """None: connections of the lens find their light, too."""
+    def visible_emitters(self) -> Sequence[mi.Emitter]:
+        """Return none: connections of the lens find their light, too."""
         return ()
 
     @uncollected()
@@ -86,45 +85,64 @@ class BidirectionalPlan(Plan):
         self,
         sampler: mi.Sampler,
         ray: mi.Ray3f,
-        origin: Any,
+        origin: mi.Point3f,
         measurement: Any,
-        active: Any = True,
-        frame: Any = None,
+        active: mi.Bool | bool = True,
+        frame: mi.Spectrum | None = None,
     ) -> tuple[Any, Path]:
-        """Follow light, and then camera rays, which connect to its vertices."""
+        """Trace light paths, and then camera paths, which connect to their vertices."""
         light, weight, not_finite = None, None, mi.UInt32(0)
+
+        # Strategy (1, 1), and light paths: strategies (s, 1)
         if self.splats:
-            measurement, not_finite = self._see_emitters(sampler, ray, origin, measurement, active)
-        if self.splats or self.kept:
+            measurement, not_finite = self._connect_emitters(
+                sampler, ray, origin, measurement, active
+            )
+        if self.splats or self.stored_vertices:
             emitted = self.emission.sample(sampler, ray)
-            limits = Limits(self.limits.max_depth, self.limits.rr_depth)
-            lens = Camera(
-                *(self.scene, self.lens, self.emission, emitted, self.adjoint, self.sharing),
-                *(self.kept, self.splats, self.limits.unwarp, self.hide_emitters),
-                in_media=self.space.scatters,
-            )
-            start, place = mi.Bool(active) & emitted.active, self.space.around(emitted.ray)
-            path = Path.start(emitted.ray, emitted.origin, start, lens.memory(), place=place)
-            measurement, path = walk(
-                sampler, path, self.space, lens, self.adjoint, measurement, limits
-            )
+            measurement, path = self._trace_light(sampler, emitted, measurement, active)
             not_finite += path.not_finite
             weight = emitted.weight
-            light = path.memory if self.kept else None
+            light = path.history if self.stored_vertices else None
+
+        # Camera paths: strategies (s, t) with t > 1
         if self.from_camera:
-            beside = Plan(
+            camera_plan = Plan(
+                self.scene,
                 self.space,
-                self.connections.beside(ray.d, light, weight),
+                self.light_paths.for_paths(ray.d, light, weight),
                 self.scattering,
                 self.limits,
             )
-            measurement, path = beside.trace(sampler, ray, origin, measurement, active, frame)
+            measurement, path = camera_plan.trace(sampler, ray, origin, measurement, active, frame)
         else:
             path = Path.start(ray, origin, False)
         path.not_finite += not_finite
         return measurement, path
 
-    def _see_emitters(self, sampler, ray, origin, measurement, active) -> tuple[Any, mi.UInt32]:
+    def _trace_light(
+        self, sampler: mi.Sampler, emitted: Emitted, measurement: Any, active: Any
+    ) -> tuple[Any, Path]:
+        """Trace light paths, and connect their vertices to the lens."""
+        history = LightPathHistory(
+            *(self.scene, self.emission, emitted, self.adjoint, self.mis),
+            *(self.stored_vertices, self.space.scatters),
+        )
+        camera = Camera(
+            *(self.scene, self.lens, emitted, self.mis, history, self.splats),
+            *(self.limits.camera_unwarp, self.hide_emitters),
+        )
+        limits = Limits(self.limits.max_depth, self.limits.rr_depth)
+        path = Path.start(
+            emitted.ray,
+            emitted.origin,
+            mi.Bool(active) & emitted.active,
+            history.start(),
+            medium=self.space.medium_at(emitted.ray),
+        )
+        return walk(sampler, path, Parts(self.space, camera, self.adjoint, limits), measurement)
+
+    def _connect_emitters(self, sampler, ray, origin, measurement, active) -> tuple[Any, mi.UInt32]:
         """Connect the lens to emitters that it sees: the strategy (1, 1).
 
         A light of no extent is not seen, as in a path tracer.
@@ -134,28 +152,32 @@ class BidirectionalPlan(Plan):
         at: Any = dr.zeros(mi.Interaction3f, dr.width(ray))
         at.p, at.time, at.wavelengths = mi.Point3f(origin), ray.time, ray.wavelengths
         u = sampler.next_2d()
-        if self.sharing.exponent:  # Of which hits know the density
+        if self.mis.exponent:  # The density of hits is that of next-event estimation
             ds, radiance = self.emission.normals.sample_direction(at, u)
         else:
             ds, radiance = self.emission.sample_direction(at, u)
         distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
-        arrival = self.lens.arrive(ds.p, at.p, distant)
-        active = mi.Bool(active) & arrival.seen & (ds.pdf > 0) & ~ds.delta
-        length = dr.select(distant, self.emission.sphere.length(at.p, ds.d), arrival.distance)
+        lens_sample = self.lens.arrive(ds.p, at.p, distant)
+        active = mi.Bool(active) & lens_sample.seen & (ds.pdf > 0) & ~ds.delta
+        length = dr.select(distant, self.emission.sphere.length(at.p, ds.d), lens_sample.distance)
         si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
         si.p, si.n, si.time, si.wavelengths = ds.p, ds.n, ray.time, ray.wavelengths
-        arrives = arriving(self.space, si, arrival.near, sampler, active, arrival.distance)
-        x = self.sharing.power(arrival.density / ds.pdf) if self.sharing.exponent else mi.Float(0)
-        share = self.sharing.share(x, 1, 1)
-        seen = Contribution(
-            spectrum=unpolarised(
-                mi.unpolarized_spectrum(radiance) * (arrival.density * share * arrives)
-            ),
-            opl=mi.Float(0) if self.limits.unwarp else length * self.space.index,
-            active=active & (share > 0),
-            position=arrival.position,
+        transmittance = transmittance_between(
+            self.space, si, lens_sample.near, sampler, active, lens_sample.distance
         )
-        return measurement, deliver(measurement, seen)
+        ratio = lens_sample.density / ds.pdf
+        x = self.mis.power(ratio) if self.mis.exponent else mi.Float(0)
+        mis_weight = self.mis.weight(x, 1, 1)
+        contribution = Contribution(
+            spectrum=unpolarised(
+                mi.unpolarized_spectrum(radiance)
+                * (lens_sample.density * mis_weight * transmittance)
+            ),
+            opl=mi.Float(0) if self.limits.camera_unwarp else length * self.space.index,
+            active=active & (mis_weight > 0),
+            position=lens_sample.position,
+        )
+        return measurement, accumulate(measurement, contribution)
 
 
 class BothEnds(TransientPath):
@@ -185,9 +207,11 @@ class BothEnds(TransientPath):
         target = props.get("target_time", None)
         self.target_time = None if target is None else checks.metres("target_time", target)
 
-    def sharing(self) -> Sharing:
+    def mis_strategies(self) -> BidirectionalMIS:
         """Which strategies count."""
-        raise TypeError(f"{type(self).__name__}: must define sharing, which strategies count")
+        raise TypeError(
+            f"{type(self).__name__}: must define mis_strategies, which strategies count"
+        )
 
     from_camera = True
     """Whether there are paths from the camera."""
@@ -221,6 +245,6 @@ class BothEnds(TransientPath):
                 "must render, by mi.render or tofrender.render"
             )
         return BidirectionalPlan(
-            *(scene, sensor, self.space(scene, sensor), self.limits(), self.sharing()),
+            *(scene, sensor, self.space(scene, sensor), self.limits(), self.mis_strategies()),
             *(self.hide_emitters, self.discard_direct_light, self.from_camera),
         )

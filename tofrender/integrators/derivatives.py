@@ -16,11 +16,11 @@ from ..films.derivatives import Changes, changes
 from ..films.recording import Recording
 from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
-from ..paths.derivatives import MOST_KEPT, Parts, move, pull
-from ..paths.protocols import Endpoint
+from ..paths.derivatives import MOST_KEPT, move, pull
+from ..paths.protocols import Endpoint, Parts
 from ..paths.surfaces import has_mirrors
 from ..paths.tape import packed
-from ..paths.walk import deliver
+from ..paths.walk import accumulate
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
 from .differentiable import tracked
@@ -204,7 +204,7 @@ class Shot:
 
     def _begin(self) -> tuple[CameraSample, Endpoint, list[Any]]:
         camera = sample_camera(self.of.sensor, self.of.record.film, self.sampler, self.pixel)
-        lit = self.of.plan.lit(camera.ray, camera.origin, self.sampler, mi.Bool(True))
+        lit = self.of.plan.illuminate(camera.ray, camera.origin, self.sampler, mi.Bool(True))
         return camera, *lit
 
     def _start(self, camera: CameraSample, endpoint: Endpoint) -> Any:
@@ -217,5 +217,5 @@ class Shot:
         self.sampler.dimension = last
         collected = film.step()
         for light in beside:
-            deliver(collected, light)
+            accumulate(collected, light)
         return packed(self._start(camera, endpoint)), collected

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..paths.sharing import Sharing
+from ..paths.bidirectional_mis import BidirectionalMIS
 from .bidirectional import BothEnds
 
 
@@ -27,6 +27,6 @@ class TransientLightTracer(BothEnds):
 
     from_camera = False
 
-    def sharing(self) -> Sharing:
+    def mis_strategies(self) -> BidirectionalMIS:
         """Strategies with t = 1, each of which alone finds the paths of its length."""
-        return Sharing(exponent=0)
+        return BidirectionalMIS(exponent=0)

@@ -25,8 +25,8 @@ from ..paths.camera import CameraSample, Tile, pixel_corner, sample_camera, samp
 from ..runtime import backend, checks, plugins
 from ..runtime.checkpoints import Kept
 from ..samplers.padded_sobol import mix
-from .first_seen import FirstSeen
 from .plan import Plan
+from .visible_emitters import VisibleEmitters
 
 STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20
 """Camera rays of one kernel launch, at most and in the first."""
@@ -115,14 +115,14 @@ def steps(
         ValueError: The sensor is several.
         MemoryError: The film does not fit.
     """
-    plan = plan.resolving(record.width_opl)
+    plan = plan.for_bin_width(record.width_opl)
 
     def follow(sampler: mi.Sampler, camera: CameraSample, measurement: Any) -> Any:
         start = camera.ray, camera.origin, measurement
         measured, path = rest.trace(sampler, *start, frame=camera.frame)
-        return measured, path.covered, path.not_finite
+        return measured, path.valid_ray, path.not_finite
 
-    seen = FirstSeen.of(plan, sensor, record.film, part.tile) if record.in_time else None
+    seen = VisibleEmitters.of(plan, sensor, record.film, part.tile) if record.in_time else None
     rest = plan if seen is None else seen.rest
     return expose(follow, record, sensor, sampler, seed, part, plan.splats, seen)
 
@@ -135,7 +135,7 @@ def expose(
     seed: Any,
     part: Part = WHOLE,
     splats: bool = False,
-    seen: FirstSeen | None = None,
+    seen: VisibleEmitters | None = None,
 ) -> Iterator[int]:
     """As `steps`, with any way to follow camera rays.
 
@@ -158,8 +158,8 @@ def expose(
 
     def shot(pixel: mi.UInt32) -> Shot:
         camera = sample_camera(sensor, film, sampler, pixel, tile)
-        measured, covered, not_finite = follow(sampler, camera, record.measurement(camera, spp))
-        return Shot(camera.position, *record.channels(camera, measured, covered), not_finite)
+        measured, valid_ray, not_finite = follow(sampler, camera, record.measurement(camera, spp))
+        return Shot(camera.position, *record.channels(camera, measured, valid_ray), not_finite)
 
     look = None if seen is None else _looking(seen, record, sensor, spp, seed, part)
     folded, per_step = done, _first_count(width * height * lanes, most)
@@ -212,7 +212,7 @@ def _seed(sampler: mi.Sampler, seed: Any, lanes: int, pixel: mi.UInt32, part: Pa
 
 
 def _looking(
-    seen: FirstSeen, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, part: Part
+    seen: VisibleEmitters, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, part: Part
 ) -> Callable[[int], None]:
     """What takes a number of samples per pixel of what is seen first, in points of its own."""
     sampler: Any = best_sampler(spp)

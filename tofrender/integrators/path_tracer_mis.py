@@ -8,7 +8,7 @@ from ..paths.endpoints import OneSampleLights, SceneLights
 from ..runtime import checks
 from .path_tracer import PathTracer
 
-TECHNIQUES = {"reuse": SceneLights, "one_sample": OneSampleLights}
+TECHNIQUES = ("reuse", "one_sample")
 
 
 class PathTracerMIS(PathTracer):
@@ -41,7 +41,8 @@ class PathTracerMIS(PathTracer):
         """Not with one sample of lights and material together."""
         return self.technique == "reuse"
 
-    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights:
-        """Lights are found by both techniques."""
-        kind = TECHNIQUES[self.technique]
-        return self.emitters(kind, scene, sensor, light_samples=self.light_samples)
+    def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:
+        """Combine emitter and BSDF samples."""
+        if self.technique == "one_sample":
+            return self.emitters(OneSampleLights, scene, sensor)
+        return self.emitters(SceneLights, scene, sensor, light_samples=self.light_samples)

@@ -4,121 +4,134 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..paths.protocols import Endpoint, Measurement, Scattering, Space
+from ..paths.camera import behind_emitters
+from ..paths.protocols import Endpoint, Measurement, Parts, Scattering, Space
 from ..paths.records import Limits, Path
-from ..paths.walk import deliver, walk
+from ..paths.walk import accumulate, walk
 from ..runtime.backend import uncollected
 
 M = TypeVar("M", bound=Measurement)
 
 
-class Plan:
-    """What is done with camera rays.
+class Plan(Parts):
+    """The parts of the path loop for camera rays.
 
-    An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it; a
-    render carries it out.
+    An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it.
 
     Args:
-        space: How vertices are found.
-        endpoint: What they connect to.
+        scene: The scene.
+        space: Finds vertices.
+        endpoint: What vertices connect to.
         scattering: How paths go on.
-        limits: Which paths count.
+        limits: Which contributions count.
     """
 
     splats = False
-    """Whether light lands on the film beside the camera rays."""
+    """Whether contributions arrive at pixels other than those of the camera rays."""
 
     def __init__(
-        self, space: Space, endpoint: Endpoint, scattering: Scattering, limits: Limits
+        self,
+        scene: mi.Scene,
+        space: Space,
+        endpoint: Endpoint,
+        scattering: Scattering,
+        limits: Limits,
     ) -> None:
-        self.space, self.endpoint, self.scattering = space, endpoint, scattering
-        self.limits = limits
+        super().__init__(space, endpoint, scattering, limits)
+        self.scene = scene
 
-    def in_view(self) -> Sequence[mi.Emitter]:
-        """Emitters that camera rays may run into at once, whose light may be found apart."""
-        return self.endpoint.in_view()
+    def visible_emitters(self) -> Sequence[mi.Emitter]:
+        """Return emitters that camera rays may hit at once, whose light may be sampled apart."""
+        return self.endpoint.visible_emitters()
 
-    def resolving(self, width_opl: float | None) -> Self:
-        """The same for a film that tells lengths apart by `width_opl` [m], None if it does not."""
+    def for_bin_width(self, width_opl: float | None) -> Self:
+        """Return the plan for a film that resolves lengths by `width_opl` [m], None if by none."""
         if width_opl is None:
             return self
-        other = copy(self)
-        other.endpoint = self.endpoint.resolving(width_opl)
-        return other
+        return self.with_endpoint(self.endpoint.for_bin_width(width_opl))
 
     def attached(self) -> Self:
-        """The same as derivatives follow it: what connections depend on is asked for each time."""
-        other = copy(self)
-        other.endpoint = self.endpoint.attached()
+        """Return the plan with derivatives of space and endpoint."""
+        other = self.with_endpoint(self.endpoint.attached())
         other.space = self.space.attached()
         return other
 
-    def lit(
-        self, ray: mi.Ray3f, origin: Any, sampler: mi.Sampler, active: mi.Bool
+    def without_first_hit(self) -> Self:
+        """Return the plan without emission at the first surface."""
+        other = copy(self)
+        other.limits = self.limits.without_first_hit()
+        return other
+
+    def illuminate(
+        self, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Endpoint, list[Contribution]]:
-        """What paths of camera rays connect to, and light that the rays bring beside."""
+        """Return the endpoint of camera rays, and contributions that need no path."""
         return self.endpoint, []
 
     def start(
-        self, endpoint: Endpoint, ray: mi.Ray3f, origin: Any, active: Any = True, frame: Any = None
+        self,
+        endpoint: Endpoint,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        active: mi.Bool | bool = True,
+        frame: mi.Spectrum | None = None,
     ) -> Path:
-        """Paths of camera rays, see `trace`."""
-        memory, guide = endpoint.memory(), self.scattering.guide()
-        space, ray = self.space, endpoint.begin(ray)
-        place = space.place(ray)
-        return Path.start(ray, origin, active, memory, guide, place, frame, space.index)
+        """Create the paths of camera rays, see `trace`."""
+        if endpoint.hide_emitters:
+            ray = behind_emitters(self.scene, ray)
+        history = None if endpoint.history is None else endpoint.history.start()
+        guide, medium = self.scattering.guide(), self.space.medium_at_sensor(ray)
+        return Path.start(ray, origin, active, history, guide, medium, frame, self.space.index)
 
     @uncollected()
     def trace(
         self,
         sampler: mi.Sampler,
         ray: mi.Ray3f,
-        origin: Any,
+        origin: mi.Point3f,
         measurement: M,
-        active: Any = True,
-        frame: Any = None,
+        active: mi.Bool | bool = True,
+        frame: mi.Spectrum | None = None,
     ) -> tuple[M, Path]:
-        """Follow camera rays.
+        """Trace the paths of camera rays.
 
         Args:
             sampler: Random numbers.
             ray: The rays.
             origin: Where their lengths start [m].
-            measurement: What becomes of their light.
+            measurement: Accumulates contributions.
             active: Lanes with a ray.
-            frame: Matrix that turns polarised light of each ray, None to leave it as it is.
+            frame: Mueller matrix into the sensor's frame, None for none.
 
         Returns:
             The measurement, and the paths at their ends.
         """
         active, not_finite = mi.Bool(active), mi.UInt32(0)
-        endpoint, beside = self.lit(ray, origin, sampler, active)
-        measurement, more = self.around(endpoint, ray, origin, sampler, measurement, active)
-        for light in beside:
-            not_finite += deliver(measurement, light)
+        endpoint, contributions = self.illuminate(ray, origin, sampler, active)
+        measurement, more = self.connect_camera(endpoint, ray, origin, sampler, measurement, active)
+        for contribution in contributions:
+            not_finite += accumulate(measurement, contribution)
         path = self.start(endpoint, ray, origin, active, frame)
-        parts = self.space, endpoint, self.scattering, measurement, self.limits
-        measurement, path = walk(sampler, path, *parts)
+        measurement, path = walk(sampler, path, self.with_endpoint(endpoint), measurement)
         path.not_finite += not_finite + more
         return measurement, path
 
-    def around(
+    def connect_camera(
         self,
-        endpoint: Any,
+        endpoint: Endpoint,
         ray: mi.Ray3f,
-        origin: Any,
+        origin: mi.Point3f,
         sampler: mi.Sampler,
         measurement: M,
         active: mi.Bool,
     ) -> tuple[M, mi.UInt32]:
-        """Deliver light of camera rays that no path has to be walked for, by other connections.
+        """Add contributions of camera rays that are found without tracing paths.
 
-        Returns:
-            The measurement, and the number of contributions that were left out.
+        Returns the measurement, and the number of contributions that were not finite.
         """
         return measurement, mi.UInt32(0)

@@ -17,7 +17,9 @@ from ..films.image import image_film, transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
 from ..paths.endpoints import GatedFog, GatedLights
+from ..paths.endpoints.gated import GatedEmitters
 from ..paths.media import Media
+from ..paths.protocols import Space
 from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
@@ -25,10 +27,10 @@ from ..scenes.checking import check_view
 from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
-from .own_sample import brings_sample, by_sample, follows, require_sample
 from .passes import expose, steps
 from .plan import Plan
 from .running import made_with, run_whole
+from .user_defined import by_sample, follows, is_user_defined, require_sample
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
 NO_TARGET = "target_time = None: must be the gate's path length in metres"
@@ -154,27 +156,25 @@ class TimeGatedTransientPath(TransientIntegrator):
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
-        """For a single gate, connections that look for light of its length, and an early end."""
+        """Plan gated next-event estimation, and paths that end when the gate closes."""
+        plan = super().plan(scene, sensor)
         if weight is None:
-            return super().plan(scene, sensor)
-        endpoint, limits = (
-            self.endpoint(scene, sensor),
-            self.limits(getattr(weight, "closes", None)),
-        )
-        space = self.space(scene, sensor)
-        scattering = space.scattering(self.scattering(scene))
-        in_media = isinstance(space, Media)
+            return plan
+        plan.limits = self.limits(getattr(weight, "closes", None))
+        # Behind rough glass, the index of a connection depends on its direction
         if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
-            ahead = (
-                in_media
-                and GatedFog.serves(scene)
-                and hasattr(self.pulse, "sample")
-                and weight.closes is not None
-            )
-            ahead = ahead and not self.camera_unwarp and not mi.is_polarized
-            kind = GatedFog if ahead else GatedLights
-            endpoint = self.emitters(kind, scene, sensor, weight)
-        return Plan(space, endpoint, scattering, limits)
+            plan.endpoint = self._gated_endpoint(scene, sensor, plan.space, weight)
+        return plan
+
+    def _gated_endpoint(
+        self, scene: mi.Scene, sensor: mi.Sensor | None, space: Space, gate: Any
+    ) -> GatedEmitters:
+        """Connections along rays through media where they apply, else those of vertices alone."""
+        has_samples = hasattr(self.pulse, "sample") and gate.closes is not None
+        scalar_lengths = not (self.camera_unwarp or mi.is_polarized)
+        if isinstance(space, Media) and has_samples and scalar_lengths and GatedFog.serves(scene):
+            return self.emitters(partial(GatedFog, space), scene, sensor, gate)
+        return self.emitters(GatedLights, scene, sensor, gate)
 
     def sample_arguments(self) -> tuple[Any, ...]:
         """A `sample` of a subclass takes the target time after the ray."""
@@ -231,7 +231,7 @@ def render_at_time(
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
     check_view(scene, sensor, **follows(integrator))
     film = image_film(sensor.film())
-    if brings_sample(integrator):
+    if is_user_defined(integrator):
         require_sample(integrator, CALL)
         record = recording(film, Exposure(onto=(PICTURE,)))
         follow = by_sample(integrator, scene, record, dr.opaque(mi.Float, target))
@@ -298,7 +298,7 @@ def render_transient(
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
     start = checks.metres("start_opl", film_config["start_opl"])
     width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)
-    if brings_sample(integrator):
+    if is_user_defined(integrator):
         raise TypeError(
             f"integrator = {type(integrator).__name__}: has a sample of its own, which sees one "
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"

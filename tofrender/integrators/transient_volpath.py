@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 
 from ..films.exposure import Weight
-from ..paths.endpoints.scene_lights import LightsStraightAhead
+from ..paths.endpoints import LightsStraightAhead
 from ..paths.protocols import Endpoint
 from ..paths.surfaces import lets_straight_through
 from .plan import Plan
@@ -63,7 +63,7 @@ class TransientVolpath(TransientPath):
     ) -> Plan:
         """As of the base; surfaces that let a path straight through are no vertices."""
         plan = super().plan(scene, sensor, weight)
-        plan.limits.straight = lets_straight_through(scene)
+        plan.limits.ignore_null = lets_straight_through(scene)
         return plan
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..paths.sharing import Sharing
+from ..paths.bidirectional_mis import BidirectionalMIS
 from ..runtime import checks
 from .bidirectional import BothEnds
 
 ENDS = ("both", "camera", "light")
 
 
-class TwoStrategies(Sharing):
+class TwoStrategies(BidirectionalMIS):
     """Only (1, t) and (s, 1) count.
 
     Args:
@@ -23,11 +23,11 @@ class TwoStrategies(Sharing):
         super().__init__(exponent=2, hits=False, inner=False)
         self.end = end
 
-    def share(self, x: mi.Float, s: mi.UInt32 | int, t: mi.UInt32 | int) -> mi.Float:
+    def weight(self, x: mi.Float, s: mi.UInt32 | int, t: mi.UInt32 | int) -> mi.Float:
         """Share of (1, t), t > 1, and of (s, 1), s > 1; nothing else counts."""
         from_camera = (mi.UInt32(s) == 1) & (mi.UInt32(t) > 1) & (self.end != "light")
         from_light = (mi.UInt32(s) > 1) & (mi.UInt32(t) == 1) & (self.end != "camera")
-        return dr.select(from_camera | from_light, super().share(x, s, t), 0)
+        return dr.select(from_camera | from_light, super().weight(x, s, t), 0)
 
 
 class TransientTwoStrategies(BothEnds):
@@ -45,6 +45,6 @@ class TransientTwoStrategies(BothEnds):
         self.end = checks.one_of("end", props.get("end", "both"), ENDS)
         super().__init__(props)
 
-    def sharing(self) -> Sharing:
+    def mis_strategies(self) -> BidirectionalMIS:
         """Two strategies."""
         return TwoStrategies(self.end)

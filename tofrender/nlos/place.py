@@ -11,7 +11,7 @@ import numpy as np
 
 from ..films.exposure import profile as seen_pulse
 from ..films.image import developed_shape
-from ..integrators.own_sample import brings_sample
+from ..integrators.user_defined import is_user_defined
 from ..rendering.window import windowed_film
 from ..runtime import checks, memory
 from ..scenes.checking import check_scene
@@ -93,7 +93,7 @@ def place_of_capture(
     check_scene(scene, camera, media=True)
     integrator = _integrator(scene)
     integrator.require_mode(mode)
-    if brings_sample(integrator):
+    if is_user_defined(integrator):
         raise TypeError(
             f"integrator = {type(integrator).__name__}: has a sample of its own, which tells no "
             "path lengths; must have none for a capture"

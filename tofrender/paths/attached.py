@@ -28,8 +28,8 @@ import mitsuba as mi
 
 from ..signals.polarisation import intensity
 from .protocols import Scattering
-from .records import Bounce, Connection, Path, Turn, Vertex, extend
-from .surfaces import changing, element, leave
+from .records import BSDFEval, BSDFSample, Connection, Path, Vertex, extend
+from .surfaces import changing, element, spawn_ray
 
 
 class Detached:
@@ -38,7 +38,7 @@ class Detached:
     Args:
         inner: The other scattering.
         scene: The scene.
-        single: Whether it may choose single directions, which are followed as they turn.
+        single: Whether it may choose single directions, which are followed as they bsdf_eval.
     """
 
     def __init__(self, inner: Scattering, scene: mi.Scene, single: bool) -> None:
@@ -57,50 +57,54 @@ class Detached:
         """As the other scattering."""
         return self.inner.smooth(vertex)
 
-    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+    def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
         """As the other scattering."""
-        return self.inner.turn(vertex, direction, active)
+        return self.inner.eval_pdf(vertex, direction, active)
 
-    def arrive(self, path: Path, vertex: Vertex) -> Path:
+    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
         """What the other scattering finds; the density that it divides by stays."""
         one = copy(path)
         one.β = mi.UnpolarizedSpectrum(1)
-        arrived = self.inner.arrive(one, vertex)
+        arrived = self.inner.complete_sample(one, vertex)
         factor = dr.detach(intensity(arrived.β))
         arrived.β = extend(path.β, factor)
         return arrived
 
-    def scatter(
-        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, Bounce]:
+    def sample(
+        self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Any, BSDFSample]:
         """Towards a connection as the other scattering; onwards to a point that stays."""
-        turn = None if link is None else self.inner.turn(vertex, link.direction, link.active)
+        bsdf_eval = (
+            None
+            if connection is None
+            else self.inner.eval_pdf(vertex, connection.direction, connection.active)
+        )
         with dr.suspend_grad(when=not self.single):
-            _, bounce = self.inner.scatter(vertex, None, sampler, active)
-        chosen = active & ~bounce.specular
+            _, bsdf_sample = self.inner.sample(vertex, None, sampler, active)
+        chosen = active & ~bsdf_sample.specular
         with dr.suspend_grad():
-            ray = dr.detach(bounce.ray)
+            ray = dr.detach(bsdf_sample.ray)
             ahead = self.scene.ray_intersect_preliminary(ray, active=chosen)
         flags = mi.RayFlags.All | mi.RayFlags.FollowShape
         y = ahead.compute_surface_interaction(ray, flags, chosen)
         found = chosen & y.is_valid()
         onto = dr.select(found, y.p - vertex.si.p, ray.d)
         d = dr.normalize(onto)
-        again = self.inner.turn(vertex, d, chosen)
+        again = self.inner.eval_pdf(vertex, d, chosen)
         seen = dr.abs(dr.dot(y.n, d)) / dr.squared_norm(onto) * element(y)
         change = changing(seen, found)
 
-        bounce.weight = dr.select(
-            chosen, _reweighted(bounce.weight, again.f) * change, bounce.weight
+        bsdf_sample.weight = dr.select(
+            chosen, _reweighted(bsdf_sample.weight, again.f) * change, bsdf_sample.weight
         )
         same = dr.detach(again.pdf)
-        pdf = dr.detach(bounce.pdf) * dr.select(same > 0, again.pdf / same, 1)
-        bounce.pdf = dr.select(chosen, pdf, bounce.pdf)
-        bounce.η = dr.select(chosen, again.η, bounce.η)
-        onwards = leave(vertex.si, d, mi.Bool(False))
-        bounce.ray.o = dr.select(chosen, dr.replace_grad(ray.o, onwards.o), bounce.ray.o)
-        bounce.ray.d = dr.select(chosen, dr.replace_grad(ray.d, d), bounce.ray.d)
-        return turn, bounce
+        pdf = dr.detach(bsdf_sample.pdf) * dr.select(same > 0, again.pdf / same, 1)
+        bsdf_sample.pdf = dr.select(chosen, pdf, bsdf_sample.pdf)
+        bsdf_sample.η = dr.select(chosen, again.η, bsdf_sample.η)
+        onwards = spawn_ray(vertex.si, d, mi.Bool(False))
+        bsdf_sample.ray.o = dr.select(chosen, dr.replace_grad(ray.o, onwards.o), bsdf_sample.ray.o)
+        bsdf_sample.ray.d = dr.select(chosen, dr.replace_grad(ray.d, d), bsdf_sample.ray.d)
+        return bsdf_eval, bsdf_sample
 
 
 def _reweighted(weight: Any, f: Any) -> Any:

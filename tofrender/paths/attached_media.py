@@ -21,9 +21,9 @@ import drjit as dr
 import mitsuba as mi
 
 from .flight import Flight
-from .media import Media, Place, point_of
-from .phases import Scattered, as_surface
-from .records import Connection, Path, Vertex, extend
+from .media import Media, medium_interaction
+from .phases import as_surface
+from .records import Connection, MediumPoint, Path, Vertex, extend
 
 
 class AttachedMedia(Media):
@@ -36,37 +36,39 @@ class AttachedMedia(Media):
     def __init__(self, media: Media) -> None:
         vars(self).update(vars(media))
 
-    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
+    def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """As of the base, with derivatives."""
         with dr.suspend_grad():
-            flight, weight = self.fly(path, sampler)
-        ray, o, here, medium = path.ray, path.prev.p, flight.here, flight.medium
+            flight, weight = self.sample_flight(path, sampler)
+        ray, o, here, medium = path.ray, path.prev.p, flight.scattered, flight.medium
         si = self._surface(path, flight)
         way = dr.norm(si.p - o)
         stretch = dr.select(here & si.is_valid(), way / dr.detach(way), 1)
-        length = dr.select(here, flight.at * stretch, way)
-        mei = point_of(ray, dr.fma(ray.d, dr.select(here, length, 0), o), medium)
+        length = dr.select(here, flight.distance * stretch, way)
+        mei = medium_interaction(ray, dr.fma(ray.d, dr.select(here, length, 0), o), medium)
         inside = path.active & here & (medium != None)  # noqa: E711 (a Dr.Jit mask)
         σ_s, _, _ = medium.get_scattering_coefficients(mei, inside)
         scattered = dr.select(inside & (σ_s > 0), σ_s / dr.detach(σ_s), 1) * stretch
         leaves = ~here & ~si.is_valid()
         if self.repeats:
-            length = dr.select(leaves, flight.at, length)  # Behind its last boundary is no medium
+            length = dr.select(
+                leaves, flight.distance, length
+            )  # Behind its last boundary is no medium
         within = path.active & (self.repeats | ~leaves)
-        change = self._change(path.place.medium, ray, o, length, sampler, within)
+        change = self._change(path.medium, ray, o, length, sampler, within)
         path = copy(path)
-        path.place = Place(medium)
+        path.medium = medium
         path.β = extend(path.β, weight * change * scattered)
         point = as_surface(si, mei, here)
         valid = here | si.is_valid()
-        return path, Vertex(point, dr.norm(point.p - o), valid, Scattered(mei, here))
+        return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, here))
 
     def _surface(self, path: Path, flight: Flight) -> mi.SurfaceInteraction3f:
         """The surface behind a flight; through boundaries, the one that it has met."""
         if not self.repeats:
             return self.scene.ray_intersect(path.ray, active=path.active)
-        met = path.active & ~flight.here
-        return flight.found.compute_surface_interaction(flight.ray, mi.RayFlags.All, met)
+        met = path.active & ~flight.scattered
+        return flight.pi.compute_surface_interaction(flight.ray, mi.RayFlags.All, met)
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
@@ -77,9 +79,9 @@ class AttachedMedia(Media):
         with dr.suspend_grad():
             left = super().transmittance(path, vertex, connection, sampler)
         o, ray = vertex.si.p, vertex.si.spawn_ray_to(connection.point)
-        medium = self._behind(path.place.medium, vertex, connection.direction)
+        medium = self.medium_behind(path, vertex, connection.direction)
         length = dr.norm(connection.point - o)
-        length = length if connection.reach is None else connection.reach
+        length = length if connection.medium_length is None else connection.medium_length
         return left * self._change(medium, ray, o, length, sampler, connection.active)
 
     def _change(
@@ -99,7 +101,7 @@ class AttachedMedia(Media):
                 medium = self._medium_at(medium, ray, o, at, active)
             length = dr.detach(length)
         inside = active & (medium != None)  # noqa: E711 (a Dr.Jit mask)
-        mei = point_of(ray, dr.fma(ray.d, dr.detach(at), o), medium)
+        mei = medium_interaction(ray, dr.fma(ray.d, dr.detach(at), o), medium)
         _, _, σ_t = medium.get_scattering_coefficients(mei, inside)
         lost: Any = σ_t * dr.select(inside, length, 0)
         return dr.select(inside, dr.exp(dr.detach(lost) - lost), 1)
@@ -110,8 +112,8 @@ class AttachedMedia(Media):
     ) -> Any:
         """The medium at a distance along rays that meet nothing but boundaries before."""
         flight = Flight.start(ray, medium, active, mi.Bool(False))
-        while flight.looking:
-            flight = self._look(flight, o)
-            before = flight.looking & flight.found.is_valid() & (flight.end < at)
-            flight, _ = self._pass(flight, before, connects=True)
+        while flight.needs_intersection:
+            flight = self._intersect(flight, o)
+            before = flight.needs_intersection & flight.pi.is_valid() & (flight.end < at)
+            flight, _ = self._cross_boundary(flight, before, connects=True)
         return flight.medium

@@ -24,25 +24,13 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.derivatives import Changes
-from .records import Limits, Path
+from .protocols import Parts
+from .records import Path
 from .tape import packed, tape, unpacked
 from .walk import step
 
 MOST_KEPT = 256
 """Vertices of a path whose states fit into the memory of a lane."""
-
-
-class Parts:
-    """What a path goes along: space, endpoint, scattering, limits. Not a state of the loop."""
-
-    def __init__(self, space: Any, endpoint: Any, scattering: Any, limits: Limits) -> None:
-        self.space, self.endpoint, self.scattering = space, endpoint, scattering
-        self.limits = limits
-
-    def step(self, sampler: Any, path: Path, measurement: Any) -> Path:
-        """One step of the path loop."""
-        parts = self.space, self.endpoint, self.scattering, measurement, self.limits
-        return step(sampler, path, *parts)
 
 
 @dr.syntax
@@ -73,7 +61,7 @@ def _moved(sampler, path, rate, parts, changes, sums):
         dr.enable_grad(state)
         dr.set_grad(state, rate)
         collected = changes.step()
-        new = parts.step(sampler, unpacked(state, path), collected)
+        new = step(sampler, unpacked(state, path), parts, collected)
         after = packed(new)
         sums = changes.move(collected, sums, after)
         rate = dr.grad(after)
@@ -108,7 +96,7 @@ def pull(sampler: Any, path: Path, parts: Parts, changes: Changes) -> Any:
     while here.active & (k < most):
         states.write(packed(here), k)
         numbers.write(sampler.dimension, k)
-        here = parts.step(sampler, here, nothing)
+        here = step(sampler, here, parts, nothing)
         k += 1
     gradient = dr.grad(start)
     while k > 0:
@@ -122,6 +110,6 @@ def _pulled(sampler, state, example, gradient, parts, changes):
     with dr.resume_grad():
         dr.enable_grad(state)
         collected = changes.step()
-        new = parts.step(sampler, unpacked(state, example), collected)
+        new = step(sampler, unpacked(state, example), parts, collected)
         changes.pull(collected, packed(new), gradient)
         return dr.grad(state)

@@ -1,6 +1,6 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
 # pyright: reportOperatorIssue=false, reportReturnType=false
-"""Scattering that sends paths to surfaces on purpose: hidden geometry, which materials rarely find.
+"""Path guiding to target surfaces: hidden geometry, which BSDF samples rarely find.
 
 At the vertices where it applies, a path takes its next direction from the material with the
 probability 1 - s, or from a point that is chosen by area on the target surfaces with s. A point
@@ -27,7 +27,7 @@ import mitsuba as mi
 import numpy as np
 
 from .protocols import Scattering
-from .records import Bounce, Connection, Path, Turn, Vertex
+from .records import BSDFEval, BSDFSample, Connection, Path, Vertex
 from .surfaces import is_on
 
 MATERIAL = -1.0
@@ -115,14 +115,14 @@ class Guided:
         inner: The other scattering.
         targets: The targets.
         senders: Shapes at whose points paths are sent to targets.
-        share: Probability s of that, above 0 and at most 1. With 1 only targets are found.
+        probability: Probability s of that, above 0 and at most 1. With 1 only targets are found.
     """
 
     def __init__(
-        self, inner: Scattering, targets: Targets, senders: Sequence[mi.Shape], share: float
+        self, inner: Scattering, targets: Targets, senders: Sequence[mi.Shape], probability: float
     ) -> None:
         self.inner, self.targets = inner, targets
-        self.senders, self.share = list(senders), share
+        self.senders, self.probability = list(senders), probability
 
     @property
     def refracts(self) -> bool:
@@ -145,53 +145,54 @@ class Guided:
         """Whether targets and material competed for the direction of the path's ray."""
         return (path.guide != 0) & ~path.specular
 
-    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
+    def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
         """As the other scattering; the density is that of its own choice."""
-        turn = self.inner.turn(vertex, direction, active)
-        turn.pdf *= self._material_share(vertex)
-        return turn
+        bsdf_eval = self.inner.eval_pdf(vertex, direction, active)
+        bsdf_eval.pdf *= self._bsdf_probability(vertex)
+        return bsdf_eval
 
-    def scatter(
-        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, Bounce]:
-        """As the other scattering, but to a target with the probability `share`.
+    def sample(
+        self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Any, BSDFSample]:
+        """As the other scattering, but to a target with the probability `probability`.
 
         The bounce has the material's density, and the BSDF over the density of what chose the
-        direction, without the target's cosine: that is for `arrive`.
+        direction, without the target's cosine: that is for `complete_sample`.
         """
-        turn, bounce = self.inner.scatter(vertex, link, sampler, active)
-        if turn is not None:
-            turn.pdf *= self._material_share(vertex)
+        bsdf_eval, bsdf_sample = self.inner.sample(vertex, connection, sampler, active)
+        if bsdf_eval is not None:
+            bsdf_eval.pdf *= self._bsdf_probability(vertex)
         xi, u = sampler.next_1d(), sampler.next_2d()
         sending = self.sends(vertex, active)
-        chosen = sending & (xi < self.share)
+        chosen = sending & (xi < self.probability)
 
         si = vertex.si
         to_target = self.targets.sample(u, chosen)[0].p - si.p
         r = dr.norm(to_target)
         d = to_target / r
-        sent = self.inner.turn(vertex, d, chosen)
+        sent = self.inner.eval_pdf(vertex, d, chosen)
 
-        by_material = 1 - self.share
+        by_material = 1 - self.probability
         kept = dr.select(sending, dr.rcp(by_material) if by_material > 0 else 0.0, 1)
         reflected = mi.unpolarized_spectrum(sent.f) / self.sent_density(r)
-        weight = mi.unpolarized_spectrum(bounce.weight) * kept
-        bounce.ray = dr.select(chosen, ray_to(si, d, r), bounce.ray)
-        bounce.weight = dr.select(chosen, reflected, weight)
-        bounce.pdf = dr.select(chosen, sent.pdf, bounce.pdf)
-        bounce.η = dr.select(chosen, 1, bounce.η)
-        bounce.specular &= ~chosen
-        bounce.guide = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
-        return turn, bounce
+        weight = mi.unpolarized_spectrum(bsdf_sample.weight) * kept
+        bsdf_sample.ray = dr.select(chosen, ray_to(si, d, r), bsdf_sample.ray)
+        bsdf_sample.weight = dr.select(chosen, reflected, weight)
+        bsdf_sample.pdf = dr.select(chosen, sent.pdf, bsdf_sample.pdf)
+        bsdf_sample.η = dr.select(chosen, 1, bsdf_sample.η)
+        bsdf_sample.specular &= ~chosen
+        bsdf_sample.guide = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
+        return bsdf_eval, bsdf_sample
 
-    def arrive(self, path: Path, vertex: Vertex) -> Path:
+    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
         """Drop what was hidden, and divide by the density of both techniques."""
-        path = copy(self.inner.arrive(path, vertex))
+        path = copy(self.inner.complete_sample(path, vertex))
+        assert path.guide is not None
         sent = path.guide > 0
         missed = ~vertex.valid | (dr.abs(vertex.length - path.guide) > REACHED * path.guide)
         shared = sent | ((path.guide < 0) & ~path.specular)
-        by_material = (1 - self.share) * path.pdf
-        by_area = self.share * self.targets.density(vertex.si, path.prev)
+        by_material = (1 - self.probability) * path.pdf
+        by_area = self.probability * self.targets.density(vertex.si, path.prev)
         mixed = by_material + by_area
         chosen = dr.select(sent, self.sent_density(path.guide), by_material)
         counts = (mixed > 0) & ~(sent & (by_area == 0))  # Not where a target is seen edge-on
@@ -202,11 +203,11 @@ class Guided:
 
     def sent_density(self, r: mi.Float) -> mi.Float:
         """Density of being sent to a target point at distance r, but for 1 / |cos|."""
-        return self.share * r * r / self.targets.area
+        return self.probability * r * r / self.targets.area
 
-    def _material_share(self, vertex: Vertex) -> mi.Float:
+    def _bsdf_probability(self, vertex: Vertex) -> mi.Float:
         """Probability with which the material chooses the direction."""
-        return dr.select(is_on(vertex.si, self.senders), 1 - self.share, 1)
+        return dr.select(is_on(vertex.si, self.senders), 1 - self.probability, 1)
 
 
 def ray_to(si: mi.SurfaceInteraction3f, d: mi.Vector3f, r: mi.Float) -> mi.Ray3f:

@@ -1,28 +1,26 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 # pyright: reportAttributeAccessIssue=false, reportReturnType=false
-"""Space that is not empty: fog, smoke, milk.
+"""Participating media: fog, smoke, milk.
 
-A path flies through media and through boundaries of equal index (BSDF `null`) to its next real
-vertex: a surface, or a point where a medium scatters. Null collisions and such boundaries move
-nothing: the length of a flight is the distance of its ends, times the index that the path carries.
+A path passes media and index-matched boundaries (BSDF `null`) to its next vertex: a surface, or a
+point where a medium scatters. Null collisions and such boundaries are no vertices: the length of a
+segment is the distance of its ends, times the path's index of refraction.
 
-**Flights** are sampled in one channel that is drawn anew for each, in proportion to what the path
-still carries in it, and weighed by the density of all channels together (balance heuristic, Veach
-1997):
+**Free flights** are sampled in one channel, chosen in proportion to throughput, and weighted by
+the density of all channels together (balance heuristic, Veach 1997):
 
     weight_c = P_c / Σ_k q_k P_k,     q_k = β_k / Σβ,
 
-where P_c is the chance of the flight, were it sampled in channel c. So a path brings as much after
-a flight as before, but for what is absorbed. In grids, distances come from the majorant, and
-collisions are real with the chance σ_t / majorant (Woodcock et al. 1965). **Connections** multiply
-what they lose: exp(-∫σ_t) where a medium is homogeneous, σ_n / majorant at each tentative collision
-in a grid (ratio tracking, Novák et al. 2014).
+where P_c is the density of the flight sampled in channel c. Throughput then changes by absorption
+only. In grids, tentative collisions come from the majorant, and are real with the probability
+σ_t / majorant (Woodcock et al. 1965). **Connections** are multiplied by transmittance: exp(-∫σ_t)
+in homogeneous media, σ_n / majorant at each tentative collision in grids (ratio tracking, Novák et
+al. 2014).
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -30,38 +28,26 @@ import mitsuba as mi
 
 from ..scenes.media import media_of
 from ..signals.polarisation import in_world, intensity
-from .channels import drawn_from, shares_of, value_in
-from .flight import Flight
-from .phases import Phases, Scattered, as_surface
+from .flight import Flight, channel_probabilities, sample_channel, value_in
+from .phases import Phases, as_surface
 from .protocols import Scattering
-from .records import Connection, Path, Vertex, extend
+from .records import Connection, MediumPoint, Path, Vertex, extend
 from .surfaces import Boundaries, lets_straight_through
 
 FARTHEST = 1e30
-"""Distance that stands for infinity where it is multiplied [m]."""
-
-
-@dataclass
-class Place:
-    """Where a path is: its `place`.
-
-    Attributes:
-        medium: What is around its ray, null in vacuum.
-    """
-
-    medium: mi.MediumPtr
+"""Replaces infinite distances where they are multiplied [m]."""
 
 
 class Media:
-    """Straight flights through homogeneous media and grids.
+    """Straight rays through homogeneous media and grids.
 
     Args:
         scene: The scene.
-        outside: What is around a sensor, where its rays start; None for vacuum.
-        beyond: What is infinitely far away, which paths from lights must know.
+        outside: The sensor's medium, None for vacuum.
+        beyond: The medium at infinity, where light may start.
         hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
-        straight: Whether connections go through surfaces that let light straight through, as in
-            Mitsuba's `volpath`: panes, masks, polarisers.
+        straight: Whether connections pass surfaces with null transmission, as in Mitsuba's
+            `volpath`: panes, masks, polarisers.
         index: Index of refraction around the sensor.
     """
 
@@ -85,294 +71,312 @@ class Media:
         self.repeats = self.has_grids or self.has_boundaries
         self.hides = hide_emitters and any(shape.is_emitter() for shape in scene.shapes())
 
-    def scattering(
+    def with_phase_functions(
         self,
         surfaces: Scattering,
         importance: bool = False,
         both_ways: bool = False,
         connects: bool = False,
     ) -> Scattering:
-        """Phase functions in media, and what is given on surfaces."""
+        """Return phase functions in media, with the given scattering on surfaces."""
         if not self.media:
             return surfaces
         return Phases(surfaces, importance, both_ways, connects, self.media)
 
-    def place(self, ray: mi.Ray3f) -> Place:
-        """What is around the start of a sensor's rays."""
-        return Place(_everywhere(self.outside, dr.width(ray)))
+    def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr:
+        """Return the sensor's medium."""
+        return _everywhere(self.outside, dr.width(ray))
 
     @dr.syntax
-    def around(self, ray: mi.Ray3f) -> Place:
-        """What is around the start of other rays: what the first shape says that has a medium."""
+    def medium_at(self, ray: mi.Ray3f) -> mi.MediumPtr:
+        """Find the medium at the start of rays, from the first medium transition along them."""
         ray = mi.Ray3f(ray)
-        ray.maxt = mi.Float(dr.inf)  # What tells may be behind the end of a connection
+        ray.maxt = mi.Float(dr.inf)  # The transition may be behind the end of a connection
         medium = _everywhere(self.beyond, dr.width(ray))
-        looking = mi.Bool(True)
-        while looking:
-            si = self.scene.ray_intersect(ray, mi.RayFlags.Minimal, False, looking)
-            looking &= si.is_valid()
-            tells = looking & si.is_medium_transition()
-            medium = dr.select(tells, si.target_medium(-ray.d), medium)
-            looking &= ~tells
-            ray = dr.select(looking, si.spawn_ray(ray.d), ray)
-        return Place(medium)
+        active = mi.Bool(True)
+        while active:
+            si = self.scene.ray_intersect(ray, mi.RayFlags.Minimal, False, active)
+            active &= si.is_valid()
+            found = active & si.is_medium_transition()
+            medium = dr.select(found, si.target_medium(-ray.d), medium)
+            active &= ~found
+            ray = dr.select(active, si.spawn_ray(ray.d), ray)
+        return medium
 
-    def attached(self) -> Any:
-        """The same as derivatives follow it."""
+    def attached(self) -> Media:
+        """Return the space with derivatives."""
         from .attached_media import AttachedMedia
 
         return AttachedMedia(self)
 
-    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """The next surface that is no boundary of equal index, or a point that scatters before."""
-        flight, weight = self.fly(path, sampler)
-        o, here = path.prev.p, flight.here
+    def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
+        """Sample a scattering point, or find the next surface that is no index-matched boundary."""
+        flight, weight = self.sample_flight(path, sampler)
+        o, scattered = path.prev.p, flight.scattered
         path = copy(path)
-        path.place = Place(flight.medium)
+        path.medium = flight.medium
         path.β = extend(path.β, weight)
-        si = flight.found.compute_surface_interaction(
-            flight.ray, mi.RayFlags.All, path.active & ~here
+        si = flight.pi.compute_surface_interaction(
+            flight.ray, mi.RayFlags.All, path.active & ~scattered
         )
-        mei = point_of(path.ray, dr.fma(path.ray.d, flight.at, o), flight.medium)
-        point = as_surface(si, mei, here)
-        valid = here | si.is_valid()
-        return path, Vertex(point, dr.norm(point.p - o), valid, Scattered(mei, here))
+        mei = medium_interaction(path.ray, dr.fma(path.ray.d, flight.distance, o), flight.medium)
+        point = as_surface(si, mei, scattered)
+        valid = scattered | si.is_valid()
+        return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, scattered))
 
     @dr.syntax
-    def fly(self, path: Path, sampler: mi.Sampler) -> tuple[Flight, Any]:
-        """The flights along the paths' rays, and what they leave of the throughputs."""
-        q, o = shares_of(intensity(path.β)), path.prev.p
-        channel = drawn_from(q, sampler.next_1d())
-        hidden = self.hides & (path.depth == 0)
-        flight = Flight.start(path.ray, path.place.medium, path.active, hidden)
-        flight = self._look(flight, o, path.depth == 0)
+    def sample_flight(self, path: Path, sampler: mi.Sampler) -> tuple[Flight, Any]:
+        """Sample free flights along the paths' rays; returns them and their throughput weights."""
+        # Choose a channel in proportion to throughput
+        q, o = channel_probabilities(intensity(path.β)), path.prev.p
+        channel = sample_channel(q, sampler.next_1d())
+
+        # Fly to the first collision or surface; on through null collisions and boundaries
+        passes_emitters = self.hides & (path.depth == 0)
+        flight = Flight.start(path.ray, path.medium, path.active, passes_emitters)
+        flight = self._intersect(flight, o, path.depth == 0)
         flight = self._fly(flight, o, channel, sampler)
         if self.repeats:
-            while flight.going:
+            while flight.active:
                 if self.has_boundaries:
-                    flight = self._look(flight, o)
+                    flight = self._intersect(flight, o)
                 flight = self._fly(flight, o, channel, sampler)
-        weight = flight.left / dr.sum(q * flight.left)
-        return flight, dr.select(flight.here, weight * flight.albedo, weight)
 
-    def _look(self, flight: Flight, o: mi.Point3f, coherent: Any = False) -> Flight:
-        """Find the next surface in lanes that do not know it."""
+        # Balance heuristic over the channels
+        weight = flight.weight / dr.sum(q * flight.weight)
+        return flight, dr.select(flight.scattered, weight * flight.albedo, weight)
+
+    def _intersect(self, flight: Flight, o: mi.Point3f, coherent: Any = False) -> Flight:
+        """Find the next surface where it is not known."""
         flight = copy(flight)
-        found = self.scene.ray_intersect_preliminary(flight.ray, coherent, active=flight.looking)
-        away = dr.norm(dr.fma(flight.ray.d, found.t, flight.ray.o) - o)
-        away = dr.select(found.is_valid(), away, dr.inf)
-        flight.found = dr.select(flight.looking, found, flight.found)
-        flight.end = dr.select(flight.looking, away, flight.end)
+        pi = self.scene.ray_intersect_preliminary(
+            flight.ray, coherent, active=flight.needs_intersection
+        )
+        distance = dr.norm(dr.fma(flight.ray.d, pi.t, flight.ray.o) - o)
+        distance = dr.select(pi.is_valid(), distance, dr.inf)
+        flight.pi = dr.select(flight.needs_intersection, pi, flight.pi)
+        flight.end = dr.select(flight.needs_intersection, distance, flight.end)
         return flight
 
     def _fly(
         self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
     ) -> Flight:
-        """A flight up to its next collision, real or null, or through its next boundary."""
+        """Fly to the next collision, real or null, or through the next boundary."""
         flight = copy(flight)
-        inside, tried = self._try(flight, o, channel, sampler)
-        left = flight.end - flight.at
-        step = dr.minimum(dr.minimum(tried.t, left), FARTHEST)
-        majorant = tried.combined_extinction
-        hero = value_in(majorant, channel)
-        flight.left *= dr.select(inside, dr.exp((hero - majorant) * step), 1)
-        meets = inside & (tried.t < left)
-        real = meets
+
+        # Sample a tentative collision with the majorant of the chosen channel
+        inside, mei = self._tentative_collision(flight, o, channel, sampler)
+        remaining = flight.end - flight.distance
+        step = dr.minimum(dr.minimum(mei.t, remaining), FARTHEST)
+        majorant = mei.combined_extinction
+        majorant_c = value_in(majorant, channel)
+        flight.weight *= dr.select(inside, dr.exp((majorant_c - majorant) * step), 1)
+
+        # Decide between real and null collision
+        collides = inside & (mei.t < remaining)
+        real = collides
         if self.has_grids:
-            real = meets & (sampler.next_1d() * hero < value_in(tried.sigma_t, channel))
-        kind = dr.select(real, tried.sigma_t, tried.sigma_n)
-        flight.left *= dr.select(meets, kind / value_in(kind, channel), 1)
+            real = collides & (sampler.next_1d() * majorant_c < value_in(mei.sigma_t, channel))
+        σ = dr.select(real, mei.sigma_t, mei.sigma_n)
+        flight.weight *= dr.select(collides, σ / value_in(σ, channel), 1)
         flight.albedo = dr.select(
-            real & (tried.sigma_t > 0), tried.sigma_s / tried.sigma_t, flight.albedo
+            real & (mei.sigma_t > 0), mei.sigma_s / mei.sigma_t, flight.albedo
         )
-        flight.here = real
-        flight.at = dr.select(meets, flight.at + tried.t, flight.at)
-        through = flight.going & ~meets
+        flight.scattered = real
+        flight.distance = dr.select(collides, flight.distance + mei.t, flight.distance)
+
+        # Go on after null collisions, and behind boundaries
+        crosses = flight.active & ~collides
+        null = collides & ~real
         if self.has_boundaries:
-            flight, through = self._pass(flight, through)
-            flight.going = (meets & ~real) | through
+            flight, crosses = self._cross_boundary(flight, crosses)
+            flight.active = null | crosses
         else:
-            flight.going = meets & ~real
+            flight.active = null
         return flight
 
-    def _try(
+    def _tentative_collision(
         self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
     ) -> tuple[mi.Bool, mi.MediumInteraction3f]:
-        """Draw a tentative collision, in lanes that are in a medium."""
-        inside = flight.going & (flight.medium != None)  # noqa: E711
+        """Sample a tentative collision; returns the lanes that are in a medium, and it."""
+        inside = flight.active & (flight.medium != None)  # noqa: E711
         ray = mi.Ray3f(flight.ray)
-        ray.o = dr.fma(ray.d, flight.at, o)
+        ray.o = dr.fma(ray.d, flight.distance, o)
         ray.maxt = mi.Float(dr.largest(mi.Float))
         xi = sampler.next_1d()
         return inside, flight.medium.sample_interaction(ray, xi, channel, inside)
 
-    def _pass(
-        self, flight: Flight, arrives: mi.Bool, connects: bool = False
+    def _cross_boundary(
+        self, flight: Flight, at_surface: mi.Bool, connects: bool = False
     ) -> tuple[Flight, mi.Bool]:
-        """Go on behind a boundary of equal index, or what lets connections through; lanes that do.
+        """Cross index-matched boundaries, and for connections surfaces with null transmission.
 
-        Those lose there what is not let through.
+        Returns the flight behind them, and the lanes that crossed.
         """
-        arrives &= flight.found.is_valid()
-        straight = connects and self.straight
-        flags = mi.RayFlags.All if straight else mi.RayFlags.Minimal
-        si = flight.found.compute_surface_interaction(flight.ray, flags, arrives)
-        through = self.boundaries.hold(si, arrives)
-        if straight:
-            left = si.bsdf().eval_null_transmission(si, arrives)
-            passes = dr.any(intensity(left) > 0)
-            if flight.turned is None:
-                flight.left *= dr.select(arrives & passes, left, 1)
+        at_surface &= flight.pi.is_valid()
+        null_transmission = connects and self.straight
+        flags = mi.RayFlags.All if null_transmission else mi.RayFlags.Minimal
+        si = flight.pi.compute_surface_interaction(flight.ray, flags, at_surface)
+        crosses = self.boundaries.contain(si, at_surface)
+        if null_transmission:
+            factor = si.bsdf().eval_null_transmission(si, at_surface)
+            transmits = dr.any(intensity(factor) > 0)
+            if flight.mueller is None:
+                flight.weight *= dr.select(at_surface & transmits, factor, 1)
             else:
-                left = in_world(si, mi.Spectrum(left), -si.wi, si.wi)
-                turned = extend(flight.turned, left)
-                flight.turned = dr.select(arrives & passes, turned, flight.turned)
-            through |= arrives & passes
+                factor = in_world(si, mi.Spectrum(factor), -si.wi, si.wi)
+                product = extend(flight.mueller, factor)
+                flight.mueller = dr.select(at_surface & transmits, product, flight.mueller)
+            crosses |= at_surface & transmits
         if self.hides:
-            through |= arrives & flight.through_lamps & si.shape.is_emitter()
+            crosses |= at_surface & flight.passes_emitters & si.shape.is_emitter()
+
+        # Update the current medium, and continue behind the surface
         d = flight.ray.d
         flight.medium = dr.select(
-            through & si.is_medium_transition(), si.target_medium(d), flight.medium
+            crosses & si.is_medium_transition(), si.target_medium(d), flight.medium
         )
-        flight.at = dr.select(through, flight.end, flight.at)
-        # Along the ray, not along the normal: many boundaries would move it sideways
-        off = dr.norm(si.spawn_ray(d).o - si.p)
-        start = flight.found.t + off / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
-        flight.ray.o = dr.select(through, dr.fma(d, start, flight.ray.o), flight.ray.o)
-        flight.ray.maxt = dr.select(through, flight.ray.maxt - start, flight.ray.maxt)
-        flight.looking = through
-        return flight, through
+        flight.distance = dr.select(crosses, flight.end, flight.distance)
+        # Offset along the ray, not along the normal: many boundaries would shift it sideways
+        offset = dr.norm(si.spawn_ray(d).o - si.p)
+        start = flight.pi.t + offset / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
+        flight.ray.o = dr.select(crosses, dr.fma(d, start, flight.ray.o), flight.ray.o)
+        flight.ray.maxt = dr.select(crosses, flight.ray.maxt - start, flight.ray.maxt)
+        flight.needs_intersection = crosses
+        return flight, crosses
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> Any:
-        """What media leave of a connection's light; 0 where a surface is in the way."""
-        return self.through(path, vertex, connection, sampler)[0]
+        """Estimate the transmittance of a connection; 0 where a surface blocks it."""
+        return self.transmittance_and_medium(path, vertex, connection, sampler)[0]
 
-    def through(
+    def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[Any, Place]:
-        """The same, and what is around the connection's end."""
-        medium = self._behind(path.place.medium, vertex, connection.direction)
-        o = vertex.si.p
-        hidden = self.hides and connection.position is not None  # It ends on the sensor
+    ) -> tuple[Any, mi.MediumPtr]:
+        """As `transmittance`, and the medium at the connection's end."""
+        medium = self.medium_behind(path, vertex, connection.direction)
+        o, length = vertex.si.p, connection.medium_length
+        passes_emitters = self.hides and connection.position is not None  # It ends on the sensor
         ray = vertex.si.spawn_ray_to(connection.point)
-        flight = Flight.start(ray, medium, connection.active, hidden)
-        whole = dr.norm(connection.point - o) if connection.reach is None else connection.reach
+        flight = Flight.start(ray, medium, connection.active, passes_emitters)
+        length = dr.norm(connection.point - o) if length is None else length
         if self.straight and mi.is_polarized:
-            flight.turned = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
-        flight = self._arrive(flight, o, whole, sampler, mi.Bool(connection.clear))
-        if flight.turned is not None:
-            connection.frame = flight.turned
-        return flight.left, Place(flight.medium)
+            flight.mueller = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
+        flight = self._fly_to(flight, o, length, sampler, mi.Bool(connection.unoccluded))
+        if flight.mueller is not None:
+            connection.frame = flight.mueller
+        return flight.weight, flight.medium
 
-    def ahead(
+    def scattering_point(
         self, path: Path, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Path, Vertex]:
-        """The points of media so far along rays, and paths with what is scattered there [1/m]."""
+        """Return points of media at distances along rays, and paths with their σ_s [1/m]."""
         o, ray = path.prev.p, mi.Ray3f(path.ray)
         ray.maxt = mi.Float(distance)
-        hidden = self.hides & (path.depth == 0)
-        flight = Flight.start(ray, path.place.medium, active, hidden)
-        flight = self._arrive(flight, o, distance, sampler)
+        passes_emitters = self.hides & (path.depth == 0)
+        flight = Flight.start(ray, path.medium, active, passes_emitters)
+        flight = self._fly_to(flight, o, distance, sampler)
         ray.o = o
-        mei = point_of(ray, dr.fma(ray.d, distance, o), flight.medium)
-        here = active & (flight.medium != None) & dr.any(flight.left > 0)  # noqa: E711
+        mei = medium_interaction(ray, dr.fma(ray.d, distance, o), flight.medium)
+        here = active & (flight.medium != None) & dr.any(flight.weight > 0)  # noqa: E711
         within, first, last = flight.medium.intersect_aabb(ray)
         here &= within & (distance >= first) & (distance <= last)
         σ_s, _, _ = flight.medium.get_scattering_coefficients(mei, here)
         path = copy(path)
-        path.place = Place(flight.medium)
-        path.β = extend(path.β, dr.select(here, flight.left * σ_s, 0))
+        path.medium = flight.medium
+        path.β = extend(path.β, dr.select(here, flight.weight * σ_s, 0))
         path.opl = dr.fma(path.η, distance, path.opl)
         point = as_surface(dr.zeros(mi.SurfaceInteraction3f, dr.width(mei)), mei, here)
-        return path, Vertex(point, distance, here, Scattered(mei, here))
+        return path, Vertex(point, distance, here, MediumPoint(mei, here))
 
-    def _arrive(
+    def _fly_to(
         self,
         flight: Flight,
         o: mi.Point3f,
-        whole: mi.Float,
+        length: mi.Float,
         sampler: mi.Sampler,
-        clear: mi.Bool | None = None,
+        unoccluded: mi.Bool | None = None,
     ) -> Flight:
-        """What is left of light that flies to the end of a ray, 0 where a surface is in the way.
+        """Estimate transmittance up to a length, 0 where a surface blocks it.
 
-        In `clear` lanes only boundaries can be.
+        In `unoccluded` lanes only boundaries can be met.
         """
-        clear = mi.Bool(False) if clear is None else clear
+        unoccluded = mi.Bool(False) if unoccluded is None else unoccluded
         if self.has_boundaries:
-            return self._lost_behind(flight, o, whole, sampler, clear)
-        flight.looking &= ~clear
-        shadow = flight.looking & self.scene.ray_test(flight.ray, flight.looking)
-        flight.going &= ~shadow
-        flight.left = dr.select(shadow, 0, flight.left)
-        flight.end = mi.Float(whole)
-        return self._lost(flight, o, sampler)
+            return self._attenuate_through_boundaries(flight, o, length, sampler, unoccluded)
+        flight.needs_intersection &= ~unoccluded
+        tested = flight.needs_intersection
+        blocked = tested & self.scene.ray_test(flight.ray, tested)
+        flight.active &= ~blocked
+        flight.weight = dr.select(blocked, 0, flight.weight)
+        flight.end = mi.Float(length)
+        return self._attenuate_in_one_medium(flight, o, sampler)
 
     @dr.syntax
-    def _lost(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
-        """The same where nothing is in the way, in one medium."""
-        flight = self._lose(flight, o, sampler)
-        if self.has_grids:
-            while flight.going:
-                flight = self._lose(flight, o, sampler)
-        return flight
-
-    @dr.syntax
-    def _lost_behind(
-        self, flight: Flight, o: mi.Point3f, whole: mi.Float, sampler: mi.Sampler, clear: Any
+    def _attenuate_in_one_medium(
+        self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler
     ) -> Flight:
-        """The same through boundaries."""
-        while flight.going:
-            flight = self._look(flight, o)
-            flight.end = dr.minimum(flight.end, whole)
-            went = flight.going
-            flight = self._lose(flight, o, sampler)
-            meets = flight.going
-            surface = went & ~meets & flight.found.is_valid()
-            flight, through = self._pass(flight, surface, connects=True)
-            flight.left = dr.select(surface & ~through & ~clear, 0, flight.left)
-            flight.going = (meets | through) & dr.any(flight.left > 0)
-        return flight
-
-    def _lose(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
-        """What a connection loses up to its next tentative collision, or the end of its medium."""
-        flight = copy(flight)
-        inside, tried = self._try(flight, o, mi.UInt32(0), sampler)
-        left, majorant = flight.end - flight.at, tried.combined_extinction
-        loss = dr.exp(-majorant * dr.minimum(left, FARTHEST))
-        meets = mi.Bool(False)
+        """Estimate transmittance up to the end of a flight that meets no surface."""
+        flight = self._attenuate(flight, o, sampler)
         if self.has_grids:
-            even = flight.medium.is_homogeneous()
-            meets = inside & ~even & (tried.t < left)
-            null = mi.UnpolarizedSpectrum(dr.select(majorant > 0, tried.sigma_n / majorant, 1))
-            loss = dr.select(even, loss, dr.select(meets, null, 1))
-        flight.left *= dr.select(inside, loss, 1)
-        flight.at = dr.select(meets, flight.at + tried.t, flight.at)
-        flight.going = mi.Bool(meets)
+            while flight.active:
+                flight = self._attenuate(flight, o, sampler)
         return flight
 
-    def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> Place:
-        """What is around a path that goes on from a vertex."""
-        return Place(self._behind(path.place.medium, vertex, direction))
+    @dr.syntax
+    def _attenuate_through_boundaries(
+        self, flight: Flight, o: mi.Point3f, length: mi.Float, sampler: mi.Sampler, unoccluded: Any
+    ) -> Flight:
+        """Estimate transmittance up to a length, through boundaries."""
+        while flight.active:
+            flight = self._intersect(flight, o)
+            flight.end = dr.minimum(flight.end, length)
+            active = flight.active
+            flight = self._attenuate(flight, o, sampler)
+            null = flight.active
+            at_surface = active & ~null & flight.pi.is_valid()
+            flight, crosses = self._cross_boundary(flight, at_surface, connects=True)
+            blocked = at_surface & ~crosses & ~unoccluded
+            flight.weight = dr.select(blocked, 0, flight.weight)
+            flight.active = (null | crosses) & dr.any(flight.weight > 0)
+        return flight
 
-    def _behind(self, medium: Any, vertex: Vertex, d: mi.Vector3f) -> Any:
-        """The medium on the side of a vertex that a direction leads to."""
-        on_surface = True if vertex.inside is None else ~vertex.inside.here
+    def _attenuate(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
+        """Multiply by transmittance up to the next tentative collision, or the medium's end."""
+        flight = copy(flight)
+        inside, mei = self._tentative_collision(flight, o, mi.UInt32(0), sampler)
+        remaining, majorant = flight.end - flight.distance, mei.combined_extinction
+        factor = dr.exp(-majorant * dr.minimum(remaining, FARTHEST))
+        collides = mi.Bool(False)
+        if self.has_grids:  # Ratio tracking
+            homogeneous = flight.medium.is_homogeneous()
+            collides = inside & ~homogeneous & (mei.t < remaining)
+            ratio = mi.UnpolarizedSpectrum(dr.select(majorant > 0, mei.sigma_n / majorant, 1))
+            factor = dr.select(homogeneous, factor, dr.select(collides, ratio, 1))
+        flight.weight *= dr.select(inside, factor, 1)
+        flight.distance = dr.select(collides, flight.distance + mei.t, flight.distance)
+        flight.active = mi.Bool(collides)
+        return flight
+
+    def medium_behind(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> mi.MediumPtr:
+        """Return the medium on the side of a vertex that a direction points to."""
+        on_surface = True if vertex.in_medium is None else ~vertex.in_medium.here
         changes = on_surface & vertex.si.is_valid() & vertex.si.is_medium_transition()
-        return dr.select(changes, vertex.si.target_medium(d), medium)
+        return dr.select(changes, vertex.si.target_medium(direction), path.medium)
 
 
 def _everywhere(medium: mi.Medium | None, lanes: int) -> mi.MediumPtr:
-    """A medium in all lanes, null for vacuum."""
+    """Return a medium in all lanes, null for vacuum."""
     if medium is None:
         return dr.zeros(mi.MediumPtr, lanes)
     return dr.full(mi.MediumPtr, medium, lanes)
 
 
-def point_of(ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr) -> mi.MediumInteraction3f:
-    """A point of a medium that a ray has come to."""
+def medium_interaction(
+    ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr
+) -> mi.MediumInteraction3f:
+    """Create the medium interaction at a point on a ray."""
     mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
     mei.p, mei.t, mei.wi = p, dr.norm(p - ray.o), -ray.d
     mei.time, mei.wavelengths = ray.time, ray.wavelengths

@@ -1,11 +1,10 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 # pyright: reportAttributeAccessIssue=false, reportReturnType=false
-"""Points where media scatter, and how paths go on from them by their phase functions."""
+"""Scattering in participating media, by phase functions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -14,39 +13,21 @@ import mitsuba as mi
 from ..scenes.media import FLAKES, RAYLEIGH, has_flakes
 from ..signals.polarisation import depolarised, rayleigh
 from .protocols import Scattering
-from .records import Bounce, Connection, Path, Turn, Vertex
+from .records import BSDFEval, BSDFSample, Connection, MediumPoint, Path, Vertex
 
 
-@dataclass
-class Scattered:
-    """A point in a medium: the `inside` of a vertex.
-
-    Attributes:
-        mei: The point, with what the medium is like there.
-        here: Lanes whose vertex is such a point; the others are on surfaces.
-    """
-
-    mei: mi.MediumInteraction3f
-    here: mi.Bool
-
-    @classmethod
-    def again(cls, si: mi.SurfaceInteraction3f, medium: mi.MediumPtr) -> Scattered:
-        """A point that is kept as `as_surface` gave it, with its `medium`."""
-        mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(medium))
-        mei.p, mei.t, mei.wi, mei.sh_frame = si.p, si.t, si.wi, si.sh_frame
-        mei.time, mei.wavelengths, mei.medium = si.time, si.wavelengths, medium
-        return cls(mei, medium != None)  # noqa: E711 (a Dr.Jit mask)
-
-    @property
-    def medium(self) -> mi.MediumPtr:
-        """The medium that scatters, null on surfaces."""
-        return dr.select(self.here, self.mei.medium, dr.zeros(mi.MediumPtr))
+def stored_medium_point(si: mi.SurfaceInteraction3f, medium: mi.MediumPtr) -> MediumPoint:
+    """Restore a point that was stored as `as_surface` returned it, with its medium."""
+    mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(medium))
+    mei.p, mei.t, mei.wi, mei.sh_frame = si.p, si.t, si.wi, si.sh_frame
+    mei.time, mei.wavelengths, mei.medium = si.time, si.wavelengths, medium
+    return MediumPoint(mei, medium != None)  # noqa: E711 (a Dr.Jit mask)
 
 
 def as_surface(
     si: mi.SurfaceInteraction3f, mei: mi.MediumInteraction3f, here: mi.Bool
 ) -> mi.SurfaceInteraction3f:
-    """The surface point, or a point in a medium as one without a surface and without normal."""
+    """Merge surface and medium interactions; the latter have no shape and no normal."""
     point: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(mei))
     point.p, point.t, point.time, point.wavelengths = mei.p, mei.t, mei.time, mei.wavelengths
     point.wi, point.sh_frame = mei.wi, mei.sh_frame
@@ -54,12 +35,12 @@ def as_surface(
 
 
 class Phases:
-    """Scattering in media by their phase functions, and on surfaces as before.
+    """Phase functions in media, and another scattering on surfaces.
 
     Args:
-        surfaces: How paths go on from surfaces.
+        surfaces: Scattering on surfaces.
         importance: Whether paths come from the lights.
-        both_ways: Whether densities of the way back are asked for.
+        both_ways: Whether reverse densities are needed.
         connects: Whether all media connect, whatever their `sample_emitters` says.
         media: The media, of which some may polarise what they scatter.
     """
@@ -88,80 +69,86 @@ class Phases:
 
     @property
     def refracts(self) -> bool:
-        """Whether surfaces do."""
+        """Whether surfaces refract."""
         return self.surfaces.refracts
 
     def guide(self) -> Any:
-        """That of the surfaces."""
+        """Return the guide of the surfaces' scattering."""
         return self.surfaces.guide()
 
-    def arrive(self, path: Path, vertex: Vertex) -> Path:
-        """What surfaces want to know."""
-        return self.surfaces.arrive(path, vertex)
+    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
+        """Complete the samples of surfaces."""
+        return self.surfaces.complete_sample(path, vertex)
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Points of media that ask for connections, and what surfaces say."""
+        """Return points of media with emitter sampling, and smooth surfaces."""
         return self._connects(vertex) | self.surfaces.smooth(vertex)
 
     def _connects(self, vertex: Vertex) -> mi.Bool:
-        """Points of media whose `sample_emitters` is not off."""
+        """Return points of media with emitter sampling."""
         if self.connects:
-            return vertex.inside.here
-        return vertex.inside.here & vertex.inside.mei.medium.use_emitter_sampling()
+            return vertex.medium_point.here
+        return vertex.medium_point.here & vertex.medium_point.mei.medium.use_emitter_sampling()
 
-    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
-        """What the phase function, or the surface, makes of a direction."""
-        turn = self.surfaces.turn(vertex, direction, active & ~vertex.inside.here)
-        return self._in_both(turn, vertex, direction, active)
+    def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
+        """Evaluate the phase function, or the BSDF."""
+        bsdf_eval = self.surfaces.eval_pdf(vertex, direction, active & ~vertex.medium_point.here)
+        return self._merge_phase_function(bsdf_eval, vertex, direction, active)
 
-    def _in_both(self, turn: Turn, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
-        """What the phase function makes of a direction in media; on surfaces, what they do."""
-        here, mei = vertex.inside.here, vertex.inside.mei
+    def _merge_phase_function(
+        self, bsdf_eval: BSDFEval, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
+    ) -> BSDFEval:
+        """Evaluate the phase function in media, and keep `bsdf_eval` on surfaces."""
+        here, mei = vertex.medium_point.here, vertex.medium_point.mei
         phase = mei.medium.phase_function()
         f, pdf = phase.eval_pdf(self.context, mei, direction, active & here)
-        back = turn.back
+        pdf_reverse = bsdf_eval.pdf_reverse
         if self.both_ways:
-            back = dr.select(here, self._pdf_back(mei, direction, active & here), back)
-        return Turn(
-            dr.select(here, self._scattered(f, mei, direction), turn.f),
-            dr.select(here, pdf, turn.pdf),
-            dr.select(here, 1, turn.η),
-            back,
+            pdf_reverse = dr.select(
+                here, self._pdf_reverse(mei, direction, active & here), pdf_reverse
+            )
+        return BSDFEval(
+            dr.select(here, self._scattered(f, mei, direction), bsdf_eval.f),
+            dr.select(here, pdf, bsdf_eval.pdf),
+            dr.select(here, 1, bsdf_eval.η),
+            pdf_reverse,
         )
 
-    def scatter(
-        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, Bounce]:
-        """Towards a connection, if there is one, and where phase function or surface choose."""
-        here, mei = vertex.inside.here, vertex.inside.mei
-        on_surface = None if link is None else link.only(~here)
-        turn, bounce = self.surfaces.scatter(vertex, on_surface, sampler, active & ~here)
+    def sample(
+        self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Any, BSDFSample]:
+        """Sample the phase function or the BSDF, and evaluate a connection if there is one."""
+        here, mei = vertex.medium_point.here, vertex.medium_point.mei
+        on_surface = None if connection is None else connection.masked(~here)
+        bsdf_eval, bsdf_sample = self.surfaces.sample(vertex, on_surface, sampler, active & ~here)
         phase = mei.medium.phase_function()
-        if link is not None:
-            turn = self._in_both(turn, vertex, link.direction, link.active)
+        if connection is not None:
+            bsdf_eval = self._merge_phase_function(
+                bsdf_eval, vertex, connection.direction, connection.active
+            )
         xi, u = sampler.next_1d(), sampler.next_2d()
         at = mei
         if self.flakes:
             at = mi.MediumInteraction3f(mei)
             at.sh_frame = _symmetric_frame(mei.wi)
         wo, weight, pdf = phase.sample(self.context, at, xi, u, active & here)
-        ray = dr.select(here, mei.spawn_ray(wo), bounce.ray)
-        back = bounce.back
+        ray = dr.select(here, mei.spawn_ray(wo), bsdf_sample.ray)
+        pdf_reverse = bsdf_sample.pdf_reverse
         if self.both_ways:
-            back = dr.select(here, self._pdf_back(mei, wo, active & here), back)
-        return turn, Bounce(
+            pdf_reverse = dr.select(here, self._pdf_reverse(mei, wo, active & here), pdf_reverse)
+        return bsdf_eval, BSDFSample(
             ray,
-            dr.select(here, self._scattered(weight, mei, wo), bounce.weight),
-            dr.select(here, pdf, bounce.pdf),
-            dr.select(here, 1, bounce.η),
-            dr.select(here, ~self._connects(vertex), bounce.specular),
-            bounce.guide,
-            back,
-            ~here & bounce.straight,
+            dr.select(here, self._scattered(weight, mei, wo), bsdf_sample.weight),
+            dr.select(here, pdf, bsdf_sample.pdf),
+            dr.select(here, 1, bsdf_sample.η),
+            dr.select(here, ~self._connects(vertex), bsdf_sample.specular),
+            bsdf_sample.guide,
+            pdf_reverse,
+            ~here & bsdf_sample.null,
         )
 
     def _scattered(self, f: Any, mei: mi.MediumInteraction3f, wo: mi.Vector3f) -> Any:
-        """What the light becomes: unpolarised, but for media that polarise it."""
+        """Return the Mueller matrix of scattering: a depolariser, or Rayleigh's."""
         factor = depolarised(f)
         comes, goes = (mei.wi, wo) if self.importance else (wo, mei.wi)
         for medium in self.polarising:
@@ -169,16 +156,18 @@ class Phases:
             factor = dr.select(here, rayleigh(f, comes, goes), factor)
         return factor
 
-    def _pdf_back(self, mei: mi.MediumInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Density of where a path has come from, for one that comes from `wo` [1/sr]."""
+    def _pdf_reverse(
+        self, mei: mi.MediumInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> mi.Float:
+        """Density of scattering from `wo` to where the path came from [1/sr]."""
         other = mi.MediumInteraction3f(mei)
-        other.wi, came = wo, mei.wi
+        other.wi, previous = wo, mei.wi
         other.sh_frame = mi.Frame3f(wo)
-        return other.medium.phase_function().eval_pdf(self.context, other, came, active)[1]
+        return other.medium.phase_function().eval_pdf(self.context, other, previous, active)[1]
 
 
 def _symmetric_frame(n: mi.Vector3f) -> mi.Frame3f:
-    """A frame around `n` whose matrix is its own transpose.
+    """Return a frame around `n` whose matrix is symmetric.
 
     Mitsuba 3.9 turns an `sggx` by the transpose of the frame that it samples in.
     """

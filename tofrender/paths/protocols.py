@@ -1,47 +1,51 @@
-"""The four parts that vary between renderers. The loop asks none of them what it is.
+"""Interfaces of the four parts of the path loop; the loop asks none of them what kind it is.
 
-| part | kind | is |
+| part | implementation | is |
 |---|---|---|
-| space | `space.Vacuum` | straight rays, nothing lost on the way |
-| | `media.Media` | straight rays through fog, smoke and milk |
-| endpoint | `endpoints.SceneLights` | the scene's emitters, by connections and by hits |
-| | `endpoints.scene_lights.LightsStraightAhead` | the same, behind panes and masks too |
-| | `endpoints.EmitterHits` | the scene's emitters where paths run into them |
-| | `endpoints.ConnectionsOnly` | the scene's emitters by connections, mirrors and glass apart |
-| | `endpoints.OneSampleLights` | an emitter or, as often, what the material's sampling finds |
-| | `endpoints.GatedLights` | points on emitters whose light comes when a gate is open |
-| | `endpoints.GatedFog` | the same, from points of media along rays |
+| space | `space.Vacuum` | straight rays between surfaces |
+| | `media.Media` | straight rays through participating media |
+| endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
+| | `endpoints.LightsStraightAhead` | the same, also behind panes and masks |
+| | `endpoints.EmitterHits` | the scene's emitters by hits alone |
+| | `endpoints.ConnectionsOnly` | the scene's emitters by next-event estimation alone |
+| | `endpoints.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
+| | `endpoints.GatedLights` | emitter samples whose light arrives while a gate is open |
+| | `endpoints.GatedFog` | the same, also from points of media along the rays |
 | | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
-| | `endpoints.camera.Camera` | the lens, for paths that come from lights |
+| | `endpoints.camera.Camera` | the lens, for paths from lights |
 | | `endpoints.light_paths.LightPaths` | the scene's emitters, and the vertices of a light path |
-| | `nlos.light.laser_spot.LaserSpot` | the point of a wall that a laser lights |
-| | `nlos.light.transient_nlos.LaserItself` | the laser, for the paths that count |
-| scattering | `scattering.Materials` | each surface's own material, or one for all |
+| | `nlos.light.laser_spot.LaserSpot` | the laser spot on a relay wall |
+| | `nlos.light.transient_nlos.LaserItself` | the scene's laser, for the paths that count |
+| scattering | `scattering.Materials` | the BSDF of each surface, or one for all |
 | | `phases.Phases` | phase functions in media, another scattering on surfaces |
 | | `guided.Guided` | another scattering, mixed with directions to target surfaces |
-| measurement | `films.sums.Radiance` | the plain sum |
-| | `films.sums.Weighted` | a sum weighted by length: a gate, a correlation |
+| measurement | `films.sums.Radiance` | the sum of all light |
+| | `films.sums.Weighted` | a sum weighted by path length: a gate, a correlation |
 | | `films.deposit.FilmDeposit` | a film's time bins |
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
-| | `rendering.arrivals.ArrivalHistogram` | energy over length, for all pixels together |
+| | `rendering.arrivals.ArrivalHistogram` | energy over path length, for all pixels together |
 
-A part is a plain object. What it has to remember of a path it keeps in the path (`memory`,
-`guide`), never in itself.
+Parts have no state of their own: what they need to know of a path is stored in the path (`history`,
+`guide`, `medium`).
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol
+from copy import copy
+from typing import Any, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from .records import Bounce, Connection, Hit, Path, Turn, Vertex
+from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Vertex
+
+H = TypeVar("H")
 
 
 class Space(Protocol):
-    """How the next vertex is found, how long the way is, and what is lost on it.
+    """Finds vertices along rays, and what is lost on the way.
 
     Attributes:
         scatters: Whether vertices may be points of media.
@@ -51,108 +55,82 @@ class Space(Protocol):
     scatters: bool
     index: float
 
-    def scattering(
+    def with_phase_functions(
         self,
         surfaces: Scattering,
         importance: bool = False,
         both_ways: bool = False,
         connects: bool = False,
     ) -> Scattering:
-        """How paths go on from all points of the space, where it is known for surfaces.
+        """Extend the scattering of surfaces to the points of media.
 
-        `importance` says that paths come from lights, `both_ways` that densities of the way back
-        are asked for, `connects` that all media connect, whatever their `sample_emitters` says.
+        Args:
+            surfaces: Scattering at surfaces.
+            importance: Whether paths come from lights.
+            both_ways: Whether reverse densities are needed.
+            connects: Whether all media connect, whatever their `sample_emitters` says.
         """
         ...
 
     def attached(self) -> Space:
-        """The same as derivatives follow it."""
+        """Return the space with derivatives of what it depends on."""
         ...
 
-    def place(self, ray: mi.Ray3f) -> Any:
-        """What is known of where a sensor's rays start, None if it is the same everywhere."""
+    def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
+        """Return the current medium of rays that start at the sensor, None without media."""
         ...
 
-    def around(self, ray: mi.Ray3f) -> Any:
-        """The same of rays that start at a light."""
+    def medium_at(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
+        """Find the current medium of rays that start anywhere else, None without media."""
         ...
 
-    def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> Any:
-        """What is known of where a path is that goes on from a vertex."""
+    def medium_behind(
+        self, path: Path, vertex: Vertex, direction: mi.Vector3f
+    ) -> mi.MediumPtr | None:
+        """Return the current medium of a path that leaves a vertex in a direction."""
         ...
 
-    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Where the path's ray leads, and the path with what was lost on the way."""
+    def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
+        """Intersect the path's ray; returns the path with its throughput, and the vertex."""
         ...
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> Any:
-        """What of a connection's light arrives at the vertex: 0 where something is in the way."""
+        """Estimate the transmittance of a connection, 0 where a surface blocks it."""
         ...
 
-    def through(
+    def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[Any, Any]:
-        """The same, and what is known of where the connection ends, before what it meets there."""
+    ) -> tuple[Any, mi.MediumPtr | None]:
+        """As `transmittance`, and the medium at the connection's end."""
         ...
 
 
-class Endpoint(Protocol):
-    """What a vertex connects to, and what a ray may run into.
+class HistoryUpdates(Protocol[H]):
+    """Keeps what MIS weights need of a path's earlier vertices, in `Path.history`."""
 
-    Attributes:
-        connects: Whether next-event estimation happens at all.
-        finds_all: Whether connections find all light on their own, mirrors apart.
-        importance: Whether paths come from a light, and connections end on the sensor.
-        looks_ahead: Whether points of media that rays pass connect in the place of those where
-            they are scattered.
-    """
-
-    connects: bool
-    finds_all: bool
-    importance: bool
-    looks_ahead: bool
-
-    def resolving(self, width_opl: float) -> Endpoint:
-        """The same for light whose lengths are told apart by `width_opl` [m]."""
+    def start(self) -> H:
+        """Create the history of a path without vertices."""
         ...
 
-    def attached(self) -> Endpoint:
-        """The same as derivatives follow it: one connection a vertex, to points that move."""
+    def at_vertex(self, path: Path[H], vertex: Vertex, active: mi.Bool) -> H:
+        """Return the history after one more vertex."""
         ...
 
-    def begin(self, ray: mi.Ray3f) -> mi.Ray3f:
-        """The sensor's ray, past whatever the sensor does not see of this endpoint."""
+    def after_sample(self, path: Path[H], vertex: Vertex, bsdf_sample: BSDFSample) -> H:
+        """Return the history after the BSDF sample at that vertex."""
         ...
 
-    def in_view(self) -> Sequence[mi.Emitter]:
-        """Emitters on surfaces that the sensor's rays may run into."""
+
+class FurtherConnections(Protocol):
+    """Connections of a vertex beside its first one."""
+
+    def count(self, path: Path) -> mi.UInt32:
+        """Return how many follow the first one."""
         ...
 
-    def memory(self) -> Any:
-        """What is remembered before the first vertex, None if nothing ever is."""
-        ...
-
-    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
-        """The path's memory with one more vertex."""
-        ...
-
-    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> Any:
-        """The path's memory with the direction that it goes on in."""
-        ...
-
-    def connect(
-        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
-    ) -> Connection:
-        """A connection from the vertex. The path's length reaches it, `path.prev` is before it."""
-        ...
-
-    def more_links(self, path: Path, first: Connection) -> mi.UInt32 | None:
-        """How many connections follow the first one, by `link`; None if none ever do."""
-        ...
-
-    def link(
+    def sample(
         self,
         k: mi.UInt32,
         first: Connection,
@@ -161,79 +139,150 @@ class Endpoint(Protocol):
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
-        """Number `k` of the connections that follow the first one."""
+        """Sample number `k` of those that follow the first one."""
         ...
 
-    def wait(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Any:
-        """How long light may take to the path's last vertex by way of a point of a medium."""
+
+class MediumConnections(Protocol):
+    """Connections of points of media along rays, in place of those where paths scatter."""
+
+    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Any:
+        """Sample an emitter point, and the path length by way of a point of a medium."""
         ...
 
-    def towards(self, wait: Any, sampler: mi.Sampler) -> tuple[Any, mi.Vector3f, mi.Float]:
-        """A direction to look for such a point in, the wait in it, and its density [1/sr]."""
+    def sample_direction(
+        self, target: Any, sampler: mi.Sampler
+    ) -> tuple[Any, mi.Vector3f, mi.Float]:
+        """Sample a direction to find such a point in; returns target, direction, and density."""
         ...
 
-    def ahead(
-        self, path: Path, wait: Any, space: Any, sampler: mi.Sampler
+    def connect(
+        self, path: Path, target: Any, sampler: mi.Sampler
     ) -> tuple[Path, Vertex, Connection]:
-        """Such a point along the path's ray, the path up to there, and its connection."""
+        """Find that point along the path's ray; returns the path up to it, and its connection."""
         ...
+
+
+class Endpoint(ABC):
+    """What vertices connect to, and what rays run into: a light-sampling technique, or the lens.
+
+    By default a light that only connections find, and that no ray runs into.
+
+    Attributes:
+        connects: Whether there is next-event estimation at all.
+        finds_all: Whether connections find all light but that of delta lobes.
+        importance: Whether paths come from lights, and connections end on the sensor.
+        hide_emitters: Whether the sensor looks through area lights.
+        history: Keeps what MIS weights need of earlier vertices, None if nothing.
+        further: Connections beside the first one of a vertex, None if there are none.
+        in_media: Connections of points of media along rays, None if those connect where paths
+            scatter.
+    """
+
+    connects: bool = True
+    finds_all: bool = True
+    importance: bool = False
+    hide_emitters: bool = False
+    history: HistoryUpdates | None = None
+    further: FurtherConnections | None = None
+    in_media: MediumConnections | None = None
+
+    @abstractmethod
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """Sample a connection from the vertex; `path` includes it, `path.prev` is before it."""
+
+    def mis_weight(
+        self, path: Path, vertex: Vertex, connection: Any, bsdf_eval: BSDFEval
+    ) -> mi.Float:
+        """Return the MIS weight of a connection; 1 where nothing else finds the light."""
+        return mi.Float(1)
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:
-        """Light that the path's ray runs into."""
-        ...
+        """Return the emission that the path's ray runs into, with its MIS weight."""
+        black, never = mi.UnpolarizedSpectrum(0), mi.Bool(False)
+        return Hit(black, mi.Float(0), vertex.length, never, mis_weight=mi.Float(0))
 
-    def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
-        """The hit's share of the light, where other ways may find the same."""
-        ...
+    def min_distance(self, p: mi.Point3f) -> mi.Float:
+        """Return a lower bound of the lengths of all connections from points [m]."""
+        return mi.Float(0)
 
-    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
-        """A connection's share; `turn` is what the vertex makes of it."""
-        ...
+    def visible_emitters(self) -> Sequence[mi.Emitter]:
+        """Return emitters on surfaces that the sensor's rays may run into."""
+        return ()
 
-    def nearest(self, p: mi.Point3f) -> mi.Float:
-        """Length that no connection from p falls below [m]."""
-        ...
+    def for_bin_width(self, width_opl: float) -> Endpoint:
+        """Return the endpoint for films that resolve path lengths by `width_opl` [m]."""
+        return self
+
+    def attached(self) -> Endpoint:
+        """Return the endpoint with derivatives: one connection a vertex, to points that move."""
+        return self
 
 
 class Scattering(Protocol):
-    """How a path goes on from a vertex."""
+    """Samples and evaluates BSDFs and phase functions."""
 
     @property
     def refracts(self) -> bool:
-        """Whether the index of refraction may change: a length may be shorter than the way is."""
+        """Whether the index of refraction may change along paths."""
         ...
 
-    def guide(self) -> Any:
-        """The path's guide before the first vertex, None if there never is one."""
+    def guide(self) -> mi.Float | None:
+        """Return the path's guide before the first vertex, None without guiding."""
         ...
 
-    def arrive(self, path: Path, vertex: Vertex) -> Path:
-        """What the new vertex tells of the direction that was chosen at the last one."""
+    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
+        """Complete throughput and density of the last sample, now that its next vertex is known."""
         ...
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Whether connections can find light here: a delta lobe reflects none of them."""
+        """Return lanes whose BSDF has more than delta lobes, so that connections find light."""
         ...
 
-    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
-        """What is made of a direction."""
+    def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
+        """Evaluate BSDF or phase function for a direction."""
         ...
 
-    def scatter(
-        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, Bounce]:
-        """Towards a connection, if there is one, and onwards."""
+    def sample(
+        self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Any, BSDFSample]:
+        """Sample a direction, and evaluate that of a connection if there is one, else None."""
         ...
 
 
 class Measurement(Protocol):
-    """What becomes of light that arrives.
+    """Accumulates contributions.
 
-    One that accumulates in variables is a dataclass of Dr.Jit arrays, which the loop carries as its
-    state; one that scatters into a film hides the film in a function. Films want its `total`, the
-    plain sum.
+    One that sums in variables is a dataclass of Dr.Jit arrays, which the loop carries as its state;
+    one that scatters into a film hides the film in a function. Films read its `total`, the sum of
+    all light.
     """
 
     def add(self, contribution: Contribution) -> None:
-        """Take in a contribution."""
+        """Add a contribution."""
         ...
+
+
+class Parts:
+    """The parts of the path loop and its limits. No dataclass, so that the loop does not carry it.
+
+    Args:
+        space: Finds vertices.
+        endpoint: What vertices connect to.
+        scattering: How paths go on.
+        limits: Which contributions count.
+    """
+
+    def __init__(
+        self, space: Space, endpoint: Endpoint, scattering: Scattering, limits: Limits
+    ) -> None:
+        self.space, self.endpoint = space, endpoint
+        self.scattering, self.limits = scattering, limits
+
+    def with_endpoint(self, endpoint: Endpoint) -> Self:
+        """Return the parts with another endpoint."""
+        other = copy(self)
+        other.endpoint = endpoint
+        return other

@@ -1,6 +1,6 @@
 # pyright: reportOperatorIssue=false, reportAttributeAccessIssue=false, reportCallIssue=false
 # pyright: reportArgumentType=false
-"""The records of the path loop: a path, a vertex, what leaves it, and how far paths go.
+"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could
 not differentiate the loop in reverse otherwise.
@@ -10,34 +10,36 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import extended, unit_throughput
 
+H = TypeVar("H")
+"""History that an endpoint keeps of a path."""
+
 
 @dataclass
-class Path:
+class Path(Generic[H]):
     """A path up to its last vertex: the state of the loop.
 
     Attributes:
-        ray: The ray that leads onwards.
-        depth: Vertices so far.
-        β: Throughput, of type `mi.UnpolarizedSpectrum`, in polarised variants a Mueller matrix, of
-            type `mi.Spectrum`; `extend` multiplies it.
-        η: Index of refraction around the ray; of paths from lights, over that around the light.
-        opl: Optical length up to the last vertex [m].
+        ray: The ray to the next vertex.
+        depth: Number of vertices so far.
+        β: Path throughput, an `mi.UnpolarizedSpectrum`, in polarised variants a Mueller matrix
+            (`mi.Spectrum`); `extend` multiplies it.
+        η: Index of refraction around the ray; for paths from lights, relative to that around the
+            light.
+        opl: Optical path length up to the last vertex [m].
         prev: The last vertex; at first the point that lengths are measured from.
-        pdf: Density of the ray's direction [1/sr].
-        memory: What the endpoint remembers of the vertices, None if nothing.
-        guide: What the scattering remembers of how it chose the direction, None if nothing.
-        place: What the space knows of where the ray is, None if it is the same everywhere.
-        not_finite: Contributions that were left out because they were not finite.
-        alive: `active` as an integer.
-        met: `covered` as an integer.
-        mirrored: `specular` as an integer.
+        pdf: Solid-angle density of the ray's direction [1/sr].
+        history: What the endpoint's MIS weights need of earlier vertices, None if nothing.
+        guide: Distance to the target that guiding has sent the ray to, see `guided`; else None.
+        medium: The current medium, null in vacuum; None in scenes without media.
+        not_finite: Number of contributions dropped because they were not finite.
+        active_flag, valid_ray_flag, specular_flag: Masks as integers, see the properties.
     """
 
     ray: mi.Ray3f
@@ -47,165 +49,190 @@ class Path:
     opl: mi.Float
     prev: mi.Interaction3f
     pdf: mi.Float
-    memory: Any
-    guide: Any
-    place: Any
+    history: H
+    guide: mi.Float | None
+    medium: mi.MediumPtr | None
     not_finite: mi.UInt32
-    alive: mi.UInt32
-    met: mi.UInt32
-    mirrored: mi.UInt32
+    active_flag: mi.UInt32
+    valid_ray_flag: mi.UInt32
+    specular_flag: mi.UInt32
 
     @classmethod
     def start(
         cls,
         ray: mi.Ray3f,
-        origin: Any = None,
-        active: Any = True,
-        memory: Any = None,
-        guide: Any = None,
-        place: Any = None,
-        frame: Any = None,
+        origin: mi.Point3f | None = None,
+        active: mi.Bool | bool = True,
+        history: H = None,
+        guide: mi.Float | None = None,
+        medium: mi.MediumPtr | None = None,
+        frame: mi.Spectrum | None = None,
         η: float = 1.0,
-    ) -> Path:
-        """A path that has no vertex yet.
+    ) -> Path[H]:
+        """Create a path that has no vertex yet.
 
         Args:
-            ray: Where it goes.
-            origin: Point from which its length is measured, the lens; by default the ray's start.
+            ray: The first ray.
+            origin: Point that lengths are measured from, e.g. on the lens; by default the ray's
+                origin.
             active: Lanes that have a path.
-            memory: As the endpoint's `memory()` gives it.
-            guide: As the scattering's `guide()` gives it.
-            place: As the space's `place(ray)` gives it.
-            frame: Matrix that turns polarised light of the ray, None to leave it as it is.
+            history: As from the endpoint's `history.start()`.
+            guide: As from the scattering's `guide()`.
+            medium: As from the space's `medium_at_sensor(ray)` or `medium_at(ray)`.
+            frame: Mueller matrix into the sensor's frame, None for none.
             η: Index of refraction around the ray, if it starts on the sensor.
         """
         lanes = dr.width(ray)
-        nothing = dr.zeros(mi.Float, lanes)
+        zero = dr.zeros(mi.Float, lanes)
         ray = mi.Ray3f(ray)
-        ray.o, ray.d = ray.o + nothing, ray.d + nothing
-        ray.time, ray.maxt = ray.time + nothing, ray.maxt + nothing
-        prev: Any = dr.zeros(mi.Interaction3f, lanes)
-        prev.p = mi.Point3f(ray.o if origin is None else origin) + nothing
+        ray.o, ray.d = ray.o + zero, ray.d + zero
+        ray.time, ray.maxt = ray.time + zero, ray.maxt + zero
+        prev = dr.zeros(mi.Interaction3f, lanes)
+        prev.p = mi.Point3f(ray.o if origin is None else origin) + zero
         return cls(
             ray=ray,
             depth=dr.zeros(mi.UInt32, lanes),
-            β=_filled(unit_throughput() if frame is None else frame, nothing),
-            η=η + nothing,
-            opl=mi.Float(nothing),
+            β=_widened(unit_throughput() if frame is None else frame, zero),
+            η=η + zero,
+            opl=mi.Float(zero),
             prev=prev,
-            pdf=1 + nothing,
-            memory=memory,
+            pdf=1 + zero,
+            history=history,
             guide=guide,
-            place=place,
+            medium=medium,
             not_finite=dr.zeros(mi.UInt32, lanes),
-            alive=dr.select(mi.Bool(active), mi.UInt32(1), dr.zeros(mi.UInt32, lanes)),
-            met=dr.zeros(mi.UInt32, lanes),
-            mirrored=1 + dr.zeros(mi.UInt32, lanes),
+            active_flag=dr.select(mi.Bool(active), mi.UInt32(1), dr.zeros(mi.UInt32, lanes)),
+            valid_ray_flag=dr.zeros(mi.UInt32, lanes),
+            specular_flag=1 + dr.zeros(mi.UInt32, lanes),
         )
 
     @property
     def active(self) -> mi.Bool:
-        """Lanes that still walk."""
-        return self.alive != 0
+        """Lanes whose path goes on."""
+        return self.active_flag != 0
 
     @active.setter
     def active(self, mask: mi.Bool) -> None:
-        self.alive = dr.select(mask, mi.UInt32(1), 0)
+        self.active_flag = dr.select(mask, mi.UInt32(1), 0)
 
     @property
-    def covered(self) -> mi.Bool:
+    def valid_ray(self) -> mi.Bool:
         """Lanes whose first ray met a surface."""
-        return self.met != 0
+        return self.valid_ray_flag != 0
 
-    @covered.setter
-    def covered(self, mask: mi.Bool) -> None:
-        self.met = dr.select(mask, mi.UInt32(1), 0)
+    @valid_ray.setter
+    def valid_ray(self, mask: mi.Bool) -> None:
+        self.valid_ray_flag = dr.select(mask, mi.UInt32(1), 0)
 
     @property
     def specular(self) -> mi.Bool:
-        """Lanes in which nothing but the path itself finds what the ray runs into."""
-        return self.mirrored != 0
+        """Lanes whose ray comes from a delta lobe or the sensor: no connection competes with it."""
+        return self.specular_flag != 0
 
     @specular.setter
     def specular(self, mask: mi.Bool) -> None:
-        self.mirrored = dr.select(mask, mi.UInt32(1), 0)
+        self.specular_flag = dr.select(mask, mi.UInt32(1), 0)
 
 
 def extend(throughput: Any, factor: Any, importance: bool = False) -> Any:
-    """Throughput of a path after one more factor (a BSDF's, a transmittance).
+    """Multiply a path throughput by a factor (a BSDF value, a transmittance).
 
-    The one place that multiplies: a path from the sensor puts new factors on the right, one from a
-    light, with `importance`, on the left, which matters where they are Mueller matrices.
+    A path from the sensor puts new factors on the right, one from a light (`importance`) on the
+    left, which matters where they are Mueller matrices.
     """
     return extended(throughput, factor, importance)
 
 
-def _filled(throughput: Any, nothing: mi.Float) -> Any:
-    """A throughput as wide as the paths."""
+def _widened(throughput: Any, zero: mi.Float) -> Any:
+    """Broadcast a throughput to the width of the paths."""
     if not mi.is_polarized:
-        return throughput + nothing
-    return mi.Spectrum(*[throughput[i, j] + nothing for i in range(4) for j in range(4)])
+        return throughput + zero
+    return mi.Spectrum(*[throughput[i, j] + zero for i in range(4) for j in range(4)])
+
+
+@dataclass
+class MediumPoint:
+    """A point where a medium scatters: the `in_medium` of a vertex.
+
+    Attributes:
+        mei: The medium interaction.
+        here: Lanes whose vertex is such a point; the others are on surfaces.
+    """
+
+    mei: mi.MediumInteraction3f
+    here: mi.Bool
+
+    @property
+    def medium(self) -> mi.MediumPtr:
+        """The medium that scatters, null on surfaces."""
+        return dr.select(self.here, self.mei.medium, dr.zeros(mi.MediumPtr))
 
 
 @dataclass
 class Vertex:
-    """Where a ray leads.
+    """A vertex of a path: where a ray ends.
 
     Attributes:
-        si: The surface point; a point in a medium has no shape and no normal there.
+        si: The surface interaction; a point in a medium has no shape and no normal there.
         length: Distance from the last vertex, point to point [m].
-        valid: Whether there is a surface, or a point that scatters.
-        inside: What the space knows of such a point, None where there are surfaces only.
+        valid: Lanes that met a surface, or a point that scatters.
+        in_medium: The medium interaction, None in scenes without media.
     """
 
     si: mi.SurfaceInteraction3f
     length: mi.Float
     valid: mi.Bool
-    inside: Any = None
+    in_medium: MediumPoint | None = None
+
+    @property
+    def medium_point(self) -> MediumPoint:
+        """The medium interaction, in scenes with media."""
+        assert self.in_medium is not None
+        return self.in_medium
 
     def cosine(self, d: mi.Vector3f) -> mi.Float:
-        """Cosine between a direction and the normal, unsigned; 1 in a medium, which has none."""
+        """Unsigned cosine between a direction and the geometric normal; 1 in a medium."""
         cos = dr.abs(dr.dot(self.si.n, d))
-        return cos if self.inside is None else dr.select(self.inside.here, 1, cos)
+        return cos if self.in_medium is None else dr.select(self.in_medium.here, 1, cos)
 
 
 @dataclass
 class Hit:
-    """Light that a ray runs into.
+    """Emission that a ray runs into.
 
     Attributes:
-        radiance: Radiance towards the last vertex.
-        pdf: Solid-angle density with which a connection from there would have found it [1/sr].
+        radiance: Emitted radiance towards the last vertex.
+        pdf: Solid-angle density of next-event estimation for the same direction [1/sr].
         length: Distance to where it was emitted [m].
         active: Lanes in which it counts.
+        mis_weight: MIS weight against the other techniques that find the same light.
     """
 
     radiance: Any
     pdf: mi.Float
     length: mi.Float
     active: mi.Bool
+    mis_weight: mi.Float
 
 
 @dataclass
 class Connection:
-    """One sample of next-event estimation, before anything is known of what lies between.
+    """A sample of next-event estimation, before visibility is known.
+
+    Endpoints whose MIS weights need more than this return a subclass.
 
     Attributes:
         point: Where the connection ends [m].
         direction: Unit vector from the vertex towards it, world space.
         weight: Radiance over density.
-        pdf: Density of `direction` [1/sr].
-        delta: Whether nothing else finds this light (point lights, lasers), so that it counts in
-            full; with an endpoint that `finds_all`, every connection does.
+        pdf: Solid-angle density of `direction` [1/sr].
+        delta: Lanes whose light no ray can run into (point lights, lasers).
         length: Geometric length of the connection, which may start beyond `point` [m].
         active: Lanes in which there is a connection.
-        clear: Lanes in which nothing can be in the way.
-        position: Where on the film the connection lands, if it ends on the sensor [pixels].
-        rival: What the endpoint wants to know again when it tells the connection's share, or makes
-            further connections.
-        frame: Matrix that turns polarised light at the connection's end, if it ends on the sensor.
-        reach: Length of the connection in which media count, if it goes on behind `point` where no
-            surface does [m].
+        unoccluded: Lanes that need no shadow ray.
+        position: Position on the film where it arrives, if it ends on the sensor [pixels].
+        frame: Mueller matrix at the connection's end, None for none.
+        medium_length: Length over which media attenuate, if not the distance to `point` [m].
     """
 
     point: mi.Point3f
@@ -215,22 +242,21 @@ class Connection:
     delta: mi.Bool
     length: mi.Float
     active: mi.Bool
-    clear: mi.Bool
-    position: Any = None
-    rival: Any = None
-    frame: Any = None
-    reach: Any = None
+    unoccluded: mi.Bool
+    position: mi.Point2f | None = None
+    frame: mi.Spectrum | None = None
+    medium_length: mi.Float | None = None
 
     @classmethod
-    def plain(
+    def to_point(
         cls,
         point: mi.Point3f,
         direction: mi.Vector3f,
         length: mi.Float,
         active: mi.Bool,
-        reach: Any = None,
+        medium_length: mi.Float | None = None,
     ) -> Connection:
-        """A connection that asks only what of light comes through: to a point of radiance 1."""
+        """Create a connection to a point of radiance 1, of which only the transmittance counts."""
         return cls(
             point=point,
             direction=direction,
@@ -239,48 +265,48 @@ class Connection:
             delta=mi.Bool(True),
             length=length,
             active=mi.Bool(active),
-            clear=mi.Bool(False),
-            reach=reach,
+            unoccluded=mi.Bool(False),
+            medium_length=medium_length,
         )
 
-    def only(self, mask: mi.Bool) -> Connection:
-        """The same in some of its lanes."""
+    def masked(self, mask: mi.Bool) -> Connection:
+        """Copy the connection, active only where `mask` is set."""
         other = copy(self)
         other.active = self.active & mask
         return other
 
 
 @dataclass
-class Turn:
-    """What a vertex makes of one direction.
+class BSDFEval:
+    """BSDF or phase function evaluated for one direction.
 
     Attributes:
-        f: BSDF times cosine.
-        pdf: Density with which the path would have gone there [1/sr].
-        η: Index of refraction on that side, over that on the path's side.
-        back: Density with which a path from there would go where this one has come from [1/sr],
-            where scattering knows both ways; else None.
+        f: BSDF times cosine, or phase function.
+        pdf: Solid-angle density with which the path would have gone there [1/sr].
+        η: Index of refraction on that side, relative to the path's side.
+        pdf_reverse: Density of the opposite way, from that direction to where the path came from
+            [1/sr]; None unless the scattering was asked for it.
     """
 
     f: Any
     pdf: mi.Float
     η: mi.Float
-    back: Any = None
+    pdf_reverse: mi.Float | None = None
 
 
 @dataclass
-class Bounce:
-    """Where a vertex sends the path.
+class BSDFSample:
+    """Sampled direction in which a path goes on.
 
     Attributes:
-        ray: The ray onwards.
+        ray: The next ray.
         weight: BSDF times cosine over the density of the ray's direction.
         pdf: That density [1/sr].
-        η: Index of refraction around the ray onwards, over that before.
-        specular: Whether the direction was the only one possible.
-        guide: What the scattering remembers of how it chose.
-        back: As in `Turn`.
-        straight: Whether the surface has let the path straight through (a null lobe).
+        η: Index of refraction around the next ray, relative to that before.
+        specular: Lanes that sampled a delta lobe.
+        guide: New value of `Path.guide`.
+        pdf_reverse: As in `BSDFEval`.
+        null: Lanes that sampled a null lobe: the path goes straight through the surface.
     """
 
     ray: mi.Ray3f
@@ -288,52 +314,50 @@ class Bounce:
     pdf: mi.Float
     η: mi.Float
     specular: mi.Bool
-    guide: Any = None
-    back: Any = None
-    straight: Any = False
+    guide: mi.Float | None = None
+    pdf_reverse: mi.Float | None = None
+    null: mi.Bool | bool = False
 
 
 class Limits:
-    """What of a path counts. No dataclass, so that the loop does not carry it as state.
+    """Which contributions of a path count. No dataclass, so that the loop does not carry it.
 
     Args:
         max_depth: Longest path in segments, camera's included: 1 shows emitters only, 2 adds
             direct light; -1 means no limit.
-        rr_depth: Number of surface vertices from which on Russian roulette may end a path.
-        last_opl: Length at which paths may end, because longer ones count for nothing [m].
-        unwarp: Leave out the segment from the sensor to the first vertex, so that time is the
-            scene's own ("camera unwarping").
-        skips_first: Leave out light of the first surface, which is then found apart.
-        straight: Whether surfaces that let a path straight through are no vertices of it, as in
-            Mitsuba's `volpath`: neither depth nor shares know of them. The space and the endpoint
-            then must not, either.
+        rr_depth: Number of vertices from which on Russian roulette may end a path.
+        max_opl: Optical path length beyond which no contribution counts [m], None if all do.
+        camera_unwarp: Leave out the segment from the sensor to the first vertex.
+        skip_first_hit: Drop emission at the first surface, which is sampled apart.
+        ignore_null: Null interactions are no vertices, as in Mitsuba's `volpath`: they change
+            neither depth nor MIS weights. Space and endpoint must be made for it.
     """
 
     def __init__(
         self,
         max_depth: int,
         rr_depth: int = 5,
-        last_opl: Any = None,
-        unwarp: bool = False,
-        skips_first: bool = False,
-        straight: bool = False,
+        max_opl: Any = None,
+        camera_unwarp: bool = False,
+        skip_first_hit: bool = False,
+        ignore_null: bool = False,
     ) -> None:
-        self.max_depth, self.rr_depth = max_depth, rr_depth
-        self.last_opl, self.unwarp, self.skips_first = last_opl, unwarp, skips_first
-        self.straight = straight
+        self.max_depth, self.rr_depth, self.max_opl = max_depth, rr_depth, max_opl
+        self.camera_unwarp, self.skip_first_hit = camera_unwarp, skip_first_hit
+        self.ignore_null = ignore_null
 
-    def without_first(self) -> Limits:
-        """The same, but light of the first surface does not count."""
+    def without_first_hit(self) -> Limits:
+        """Copy the limits, with emission at the first surface dropped."""
         other = copy(self)
-        other.skips_first = True
+        other.skip_first_hit = True
         return other
 
     @property
     def bounded(self) -> bool:
-        """Whether paths have a longest one."""
+        """Whether `max_depth` limits paths."""
         return self.max_depth >= 0
 
     @property
     def iterations(self) -> int:
         """Bound on the rays of a path, -1 if there is none."""
-        return self.max_depth if self.bounded and not self.straight else -1
+        return self.max_depth if self.bounded and not self.ignore_null else -1

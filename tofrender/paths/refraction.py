@@ -12,7 +12,7 @@ import numpy as np
 
 from ..runtime import backend
 from ..scenes.media import CROSSINGS, LEAKS, PROBES, STEPS
-from .surfaces import leave, materials, number_of, transmits
+from .surfaces import materials, number_of, spawn_ray, transmits
 
 ROUGH = mi.BSDFFlags.GlossyTransmission
 WAYS = (ROUGH, mi.BSDFFlags.DeltaTransmission)
@@ -160,7 +160,7 @@ def _straight(scene: mi.Scene, glass: Glass, ray: mi.Ray3f) -> mi.Float:
         bsdf = si.bsdf()
         index *= glass.index_behind(bsdf, si, -si.wi, active)
         active &= mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
-        ray = dr.select(active, leave(si, ray.d, mi.Bool(True)), ray)
+        ray = dr.select(active, spawn_ray(si, ray.d, mi.Bool(True)), ray)
         crossed += 1
     return index
 

@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-"""Scattering: how paths go on from surfaces."""
+"""Scattering by the BSDFs of surfaces."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import mitsuba as mi
 
 from ..signals.polarisation import in_world, intensity
 from .choices import Choices
-from .records import Bounce, Connection, Path, Turn, Vertex
+from .records import BSDFEval, BSDFSample, Connection, Path, Vertex
 from .refraction import Glass
-from .surfaces import leave, transmits
+from .surfaces import spawn_ray, transmits
 
 
 class Materials:
-    """Every surface by its own material, or all by one.
+    """The BSDF of each surface, or one for all.
 
     Args:
         scene: The scene.
-        material: What all surfaces are made of; by default each of its own.
+        material: BSDF of all surfaces; by default each has its own.
         importance: Whether paths come from the lights: refraction then does not compress what they
             carry, and shading normals count the other way round (Veach 1997, section 5.3).
-        both_ways: Whether densities of the way back are asked for.
+        both_ways: Whether reverse densities are needed.
     """
 
     def __init__(
@@ -42,59 +42,62 @@ class Materials:
         self.refracts = clear or (self.glass is not None and self.glass.exists)
 
     def bsdf(self, vertex: Vertex) -> Any:
-        """The material at a vertex."""
+        """Return the BSDF at a vertex."""
         return vertex.si.bsdf() if self.material is None else self.material
 
     def guide(self) -> None:
-        """Nothing: a material does not remember."""
-        return None
+        """Return None: there is no guiding."""
 
-    def arrive(self, path: Path, vertex: Vertex) -> Path:
-        """Nothing: a material's choice does not depend on what it finds."""
+    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
+        """Return the path unchanged: BSDF samples are complete."""
         return path
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Whether a material has a part that connections can find."""
+        """Return lanes whose BSDF has more than delta lobes."""
         return mi.has_flag(self.bsdf(vertex).flags(), mi.BSDFFlags.Smooth)
 
-    def turn(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> Turn:
-        """What the material makes of a direction."""
+    def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
+        """Evaluate the BSDF for a direction."""
         si, bsdf, wo = vertex.si, self.bsdf(vertex), vertex.si.to_local(direction)
         if self.importance:
-            f, back = self._adjoint(bsdf, si, wo, active)
+            f, pdf_reverse = self._adjoint(bsdf, si, wo, active)
             f = in_world(si, f, si.wi, wo)
             pdf = bsdf.pdf(self.radiance, si, wo, active)
         else:
             f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
-            f, back = in_world(si, f, wo, si.wi), self._pdf_back(bsdf, si, wo, active)
-        return Turn(f, pdf, self._index_behind(bsdf, si, wo, active), back)
+            f, pdf_reverse = in_world(si, f, wo, si.wi), self._pdf_reverse(bsdf, si, wo, active)
+        return BSDFEval(f, pdf, self._index_behind(bsdf, si, wo, active), pdf_reverse)
 
-    def scatter(
-        self, vertex: Vertex, link: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, Bounce]:
-        """Towards a connection, if there is one, and where the material chooses to go."""
-        si, bsdf, turn = vertex.si, self.bsdf(vertex), None
+    def sample(
+        self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[Any, BSDFSample]:
+        """Sample the BSDF, and evaluate a connection if there is one."""
+        si, bsdf, bsdf_eval = vertex.si, self.bsdf(vertex), None
         xi, u = sampler.next_1d(), sampler.next_2d()
         if self.importance:
-            turn = None if link is None else self.turn(vertex, link.direction, link.active)
+            bsdf_eval = (
+                None
+                if connection is None
+                else self.eval_pdf(vertex, connection.direction, connection.active)
+            )
             bs, weight = bsdf.sample(self.flux, si, xi, u, active)
-        elif link is None:
+        elif connection is None:
             bs, weight = bsdf.sample(self.radiance, si, xi, u, active)
         else:  # In one call, which is faster
-            wo = si.to_local(link.direction)
+            wo = si.to_local(connection.direction)
             f, pdf, bs, weight = bsdf.eval_pdf_sample(self.radiance, si, wo, xi, u, active)
-            η = self._index_behind(bsdf, si, wo, link.active)
+            η = self._index_behind(bsdf, si, wo, connection.active)
             f = in_world(si, f, wo, si.wi)
-            turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
+            bsdf_eval = BSDFEval(f, pdf, η, self._pdf_reverse(bsdf, si, wo, connection.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
-        straight = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
+        null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
         if self.importance:
-            # A choice without weight has failed: what its direction scatters, others find
+            # A sample of weight 0 has failed: other samples find what its direction scatters
             smooth = active & ~specular & (bs.pdf > 0) & dr.any(intensity(weight) > 0)
-            f, back = self._adjoint(bsdf, si, bs.wo, smooth)
+            f, pdf_reverse = self._adjoint(bsdf, si, bs.wo, smooth)
             weight = dr.select(
                 specular,
-                weight * _bent(si, bs.wo, bs.eta),
+                weight * _specular_adjoint(si, bs.wo, bs.eta),
                 dr.select(smooth, f / bs.pdf, 0),
             )
             weight = in_world(si, weight, si.wi, bs.wo)
@@ -102,23 +105,25 @@ class Materials:
             weight = in_world(si, weight, bs.wo, si.wi)
             if self.choices is not None:
                 weight *= self.choices.change(bsdf, bs.pdf, specular)
-            back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)
-        ray = leave(si, si.to_world(bs.wo), specular)
-        bounce = Bounce(ray, weight, bs.pdf, bs.eta, specular, back=back, straight=straight)
-        return turn, bounce
+            pdf_reverse = self._pdf_reverse(bsdf, si, bs.wo, active & ~specular)
+        ray = spawn_ray(si, si.to_world(bs.wo), specular)
+        bsdf_sample = BSDFSample(
+            ray, weight, bs.pdf, bs.eta, specular, pdf_reverse=pdf_reverse, null=null
+        )
+        return bsdf_eval, bsdf_sample
 
     def _index_behind(
         self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
-        """Index of refraction on the side of a direction, over that on the path's side."""
+        """Index of refraction on the side of a direction, relative to that on the path's side."""
         if self.glass is None or not self.glass.exists:
             return mi.Float(1)
         return self.glass.index_behind(bsdf, si, wo, active)
 
-    def _pdf_back(
+    def _pdf_reverse(
         self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float | None:
-        """Density of the way back from `wo`, if that is asked for."""
+        """Reverse density of `wo`, if needed [1/sr]."""
         if not self.both_ways:
             return None
         return bsdf.pdf(self.radiance, _seen_from(si, wo), si.wi, active)
@@ -126,13 +131,13 @@ class Materials:
     def _adjoint(
         self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[Any, mi.Float]:
-        """BSDF times cosine of a path from a light, as a path from the camera would find it.
+        """Evaluate the adjoint BSDF times cosine, for paths from lights.
 
-        That one comes from `wo` and goes on to `si.wi`. Its cosine is the shading normal's, while
-        light falls on the surface, and leaves it, by the geometric one.
+        A camera path comes from `wo` and goes on to `si.wi`. Its cosine is the shading normal's,
+        while light arrives at the surface, and leaves it, by the geometric one.
 
         Returns:
-            The BSDF, and the density of `si.wi` for that path [1/sr].
+            The value, and the density of `si.wi` for that camera path [1/sr].
         """
         f, pdf = bsdf.eval_pdf(self.radiance, _seen_from(si, wo), si.wi, active)
         falls, leaves = (dr.abs(dr.dot(si.n, si.to_world(w))) for w in (si.wi, wo))
@@ -140,16 +145,16 @@ class Materials:
 
 
 def _seen_from(si: mi.SurfaceInteraction3f, wi: mi.Vector3f) -> mi.SurfaceInteraction3f:
-    """The surface point of a path that comes from another direction."""
+    """Copy a surface interaction, with another incident direction."""
     other = mi.SurfaceInteraction3f(si)
     other.wi = wi
     return other
 
 
-def _bent(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, η: mi.Float) -> mi.Float:
-    """What a mirror's or glass's shading normal makes of light, beside its reflectance.
+def _specular_adjoint(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, η: mi.Float) -> mi.Float:
+    """Return the correction of delta lobes for shading normals, as in `Materials._adjoint`.
 
-    The normal is along wi + η wo, whatever has turned it; light that goes straight on has none.
+    The shading normal is along wi + η wo; light that goes straight on has none.
     """
     normal = dr.fma(wo, η, si.wi)
     straight = dr.squared_norm(si.wi + wo) < 1e-8

@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
-"""Space: how a path finds its next vertex, and what is lost on the way."""
+"""Space without participating media."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .records import Connection, Path, Vertex
 
 
 class Vacuum:
-    """Straight rays from surface to surface; nothing is lost but what a surface hides.
+    """Straight rays between surfaces; shadow rays are blocked or not.
 
     Args:
         scene: The scene.
@@ -23,34 +23,32 @@ class Vacuum:
     def __init__(self, scene: mi.Scene, index: float = 1.0) -> None:
         self.scene, self.index = scene, index
 
-    def scattering(
+    def with_phase_functions(
         self,
         surfaces: Scattering,
         importance: bool = False,
         both_ways: bool = False,
         connects: bool = False,
     ) -> Scattering:
-        """What is given: there is nothing but surfaces."""
+        """Return the scattering of surfaces unchanged."""
         return surfaces
 
-    def place(self, ray: mi.Ray3f) -> None:
-        """Nothing: it is the same everywhere."""
-        return None
-
-    around = place
-
-    def leave(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> None:
-        """Nothing."""
-        return None
-
     def attached(self) -> Vacuum:
-        """The same."""
+        """Return the space unchanged."""
         return self
 
-    def next(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """The first surface along the ray.
+    def medium_at_sensor(self, ray: mi.Ray3f) -> None:
+        """Return None: there are no media."""
 
-        Its length is taken from point to point, since rays start a little off the surface, and
+    medium_at = medium_at_sensor
+
+    def medium_behind(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> None:
+        """Return None: there are no media."""
+
+    def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
+        """Intersect the ray with the surfaces.
+
+        The length is taken from point to point, since rays start a little off the surface, and
         camera rays at the near plane.
         """
         si = self.scene.ray_intersect(
@@ -61,13 +59,13 @@ class Vacuum:
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> mi.Float:
-        """1 where a connection is free, 0 where a surface is in the way."""
-        asked = connection.active & ~connection.clear
-        shadow = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), asked)
-        return dr.select(asked & shadow, mi.Float(0), 1)
+        """Trace a shadow ray: 1 where it is free, 0 where it is blocked."""
+        tested = connection.active & ~connection.unoccluded
+        blocked = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), tested)
+        return dr.select(tested & blocked, mi.Float(0), 1)
 
-    def through(
+    def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> tuple[mi.Float, None]:
-        """The same, and nothing of where it ends."""
+        """As `transmittance`, without a medium."""
         return self.transmittance(path, vertex, connection, sampler), None

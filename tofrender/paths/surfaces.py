@@ -77,7 +77,7 @@ class Boundaries:
         self.exist = len(plates) < len(null)
         self._plates = [bsdf for k, bsdf in enumerate(plates) if bsdf not in plates[:k]]
 
-    def hold(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+    def contain(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Whether surface points are on one of them."""
         active = active & (si.bsdf().flags() == BOUNDARY)
         for plate in self._plates:
@@ -106,11 +106,11 @@ def first_surface(
 def _behind(scene: Any, boundaries: Any, ray: Any, si: Any, active: Any) -> Any:
     """The loop through boundaries."""
     ray = mi.Ray3f(ray)
-    passing = boundaries.hold(si, mi.Bool(active) & si.is_valid())
+    passing = boundaries.contain(si, mi.Bool(active) & si.is_valid())
     while passing:
-        ray = dr.select(passing, leave(si, ray.d, mi.Bool(True)), ray)
+        ray = dr.select(passing, spawn_ray(si, ray.d, mi.Bool(True)), ray)
         si = dr.select(passing, scene.ray_intersect(ray, passing), si)
-        passing = boundaries.hold(si, passing & si.is_valid())
+        passing = boundaries.contain(si, passing & si.is_valid())
     return si
 
 
@@ -251,12 +251,12 @@ def changing(value: mi.Float, active: mi.Bool) -> mi.Float:
     return dr.select(active, value / dr.detach(value), 1)
 
 
-def leave(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
-    """The ray from a surface point in direction `d`, started a little off the surface.
+def spawn_ray(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) -> mi.Ray3f:
+    """Spawn a ray from a surface point in direction `d`, offset a little from the surface.
 
-    Mitsuba moves the start along the normal. After a specular bounce, whose direction is no random
-    number, that would move every further vertex sideways: there the start moves along the ray, as
-    far off the surface, but at most ten times that far at grazing angles.
+    Mitsuba offsets along the normal. After delta lobes, whose direction is not random, that would
+    shift all further vertices sideways: there the offset is along the ray, as far off the surface,
+    but at most ten times that far at grazing angles.
     """
     ray = si.spawn_ray(d)
     along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)

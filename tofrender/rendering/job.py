@@ -17,8 +17,8 @@ from ..films.cells import MAX_ADDED
 from ..films.exposure import profile as seen_pulse
 from ..films.image import transient_film
 from ..films.recording import Recording, recording, tell_not_finite
-from ..integrators.own_sample import brings_sample
 from ..integrators.plan import Plan
+from ..integrators.user_defined import is_user_defined
 from ..runtime import checks, memory, plugins
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.versions import versions
@@ -99,7 +99,7 @@ class Job:
             TypeError: The integrator does not say when light arrives; one line.
         """
         record = recording(self.film if film is None else film, self.tracer.exposure())
-        if brings_sample(self.tracer):
+        if is_user_defined(self.tracer):
             record.require_no_lengths(type(self.tracer).__name__)
         return record
 

@@ -22,7 +22,7 @@ from ...films.contribution import Contribution
 from ...paths.guided import REACHED, Guided, ray_to
 from ...paths.protocols import Space
 from ...paths.records import Connection, Path, Vertex
-from ...paths.walk import deliver
+from ...paths.walk import accumulate
 from .laser_spot import LaserSpot
 
 CONNECTIONS = 16
@@ -71,8 +71,8 @@ class CornerConnections:
 
         Lengths start at `origin`, or with `unwarp` at the first vertex.
         """
-        start = Path.start(ray, origin, active, place=self.space.place(ray))
-        path, seen = self.space.next(start, sampler)
+        start = Path.start(ray, origin, active, medium=self.space.medium_at_sensor(ray))
+        path, seen = self.space.next_vertex(start, sampler)
         path.opl = mi.Float(0) if unwarp else seen.length
         active = self.guided.sends(seen, active)
         return _connect(self, seen, path, sampler.next_2d(), sampler, measurement, active)
@@ -85,10 +85,12 @@ class CornerConnections:
         ps, shape = targets.sample(u, active)
         r = dr.norm(ps.p - si.p)
         d = (ps.p - si.p) / r
-        arrives, place = mi.Float(1), path.place
+        transmittance, medium = mi.Float(1), path.medium
         if self.space.scatters:
-            link = Connection.plain(ps.p, d, r, active)
-            arrives, place = self.space.through(path, seen, link, sampler)
+            connection = Connection.to_point(ps.p, d, r, active)
+            transmittance, medium = self.space.transmittance_and_medium(
+                path, seen, connection, sampler
+            )
         if targets.plain:  # There is no need to find a point that is known
             y = _at_point(si, ps, shape, d, r)
             if not self.space.scatters:
@@ -102,22 +104,27 @@ class CornerConnections:
             y = self.scene.ray_intersect(ray, active)
             active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
 
-        turn = guided.turn(seen, d, active)
+        bsdf_eval = guided.eval_pdf(seen, d, active)
         by_area = targets.density(y, mi.Interaction3f(si))
-        density = turn.pdf + (guided.share + self.count) * by_area
+        density = bsdf_eval.pdf + (guided.probability + self.count) * by_area
 
-        weight, opl = path.β * arrives, path.opl
-        path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory(), place=place)
+        weight, opl = path.β * transmittance, path.opl
+        history = self.laser.history
+        start = None if history is None else history.start()
+        path = Path.start(si.spawn_ray(d), si.p, active, start, medium=medium)
         path.depth, path.opl = mi.UInt32(1), opl + r
         middle = Vertex(y, r, active)
-        path.memory = self.laser.remember(path, middle, active)
-        link = self.laser.lit(middle, path, sampler, active)
-        link.weight *= self.space.transmittance(path, middle, link, sampler)
-        f_y = y.bsdf().eval(mi.BSDFContext(), y, y.to_local(link.direction), link.active)
-        f = mi.unpolarized_spectrum(turn.f) * mi.unpolarized_spectrum(f_y)
-        spectrum = f * link.weight * weight / density
-        found = link.active & (by_area > 0)
-        return Contribution(spectrum, path.opl + link.length, found)
+        if history is not None:
+            path.history = history.at_vertex(path, middle, active)
+        connection = self.laser.lit(middle, path, sampler, active)
+        connection.weight *= self.space.transmittance(path, middle, connection, sampler)
+        f_y = y.bsdf().eval(
+            mi.BSDFContext(), y, y.to_local(connection.direction), connection.active
+        )
+        f = mi.unpolarized_spectrum(bsdf_eval.f) * mi.unpolarized_spectrum(f_y)
+        spectrum = f * connection.weight * weight / density
+        found = connection.active & (by_area > 0)
+        return Contribution(spectrum, path.opl + connection.length, found)
 
 
 def _at_point(
@@ -143,6 +150,6 @@ def _connect(corner, seen, path, shift, sampler, measurement, active):
     while k < corner.count:
         u = shift + mi.Point2f(mi.Float(k) / corner.count, GOLDEN * mi.Float(k))
         found = corner.at(seen, path, u - dr.floor(u), sampler, active)
-        not_finite += deliver(measurement, found)
+        not_finite += accumulate(measurement, found)
         k += 1
     return measurement, not_finite

@@ -32,7 +32,7 @@ class FirstScattering(Spot):
 
     def throws(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
         """By the phase function, or by the material."""
-        return self.scattering.turn(self.vertex, direction, active).f
+        return self.scattering.eval_pdf(self.vertex, direction, active).f
 
 
 class LaserInMedia(LaserSpot):
@@ -60,8 +60,8 @@ class LaserInMedia(LaserSpot):
         lands, nothing = self.beam(sampler, active), dr.zeros(mi.Float, dr.width(active))
         ray = mi.Ray3f(lands.beam)
         ray.o, ray.d = ray.o + nothing, ray.d + nothing
-        path = Path.start(ray, lands.origin, active, place=self.space.around(ray))
-        path, vertex = self.space.next(path, sampler)
+        path = Path.start(ray, lands.origin, active, medium=self.space.medium_at(ray))
+        path, vertex = self.space.next_vertex(path, sampler)
         lit = vertex.valid & dr.any(lands.power > 0)
         return FirstScattering(
             si=vertex.si,

@@ -10,8 +10,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.endpoints.unseen import Unseen
-from ...paths.records import Connection, Path, Vertex
+from ...paths.protocols import Endpoint
+from ...paths.records import BSDFSample, Connection, Path, Vertex
 from ...paths.surfaces import first_surface, is_on
 
 SAME = 1e-10
@@ -63,7 +63,32 @@ Share = Callable[[Vertex, Path], mi.Float]
 """Takes a vertex and its path, gives the share of its connection that counts."""
 
 
-class LaserSpot(Unseen):
+class LeftWall:
+    """History of paths: whether a vertex so far is off the relay wall, 0 or 1.
+
+    Args:
+        wall: Shapes of the relay wall.
+    """
+
+    def __init__(self, wall: Sequence[mi.Shape]) -> None:
+        self.wall = list(wall)
+
+    def start(self) -> mi.UInt32:
+        """Return 0."""
+        return mi.UInt32(0)
+
+    def at_vertex(self, path: Path[mi.UInt32], vertex: Vertex, active: mi.Bool) -> mi.UInt32:
+        """Return 1 if the vertex, or one before, is off the wall."""
+        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.history)
+
+    def after_sample(
+        self, path: Path[mi.UInt32], vertex: Vertex, bsdf_sample: BSDFSample
+    ) -> mi.UInt32:
+        """Return the history unchanged."""
+        return path.history
+
+
+class LaserSpot(Endpoint):
     """Connections to the lit point, a point light whose light has left the laser before.
 
     A laser of power Phi [W] that lands on p makes it a source of intensity
@@ -82,7 +107,7 @@ class LaserSpot(Unseen):
         bounces: Count only paths of so many surface points, the lit one included; -1 means all.
         share: What counts of a connection where another technique finds the same paths; by default
             all.
-        hide_emitters: As in `Unseen`.
+        hide_emitters: Whether the sensor looks through area lights.
     """
 
     def __init__(
@@ -95,29 +120,19 @@ class LaserSpot(Unseen):
         share: Share | None = None,
         hide_emitters: bool = False,
     ) -> None:
-        super().__init__(scene, hide_emitters)
-        self.beam = beam
-        self.wall, self.hidden_only, self.bounces = list(wall), hidden_only, bounces
-        self.share = share
-
-    def memory(self) -> Any:
-        """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
-        return mi.UInt32(0) if self.hidden_only else None
-
-    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
-        """Whether a vertex so far, this one included, is off the wall."""
-        if not self.hidden_only:
-            return path.memory
-        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.memory)
+        self.scene, self.hide_emitters = scene, hide_emitters
+        self.beam, self.bounces, self.share = beam, bounces, share
+        self.hidden_only = hidden_only
+        self.history = LeftWall(wall) if hidden_only else None
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """Connect to the lit point; the share of it that counts here."""
-        link = self.lit(vertex, path, sampler, active)
+        connection = self.lit(vertex, path, sampler, active)
         if self.share is not None:
-            link.weight *= self.share(vertex, path)
-        return link
+            connection.weight *= self.share(vertex, path)
+        return connection
 
     def source(self, sampler: mi.Sampler, active: mi.Bool) -> Spot:
         """The point that is connected to."""
@@ -128,7 +143,7 @@ class LaserSpot(Unseen):
         if self.bounces >= 0:
             active = active & (path.depth + 2 == self.bounces)
         if self.hidden_only:
-            active = active & (path.memory != 0)
+            active = active & (path.history != 0)
         spot = self.source(sampler, active)
         lit = spot.si
         to_spot = lit.p - vertex.si.p
@@ -146,5 +161,5 @@ class LaserSpot(Unseen):
             length=dr.sqrt(r2) + spot.distance,
             active=active & ~dr.all(weight == 0),
             # A path that goes back to where it has come from has nothing in its way
-            clear=dr.squared_norm(lit.p - path.prev.p) <= SAME * r2,
+            unoccluded=dr.squared_norm(lit.p - path.prev.p) <= SAME * r2,
         )

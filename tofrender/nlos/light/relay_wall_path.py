@@ -13,7 +13,7 @@ import numpy as np
 
 from ...films.contribution import Contribution
 from ...integrators.transient_path import TransientPath
-from ...paths.between import arriving
+from ...paths.between import transmittance_between
 from ...paths.guided import Guided, Targets
 from ...paths.records import Limits
 from ...paths.scattering import Materials
@@ -122,7 +122,7 @@ class RelayWallPath(TransientPath):
         )
         if not scan.space.scatters:
             return LaserSpot(*told)
-        scattering = scan.space.scattering(Materials(scan.scene))
+        scattering = scan.space.with_phase_functions(Materials(scan.scene))
         more = {"scattering": scattering, "counts_legs": self.counts_legs}
         return LaserInMedia(*told, space=scan.space, **more)
 
@@ -214,9 +214,9 @@ class RelayWallPath(TransientPath):
         """Which surfaces paths are sent to, and with which probability."""
         return hidden, HIDDEN_SHARE
 
-    def limits(self, last_opl: Any = None) -> Limits:
+    def limits(self, max_opl: Any = None) -> Limits:
         """Paths need not be longer than those that `filter_bounces` counts."""
-        limits = super().limits(last_opl)
+        limits = super().limits(max_opl)
         if self.filter_bounces >= 0:
             # The lit point is a surface point, too; the laser itself is not
             segments = self.filter_bounces + (0 if self.lights_a_point else 1)
@@ -259,9 +259,11 @@ class RelayWallPath(TransientPath):
         r = dr.norm(to_laser)
         d = to_laser / r
         seen = active & si.is_valid()
-        arrives = arriving(scan.space, si, laser, sampler, seen)
+        arrives = transmittance_between(scan.space, si, laser, sampler, seen)
         if scan.space.scatters:
-            arrives *= arriving(scan.space, si, ray.o, sampler, seen, dr.norm(si.p - origin))
+            arrives *= transmittance_between(
+                scan.space, si, ray.o, sampler, seen, dr.norm(si.p - origin)
+            )
         f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
         radiance = f * irradiance(-d, r) * arrives
         opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)

@@ -72,16 +72,16 @@ class ScanPlan(Plan):
     def __init__(
         self, scan: Scan, light: Callable[..., Any], limits: Limits, counts_spot: bool
     ) -> None:
-        scattering = scan.space.scattering(scan.guided or Materials(scan.scene))
+        scattering = scan.space.with_phase_functions(scan.guided or Materials(scan.scene))
         endpoint: Any = None  # There is one when there are rays
-        super().__init__(scan.space, endpoint, scattering, limits)
+        super().__init__(scan.scene, scan.space, endpoint, scattering, limits)
         self.scan, self.light, self.counts_spot = scan, light, counts_spot
 
-    def in_view(self) -> Sequence[mi.Emitter]:
+    def visible_emitters(self) -> Sequence[mi.Emitter]:
         """None: what paths may run into depends on their camera ray."""
         return ()
 
-    def resolving(self, width_opl):
+    def for_bin_width(self, width_opl):
         """Return the plan itself, since a laser spot has no extent that bins could resolve."""
         return self
 
@@ -101,7 +101,7 @@ class ScanPlan(Plan):
         other.scan = replace(self.scan, first_opl=first_opl)
         return other
 
-    def lit(self, ray, origin, sampler, active):
+    def illuminate(self, ray, origin, sampler, active):
         """The lit point, and what the camera sees of it."""
         ray = self._behind(ray)
         laser, seen = self.light(self.scan, ray, origin, sampler, active)
@@ -111,12 +111,12 @@ class ScanPlan(Plan):
             seen.active &= seen.opl >= self.scan.first_opl
         return laser, [seen]
 
-    def around(self, endpoint, ray, origin, sampler, measurement, active):
+    def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
         """Light around the corner, by connections."""
         if self.scan.share is None:
-            return super().around(endpoint, ray, origin, sampler, measurement, active)
+            return super().connect_camera(endpoint, ray, origin, sampler, measurement, active)
         corner = CornerConnections(self.space, self.scan.share, endpoint)
-        start = self._behind(ray), origin, self.limits.unwarp
+        start = self._behind(ray), origin, self.limits.camera_unwarp
         return corner.add(*start, sampler, measurement, active)
 
     def _behind(self, ray):

@@ -12,8 +12,9 @@ import numpy as np
 
 from ...films.contribution import Contribution
 from ...paths.endpoints import SceneLights
-from ...paths.records import Connection, Path, Vertex
-from ...paths.surfaces import first_surface, is_on
+from ...paths.protocols import Endpoint
+from ...paths.records import BSDFEval, Connection, Hit, Path, Vertex
+from ...paths.surfaces import first_surface
 from ...runtime import checks
 from ...runtime.backend import uncollected
 from ...signals.illuminants import white
@@ -28,7 +29,7 @@ from ..device.laser import (
 )
 from ..device.relay_wall import first_hits, is_on_relay_wall
 from .laser_in_media import require_clear_way
-from .laser_spot import Spot
+from .laser_spot import LeftWall, Spot
 from .relay_wall_path import RelayWallPath
 from .scan import Scan, ScanPlan
 
@@ -283,7 +284,7 @@ def _no_effect(name: str, value: Any, why: str) -> None:
     warnings.warn(f"{name} = {value}: has no effect; {why}", stacklevel=3)
 
 
-class LaserItself(SceneLights):
+class LaserItself(Endpoint):
     """The scene's laser by ordinary connections, with the paths that count and their legs.
 
     Args:
@@ -292,7 +293,7 @@ class LaserItself(SceneLights):
         bounces: Count only paths of so many surface points; -1 means all.
         single: Whether light of a single bounce counts.
         counts_legs: Whether the leg from the laser counts in lengths.
-        hide_emitters: As in `Unseen`.
+        hide_emitters: Whether the sensor looks through area lights.
         first_opl: Length before which light of a single bounce does not count [m].
     """
 
@@ -306,36 +307,32 @@ class LaserItself(SceneLights):
         hide_emitters: bool,
         first_opl: float,
     ) -> None:
-        super().__init__(scene, None, hide_emitters)
-        self.wall, self.bounces = wall, bounces
+        self.lights, self.hide_emitters = SceneLights(scene, None, hide_emitters), hide_emitters
+        self.history, self.bounces = None if wall is None else LeftWall(wall), bounces
         self.single, self.counts_legs, self.first_opl = single, counts_legs, first_opl
-
-    def memory(self) -> Any:
-        """Whether a vertex so far is off the wall, 0 or 1, if that matters."""
-        return None if self.wall is None else mi.UInt32(0)
-
-    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Any:
-        """Whether a vertex so far is off the wall."""
-        if self.wall is None:
-            return path.memory
-        return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.memory)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """As in `SceneLights`, for the paths that count."""
-        if self.wall is not None:
-            active = active & (path.memory != 0)
+        if self.history is not None:
+            active = active & (path.history != 0)
         if not self.single:
             active = active & (path.depth > 0)
         if self.bounces >= 0:
             active = active & (path.depth + 1 == self.bounces)
-        link = super().connect(vertex, path, sampler, active)
-        link.length = link.length if self.counts_legs else mi.Float(0)
+        connection = self.lights.connect(vertex, path, sampler, active)
+        connection.length = connection.length if self.counts_legs else mi.Float(0)
         if self.first_opl > 0:
-            link.active &= (path.depth > 0) | (path.opl + link.length >= self.first_opl)
-        return link
+            connection.active &= (path.depth > 0) | (path.opl + connection.length >= self.first_opl)
+        return connection
 
-    def nearest(self, p: mi.Point3f) -> mi.Float:
-        """No bound: the leg from the laser may not count."""
-        return mi.Float(0)
+    def hit(self, vertex: Vertex, path: Path) -> Hit:
+        """Return emission of the scene, as `SceneLights` does."""
+        return self.lights.hit(vertex, path)
+
+    def mis_weight(
+        self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
+    ) -> mi.Float:
+        """Return the MIS weight of `SceneLights`."""
+        return self.lights.mis_weight(path, vertex, connection, bsdf_eval)

@@ -1,6 +1,4 @@
-"""What a path can connect to, and what it can run into.
-
-`protocols.Endpoint` says what each offers, and the table there lists them all.
+"""Light-sampling techniques, see `protocols.Endpoint` and the table there.
 
 Lengths end at the point that emits. An environment or directional light has none; its light starts
 on the plane that touches the sphere around scene and sensor and faces the light, so that each
@@ -13,13 +11,14 @@ from .gated import GatedLights
 from .gated_fog import GatedFog
 from .one_sample import OneSampleLights
 from .outside import OpenSky, PointSource
-from .scene_lights import ConnectionsOnly, EmitterHits, SceneLights
+from .scene_lights import ConnectionsOnly, EmitterHits, LightsStraightAhead, SceneLights
 
 __all__ = [
     "ConnectionsOnly",
     "EmitterHits",
     "GatedFog",
     "GatedLights",
+    "LightsStraightAhead",
     "OneSampleLights",
     "OpenSky",
     "PointSource",

@@ -1,9 +1,9 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
-"""The camera's lens, and the vertices that are kept on the way to it."""
+"""The camera as the endpoint of paths from lights, and the vertices stored for other paths."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -11,35 +11,34 @@ import drjit as dr
 import mitsuba as mi
 
 from ...signals.polarisation import sensor_frame
+from ..bidirectional_mis import BidirectionalMIS, PartialSums
 from ..camera import behind_emitters
 from ..emission import Emission, Emitted
 from ..lens import Lens
-from ..phases import Scattered
-from ..protocols import Scattering
-from ..records import Bounce, Connection, Path, Turn, Vertex
-from ..sharing import Rivals, Sharing
+from ..phases import stored_medium_point
+from ..protocols import Endpoint, Scattering
+from ..records import BSDFEval, BSDFSample, Connection, Path, Vertex
 from ..window import Arrival
-from .unseen import Unseen
 
 
 @cache
-def kept_type(variant: str | None, in_media: bool) -> Any:
-    """The record of a kept vertex in a variant; memory of a lane asks for the very types.
+def stored_vertex_type(variant: str | None, in_media: bool) -> Any:
+    """Create the record of a stored vertex for a variant; lane memory needs concrete types.
 
     In media it has one field more.
     """
 
     @dataclass
-    class Kept:
+    class StoredVertex:
         """A vertex of a path from a light.
 
         Attributes:
-            si: The surface point.
-            depth: Number of surface vertices before it.
-            β: Throughput, the light's own weight apart.
-            η: Index of refraction that the path arrived in, relative to that at the light.
-            opl: Optical length from the light [m].
-            a, b: Rivals of the path when it arrived.
+            si: The surface interaction.
+            depth: Number of vertices before it.
+            β: Throughput, without the emission weight.
+            η: Index of refraction before it, relative to that at the light.
+            opl: Optical path length from the light [m].
+            a, b: The path's partial MIS sums.
         """
 
         si: mi.SurfaceInteraction3f
@@ -51,44 +50,137 @@ def kept_type(variant: str | None, in_media: bool) -> Any:
         b: mi.Float
 
         def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
-            """It, as one that a ray has led to."""
+            """Return it as a vertex at the end of a ray."""
             return Vertex(self.si, length, active)
 
     @dataclass
-    class KeptInMedia(Kept):
-        """The same where media scatter.
+    class StoredVertexInMedia(StoredVertex):
+        """A vertex in a scene with media.
 
         Attributes:
-            medium: What scatters there, null on surfaces.
+            medium: The medium that scatters there, null on surfaces.
         """
 
         medium: mi.MediumPtr
 
         def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
-            """It, as one that a ray has led to."""
+            """Return it as a vertex at the end of a ray."""
             medium = dr.select(active, self.medium, dr.zeros(mi.MediumPtr))
-            return Vertex(self.si, length, active, Scattered.again(self.si, medium))
+            return Vertex(self.si, length, active, stored_medium_point(self.si, medium))
 
-    return KeptInMedia if in_media else Kept
+    return StoredVertexInMedia if in_media else StoredVertex
 
 
 @dataclass
 class LightPath:
-    """What a path from a light remembers.
+    """History of a path from a light.
 
     Attributes:
-        rivals: Of the path so far.
-        count: Vertices that are kept.
-        vertices: These, in memory of each lane; None if nobody connects to them.
+        partial_sums: Partial MIS sums so far.
+        count: Number of stored vertices.
+        vertices: The stored vertices, in lane memory; None if none are.
     """
 
-    rivals: Rivals
+    partial_sums: PartialSums
     count: mi.UInt32
     vertices: Any
 
 
-class Camera(Unseen):
-    """The lens, for paths that come from the lights: all strategies with t = 1.
+class LightPathHistory:
+    """Updates partial MIS sums of paths from lights, and stores vertices for camera paths.
+
+    Args:
+        scene: The scene.
+        emission: How light starts.
+        emitted: The emission samples of the paths.
+        scattering: Adjoint scattering.
+        mis: Which strategies count, and their weights.
+        capacity: Number of vertices that are stored.
+        in_media: Whether vertices may be points of media.
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        emission: Emission,
+        emitted: Emitted,
+        scattering: Scattering,
+        mis: BidirectionalMIS,
+        capacity: int,
+        in_media: bool,
+    ) -> None:
+        self.scene, self.emission, self.emitted = scene, emission, emitted
+        self.scattering, self.mis = scattering, mis
+        self.capacity, self.in_media = capacity, in_media
+
+    def start(self) -> LightPath:
+        """Create the history of a path without vertices."""
+        vertices = None
+        if self.capacity:
+            vertices = dr.alloc_local(
+                stored_vertex_type(mi.variant(), self.in_media), self.capacity
+            )
+        return LightPath(self.mis.zero(), mi.UInt32(0), vertices)
+
+    def at_vertex(self, path: Path[LightPath], vertex: Vertex, active: mi.Bool) -> LightPath:
+        """Update the partial sums, and store the vertex if connections can find light there."""
+        history = path.history
+        if not self.mis.exponent and not self.capacity:
+            return history
+        sums, count = self._partial_sums(path, vertex), history.count
+        if self.capacity:
+            store = active & self.scattering.smooth(vertex) & (count < self.capacity)
+            values = [vertex.si, path.depth, path.β, path.η, path.opl, sums.a, sums.b]
+            if self.in_media:
+                values.append(vertex.medium_point.medium)
+            index = dr.select(store, count, 0)
+            record = stored_vertex_type(mi.variant(), self.in_media)(*values)
+            history.vertices.write(record, index, store)
+            count = count + dr.select(store, mi.UInt32(1), 0)
+        return LightPath(sums, count, history.vertices)
+
+    def _partial_sums(self, path: Path[LightPath], vertex: Vertex) -> PartialSums:
+        """Partial sums at a vertex; those of the first depend on the emission sample."""
+        start, si, power = self.emitted, vertex.si, self.mis.power
+        cos = vertex.cosine(path.ray.d)
+        later = self.mis.at_vertex(path.history.partial_sums, path, vertex)
+        first = path.depth == 0
+        ds: Any = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
+        ds.p, ds.n, ds.uv, ds.emitter = start.origin, start.normal, start.uv, start.emitter
+        ds.d, ds.dist = -start.ray.d, vertex.length
+        pdf = self.scene.pdf_emitter_direction(si, ds, first & ~start.delta)
+        ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
+        inverse_cos = dr.select(cos > 0, dr.rcp(cos), 0)
+        cannot_be_hit = start.delta | (not self.mis.hits)
+        hit = dr.select(cannot_be_hit, 0, power(start.cos * inverse_cos / start.density))
+        return PartialSums(
+            dr.select(first, power(ratio * inverse_cos), later.a), dr.select(first, hit, later.b)
+        )
+
+    def after_sample(
+        self, path: Path[LightPath], vertex: Vertex, bsdf_sample: BSDFSample
+    ) -> LightPath:
+        """Update the partial sums for the next segment."""
+        history = path.history
+        if not self.mis.exponent:
+            return history
+        sums = self.mis.after_sample(history.partial_sums, vertex, bsdf_sample)
+        return LightPath(sums, history.count, history.vertices)
+
+
+@dataclass
+class LensConnection(Connection):
+    """A connection to the lens.
+
+    Attributes:
+        lens_sample: The point on the lens, and the density of its camera ray.
+    """
+
+    lens_sample: Arrival = field(kw_only=True)
+
+
+class Camera(Endpoint):
+    """The lens, for paths from lights: all strategies with t = 1.
 
     A connection carries the camera's importance over the density of the lens point, whose cosine,
     and that of the area that the lens covers, have cancelled:
@@ -98,15 +190,12 @@ class Camera(Unseen):
     Args:
         scene: The scene.
         lens: The lens.
-        emission: How light starts.
-        emitted: What the paths started with, for their lanes.
-        scattering: How they go on.
-        sharing: Which strategies count.
-        kept: Number of vertices that are kept for paths from the camera.
-        connects: Whether they connect to the lens at all.
-        unwarp: Whether the segment to the lens does not count in lengths.
+        emitted: The emission samples of the paths.
+        mis: Which strategies count, and their weights.
+        history: Updates the paths' histories.
+        connects: Whether vertices connect to the lens at all.
+        camera_unwarp: Whether the segment to the lens does not count in lengths.
         hide_emitters: Whether the lens sees through area lights.
-        in_media: Whether vertices may be points of media.
     """
 
     importance = True
@@ -116,113 +205,66 @@ class Camera(Unseen):
         self,
         scene: mi.Scene,
         lens: Lens,
-        emission: Emission,
         emitted: Emitted,
-        scattering: Scattering,
-        sharing: Sharing,
-        kept: int = 0,
+        mis: BidirectionalMIS,
+        history: LightPathHistory,
         connects: bool = True,
-        unwarp: bool = False,
+        camera_unwarp: bool = False,
         hide_emitters: bool = False,
-        in_media: bool = False,
     ) -> None:
-        super().__init__(scene, hide_emitters)
-        self.connects, self.in_media = connects, in_media
-        self.lens, self.emission, self.emitted = lens, emission, emitted
-        self.scattering, self.sharing, self.kept = scattering, sharing, kept
-        self.unwarp = unwarp
-
-    def memory(self) -> LightPath:
-        """Of a path without vertices."""
-        vertices = None
-        if self.kept:
-            vertices = dr.alloc_local(kept_type(mi.variant(), self.in_media), self.kept)
-        return LightPath(self.sharing.none(), mi.UInt32(0), vertices)
-
-    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> LightPath:
-        """With a vertex: the rivals there, and the vertex if it is kept."""
-        memory = path.memory
-        if not self.sharing.exponent and not self.kept:
-            return memory
-        rivals, count = self._arrive(path, vertex), memory.count
-        if self.kept:
-            keep = active & self.scattering.smooth(vertex) & (count < self.kept)
-            here = [vertex.si, path.depth, path.β, path.η, path.opl, rivals.a, rivals.b]
-            if self.in_media:
-                here.append(vertex.inside.medium)
-            place = dr.select(keep, count, 0)
-            memory.vertices.write(kept_type(mi.variant(), self.in_media)(*here), place, keep)
-            count = count + dr.select(keep, mi.UInt32(1), 0)
-        return LightPath(rivals, count, memory.vertices)
-
-    def _arrive(self, path: Path, vertex: Vertex) -> Rivals:
-        """The rivals at a vertex; the first one's are about where the light started."""
-        start, si, power = self.emitted, vertex.si, self.sharing.power
-        cos = vertex.cosine(path.ray.d)
-        later = self.sharing.arrive(path.memory.rivals, path, vertex)
-        first = path.depth == 0
-        ds: Any = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
-        ds.p, ds.n, ds.uv, ds.emitter = start.origin, start.normal, start.uv, start.emitter
-        ds.d, ds.dist = -start.ray.d, vertex.length
-        pdf = self.scene.pdf_emitter_direction(si, ds, first & ~start.delta)
-        ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
-        across = dr.select(cos > 0, dr.rcp(cos), 0)
-        never = start.delta | (not self.sharing.hits)
-        hit = dr.select(never, 0, power(start.cos * across / start.density))
-        return Rivals(
-            dr.select(first, power(ratio * across), later.a), dr.select(first, hit, later.b)
-        )
-
-    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> LightPath:
-        """With the direction that the path goes on in."""
-        memory = path.memory
-        if not self.sharing.exponent:
-            return memory
-        rivals = self.sharing.leave(memory.rivals, vertex, bounce)
-        return LightPath(rivals, memory.count, memory.vertices)
+        self.scene, self.lens, self.emitted, self.mis = scene, lens, emitted, mis
+        self.history, self.connects = history, connects
+        self.camera_unwarp, self.hide_emitters = camera_unwarp, hide_emitters
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
-    ) -> Connection:
-        """A point on the lens."""
+    ) -> LensConnection:
+        """Sample a connection to a point on the lens."""
         si = vertex.si
-        arrival = self._arrival(vertex, self.lens.sample(sampler))
-        active = active & arrival.seen
-        end = arrival.near
+        lens_sample = self._connect_lens(vertex, self.lens.sample(sampler))
+        active = active & lens_sample.seen
+        end = lens_sample.near
         if self.hide_emitters:
             active &= ~si.shape.is_emitter()
-            end = behind_emitters(self.scene, mi.Ray3f(end, -arrival.direction)).o
-        light = self.emitted.weight * (arrival.density / dr.square(arrival.distance))
-        return Connection(
+            end = behind_emitters(self.scene, mi.Ray3f(end, -lens_sample.direction)).o
+        light = self.emitted.weight * (lens_sample.density / dr.square(lens_sample.distance))
+        return LensConnection(
             point=end,
-            direction=arrival.direction,
+            direction=lens_sample.direction,
             weight=dr.select(active, light, 0),
-            pdf=arrival.density,
+            pdf=lens_sample.density,
             delta=mi.Bool(True),
-            length=mi.Float(0) if self.unwarp else arrival.distance,
+            length=mi.Float(0) if self.camera_unwarp else lens_sample.distance,
             active=active,
-            clear=mi.Bool(False),
-            position=arrival.position,
-            rival=arrival,
-            frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -arrival.direction)),
-            reach=arrival.distance,
+            unoccluded=mi.Bool(False),
+            position=lens_sample.position,
+            frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -lens_sample.direction)),
+            medium_length=lens_sample.distance,
+            lens_sample=lens_sample,
         )
 
-    def _arrival(self, vertex: Vertex, lens: mi.Point3f) -> Arrival:
-        """Where a vertex is connected to the lens: no clip hides a point of a medium."""
+    def _connect_lens(self, vertex: Vertex, lens: mi.Point3f) -> Arrival:
+        """Connect a vertex to a lens point; the clip planes hide no point of a medium."""
         p = vertex.si.p
-        if vertex.inside is None:
+        if vertex.in_medium is None:
             return self.lens.arrive(p, lens)
-        arrival = self.lens.arrive(p, lens, vertex.inside.here)
-        before = dr.norm(arrival.near - lens) > arrival.distance
-        arrival.near = dr.select(before, lens, arrival.near)
-        return arrival
+        lens_sample = self.lens.arrive(p, lens, vertex.medium_point.here)
+        before = dr.norm(lens_sample.near - lens) > lens_sample.distance
+        lens_sample.near = dr.select(before, lens, lens_sample.near)
+        return lens_sample
 
-    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
-        """Share of the strategy (s, 1)."""
-        x, arrival = mi.Float(0), link.rival
-        if self.sharing.exponent:
-            cos = vertex.cosine(link.direction)
-            density = arrival.density * cos / dr.square(arrival.distance)
-            x = self.sharing.power(density) * self.sharing.sum(path.memory.rivals, turn.back)
-        return self.sharing.share(x, path.depth + 2, 1)
+    def mis_weight(
+        self,
+        path: Path[LightPath],
+        vertex: Vertex,
+        connection: LensConnection,
+        bsdf_eval: BSDFEval,
+    ) -> mi.Float:
+        """Return the MIS weight of strategy (s, 1)."""
+        x, lens_sample = mi.Float(0), connection.lens_sample
+        if self.mis.exponent:
+            cos = vertex.cosine(connection.direction)
+            density = lens_sample.density * cos / dr.square(lens_sample.distance)
+            sums = path.history.partial_sums
+            x = self.mis.power(density) * self.mis.sum(sums, bsdf_eval.pdf_reverse)
+        return self.mis.weight(x, path.depth + 2, 1)

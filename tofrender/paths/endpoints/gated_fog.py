@@ -1,6 +1,6 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 # pyright: reportReturnType=false
-"""The light strategy of a gate in fog: points along rays whose light comes while it is open."""
+"""Next-event estimation for a time gate in media: ellipsoidal connections along rays."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from typing import Any, Protocol
 import drjit as dr
 import mitsuba as mi
 
+from ..media import Media
 from ..records import Connection, Hit, Path, Vertex
-from .gated import GatedLights
+from .emitters import SceneEmitters
+from .gated import GatedEmitters
 
 FLAT = ("Rectangle", "Disk", "Mesh", "OBJMesh", "PLYMesh", "SerializedMesh")
 """Shapes whose light points do not depend on who asks for them."""
@@ -27,7 +29,7 @@ EVEN = 100.0
 """Largest A - 1; directions are nearly even there."""
 
 
-class DrawnGate(Protocol):
+class SampledGate(Protocol):
     """A gate that can be sampled.
 
     Attributes:
@@ -47,32 +49,32 @@ class DrawnGate(Protocol):
 
 
 @dataclass
-class Wait:
-    """How long light may still take from a vertex on, and to where.
+class Ellipsoid:
+    """Ellipsoid of points that connect a vertex x to an emitter point l with a given length.
 
     Attributes:
-        sample: The random numbers that stand for the light point.
-        to_light: From the vertex to it [m].
-        distance: Length of that [m].
-        left: Geometric length that is left for the way by a point of a medium [m].
-        weight: Weight of that length, as the gate has drawn it.
-        saved: `left` less the way that the ray makes towards the light, b - D cos θ [m].
-        last: Length from the point y to the light [m].
-        active: Lanes in which light can take that long.
+        sample: The random numbers of the emitter sample.
+        to_light: Vector D from x to l [m].
+        distance: Its length D [m].
+        length: Geometric length b of the connection by way of a point of the medium [m].
+        weight: Weight of that length, as the gate has sampled it.
+        denominator: b - D cos θ of the ray's direction [m].
+        last_length: Distance |y - l| from the point of the medium to the light [m].
+        active: Lanes in which there is such a point.
     """
 
     sample: mi.Point2f
     to_light: mi.Vector3f
     distance: mi.Float
-    left: mi.Float
+    length: mi.Float
     weight: mi.Float
-    saved: mi.Float
-    last: mi.Float
+    denominator: mi.Float
+    last_length: mi.Float
     active: mi.Bool
 
 
-class GatedFog(GatedLights):
-    """Connections by way of points of media that light reaches when the gate is open.
+class EllipsoidalConnections:
+    """Connections by way of points of media whose light arrives while a gate is open.
 
     From a vertex x, light that is scattered once more before it comes from l has its last vertex y
     on an ellipsoid with the foci x and l: |x - y| + |y - l| = b, where b is the length that the
@@ -85,48 +87,37 @@ class GatedFog(GatedLights):
     proportion to that, cos θ = A - (A + 1) ((A - 1) / (A + 1))^ξ with A = (b² + D²) / (2 b D); so
     nothing is large near the light. Camera rays, and those behind mirrors and glass, have their
     direction. (Ellipsoidal connections: Pediredla et al. 2019, of surfaces; He et al. 2024, of
-    media, with diffusion in the place of the two legs.) Surfaces connect as with `GatedLights`, and
-    points of media not at all where paths scatter.
+    media, with diffusion in the place of the two legs.)
 
     Args:
-        scene: The scene; `serves` says whether its emitters fit.
-        sensor, gate, hide_emitters, discard_direct_light: As in `GatedLights`.
+        emitters: The emitters.
+        gate: The gate.
+        media: The space.
     """
 
-    looks_ahead = True
-    gate: DrawnGate
+    def __init__(self, emitters: SceneEmitters, gate: SampledGate, media: Media) -> None:
+        self.emitters, self.gate, self.media = emitters, gate, media
 
-    @staticmethod
-    def serves(scene: mi.Scene) -> bool:
-        """Whether all emitters are points, or surfaces whose points do not depend on the vertex."""
-        return all(map(_is_fixed, scene.emitters()))
-
-    def connect(
-        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
-    ) -> Connection:
-        """A connection from a surface."""
-        return super().connect(vertex, path, sampler, active & ~vertex.inside.here)
-
-    def wait(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Wait:
-        """A point on a light, and how long its light may take to the path's last vertex."""
+    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Ellipsoid:
+        """Sample an emitter point, and the length of its connection to the path's last vertex."""
         u = sampler.next_2d()
-        ds, _ = self.scene.sample_emitter_direction(path.prev, u, False, active)
+        ds, _ = self.emitters.scene.sample_emitter_direction(path.prev, u, False, active)
         to_light = ds.p - path.prev.p
         distance = dr.norm(to_light)
         opl, weight = self._length(path, distance, sampler)
-        left = (opl - path.opl) / path.η
-        active &= (left > (1 + CLOSE) * distance) & (distance > 0)  # Even if it turns its back
-        saved = left - dr.dot(to_light, path.ray.d)
-        last = dr.squared_norm(left * path.ray.d - to_light) / (2 * saved)
-        return Wait(u, to_light, distance, left, weight, saved, last, active)
+        b = (opl - path.opl) / path.η
+        active &= (b > (1 + CLOSE) * distance) & (distance > 0)  # Even if the light faces away
+        denominator = b - dr.dot(to_light, path.ray.d)
+        last = dr.squared_norm(b * path.ray.d - to_light) / (2 * denominator)
+        return Ellipsoid(u, to_light, distance, b, weight, denominator, last, active)
 
     def _length(
         self, path: Path, distance: mi.Float, sampler: mi.Sampler
     ) -> tuple[mi.Float, mi.Float]:
-        """A length that the gate sees, and its weight.
+        """Sample a path length that the gate sees; returns it and its weight.
 
-        Near a light, where the gate leaves little, half of them are drawn in proportion to 1 / b:
-        what light brings is, too, and the variance would not be finite.
+        Near a light, where the gate leaves little, half of them are sampled in proportion to 1 / b,
+        as the light is; the variance would not be finite otherwise.
         """
         xi, other = sampler.next_1d(), sampler.next_1d()
         opens, closes = ((end - path.opl) / path.η for end in (self.gate.opens, self.gate.closes))
@@ -140,49 +131,89 @@ class GatedFog(GatedLights):
         found = dr.fma(path.η, b, path.opl)
         p, q = self.gate(found) * path.η, dr.rcp(b * logarithm)
         q = dr.select((b >= least) & (b <= closes), q, 0)
-        shared = 2 * dr.select(other < 0.5, p, weight * p) / (p + q)
-        return dr.select(near, found, opl), dr.select(near, shared, weight)
+        mixed = 2 * dr.select(other < 0.5, p, weight * p) / (p + q)
+        return dr.select(near, found, opl), dr.select(near, mixed, weight)
 
-    def towards(self, wait: Wait, sampler: mi.Sampler) -> tuple[Wait, mi.Vector3f, mi.Float]:
-        """The wait in a direction in which points are near enough to the light, and its density."""
-        xi, turn = sampler.next_1d(), 2 * dr.pi * sampler.next_1d()
-        b, d = wait.left, wait.distance
+    def sample_direction(
+        self, target: Ellipsoid, sampler: mi.Sampler
+    ) -> tuple[Ellipsoid, mi.Vector3f, mi.Float]:
+        """Sample a direction in proportion to the connection's geometry; see the class."""
+        xi, φ = sampler.next_1d(), 2 * dr.pi * sampler.next_1d()
+        b, d = target.length, target.distance
         more = dr.minimum(dr.square(b - d) / (2 * b * d), EVEN)  # A - 1
         logarithm = dr.log((2 + more) / more)
         off = (2 + more) * dr.exp(-xi * logarithm)  # A - cos θ
         pdf = dr.rcp(2 * dr.pi * off * logarithm)
         cos = dr.clip(1 + more - off, -1, 1)
-        sin_turn, cos_turn = dr.sincos(turn)
+        sin_φ, cos_φ = dr.sincos(φ)
         sin = dr.safe_sqrt(1 - cos * cos)
-        local = mi.Vector3f(sin * cos_turn, sin * sin_turn, cos)
-        axis = dr.select(wait.active, wait.to_light / d, mi.Vector3f(0, 0, 1))
-        wait = copy(wait)
+        local = mi.Vector3f(sin * cos_φ, sin * sin_φ, cos)
+        axis = dr.select(target.active, target.to_light / d, mi.Vector3f(0, 0, 1))
+        target = copy(target)
         # Differences of lengths would have no digits left where the light is straight ahead
         off = dr.select(more < EVEN, off, (b * b + d * d) / (2 * b * d) - cos)
-        wait.saved = d * off + (b - d) * (b + d) / (2 * b)
-        wait.last = b * d * off / wait.saved
-        return wait, mi.Frame3f(axis).to_world(local), pdf
+        target.denominator = d * off + (b - d) * (b + d) / (2 * b)
+        target.last_length = b * d * off / target.denominator
+        return target, mi.Frame3f(axis).to_world(local), pdf
 
-    def ahead(
-        self, path: Path, wait: Wait, space: Any, sampler: mi.Sampler
+    def connect(
+        self, path: Path, target: Ellipsoid, sampler: mi.Sampler
     ) -> tuple[Path, Vertex, Connection]:
-        """The point of the path's ray whose light comes when the gate is open."""
-        b, d = wait.left, wait.distance
-        s = (b - d) * (b + d) / (2 * wait.saved)
-        active = wait.active & (s > 0) & (s < b)
-        ahead, vertex = space.ahead(path, dr.select(active, s, 0), sampler, active)
-        link = self.choose(vertex, wait.sample, vertex.valid)
-        gate = self.gate(dr.fma(path.η, link.length, ahead.opl))
-        link.active &= gate > 0
-        # The emitter's weight has the rounded 1 / |l - y|² in it
-        rounded = dr.square(link.length) / (wait.last * wait.saved)
-        link.weight *= dr.select(link.active, wait.weight * rounded / (path.η * gate), 0)
-        return ahead, vertex, link
+        """Connect the point of the path's ray that is on the ellipsoid."""
+        b, d = target.length, target.distance
+        s = (b - d) * (b + d) / (2 * target.denominator)
+        active = target.active & (s > 0) & (s < b)
+        ahead, vertex = self.media.scattering_point(path, dr.select(active, s, 0), sampler, active)
+        connection = self.emitters.sample(vertex, target.sample, vertex.valid)
+        gate = self.gate(dr.fma(path.η, connection.length, ahead.opl))
+        connection.active &= gate > 0
+        # The emitter sample's weight contains 1 / |l - y|² as rounded there
+        rounded = dr.square(connection.length) / (target.last_length * target.denominator)
+        connection.weight *= dr.select(
+            connection.active, target.weight * rounded / (path.η * gate), 0
+        )
+        return ahead, vertex, connection
 
-    def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
-        """What connections leave; nothing after a point of a medium, where those have all."""
+
+class GatedFog(GatedEmitters):
+    """Gated next-event estimation in media: see `GatedEmitters` and `EllipsoidalConnections`.
+
+    Surfaces connect as with `GatedLights`, and points of media along rays, instead of where paths
+    scatter.
+
+    Args:
+        media: The space, whose points of media are connected.
+        scene: The scene; `serves` says whether its emitters fit.
+        sensor, gate, hide_emitters, discard_direct_light: As in `GatedEmitters`.
+    """
+
+    def __init__(
+        self,
+        media: Media,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None,
+        gate: SampledGate,
+        hide_emitters: bool = False,
+        discard_direct_light: bool = False,
+    ) -> None:
+        super().__init__(scene, sensor, gate, hide_emitters, discard_direct_light)
+        self.in_media = EllipsoidalConnections(self.emitters, gate, media)
+
+    @staticmethod
+    def serves(scene: mi.Scene) -> bool:
+        """Whether all emitters are points, or surfaces whose points do not depend on the vertex."""
+        return all(map(_is_fixed, scene.emitters()))
+
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """Sample a connection from a surface."""
+        return self.resample(vertex, path, sampler, active & ~vertex.medium_point.here)
+
+    def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
+        """Return the MIS weight; 0 after a point of a medium, whose light connections have."""
         scattered = (path.depth > 0) & dr.all(path.prev.n == 0)
-        return dr.select(scattered, 0, super().share_of_hit(path, vertex, hit))
+        return dr.select(scattered, 0, super().hit_weight(path, vertex, hit))
 
 
 def _is_fixed(emitter: Any) -> bool:

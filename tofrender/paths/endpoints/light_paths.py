@@ -1,34 +1,150 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
-"""Emitters and the vertices of a path that came from one."""
+"""Emitters and the stored vertices of a light path, as the endpoint of camera paths."""
 
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass, field
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ...signals.polarisation import sent
+from ..bidirectional_mis import BidirectionalMIS, PartialSums
 from ..emission import Emission
 from ..lens import Lens
 from ..protocols import Scattering
-from ..records import Bounce, Connection, Hit, Path, Turn, Vertex
-from ..sharing import Rivals, Sharing
+from ..records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
 from .camera import LightPath
-from .scene_lights import SceneLights
+from .emitters import EmitterEndpoint, SceneEmitters
 
 
-class LightPaths(SceneLights):
-    """Emitters, and each vertex of a light path beside: all strategies with t > 1.
+@dataclass
+class EmitterConnection(Connection):
+    """A connection to an emitter sample.
+
+    Attributes:
+        emission_ratio: Density of the connection over that of emission, see `Emission.ratio`.
+    """
+
+    emission_ratio: mi.Float = field(kw_only=True)
+
+
+@dataclass
+class VertexConnection(Connection):
+    """A connection to a stored vertex of a light path.
+
+    Attributes:
+        stored: The stored vertex.
+        vertex: The same as a vertex.
+        pdf_reverse: Density of the light path's way back at that vertex [1/sr].
+    """
+
+    stored: Any = field(kw_only=True)
+    vertex: Vertex = field(kw_only=True)
+    pdf_reverse: mi.Float = field(kw_only=True)
+
+
+class CameraPathHistory:
+    """Updates partial MIS sums of camera paths.
+
+    Args:
+        mis: Which strategies count, and their weights.
+        lens: The lens.
+        direction: Directions of the camera rays.
+    """
+
+    def __init__(self, mis: BidirectionalMIS, lens: Lens, direction: mi.Vector3f) -> None:
+        self.mis, self.lens, self.direction = mis, lens, direction
+
+    def start(self) -> PartialSums:
+        """Return the partial sums of the lens."""
+        sums = self.mis.zero()
+        if self.mis.camera_connections and self.mis.exponent:
+            sums.a = dr.rcp(self.mis.power(self.lens.density(self.direction)))
+        return sums
+
+    def at_vertex(self, path: Path[PartialSums], vertex: Vertex, active: mi.Bool) -> PartialSums:
+        """Update the partial sums for the segment to a vertex."""
+        return self.mis.at_vertex(path.history, path, vertex)
+
+    def after_sample(
+        self, path: Path[PartialSums], vertex: Vertex, bsdf_sample: BSDFSample
+    ) -> PartialSums:
+        """Update the partial sums for the next segment."""
+        if not self.mis.exponent:
+            return path.history
+        return self.mis.after_sample(path.history, vertex, bsdf_sample)
+
+
+class StoredVertices:
+    """Connections to the stored vertices of a light path.
+
+    Args:
+        light: The light path.
+        weight: Its emission weight.
+        adjoint: Adjoint scattering, at its vertices.
+        max_depth: Longest path in segments.
+    """
+
+    def __init__(self, light: LightPath, weight: Any, adjoint: Scattering, max_depth: int) -> None:
+        self.light, self.weight = light, weight
+        self.adjoint, self.max_depth = adjoint, max_depth
+
+    def count(self, path: Path) -> mi.UInt32:
+        """Return the number of stored vertices that keep the path below its maximum depth."""
+        segments_left = mi.Int32(self.max_depth - 2) - mi.Int32(path.depth)
+        return dr.minimum(self.light.count, mi.UInt32(dr.maximum(segments_left, 0)))
+
+    def sample(
+        self,
+        k: mi.UInt32,
+        first: Connection,
+        vertex: Vertex,
+        path: Path,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+    ) -> VertexConnection:
+        """Connect to stored vertex number k."""
+        active = active & (k < self.light.count)
+        stored = self.light.vertices.read(dr.select(active, k, 0), active)
+        # Lane memory that was never written has invalid pointers, which must not be called
+        stored.si.shape = dr.select(active, stored.si.shape, dr.zeros(mi.ShapePtr))
+        stored.si.instance = dr.select(active, stored.si.instance, dr.zeros(mi.ShapePtr))
+        to_vertex = stored.si.p - vertex.si.p
+        d2 = dr.squared_norm(to_vertex)
+        distance = dr.sqrt(d2)
+        d = to_vertex / distance
+        active = active & (d2 > 0) & (stored.depth + path.depth + 3 <= self.max_depth)
+        there = stored.vertex(distance, active)
+        bsdf_eval = self.adjoint.eval_pdf(there, -d, active)
+        weight = sent(self.weight, stored.β, bsdf_eval.f) / d2
+        return VertexConnection(
+            point=stored.si.p,
+            direction=d,
+            weight=dr.select(active, weight, 0),
+            pdf=bsdf_eval.pdf,
+            delta=mi.Bool(True),
+            length=distance + stored.opl / (stored.η * bsdf_eval.η),
+            active=active,
+            unoccluded=mi.Bool(False),
+            stored=stored,
+            vertex=there,
+            pdf_reverse=bsdf_eval.pdf_reverse,
+        )
+
+
+class LightPaths(EmitterEndpoint):
+    """Emitters, and the stored vertices of a light path: all strategies with t > 1.
 
     Args:
         scene: The scene.
         sensor: As in `SceneLights`.
-        lens: Its lens, where the paths start.
+        lens: The sensor's lens.
         emission: How light starts.
-        adjoint: How paths from the lights go on.
-        sharing: Which strategies count.
+        adjoint: Adjoint scattering, for light paths.
+        mis: Which strategies count, and their weights.
         max_depth: Longest path in segments.
         hide_emitters, discard_direct_light: As in `SceneLights`.
     """
@@ -40,130 +156,67 @@ class LightPaths(SceneLights):
         lens: Lens,
         emission: Emission,
         adjoint: Scattering,
-        sharing: Sharing,
+        mis: BidirectionalMIS,
         max_depth: int,
         hide_emitters: bool = False,
         discard_direct_light: bool = False,
     ) -> None:
-        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
-        self.lens, self.emission, self.sharing = lens, emission, sharing
+        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
+        self.lens, self.emission, self.mis = lens, emission, mis
         self.adjoint, self.max_depth = adjoint, max_depth
-        self.light: LightPath | None = None
-        self.weight, self.direction = mi.UnpolarizedSpectrum(0), mi.Vector3f(0)
 
-    def beside(self, direction: mi.Vector3f, light: LightPath | None, weight: Any) -> LightPaths:
-        """For camera rays of a direction, and light paths that started with a weight."""
+    def for_paths(self, direction: mi.Vector3f, light: LightPath | None, weight: Any) -> LightPaths:
+        """Return the endpoint for camera rays of some directions, and for their light paths."""
         other = copy(self)
-        other.direction, other.light, other.weight = direction, light, weight
+        other.history = CameraPathHistory(self.mis, self.lens, direction)
+        if light is not None:
+            other.further = StoredVertices(light, weight, self.adjoint, self.max_depth)
         return other
 
-    def memory(self) -> Rivals:
-        """Of the lens."""
-        rivals = self.sharing.none()
-        if self.sharing.camera_connections and self.sharing.exponent:
-            rivals.a = dr.rcp(self.sharing.power(self.lens.density(self.direction)))
-        return rivals
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> EmitterConnection:
+        """Sample an emitter, with the density of emission in the same direction."""
+        ds, weight = self.emitters.sample_direction(vertex, sampler.next_2d(), active)
+        ratio = mi.Float(0)
+        if self.mis.exponent:
+            ratio = self.emission.ratio(ds.emitter, ds, ds.pdf, ds.dist)
+        connection = self.emitters.connection(vertex, ds, weight, active)
+        return EmitterConnection(**vars(connection), emission_ratio=ratio)
 
-    def remember(self, path: Path, vertex: Vertex, active: mi.Bool) -> Rivals:
-        """The rivals at a vertex."""
-        return self.sharing.arrive(path.memory, path, vertex)
-
-    def leave(self, path: Path, vertex: Vertex, bounce: Bounce) -> Rivals:
-        """The rivals of the next segment."""
-        if not self.sharing.exponent:
-            return path.memory
-        return self.sharing.leave(path.memory, vertex, bounce)
-
-    # --------------------------------------------------------------------- s = 0, and s = 1
-
-    def share_of_hit(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
-        """Share of the strategy (0, t)."""
-        x, power = mi.Float(0), self.sharing.power
-        if self.sharing.exponent:
-            si = vertex.si
-            ds = mi.DirectionSample3f(self.scene, si=si, ref=path.prev)
+    def hit_weight(self, path: Path[PartialSums], vertex: Vertex, hit: Hit) -> mi.Float:
+        """Return the MIS weight of strategy (0, t)."""
+        x, power = mi.Float(0), self.mis.power
+        if self.mis.exponent:
+            ds = mi.DirectionSample3f(self.emitters.scene, si=vertex.si, ref=path.prev)
             emitted = self.emission.density(path.prev, ds, hit.pdf, vertex.length)
-            x = power(hit.pdf) * path.memory.a + power(emitted) * path.memory.b
-        return self.sharing.share(x, 0, path.depth + 2)
+            x = power(hit.pdf) * path.history.a + power(emitted) * path.history.b
+        return self.mis.weight(x, 0, path.depth + 2)
 
-    def linked(self, vertex: Vertex, ds: Any, weight: Any, active: mi.Bool) -> Connection:
-        """A connection that knows how often light starts that way."""
-        link = super().linked(vertex, ds, weight, active)
-        if self.sharing.exponent:
-            link.rival = self.emission.ratio(ds.emitter, ds, ds.pdf, ds.dist)
-        return link
-
-    def share_of_link(self, path: Path, vertex: Vertex, link: Connection, turn: Turn) -> mi.Float:
-        """Share of the strategy (1, t), or of that of a kept vertex."""
-        if isinstance(link.rival, _Other):
-            return self._share_of_kept(path, vertex, link, turn)
-        x = mi.Float(0)
-        if self.sharing.exponent:
-            power = self.sharing.power
-            cos = vertex.cosine(link.direction)
-            x = power(cos / link.rival) * self.sharing.sum(path.memory, turn.back)
-            if self.sharing.hits:
-                x += dr.select(link.delta, 0, power(turn.pdf / link.pdf))
-        return self.sharing.share(x, 1, path.depth + 2)
-
-    # ---------------------------------------------------------------------------- s > 1
-
-    def more_links(self, path: Path, first: Connection) -> mi.UInt32 | None:
-        """As many as vertices are kept, while paths are not too long."""
-        if self.light is None:
-            return None
-        room = mi.Int32(self.max_depth - 2) - mi.Int32(path.depth)
-        return dr.minimum(self.light.count, mi.UInt32(dr.maximum(room, 0)))
-
-    def link(
+    def mis_weight(
         self,
-        k: mi.UInt32,
-        first: Connection,
+        path: Path[PartialSums],
         vertex: Vertex,
-        path: Path,
-        sampler: mi.Sampler,
-        active: mi.Bool,
-    ) -> Connection:
-        """Vertex number k of the light path."""
-        assert self.light is not None
-        active = active & (k < self.light.count)
-        kept = self.light.vertices.read(dr.select(active, k, 0), active)
-        # What was never written is no shape, and would be called
-        kept.si.shape = dr.select(active, kept.si.shape, dr.zeros(mi.ShapePtr))
-        kept.si.instance = dr.select(active, kept.si.instance, dr.zeros(mi.ShapePtr))
-        to_vertex = kept.si.p - vertex.si.p
-        d2 = dr.squared_norm(to_vertex)
-        distance = dr.sqrt(d2)
-        d = to_vertex / distance
-        active = active & (d2 > 0) & (kept.depth + path.depth + 3 <= self.max_depth)
-        there = kept.vertex(distance, active)
-        turn = self.adjoint.turn(there, -d, active)
-        weight = sent(self.weight, kept.β, turn.f) / d2
-        return Connection(
-            point=kept.si.p,
-            direction=d,
-            weight=dr.select(active, weight, 0),
-            pdf=turn.pdf,
-            delta=mi.Bool(True),
-            length=distance + kept.opl / (kept.η * turn.η),
-            active=active,
-            clear=mi.Bool(False),
-            rival=_Other(kept, there, turn.back),
-        )
-
-    def _share_of_kept(self, path, vertex, link, turn) -> mi.Float:
-        x, kept, sharing = mi.Float(0), link.rival.kept, self.sharing
-        if sharing.exponent:
-            d2 = dr.squared_norm(kept.si.p - vertex.si.p)
-            here = turn.pdf * link.rival.vertex.cosine(link.direction) / d2
-            there = link.pdf * vertex.cosine(link.direction) / d2
-            x = sharing.power(here) * sharing.sum(Rivals(kept.a, kept.b), link.rival.back)
-            x += sharing.power(there) * sharing.sum(path.memory, turn.back)
-        return self.sharing.share(x, kept.depth + 2, path.depth + 2)
-
-
-class _Other:
-    """The far end of a connection: a kept vertex, and its density of the way back."""
-
-    def __init__(self, kept: Any, vertex: Vertex, back: Any) -> None:
-        self.kept, self.vertex, self.back = kept, vertex, back
+        connection: EmitterConnection | VertexConnection,
+        bsdf_eval: BSDFEval,
+    ) -> mi.Float:
+        """Return the MIS weight of strategy (1, t), or of a connection to a stored vertex."""
+        mis, x = self.mis, mi.Float(0)
+        cos = vertex.cosine(connection.direction)
+        if isinstance(connection, EmitterConnection):
+            if mis.exponent:
+                emitted = mis.power(cos / connection.emission_ratio)
+                x = emitted * mis.sum(path.history, bsdf_eval.pdf_reverse)
+                if mis.hits:
+                    ratio = mis.power(bsdf_eval.pdf / connection.pdf)
+                    x += dr.select(connection.delta, 0, ratio)
+            return mis.weight(x, 1, path.depth + 2)
+        stored = connection.stored
+        if mis.exponent:
+            d2 = dr.squared_norm(stored.si.p - vertex.si.p)
+            from_here = bsdf_eval.pdf * connection.vertex.cosine(connection.direction) / d2
+            from_there = connection.pdf * cos / d2
+            light_sums = PartialSums(stored.a, stored.b)
+            x = mis.power(from_here) * mis.sum(light_sums, connection.pdf_reverse)
+            x += mis.power(from_there) * mis.sum(path.history, bsdf_eval.pdf_reverse)
+        return mis.weight(x, stored.depth + 2, path.depth + 2)

@@ -1,58 +1,71 @@
 # pyright: reportArgumentType=false
-"""Multiple importance sampling with one sample: of the lights, or of the material."""
+"""One-sample multiple importance sampling of emitters and BSDFs."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-from ..records import Connection, Path, Vertex
+from ..records import Connection, Hit, Path, Vertex
 from ..surfaces import first_surface
-from .scene_lights import SceneLights
+from .emitters import EmitterEndpoint, SceneEmitters
 
 
-class OneSampleLights(SceneLights):
-    """Light by one ray, whose direction comes from the lights or from the material.
+class OneSampleLights(EmitterEndpoint):
+    """Light along one ray, whose direction is sampled from the emitters or from the BSDF.
 
-    Each is asked half of the time, and the light that the ray finds is divided by the density of
-    the mixture, (p_light + p_material) / 2: the one-sample model with the balance heuristic (Veach
+    Each is chosen half of the time, and the light that the ray finds is divided by the density of
+    the mixture, (p_emitter + p_bsdf) / 2: the one-sample model with the balance heuristic (Veach
     1997, section 9.2.4). It is as good as `SceneLights` at the first surface with half the samples,
-    but has to trace another ray to go on.
+    but has to trace another ray to go on. Arguments as for `SceneEmitters`.
     """
 
     finds_all = True
 
+    def __init__(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None = None,
+        hide_emitters: bool = False,
+        discard_direct_light: bool = False,
+    ) -> None:
+        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
+
+    def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
+        """Return 1 after delta lobes, else 0."""
+        return dr.select(path.specular, mi.Float(1), 0)
+
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """A direction from either technique, and the light that comes from there."""
+        """Sample a direction from either technique, and the light that comes from there."""
         si = vertex.si
         to_light = sampler.next_1d() < 0.5
-        link = super().connect(vertex, path, sampler, active & to_light)
+        connection = self.emitters.sample(vertex, sampler.next_2d(), active & to_light)
 
-        # A sample of a mirror's or glass's only direction is left to the path itself
+        # Samples of delta lobes are left to the path itself
         ctx, bsdf = mi.BSDFContext(), si.bsdf()
         by_material = active & ~to_light
         bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)
         by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
         ray = si.spawn_ray(si.to_world(bs.wo))
-        seen = first_surface(self.scene, ray, by_material)
+        seen = first_surface(self.emitters.scene, ray, by_material)
         ahead = Path.start(ray, si.p, by_material)
-        ahead.depth = mi.UInt32(1)  # No longer what the sensor sees directly
-        found = self.hit(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
+        ahead.depth = mi.UInt32(1)  # Not what the sensor sees directly
+        found = self.emitters.hit(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
 
-        # A point light cannot be hit: the lights' half of the samples has all of it
-        pdf_material = bsdf.pdf(ctx, si, si.to_local(link.direction), link.active)
-        pdf_material = dr.select(link.delta, 0, pdf_material)
-        by_light = link.weight * link.pdf
-        pdf = 0.5 * dr.select(to_light, link.pdf + pdf_material, found.pdf + bs.pdf)
+        # Emitters that cannot be hit are found by emitter samples alone
+        pdf_material = bsdf.pdf(ctx, si, si.to_local(connection.direction), connection.active)
+        pdf_material = dr.select(connection.delta, 0, pdf_material)
+        by_light = connection.weight * connection.pdf
+        pdf = 0.5 * dr.select(to_light, connection.pdf + pdf_material, found.pdf + bs.pdf)
         return Connection(
-            point=dr.select(to_light, link.point, dr.fma(ray.d, found.length, si.p)),
-            direction=dr.select(to_light, link.direction, ray.d),
+            point=dr.select(to_light, connection.point, dr.fma(ray.d, found.length, si.p)),
+            direction=dr.select(to_light, connection.direction, ray.d),
             weight=dr.select(pdf > 0, dr.select(to_light, by_light, found.radiance) / pdf, 0),
             pdf=pdf,
             delta=mi.Bool(True),
-            length=dr.select(to_light, link.length, found.length),
-            active=dr.select(to_light, link.active, by_material),
-            clear=~to_light,
+            length=dr.select(to_light, connection.length, found.length),
+            active=dr.select(to_light, connection.active, by_material),
+            unoccluded=~to_light,
         )

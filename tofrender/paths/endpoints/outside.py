@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false
-"""Lights that are not part of a scene: a point source, and a white sky."""
+"""Lights that are not part of a scene: a point light, and a white sky."""
 
 from __future__ import annotations
 
@@ -11,28 +11,29 @@ import mitsuba as mi
 from ...runtime import checks
 from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from ...signals.illuminants import white
+from ..protocols import Endpoint
 from ..records import Connection, Path, Vertex
-from .unseen import Unseen
 from .wavefronts import Wavefronts
 
 
-class PointSource(Unseen):
-    """A point light of Mitsuba's that no scene needs to hold.
+class PointSource(Endpoint):
+    """A point light that is not part of the scene.
 
     Args:
-        scene: What casts shadows.
+        scene: The scene.
         emitter: A `point` emitter.
-        hide_emitters: As in `Unseen`.
+        hide_emitters: Whether the sensor looks through the scene's area lights.
     """
 
     def __init__(self, scene: mi.Scene, emitter: mi.Emitter, hide_emitters: bool = False) -> None:
-        super().__init__(scene, hide_emitters)
+        checks.instance("scene", scene, mi.Scene, "a loaded scene")
+        self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
         self.emitter: Any = checks.instance("emitter", emitter, mi.Emitter, "an emitter")
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """The one direction towards the light; draws no random number."""
+        """Return the only direction towards the light; draws no random number."""
         ds, weight = self.emitter.sample_direction(vertex.si, mi.Point2f(0.5), active)
         return Connection(
             point=ds.p,
@@ -42,33 +43,34 @@ class PointSource(Unseen):
             delta=mi.Bool(True),
             length=ds.dist,
             active=mi.Bool(active),
-            clear=mi.Bool(False),
+            unoccluded=mi.Bool(False),
         )
 
 
-class OpenSky(Unseen):
+class OpenSky(Endpoint):
     """Radiance 1 from every direction in which there is no surface.
 
     Directions are sampled by their cosine to the shading normal, on the side that the path comes
     from. In time, the light of each direction starts on the plane that `Wavefronts` says.
 
     Args:
-        scene: What the sky is hidden by.
+        scene: The scene, which occludes the sky.
         sensor: As in `SceneLights`.
-        hide_emitters: As in `Unseen`.
+        hide_emitters: Whether the sensor looks through the scene's area lights.
     """
 
     def __init__(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, hide_emitters: bool = False
     ) -> None:
-        super().__init__(scene, hide_emitters)
+        checks.instance("scene", scene, mi.Scene, "a loaded scene")
+        self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
         checks.instance("sensor", sensor, mi.Sensor | None, "a sensor or None")
         self.sphere = Wavefronts.around(scene, sensor)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """A direction of the sky."""
+        """Sample a direction of the sky by its cosine."""
         si = vertex.si
         local = square_to_cosine_hemisphere(sampler.next_2d())
         pdf = square_to_cosine_hemisphere_pdf(local)
@@ -82,5 +84,5 @@ class OpenSky(Unseen):
             delta=mi.Bool(True),
             length=length,
             active=active & (pdf > 0),
-            clear=mi.Bool(False),
+            unoccluded=mi.Bool(False),
         )

@@ -25,8 +25,8 @@ from helpers.support import (
 )
 
 import tofrender
-from tofrender.integrators import first_seen, passes
-from tofrender.integrators.first_seen import FirstSeen
+from tofrender.integrators import passes, visible_emitters
+from tofrender.integrators.visible_emitters import VisibleEmitters
 from tofrender.paths.lens import Lens
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
@@ -94,13 +94,13 @@ SCENES: dict[str, Callable[[], dict]] = {
 
 def all_in_one(monkeypatch) -> None:
     """Leave it all to the paths."""
-    monkeypatch.setattr(passes.FirstSeen, "of", classmethod(lambda *_: None))
+    monkeypatch.setattr(passes.VisibleEmitters, "of", classmethod(lambda *_: None))
 
 
-def found_apart(described: dict) -> FirstSeen | None:
+def found_apart(described: dict) -> VisibleEmitters | None:
     loaded = load(described)
     sensor = loaded.sensors()[0]
-    return FirstSeen.of(loaded.integrator().plan(loaded, sensor), sensor, sensor.film())
+    return VisibleEmitters.of(loaded.integrator().plan(loaded, sensor), sensor, sensor.film())
 
 
 def seen(described: dict, seeds) -> np.ndarray:
@@ -138,18 +138,18 @@ def shifted(right: Callable) -> Callable:
 def test_mistakes_are_found(mistake, monkeypatch):
     """Pixels that miss part of the lamp, light that counts twice, and rays that weigh too much."""
     if mistake == "pixels":
-        monkeypatch.setattr(first_seen, "pixels_of", shifted(first_seen.pixels_of))
+        monkeypatch.setattr(visible_emitters, "pixels_of", shifted(visible_emitters.pixels_of))
     elif mistake == "twice":
-        monkeypatch.setattr(tofrender.paths.records.Limits, "without_first", lambda self: self)
+        monkeypatch.setattr(tofrender.paths.records.Limits, "without_first_hit", lambda self: self)
     else:
-        trace = FirstSeen.trace
+        trace = VisibleEmitters.trace
 
         def wrong(self, *args, **options):
             measured, path = trace(self, *args, **options)
             measured.total *= 1.3
             return measured, path
 
-        monkeypatch.setattr(FirstSeen, "trace", wrong)
+        monkeypatch.setattr(VisibleEmitters, "trace", wrong)
     found = seen(SCENES["disk"](), SEEDS)
     monkeypatch.undo()
     all_in_one(monkeypatch)

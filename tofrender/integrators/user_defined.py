@@ -15,7 +15,7 @@ from ..signals.polarisation import light_of, summed
 from .passes import Follow
 
 
-def brings_sample(integrator: Any) -> bool:
+def is_user_defined(integrator: Any) -> bool:
     """Whether a class outside of this package says what a ray sees."""
     sample = getattr(type(integrator), "sample", None)
     return getattr(sample, "__module__", "").partition(".")[0] != __name__.partition(".")[0]
@@ -61,9 +61,9 @@ def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -
     def follow(sampler: mi.Sampler, camera: CameraSample, _: Any) -> Any:
         ray = mi.RayDifferential3f(camera.ray)
         ray.o = camera.origin
-        spectrum, covered, *_aovs = integrator.sample(scene, sampler, ray, *more)
+        spectrum, valid_ray, *_aovs = integrator.sample(scene, sampler, ray, *more)
         total = light_of(spectrum if camera.frame is None else camera.frame @ spectrum)
-        valid, finite = mi.Bool(covered), dr.isfinite(summed(total))
+        valid, finite = mi.Bool(valid_ray), dr.isfinite(summed(total))
         radiance = Radiance(dr.select(valid & finite, total, 0))
         return radiance, valid, dr.select(valid & ~finite, mi.UInt32(1), 0)
 

@@ -36,13 +36,13 @@ from helpers.support import (
 from oracles.light_paths import window_area
 from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
 
+from tofrender.paths.bidirectional_mis import BidirectionalMIS, PartialSums
 from tofrender.paths.emission import Emission
 from tofrender.paths.endpoints.camera import Camera
-from tofrender.paths.endpoints.light_paths import LightPaths
+from tofrender.paths.endpoints.light_paths import LightPaths, VertexConnection
 from tofrender.paths.lens import Lens
 from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials
-from tofrender.paths.sharing import Rivals, Sharing
 
 LANES = 8192
 ROUNDING = 1e-5
@@ -232,35 +232,43 @@ def test_choices_have_the_densities_that_connections_have(importance):
     d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
     si = loaded.ray_intersect(mi.Ray3f(mi.Point3f(0.2, -0.6, 0.7), d))
     vertex = Vertex(si, si.t, si.is_valid())
-    _, bounce = materials.scatter(vertex, None, sampler, vertex.valid)
-    turn = materials.turn(vertex, bounce.ray.d, vertex.valid & ~bounce.specular)
-    rough = vertex.valid & ~bounce.specular & dr.any(bounce.weight > 0)
-    compared = np.flatnonzero(np.array(rough & (dr.abs(dr.dot(si.n, bounce.ray.d)) > 0.01)))
+    _, bsdf_sample = materials.sample(vertex, None, sampler, vertex.valid)
+    bsdf_eval = materials.eval_pdf(vertex, bsdf_sample.ray.d, vertex.valid & ~bsdf_sample.specular)
+    rough = vertex.valid & ~bsdf_sample.specular & dr.any(bsdf_sample.weight > 0)
+    compared = np.flatnonzero(np.array(rough & (dr.abs(dr.dot(si.n, bsdf_sample.ray.d)) > 0.01)))
     assert compared.size > LANES / 10
-    for own, other in ((bounce.pdf, turn.pdf), (bounce.back, turn.back)):
+    for own, other in (
+        (bsdf_sample.pdf, bsdf_eval.pdf),
+        (bsdf_sample.pdf_reverse, bsdf_eval.pdf_reverse),
+    ):
         own, other = (np.array(each, float)[compared] for each in (own, other))
         assert own == pytest.approx(other, rel=1e-2, abs=1e-3)
 
 
-def no_way_back(link):
-    other = copy(link.rival)
-    other.back = mi.Float(0)
-    return replace(link, rival=other)
+def no_way_back(connection):
+    if isinstance(connection, VertexConnection):
+        return replace(connection, pdf_reverse=mi.Float(0))
+    return connection
+
+
+def as_points(connection):
+    """Emitter samples as those of lights that cannot be hit."""
+    return replace(connection, delta=mi.Bool(True))
 
 
 def no_other_way_to_start(path, vertex, hit):
     path = copy(path)
-    path.memory = Rivals(path.memory.a, mi.Float(0))
+    path.history = PartialSums(path.history.a, mi.Float(0))
     return path, vertex, hit
 
 
 def no_cosine_on_arrival(self, it, rivals, path, vertex):
     power = self.power(dr.abs(dr.dot(vertex.si.n, path.ray.d)))
-    return Rivals(it.a * power, it.b * power)
+    return PartialSums(it.a * power, it.b * power)
 
 
-def no_cosine_on_leaving(self, it, rivals, vertex, bounce):
-    return Rivals(it.a, it.b / self.power(dr.abs(dr.dot(vertex.si.n, bounce.ray.d))))
+def no_cosine_on_leaving(self, it, rivals, vertex, bsdf_sample):
+    return PartialSums(it.a, it.b / self.power(dr.abs(dr.dot(vertex.si.n, bsdf_sample.ray.d))))
 
 
 def cosine_to_the(power: int) -> Callable:
@@ -270,26 +278,39 @@ def cosine_to_the(power: int) -> Callable:
 MISTAKES: dict[str, tuple[Any, str, Callable]] = {
     "no way back to the lens": (
         Camera,
-        "share_of_link",
-        of_other(lambda p, v, link, turn: (p, v, link, replace(turn, back=mi.Float(0)))),
+        "mis_weight",
+        of_other(
+            lambda p, v, connection, bsdf_eval: (
+                p,
+                v,
+                connection,
+                replace(bsdf_eval, pdf_reverse=mi.Float(0)),
+            )
+        ),
     ),
     "no way back at the far end": (
         LightPaths,
-        "_share_of_kept",
-        of_other(lambda p, v, link, turn: (p, v, no_way_back(link), turn)),
+        "mis_weight",
+        of_other(lambda p, v, connection, bsdf_eval: (p, v, no_way_back(connection), bsdf_eval)),
     ),
-    "no other way to start": (LightPaths, "share_of_hit", of_other(no_other_way_to_start)),
+    "no other way to start": (LightPaths, "hit_weight", of_other(no_other_way_to_start)),
     "lamps as points": (
         LightPaths,
-        "share_of_link",
-        of_other(lambda p, v, link, turn: (p, v, replace(link, delta=mi.Bool(True)), turn)),
+        "mis_weight",
+        of_other(lambda p, v, connection, bsdf_eval: (p, v, as_points(connection), bsdf_eval)),
     ),
-    "no cosine on arrival": (Sharing, "arrive", gives_other(no_cosine_on_arrival)),
-    "no cosine on leaving": (Sharing, "leave", gives_other(no_cosine_on_leaving)),
+    "no cosine on arrival": (BidirectionalMIS, "at_vertex", gives_other(no_cosine_on_arrival)),
+    "no cosine on leaving": (BidirectionalMIS, "after_sample", gives_other(no_cosine_on_leaving)),
     "mirrors that connect": (
-        Sharing,
-        "leave",
-        of_other(lambda rivals, v, bounce: (rivals, v, replace(bounce, specular=mi.Bool(False)))),
+        BidirectionalMIS,
+        "after_sample",
+        of_other(
+            lambda rivals, v, bsdf_sample: (
+                rivals,
+                v,
+                replace(bsdf_sample, specular=mi.Bool(False)),
+            )
+        ),
     ),
     "no pi": (Emission, "ratio", gives_other(lambda self, it, *_: it / dr.pi)),
 }

@@ -10,7 +10,6 @@ means right.
 
 from __future__ import annotations
 
-from copy import copy
 from typing import Any
 
 import mitsuba as mi
@@ -18,7 +17,7 @@ import numpy as np
 
 from ..paths.camera import Tile, sampled_size
 from ..paths.records import Path
-from ..paths.walk import meet
+from ..paths.walk import add_emission
 from ..paths.window import KINDS, Window
 from .plan import Plan
 
@@ -32,7 +31,7 @@ SHARE = 0.5
 """Rays for each sample of the picture, on average over all its pixels: a path has ten or more."""
 
 
-class FirstSeen:
+class VisibleEmitters:
     """Rays that end at the first surface, in the pixels that may see a lamp there.
 
     Args:
@@ -49,19 +48,18 @@ class FirstSeen:
 
     def __init__(self, plan: Plan, pixels: np.ndarray, rate: int, splats: bool) -> None:
         self.plan, self.pixels, self.rate, self.splats = plan, pixels, rate, splats
-        self.rest = copy(plan)
-        self.rest.limits = plan.limits.without_first()
+        self.rest = plan.without_first_hit()
 
     @classmethod
     def of(
         cls, plan: Plan, sensor: mi.Sensor, film: mi.Film, tile: Tile | None = None
-    ) -> FirstSeen | None:
+    ) -> VisibleEmitters | None:
         """What pays for a camera and a film, or a tile of one; None if nothing does.
 
         Nothing does where no lamp is in view, where lamps fill the picture, and with cameras whose
         pixels cannot be told from points.
         """
-        lamps = plan.in_view()
+        lamps = plan.visible_emitters()
         if not lamps or sensor.class_name() not in KINDS:
             return None
         whole = film if tile is None else tile.whole
@@ -81,12 +79,10 @@ class FirstSeen:
     ) -> tuple[Any, Path]:
         """Find what camera rays see first."""
         plan = self.plan
-        memory, guide = plan.endpoint.memory(), plan.scattering.guide()
-        place, index = plan.space.place(ray), plan.space.index
-        path = Path.start(ray, origin, True, memory, guide, place, frame, index)
-        path, vertex = plan.space.next(path, sampler)
+        path = plan.start(plan.endpoint, ray, origin, True, frame)
+        path, vertex = plan.space.next_vertex(path, sampler)
         path.active &= vertex.valid  # What is behind the scene is left to the paths
-        path = meet(path, vertex, plan.endpoint, measurement, plan.limits)
+        path = add_emission(path, vertex, plan, measurement)
         return measurement, path
 
 
