@@ -3,7 +3,7 @@
 import pytest
 
 import tofrender
-from tofrender.integrators import passes
+from tofrender.integrators import passes, running
 from tofrender.nlos import exhaustive
 from tofrender.nlos.reconstruction import methods
 from tofrender.rendering import pieces, strategies
@@ -16,9 +16,8 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    for module in (pieces, strategies, exhaustive, passes):
+    for module in (pieces, strategies, exhaustive, passes, running):
         monkeypatch.setattr(module, "steps", never)
-    monkeypatch.setattr(passes, "expose", never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
     return never

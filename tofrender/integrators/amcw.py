@@ -22,10 +22,10 @@ from ..scenes.in_time import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
 from ..signals.polarisation import as_spectrum
-from .passes import expose, steps
-from .running import made_with, run_whole
+from .plan import Tracer
+from .running import made_with, render_all
 from .transient_path import TransientPath
-from .user_defined import by_sample, follows, is_user_defined, require_sample
+from .user_defined import UserDefinedTracer, follows, is_user_defined, require_sample
 
 NO_MODULATION = "modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))"
 
@@ -151,7 +151,7 @@ def render_single_amcw(
     if is_user_defined(integrator):
         require_sample(integrator, "sample(scene, sampler, ray)")
         record = recording(film, Exposure(onto=(PICTURE,)))
-        taking = partial(expose, by_sample(integrator, scene, record), record, sensor)
+        plan: Tracer = UserDefinedTracer(integrator, scene, record)
     else:
         if not hasattr(integrator, "set_modulation"):
             raise TypeError(
@@ -159,9 +159,9 @@ def render_single_amcw(
                 "AMCWTransientPath, or have sample(scene, sampler, ray) of its own"
             )
         record = integrator.recording(film)
-        taking = partial(steps, integrator.plan(scene, sensor, record.weight), record, sensor)
+        plan = integrator.plan(scene, sensor, record.weight)
     recipe = partial(made_with, scene, sensor, integrator, {"film": str(film)})
-    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
+    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
     return np.array(film.develop())
 
 
@@ -229,9 +229,9 @@ def render_amcw_phasor(
             "modulation; must be an AMCWTransientPath without, or use render_single_amcw for each"
         )
     record = tracer.recording(film)
-    taking = partial(steps, tracer.plan(scene, sensor), record, sensor)
+    plan = tracer.plan(scene, sensor)
     recipe = partial(made_with, scene, sensor, tracer, {"film": str(film)})
-    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
+    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
     phasors = np.array(film.develop()[1])
     height, width = phasors.shape[:2]
     parts = phasors.reshape(height, width, len(frequencies), 2, -1)

@@ -27,9 +27,9 @@ from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .derivatives import Derivative, replaced
 from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
-from .passes import WHOLE, Part, expose, steps
-from .plan import Plan
-from .user_defined import by_sample, is_user_defined
+from .passes import WHOLE, Part, steps
+from .plan import Plan, Tracer
+from .user_defined import UserDefinedTracer, is_user_defined
 
 GRADIENT_SAMPLINGS = ("detached", "attached")
 
@@ -322,6 +322,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """
         return recording(film, self.exposure())
 
+    def tracer(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> Tracer:
+        """Return the plan, or a tracer that calls the `sample` of a user-defined subclass."""
+        if is_user_defined(self):
+            return UserDefinedTracer(self, scene, record, *self.sample_arguments())
+        return self.plan(scene, sensor, record.weight)
+
     def sample_arguments(self) -> tuple[Any, ...]:
         """What a `sample` of a subclass takes besides scene, sampler and ray."""
         return ()
@@ -336,8 +342,4 @@ class TransientIntegrator(mi.SamplingIntegrator):
         part: Part = WHOLE,
     ) -> Iterator[int]:
         """Render in steps of about a second, see `passes.steps`."""
-        if is_user_defined(self):
-            follow = by_sample(self, scene, record, *self.sample_arguments())
-            return expose(follow, record, sensor, sampler, seed, part)
-        plan = self.plan(scene, sensor, record.weight)
-        return steps(plan, record, sensor, sampler, seed, part)
+        return steps(self.tracer(scene, sensor, record), record, sensor, sampler, seed, part)

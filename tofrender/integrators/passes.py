@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -21,11 +21,11 @@ from ..films.cells import MAX_ADDED
 from ..films.colours import colour_count
 from ..films.contribution import Landing
 from ..films.recording import Recording
-from ..paths.camera import CameraSample, Tile, pixel_corner, sample_camera, sampled_size
+from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
 from ..runtime.checkpoints import Kept
 from ..samplers.padded_sobol import mix
-from .plan import Plan
+from .plan import Tracer
 from .visible_emitters import VisibleEmitters
 
 STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20
@@ -69,14 +69,14 @@ class Part:
 WHOLE = Part()
 
 
-class Shot(NamedTuple):
+class PixelSample(NamedTuple):
     """A sample of each of some pixels.
 
     Attributes:
-        position: Where it lands on the film [pixels].
+        position: Position on the film [pixels].
         colour: Channels of the picture before its weight.
         rest: Channels behind it.
-        not_finite: Contributions that were left out.
+        not_finite: Number of contributions that were not finite.
     """
 
     position: mi.Point2f
@@ -85,23 +85,62 @@ class Shot(NamedTuple):
     not_finite: mi.UInt32
 
 
-Follow = Callable[[mi.Sampler, CameraSample, Any], tuple[Any, mi.Bool, mi.UInt32]]
-"""Follows camera rays with a measurement: gives it, lanes that met a surface, what was left out."""
+class PixelSampler:
+    """Samples pixels: camera rays, their paths, and the values that go into the film.
+
+    Args:
+        plan: Traces camera rays.
+        record: The film and how light counts on it.
+        sensor: The camera.
+        sampler: Random numbers.
+        spp: Samples per pixel of the whole render.
+        tile: Part of the sensor's film that the film has, None for all.
+        rate: Rays for each sample of the picture.
+        splats: Whether all contributions are splats.
+    """
+
+    def __init__(
+        self,
+        plan: Tracer | VisibleEmitters,
+        record: Recording,
+        sensor: mi.Sensor,
+        sampler: mi.Sampler,
+        spp: int,
+        tile: Tile | None,
+        rate: int = 1,
+        splats: bool = False,
+    ) -> None:
+        self.plan, self.record, self.sensor, self.sampler = plan, record, sensor, sampler
+        self.spp, self.tile, self.rate, self.splats = spp, tile, rate, splats
+
+    def sample(self, pixel: mi.UInt32) -> PixelSample:
+        """Trace one camera ray through each of some pixels."""
+        record = self.record
+        camera = sample_camera(self.sensor, record.film, self.sampler, pixel, self.tile)
+        if self.rate > 1:
+            camera = replace(camera, weight=camera.weight / self.rate)
+        measurement = record.measurement(camera, self.spp)
+        target = Landing(measurement, camera.position) if self.splats else measurement
+        start = camera.ray, camera.origin, target
+        traced, path = self.plan.trace(self.sampler, *start, frame=camera.frame)
+        measured = measurement if self.splats else traced
+        channels = record.channels(camera, measured, path.valid_ray)
+        return PixelSample(camera.position, *channels, path.not_finite)
 
 
 def steps(
-    plan: Plan,
+    plan: Tracer,
     record: Recording,
     sensor: mi.Sensor,
     sampler: mi.Sampler,
     seed: Any,
     part: Part = WHOLE,
 ) -> Iterator[int]:
-    """Carry out a plan in steps of about a second, all from one point set.
+    """Render in steps of about a second, all from one point set.
 
     Args:
-        plan: What is done with camera rays.
-        record: The film and how light counts on it; the film is emptied first.
+        plan: Traces camera rays.
+        record: The film and how light counts on it; the film is cleared first.
         sensor: The camera, of the film's size.
         sampler: Its `sample_count` is the number of samples per pixel.
         seed: Seed of the random numbers.
@@ -112,69 +151,48 @@ def steps(
 
     Raises:
         BackendError: The active variant cannot render in time.
-        ValueError: The sensor is several.
+        ValueError: The sensor is a batch of sensors.
         MemoryError: The film does not fit.
-    """
-    plan = plan.for_bin_width(record.width_opl)
-
-    def follow(sampler: mi.Sampler, camera: CameraSample, measurement: Any) -> Any:
-        start = camera.ray, camera.origin, measurement
-        measured, path = rest.trace(sampler, *start, frame=camera.frame)
-        return measured, path.valid_ray, path.not_finite
-
-    seen = VisibleEmitters.of(plan, sensor, record.film, part.tile) if record.in_time else None
-    rest = plan if seen is None else seen.rest
-    return expose(follow, record, sensor, sampler, seed, part, plan.splats, seen)
-
-
-def expose(
-    follow: Follow,
-    record: Recording,
-    sensor: mi.Sensor,
-    sampler: mi.Sampler,
-    seed: Any,
-    part: Part = WHOLE,
-    splats: bool = False,
-    seen: VisibleEmitters | None = None,
-) -> Iterator[int]:
-    """As `steps`, with any way to follow camera rays.
-
-    `splats` says whether light lands beside them, `seen` what they see first and do not follow.
     """
     backend.require_vectorised()
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
-    record.prepare()
+    plan = plan.for_bin_width(record.width_opl)
     film, tile = record.film, part.tile
+    emitters = VisibleEmitters.of(plan, sensor, film, tile) if record.in_time else None
+
+    # Clear the film, or restore it from a checkpoint
+    record.prepare()
     width, height = sampled_size(film)
     spp, done = sampler.sample_count(), part.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
-    record.begin(spp, private, splats or (seen is not None and seen.splats))
+    record.begin(spp, private, plan.splats or (emitters is not None and emitters.splats))
     if part.kept is not None:
         record.restore(part.kept.arrays, part.kept.done, part.kept.of, spp)
+
+    # Several lanes share a pixel; all go on where an earlier render has ended
     lane = dr.arange(mi.UInt32, width * height * lanes)
     pixel = lane // dr.opaque(mi.UInt32, lanes)
     _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), part)
+    rest = plan if emitters is None else emitters.rest
+    pixels = PixelSampler(rest, record, sensor, sampler, spp, tile)
+    apart = None
+    if emitters is not None:
+        apart = _EmitterPixels(emitters, record, sensor, spp, seed, part)
 
-    def shot(pixel: mi.UInt32) -> Shot:
-        camera = sample_camera(sensor, film, sampler, pixel, tile)
-        measured, valid_ray, not_finite = follow(sampler, camera, record.measurement(camera, spp))
-        return Shot(camera.position, *record.channels(camera, measured, valid_ray), not_finite)
-
-    look = None if seen is None else _looking(seen, record, sensor, spp, seed, part)
-    folded, per_step = done, _first_count(width * height * lanes, most)
+    flushed, per_step = done, _first_count(width * height * lanes, most)
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.write(private)
         with backend.uncollected():
-            record.not_finite += _step(record, sampler, shot, pixel, count)
-        if look is not None:
-            look(count * lanes)
+            record.not_finite += _step(pixels, pixel, count)
+        if apart is not None:
+            apart.sample(count * lanes)
         done += count * lanes
         record.reach(done, spp)
-        if spp > done >= folded + MAX_ADDED:
+        if spp > done >= flushed + MAX_ADDED:
             record.fold()
-            folded = done
+            flushed = done
         if done > part.done + count * lanes:  # The first step compiled as well
             per_step = _next_count(count, time.perf_counter() - start, most)
         yield done
@@ -211,42 +229,48 @@ def _seed(sampler: mi.Sampler, seed: Any, lanes: int, pixel: mi.UInt32, part: Pa
         skip(first)
 
 
-def _looking(
-    seen: VisibleEmitters, record: Recording, sensor: mi.Sensor, spp: int, seed: Any, part: Part
-) -> Callable[[int], None]:
-    """What takes a number of samples per pixel of what is seen first, in points of its own."""
-    sampler: Any = best_sampler(spp)
-    pixels, rate, tile = mi.UInt32(seen.pixels.tolist()), seen.rate, part.tile
-    lanes = len(pixels) * rate
-    sampler.set_samples_per_wavefront(rate)
-    own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
-    dr.make_opaque(own_seed)  # One kernel for all seeds
-    sampler.seed(own_seed, lanes)
-    pixel = dr.gather(mi.UInt32, pixels, dr.arange(mi.UInt32, lanes) // rate)
-    sampler.place(pixel if tile is None else tile.numbers(record.film, pixel))
-    sampler.skip((part.first + part.done) * rate)
-    wide = _around(seen.pixels, record.film)
+class _EmitterPixels:
+    """Samples the pixels of visible emitters, in a point set of its own.
 
-    def shot(pixel: mi.UInt32) -> Shot:
-        camera = sample_camera(sensor, record.film, sampler, pixel, tile)
-        camera = replace(camera, weight=camera.weight / rate)
-        measured = record.measurement(camera, spp)
-        landing = Landing(measured, camera.position) if seen.splats else measured
-        start = camera.ray, camera.origin, landing
-        _, path = seen.trace(sampler, *start, frame=camera.frame)
-        channels = record.channels(camera, measured, mi.Bool(False))
-        return Shot(camera.position, *channels, path.not_finite)
+    Args:
+        emitters: The visible emitters.
+        record, sensor, spp, seed, part: As for `steps`.
+    """
 
-    def look(count: int) -> None:
-        record.write(False)
+    def __init__(
+        self,
+        emitters: VisibleEmitters,
+        record: Recording,
+        sensor: mi.Sensor,
+        spp: int,
+        seed: Any,
+        part: Part,
+    ) -> None:
+        sampler: Any = best_sampler(spp)
+        numbers, rate, tile = mi.UInt32(emitters.pixels.tolist()), emitters.rate, part.tile
+        lanes = len(numbers) * rate
+        sampler.set_samples_per_wavefront(rate)
+        own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
+        dr.make_opaque(own_seed)  # One kernel for all seeds
+        sampler.seed(own_seed, lanes)
+        self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, lanes) // rate)
+        sampler.place(self.pixel if tile is None else tile.numbers(record.film, self.pixel))
+        sampler.skip((part.first + part.done) * rate)
+        self.record, self.rate = record, rate
+        self.reached = _around(emitters.pixels, record.film)
+        self.pixels = PixelSampler(
+            emitters, record, sensor, sampler, spp, tile, rate, emitters.splats
+        )
+
+    def sample(self, count: int) -> None:
+        """Take `count` samples per pixel."""
+        self.record.write(False)
         while count:
-            now = min(count, MAX_ADDED // rate)
+            now = min(count, MAX_ADDED // self.rate)
             with backend.uncollected():
-                record.not_finite += _step(record, sampler, shot, pixel, now, weight=0.0)
-            record.fold(wide)
+                self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
+            self.record.fold(self.reached)
             count -= now
-
-    return look
 
 
 def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
@@ -285,20 +309,19 @@ def _divisor(number: int, bound: int) -> int:
 
 
 @dr.syntax
-def _step(record, sampler, shot, pixel, count, weight=1.0):
+def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.0) -> int:
     """Take `count` samples in every lane, one after the other, and evaluate the film.
 
-    Each counts as `weight` samples by which the picture is divided.
-
-    Returns:
-        Number of contributions that were left out.
+    Each counts as `weight` samples by which the picture is divided. Returns the number of
+    contributions that were not finite.
     """
+    record, sampler = pixels.record, pixels.sampler
     image = record.image
     block = image.create_block()
     left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
     not_finite = mi.UInt32(0)
     if dr.hint(count == 1, mode="scalar"):
-        position, colour, rest, odd = shot(pixel)
+        position, colour, rest, odd = pixels.sample(pixel)
         block.put(position, [*colour, mi.Float(weight), *rest])
         not_finite += odd
         sampler.advance()
@@ -306,7 +329,7 @@ def _step(record, sampler, shot, pixel, count, weight=1.0):
         n = colour_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
-            _, colour, rest, odd = shot(pixel)
+            _, colour, rest, odd = pixels.sample(pixel)
             sums = _added(sums, [*colour, *rest])
             not_finite += odd
             sampler.advance()
@@ -316,7 +339,7 @@ def _step(record, sampler, shot, pixel, count, weight=1.0):
         )
     else:
         while left > 0:
-            position, colour, rest, odd = shot(pixel)
+            position, colour, rest, odd = pixels.sample(pixel)
             block.put(position, [*colour, mi.Float(weight), *rest])
             not_finite += odd
             sampler.advance()

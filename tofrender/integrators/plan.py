@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
@@ -16,6 +16,48 @@ from ..paths.walk import accumulate, walk
 from ..runtime.backend import uncollected
 
 M = TypeVar("M", bound=Measurement)
+
+
+class TracedRays(Protocol):
+    """Outcome of tracing camera rays, e.g. their paths.
+
+    Attributes:
+        valid_ray: Lanes whose ray met a surface.
+        not_finite: Number of contributions that were not finite.
+    """
+
+    @property
+    def valid_ray(self) -> mi.Bool:
+        """Lanes whose ray met a surface."""
+        ...
+
+    not_finite: mi.UInt32
+
+
+class Tracer(Protocol):
+    """Traces camera rays: a `Plan`, or a user-defined integrator.
+
+    Attributes:
+        splats: Whether contributions arrive at pixels other than those of the camera rays.
+    """
+
+    splats: bool
+
+    def for_bin_width(self, width_opl: float | None) -> Tracer:
+        """Return the tracer for a film that resolves lengths by `width_opl` [m], if it does."""
+        ...
+
+    def trace(
+        self,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        measurement: Any,
+        active: mi.Bool | bool = True,
+        frame: mi.Spectrum | None = None,
+    ) -> tuple[Any, TracedRays]:
+        """Trace camera rays; returns the measurement and the outcome, see `Plan.trace`."""
+        ...
 
 
 class Plan(Parts):

@@ -1,4 +1,4 @@
-"""Rendering from start to end: shown, kept in a checkpoint, and stopped between two steps."""
+"""Rendering from start to end, with progress, checkpoints, and a stop between two steps."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Within
 from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..scenes.fingerprint import fingerprint
-from .passes import Part, best_sampler
+from .passes import Part, best_sampler, steps
+from .plan import Tracer
 
 UNIT = "samples per pixel"
 
 
 def run(
-    taking: Iterator[int],
+    rendering: Iterator[int],
     record: Recording,
     spp: int,
     *,
@@ -30,28 +31,28 @@ def run(
     progress: bool = True,
     stop: Stop | None = None,
 ) -> int:
-    """Take the steps of a render.
+    """Render all steps, with a progress bar, until a signal stops it.
 
     Args:
-        taking: The steps, as `passes.steps` gives them.
-        record: What they are recorded on.
+        rendering: The steps, see `passes.steps`.
+        record: The film and how light counts on it.
         spp: Samples per pixel in all steps.
-        done: Those that the record has from the start.
-        before: Those that an earlier render took, for the bar.
-        checkpoint: What is kept up to date; it was begun.
+        done: Samples per pixel that the film has from the start.
+        before: Samples per pixel of an earlier render, for the bar.
+        checkpoint: Checkpoint that is saved, already begun.
         progress: Whether to show a bar for work that takes more than two seconds.
-        stop: Whether to stop, if who calls listens to signals.
+        stop: Request to stop, if the caller handles signals.
 
     Returns:
-        Samples per pixel that the record has: fewer than `spp` after Ctrl-C, SIGTERM or SIGHUP,
-        which let the step under way finish and the checkpoint be saved.
+        Samples per pixel that the film has: fewer than `spp` after Ctrl-C, SIGTERM or SIGHUP,
+        which finish the current step and save the checkpoint.
     """
     with (
         progress_bar("Rendering", before + spp, unit="spp", enabled=progress) as bar,
         deferred_stop() if stop is None else nullcontext(stop) as stop,
     ):
         bar.update(before + done)
-        for done in taking:
+        for done in rendering:
             bar.update(before + done - bar.n)
             if checkpoint is not None and (checkpoint.due or stop.requested):
                 checkpoint.save(done, spp, record.state())
@@ -60,29 +61,31 @@ def run(
     return done
 
 
-def run_whole(
-    taking: Callable[[mi.Sampler, int, Part], Iterator[int]],
+def render_all(
+    plan: Tracer,
     record: Recording,
+    sensor: mi.Sensor,
     spp: Any,
     seed: Any,
     recipe: Callable[[], Mapping[str, Any]],
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> None:
-    """Render all samples; what is stopped is an error, since nobody would see that it is not whole.
+    """Render all samples; stopping is an error, since the result would look complete.
 
     Args:
-        taking: `passes.steps` or `expose` for a sampler, a seed and a part.
-        record: What they are recorded on.
+        plan: Traces camera rays.
+        record: The film and how light counts on it.
+        sensor: The camera.
         spp: Samples per pixel.
         seed: Seed of the random numbers.
-        recipe: All that the result depends on, but for `spp` and `seed`.
-        checkpoint: What is kept up to date.
+        recipe: All that the result depends on, but for `spp` and `seed`; for a checkpoint.
+        checkpoint: Checkpoint that is saved.
         progress: Whether to show a bar for work that takes more than two seconds.
 
     Raises:
         ValueError: `spp` or `seed` is out of range, or the checkpoint is of another render.
-        KeyboardInterrupt: The render was stopped; one line that says where it can go on.
+        KeyboardInterrupt: The render was stopped; one line that says how to go on.
     """
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.boolean("progress", progress)
@@ -93,7 +96,7 @@ def run_whole(
         kept = checkpoint.begin(made, spp, UNIT)
     part = Part(kept=kept)
     done = run(
-        *(taking(sampler, seed, part), record, spp),
+        *(steps(plan, record, sensor, sampler, seed, part), record, spp),
         done=part.done,
         checkpoint=checkpoint,
         progress=progress,
@@ -108,17 +111,17 @@ def run_whole(
 def made_with(
     scene: mi.Scene, sensor: mi.Sensor, integrator: Any, more: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What a checkpoint compares: scene, sensor and integrator, and what else there is."""
+    """Return what identifies a render: fingerprint of scene, sensor and integrator, and more."""
     return {**more, "fingerprint": fingerprint(scene, sensor, integrator)}
 
 
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
-    """One line on work that was stopped, and on how to go on."""
+    """Return the message of work that was stopped, and how to go on."""
     return f"interrupted after {done} of {of} {unit}" + (f"; {again}" if again else "")
 
 
 def stopped(error: BaseException, done: int, of: int, unit: str, again: str = "") -> BaseException:
-    """The error of work that was stopped, or whose workers are lost, with one line as above."""
+    """Return the error of work that was stopped, or whose workers are lost, see `interrupted`."""
     if isinstance(error, KeyboardInterrupt):
         return KeyboardInterrupt(interrupted(done, of, unit, again))
     if isinstance(error, ConnectionError):

@@ -27,10 +27,9 @@ from ..scenes.checking import check_view
 from ..signals.polarisation import as_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
-from .passes import expose, steps
-from .plan import Plan
-from .running import made_with, run_whole
-from .user_defined import by_sample, follows, is_user_defined, require_sample
+from .plan import Plan, Tracer
+from .running import made_with, render_all
+from .user_defined import UserDefinedTracer, follows, is_user_defined, require_sample
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
 NO_TARGET = "target_time = None: must be the gate's path length in metres"
@@ -234,16 +233,14 @@ def render_at_time(
     if is_user_defined(integrator):
         require_sample(integrator, CALL)
         record = recording(film, Exposure(onto=(PICTURE,)))
-        follow = by_sample(integrator, scene, record, dr.opaque(mi.Float, target))
-        taking = partial(expose, follow, record, sensor)
+        plan: Tracer = UserDefinedTracer(integrator, scene, record, dr.opaque(mi.Float, target))
     else:
         _require_gates(integrator)
         record = recording(film, integrator.exposure(target))
         plan = integrator.plan(scene, sensor, record.weight)
-        taking = partial(steps, plan, record, sensor)
     made = {"gate": target, "film": str(film)}
     recipe = partial(made_with, scene, sensor, integrator, made)
-    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
+    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
     return np.array(film.develop())
 
 
@@ -308,9 +305,9 @@ def render_transient(
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
     record = recording(film, replace(integrator.exposure(), at_centres=True))
-    taking = partial(steps, integrator.plan(scene, sensor), record, sensor)
     recipe = partial(made_with, scene, sensor, integrator, {"film": str(film)})
-    run_whole(taking, record, spp, seed, recipe, checkpoint, progress)
+    plan = integrator.plan(scene, sensor)
+    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
     return film.take()[1]
 
 

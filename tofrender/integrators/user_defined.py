@@ -1,7 +1,8 @@
-"""Integrators that bring a `sample` of their own, as students write them."""
+"""User-defined integrators: classes with a `sample` of their own, as students write them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from inspect import isfunction
 from typing import Any
 
@@ -10,21 +11,19 @@ import mitsuba as mi
 
 from ..films.recording import Recording
 from ..films.sums import Radiance
-from ..paths.camera import CameraSample
 from ..signals.polarisation import light_of, summed
-from .passes import Follow
 
 
 def is_user_defined(integrator: Any) -> bool:
-    """Whether a class outside of this package says what a ray sees."""
+    """Whether an integrator's `sample` is defined outside of this package."""
     sample = getattr(type(integrator), "sample", None)
     return getattr(sample, "__module__", "").partition(".")[0] != __name__.partition(".")[0]
 
 
 def follows(integrator: Any) -> dict[str, bool]:
-    """What of a scene an integrator follows, as `check_view` takes it.
+    """Return what an integrator models, as keyword arguments of `check_view`.
 
-    Media are left to one of another kind, which is asked what a ray sees; None is this package's.
+    Media are left to user-defined integrators; None stands for one of this package.
     """
     return {
         "media": getattr(integrator, "follows_media", True),
@@ -33,38 +32,75 @@ def follows(integrator: Any) -> dict[str, bool]:
 
 
 def require_sample(integrator: Any, call: str) -> None:
-    """Refuse what cannot be asked what a ray sees.
+    """Refuse an integrator without a `sample` of its own.
 
     Args:
-        integrator: What should be an integrator.
-        call: How it would be asked, for the message.
+        integrator: The integrator.
+        call: The call that it must support, for the message.
 
     Raises:
         TypeError: It has no `sample` of its own; one line.
     """
-    if not isfunction(getattr(type(integrator), "sample", None)):  # Mitsuba's own knows no time
+    if not isfunction(getattr(type(integrator), "sample", None)):
+        # Mitsuba's own integrators know no time
         kind = type(integrator).__name__
         raise TypeError(f"integrator = {kind}: has no sample of its own; must have {call}")
 
 
-def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -> Follow:
-    """Follow camera rays by an integrator's `sample(scene, sampler, ray, *more)`.
+@dataclass
+class SampledRays:
+    """Outcome of an integrator's `sample`.
+
+    Attributes:
+        valid_ray: Lanes that it says are valid.
+        not_finite: Number of values that were not finite.
+    """
+
+    valid_ray: mi.Bool
+    not_finite: mi.UInt32
+
+
+class UserDefinedTracer:
+    """Traces camera rays by an integrator's `sample(scene, sampler, ray, *more)`.
 
     Rays start on the sensor instead of at its near plane, since a `sample` measures lengths from
     where its ray starts. Lanes that it says are not valid are black.
 
+    Args:
+        integrator: The integrator.
+        scene: The scene.
+        record: The film and how light counts on it.
+        *more: Further arguments of `sample`.
+
     Raises:
         TypeError: The film needs the length of each path, which a `sample` does not tell; one line.
     """
-    record.require_no_lengths(type(integrator).__name__)
 
-    def follow(sampler: mi.Sampler, camera: CameraSample, _: Any) -> Any:
-        ray = mi.RayDifferential3f(camera.ray)
-        ray.o = camera.origin
-        spectrum, valid_ray, *_aovs = integrator.sample(scene, sampler, ray, *more)
-        total = light_of(spectrum if camera.frame is None else camera.frame @ spectrum)
-        valid, finite = mi.Bool(valid_ray), dr.isfinite(summed(total))
+    splats = False
+
+    def __init__(self, integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -> None:
+        record.require_no_lengths(type(integrator).__name__)
+        self.integrator, self.scene, self.more = integrator, scene, more
+
+    def for_bin_width(self, width_opl: float | None) -> UserDefinedTracer:
+        """Return the tracer unchanged."""
+        return self
+
+    def trace(
+        self,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        measurement: Any,
+        active: mi.Bool | bool = True,
+        frame: mi.Spectrum | None = None,
+    ) -> tuple[Radiance, SampledRays]:
+        """Call `sample` with the rays, see `Plan.trace`."""
+        ray = mi.RayDifferential3f(ray)
+        ray.o = origin
+        spectrum, valid, *_aovs = self.integrator.sample(self.scene, sampler, ray, *self.more)
+        total = light_of(spectrum if frame is None else frame @ spectrum)
+        valid, finite = mi.Bool(valid), dr.isfinite(summed(total))
+        not_finite = dr.select(valid & ~finite, mi.UInt32(1), 0)
         radiance = Radiance(dr.select(valid & finite, total, 0))
-        return radiance, valid, dr.select(valid & ~finite, mi.UInt32(1), 0)
-
-    return follow
+        return radiance, SampledRays(valid, not_finite)

@@ -19,7 +19,7 @@ from ..paths.camera import Tile, sampled_size
 from ..paths.records import Path
 from ..paths.walk import add_emission
 from ..paths.window import KINDS, Window
-from .plan import Plan
+from .plan import Plan, Tracer
 
 MOST = 32
 """Most rays for each sample of a pixel."""
@@ -52,15 +52,17 @@ class VisibleEmitters:
 
     @classmethod
     def of(
-        cls, plan: Plan, sensor: mi.Sensor, film: mi.Film, tile: Tile | None = None
+        cls, plan: Tracer, sensor: mi.Sensor, film: mi.Film, tile: Tile | None = None
     ) -> VisibleEmitters | None:
         """What pays for a camera and a film, or a tile of one; None if nothing does.
 
         Nothing does where no lamp is in view, where lamps fill the picture, and with cameras whose
         pixels cannot be told from points.
         """
+        if not isinstance(plan, Plan) or sensor.class_name() not in KINDS:
+            return None
         lamps = plan.visible_emitters()
-        if not lamps or sensor.class_name() not in KINDS:
+        if not lamps:
             return None
         whole = film if tile is None else tile.whole
         pixels = pixels_of(lamps, sensor, whole)

@@ -181,7 +181,8 @@ class Guided:
         bsdf_sample.pdf = dr.select(chosen, sent.pdf, bsdf_sample.pdf)
         bsdf_sample.η = dr.select(chosen, 1, bsdf_sample.η)
         bsdf_sample.specular &= ~chosen
-        bsdf_sample.guide = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
+        guide: Any = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
+        bsdf_sample.guide = guide
         return bsdf_eval, bsdf_sample
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
