@@ -1,4 +1,3 @@
-# pyright: reportCallIssue=false, reportReturnType=false
 """The storage of a film that has an axis besides the picture's two: time, or frequency."""
 
 from __future__ import annotations

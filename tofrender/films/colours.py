@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """Colours of light, as the channels of a film hold them."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# pyright: reportOperatorIssue=false
 """The measurement that puts light into the time bins of a film."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """What films make of light that changes: their rates, and what their gradients ask of paths.
 
 A film's values are linear in light. Forwards, the rate of a film is the film of the rates; in

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
 """Light that lands anywhere on a film, apart from the samples of its pixels.
 
 A path from a light is connected to the lens, and lands in whatever pixel sees it there. Such

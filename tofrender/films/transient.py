@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
 """Film plugin `transient_hdr_film`: a steady image and a histogram of arrival times per pixel."""
 
 from __future__ import annotations

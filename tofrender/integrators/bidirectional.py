@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Bidirectional path tracing: the plan, and the base of its integrators."""
 
 from __future__ import annotations

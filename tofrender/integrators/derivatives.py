@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """Derivatives of renders, forwards and in reverse, in passes of many samples."""
 
 from __future__ import annotations

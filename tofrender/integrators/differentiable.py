@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """What has derivatives: refusals of what has none, in one line each, before any work."""
 
 from __future__ import annotations

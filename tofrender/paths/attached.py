@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-# pyright: reportAttributeAccessIssue=false
 """Detached sampling: where paths go does not depend on parameters, what they carry does.
 
 A vertex that a path has found by a random direction is a point of a surface. If the scene changes,

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 """Flights through media, as derivatives follow them.
 
 How far a flight goes is detached: a point that scatters keeps its place on the way to the surface

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """Transmittance between two points, outside of any path."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """MIS weights of bidirectional path tracing, computed recursively along both sub-paths.
 
 A path of s vertices from a light and t from the lens is found by all strategies (s, t) of the same

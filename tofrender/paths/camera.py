@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
 """Camera rays with the point that path lengths are measured from."""
 
 from __future__ import annotations

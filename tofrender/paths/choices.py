@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """Choices between single directions, such as reflection or refraction: the rates of their chances.
 
 A material that chooses with the chance p weights what it has chosen by f/p. A derivative needs that

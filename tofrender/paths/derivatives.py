@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """The path loop, differentiated: `walk`'s own `step`, one vertex at a time.
 
 A step takes the state of a path to the next one and hands out light. All that a derivative of the

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false
-# pyright: reportOperatorIssue=false, reportReturnType=false
 """Where light starts: rays from emitters, and the densities with which they are chosen.
 
 An emitter is chosen as next-event estimation chooses it, and those of `sampling_weight` 0 too that

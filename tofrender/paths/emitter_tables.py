@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportReturnType=false
 """Tables of a scene's emitters, made once before light starts at them."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """State of a flight through media."""
 
 from __future__ import annotations

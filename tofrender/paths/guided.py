@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
-# pyright: reportOperatorIssue=false, reportReturnType=false
 """Path guiding to target surfaces: hidden geometry, which BSDF samples rarely find.
 
 At the vertices where it applies, a path takes its next direction from the material with the

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-# pyright: reportReturnType=false
 """The camera as what light arrives at: its lens, its importance, and where light lands on the film.
 
 Rays through points that are even on the film, whose window has the area A in the plane at distance

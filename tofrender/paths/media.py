@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-# pyright: reportAttributeAccessIssue=false, reportReturnType=false
 """Participating media: fog, smoke, milk.
 
 A path passes media and index-matched boundaries (BSDF `null`) to its next vertex: a surface, or a

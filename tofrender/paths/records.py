@@ -1,5 +1,3 @@
-# pyright: reportOperatorIssue=false, reportAttributeAccessIssue=false, reportCallIssue=false
-# pyright: reportArgumentType=false
 """Records of the path loop: paths, vertices, connections, BSDF samples, and limits.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could

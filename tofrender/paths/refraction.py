@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportReturnType=false
 """Indices of refraction: behind rough glass, which connections pass, and around a sensor."""
 
 from __future__ import annotations

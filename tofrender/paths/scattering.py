@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Scattering by the BSDFs of surfaces."""
 
 from __future__ import annotations

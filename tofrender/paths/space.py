@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """Space without participating media."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false, reportReturnType=false
 """Telling on which shapes surface points are, and which surfaces let light through."""
 
 from __future__ import annotations

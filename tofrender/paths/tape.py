@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """States of a loop, kept in memory of each lane so that they can be read backwards."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-# pyright: reportReturnType=false
 """The window of a camera: what of the plane before its lens the film sees.
 
 The film looks through a window in the plane at distance 1 before the lens. The window is that of

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """The camera as the endpoint of paths from lights, and the vertices stored for other paths."""
 
 from __future__ import annotations

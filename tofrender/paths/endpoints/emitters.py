@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """The emitters of a scene: samples of them, and their radiance where rays hit them."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-# pyright: reportReturnType=false
 """Next-event estimation for a time gate in media: ellipsoidal connections along rays."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """Emitters and the stored vertices of a light path, as the endpoint of camera paths."""
 
 from __future__ import annotations

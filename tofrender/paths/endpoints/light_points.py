@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 """How many points on lights a vertex connects to, and which."""
 
 from __future__ import annotations

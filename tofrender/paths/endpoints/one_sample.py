@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """One-sample multiple importance sampling of emitters and BSDFs."""
 
 from __future__ import annotations

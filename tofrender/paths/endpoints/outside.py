@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """Lights that are not part of a scene: a point light, and a white sky."""
 
 from __future__ import annotations

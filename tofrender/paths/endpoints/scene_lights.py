@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false
 """Next-event estimation of a scene's emitters, and hits of them, alone or combined."""
 
 from __future__ import annotations

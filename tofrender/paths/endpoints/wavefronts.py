@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """Where light starts that comes from infinitely far away."""
 
 from __future__ import annotations
