@@ -28,7 +28,7 @@ test-all: setup ## run all tests, in half an hour; SHARD=3/8 runs the third of e
 durations: setup ## run all tests and store what each takes, by which make test and shards are chosen
 	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --store-durations $(ARGS)
 
-mutants: setup ## plant eighty bugs, one at a time, and see that the tests find each
+mutants: setup ## plant a hundred bugs, one at a time, and see that the tests find each
 	.venv/bin/python -m tests.mutants $(ARGS)
 
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes

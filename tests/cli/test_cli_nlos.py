@@ -39,6 +39,15 @@ def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     assert letter.min() > 0.3 > notch.max()
 
 
+def test_a_file_that_exists_is_refused_before_work_starts(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("tofrender.nlos.capture", None)
+    out = tmp_path / "mine.h5"
+    out.write_text("mine")
+    said = refused(capsys, "capture", "nlos-z", "--grid", "2x2", "--spp", "1", "--out", out)
+    assert said == f"--out = {out}: exists already; must be a new file"
+    assert out.read_text() == "mine"
+
+
 def test_modes_are_told(tmp_path, capsys):
     path = tmp_path / "single.h5"
     options = ["--mode", "single", "--grid", "4x3", "--spp", "1", "--out", path]

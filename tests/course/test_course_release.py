@@ -25,6 +25,7 @@ from tofrender.course.dependents import dependents
 from tofrender.course.judge import running, worker
 from tofrender.course.student import cells, submit
 from tofrender.course.student.start import start
+from tofrender.runtime import withheld
 
 
 @pytest.fixture
@@ -154,6 +155,15 @@ def test_withheld_modules_must_exist(tiny, tmp_path):
     changed(tiny.folder, "rubric.toml", ("tofrender.nlos.light.confocal", "tofrender.conrer"))
     with pytest.raises(ValueError, match=r"module tofrender\.conrer: does not exist"):
         edition.copy(tiny, tmp_path / "edition")
+
+
+def test_a_withheld_package_takes_all_in_it_along(monkeypatch):
+    without = {"tofrender.paths": "a0.walk", "tofrender.nlos.light": None}
+    monkeypatch.setattr(withheld, "_WITHHELD", without)
+    walk, confocal = "tofrender.paths.walk", "tofrender.nlos.light.confocal"
+    assert withheld.refusal(walk) == f"{walk} is yours to write: problem a0.walk"
+    assert withheld.refusal(confocal) == f"{confocal} is not part of the student edition"
+    assert withheld.refusal("tofrender.nlos") is withheld.refusal("tofrender.pathsome") is None
 
 
 def test_a_package_is_withheld_but_for_what_is_kept(tiny):

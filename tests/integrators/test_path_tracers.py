@@ -213,6 +213,21 @@ SMALL_LAMPS = {
 SKY = {"sky": {"type": "constant", "radiance": grey(0.2)}}
 
 
+@pytest.mark.parametrize(
+    ("lamp", "irradiance"),
+    [("bulb", 20 * 3 / math.hypot(2, 2, 3) ** 3), ("sun", 0.5 / math.hypot(0.3, 0.2, 1))],
+)
+def test_one_sample_leaves_lamps_without_size_to_connections(lamp, irradiance):
+    """Half of the paths connect, and each of them brings twice the light."""
+    parts = {"floor": plane(size=10, bsdf=diffuse(0.4)), lamp: SMALL_LAMPS[lamp]}
+    loaded = load(scene(parts, camera((0, 0, 9), (0, 0, 0), film())))
+    ray = mi.Ray3f(mi.Point3f(dr.zeros(mi.Float, 256), 0, 1), mi.Vector3f(0, 0, -1))
+    found = paths(loaded, TRACERS["one_sample"] | {"max_depth": 2}, ray, seed=1)
+    lit = found > 0
+    assert 0.3 < lit.mean() < 0.7
+    assert found[lit] == pytest.approx(2 * 0.4 / math.pi * irradiance, rel=1e-3)
+
+
 @pytest.mark.statistical
 @pytest.mark.parametrize("lamps", [{}, SKY, SKY | SMALL_LAMPS], ids=["area", "sky", "all"])
 def test_materials_in_expectation(lamps):

@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.fogs import FLAKES, TWO_LOBES, cube, filled, fog, red
+from helpers.fogs import FLAKES, TWO_LOBES, cube, filled, fog, red, volume
 from helpers.mistakes import gives_other
 from helpers.scenes import numbers
 from helpers.support import plane, rotate, translate
@@ -15,6 +15,7 @@ from helpers.support import plane, rotate, translate
 from tofrender.integrators.plan import Plan
 from tofrender.paths import media as media_module
 from tofrender.paths.endpoints import SceneLights
+from tofrender.paths.flight import sample_channel, value_in
 from tofrender.paths.media import Media
 from tofrender.paths.phases import Phases, as_surface
 from tofrender.paths.records import Limits, MediumPoint, Path, Vertex
@@ -243,14 +244,29 @@ def test_plates_are_no_boundaries(boundary):
     assert length / light == pytest.approx(5, abs=1.5e-4)
 
 
-def test_colours_are_right_where_they_differ_much():
+def test_values_are_those_of_the_channel_that_was_drawn():
+    channel = sample_channel([0.2, 0.5, 0.3], mi.Float([0.1, 0.3, 0.69, 0.71, 0.99]))
+    assert np.array(channel).tolist() == [0, 1, 1, 2, 2]
+    assert np.array(value_in(mi.Color3f(3, 4, 5), channel)).tolist() == [3, 4, 4, 5, 5]
+
+
+SEES_RED = 0.0125, 0.25, 1.0
+GRID = volume(np.broadcast_to(SEES_RED, (8, 8, 8, 3)), (-40, -40, -40), 80)
+COLOURED = {
+    "even": fog(red(*SEES_RED), 0.0, scale=4.0),
+    "grid": fog(4.0, 0.0, kind="grid") | {"sigma_t": GRID},
+}
+
+
+@pytest.mark.parametrize("kind", COLOURED)
+def test_colours_are_right_where_they_differ_much(kind):
     """Red sees through, blue does not: the mean of each channel is its own transmittance."""
     lamp = {"type": "constant", "radiance": 1.0}
-    wall = filled(cube([30, 30, 1], [0, 0, 3]), fog(red(0.0125, 0.25, 1.0), 0.0, scale=4.0))
+    wall = filled(cube([30, 30, 1], [0, 0, 3]), COLOURED[kind])
     scene = mi.load_dict({"type": "scene", "lamp": lamp, "wall": wall})
     found = []
     for seed in range(SEEDS):
-        path, vertex = next(walk(scene, None, from_one_point([0, 0, 1], 20_000), seed))
+        path, vertex = next(walk(scene, None, from_one_point([0, 0, 1], 5000), seed))
         light = dr.select(vertex.valid & vertex.in_medium.here, 0, path.β)
         found.append(np.array(dr.mean(light, axis=1)).ravel())
     assert agrees(found, np.exp(-2 * np.array([0.05, 1.0, 4.0])))

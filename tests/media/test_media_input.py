@@ -9,6 +9,7 @@ from helpers.fogs import FLAKES, TWO_LOBES, cloud, cube, filled, fog, volume
 from helpers.scenes import refusal as refused
 
 import tofrender
+from tofrender.scenes.media import media_of
 
 
 def box(medium: dict | None = None, **parts: dict) -> dict:
@@ -53,6 +54,13 @@ def test_coefficients_and_grids(parts, names):
     text = refusal(box(**parts))
     for name in names:
         assert name in text
+
+
+@pytest.mark.parametrize("sides", [("interior",), ("exterior",), ("interior", "exterior")])
+def test_media_on_each_side_of_a_shape_are_found(sides):
+    media = {side: fog(1.0 + k, 0.9) for k, side in enumerate(sides)}
+    loaded = mi.load_dict({"type": "scene", "ball": {"type": "sphere", **media}})
+    assert len(media_of(loaded)) == len(sides)
 
 
 def test_a_sensor_that_does_not_know_its_medium():

@@ -256,6 +256,14 @@ def test_backprojection_in_steps(monkeypatch):
     np.testing.assert_array_equal(run(capture, "bp")["intensity"], whole["intensity"])
 
 
+def test_sharpening_is_exact_for_parabolas():
+    """Also where voxels are no cubes: minus the Laplacian of -(x² + 2 y² + 3 z²) is 12."""
+    grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 6), (0.1, 1.4, 7))
+    z, y, x = np.meshgrid(*(grid.centres(axis) for axis in "zyx"), indexing="ij")
+    found = backprojection.sharpen(-(x**2 + 2 * y**2 + 3 * z**2), grid)
+    np.testing.assert_allclose(found[1:-1, 1:-1, 1:-1], 12, rtol=1e-5)
+
+
 def test_light_that_is_not_finite_is_refused():
     capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), **TIME)
     capture["transient"].values[3, 4:7, 20:22] = np.nan

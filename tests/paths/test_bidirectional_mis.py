@@ -193,6 +193,9 @@ def test_light_starts_with_its_density(beside):
     assert np.array(it.density) == pytest.approx(expected, rel=1e-4)
     for emitter in loaded.emitters():
         assert dr.count(it.emitter == mi.EmitterPtr(emitter))[0] > LANES / 8
+    before = np.array(emission.sphere.length(it.origin, -it.ray.d))
+    distant = np.array(mi.has_flag(it.emitter.flags(), mi.EmitterFlags.Infinite))
+    assert np.abs(before[distant]).max() < 1e-5  # As paths from the sensor measure it
     del alive
 
 

@@ -292,6 +292,14 @@ def test_what_depolarises_is_as_without_polarisation(variant):
         assert not polarised[..., count:].any()
 
 
+def test_light_is_a_column_that_stands_right_of_a_matrix():
+    rng = np.random.default_rng(0)
+    matrix, light = rng.random((4, 4)), rng.random(4)
+    stokes = mi.SpectrumEntry(*[mi.UnpolarizedSpectrum(each) for each in light.tolist()])
+    found = polarisation.received(mi.Spectrum(*matrix.ravel().tolist()), stokes)
+    assert np.ravel(found) == pytest.approx(matrix @ light, rel=1e-5)
+
+
 def test_films_add_tiles_and_muellers_matrices():
     small = LONG | {"width": 4, "height": 2, "rfilter": {"type": "box"}}
     whole = load(small)

@@ -25,7 +25,9 @@ import tofrender
 from tofrender import nlos
 from tofrender.films import cells, recording
 from tofrender.integrators import passes
-from tofrender.rendering import job
+from tofrender.rendering import job, pieces
+from tofrender.rendering.asked import Asked
+from tofrender.rendering.renderer import make_job
 from tofrender.runtime.checkpoints import Checkpoint
 
 SIZE, SPP, STEP = 16, 128, 16
@@ -331,6 +333,24 @@ def test_on_top_of_an_earlier_render(path, small_steps):
     assert last.told == [f"resuming from {SPP + 3 * STEP} of {3 * SPP} samples per pixel"]
     assert difference(result, whole) < ROUNDING
     assert result.attrs["spp"] == 3 * SPP
+
+
+@pytest.mark.parametrize("done", [STEP, 2 * SPP])
+def test_parts_weigh_by_their_samples(done):
+    """Also where a resumed render was stopped again."""
+    decided = make_job(Asked(box(), spp=3 * SPP), axis=(4, 0.0, 3.0))
+    shape = decided.film.shape
+
+    def taken(light: float, count: int) -> pieces.Taken:
+        steady, transient = (np.ones(s, np.float32) for s in ((*shape[:2], shape[3]), shape))
+        return pieces.Taken(4 * light * steady, light * transient, count, 0, 1.0)
+
+    earlier = job.labelled(decided, taken(1.0, SPP), True)
+    result = job.labelled(decided, taken(5.0, done), done == 2 * SPP, earlier)
+    mean = (SPP + 5 * done) / (SPP + done)
+    assert result.attrs["spp"] == SPP + done
+    np.testing.assert_allclose(result["transient"], mean, rtol=1e-6)
+    np.testing.assert_allclose(result["steady"], 4 * mean, rtol=1e-6)
 
 
 def test_a_partial_result_is_gone_on_with(path, small_steps):

@@ -52,6 +52,11 @@ def test_render_counts_and_tells():
     assert dataset["transient"].values.sum() == pytest.approx(dataset["steady"].values.sum())
 
 
+def test_a_film_on_disk_tells_too(tmp_path):
+    with pytest.warns(UserWarning, match="128 contributions of paths were not finite"):
+        tofrender.render(half_broken(), spp=8, out=tmp_path / "film.zarr", progress=False)
+
+
 def test_mi_render_and_gates_tell():
     broken = half_broken()
     with pytest.warns(UserWarning, match="not finite"):

@@ -127,12 +127,14 @@ def test_seeds():
     of_0, of_1, last, before = (squares(16, seed=n) for n in (0, 1, (1 << 32) - 1, (1 << 32) - 2))
     assert not np.array_equal(of_0, of_1)
     assert not np.array_equal(last, before)
-    own = (seeded_by_itself(n) for n in (0, 5))
-    assert not np.array_equal(*own)
+    own = [mi.load_dict({"type": "padded_sobol", "sample_count": 16, "seed": n}) for n in (0, 5)]
+    of_0, of_5 = map(first_numbers, own)
+    assert not np.array_equal(of_0, of_5)
+    for copy in (own[1].fork(), own[1].clone()):
+        assert np.array_equal(first_numbers(copy), of_5)
 
 
-def seeded_by_itself(seed: int) -> np.ndarray:
-    sampler = mi.load_dict({"type": "padded_sobol", "sample_count": 16, "seed": seed})
+def first_numbers(sampler: mi.Sampler) -> np.ndarray:
     sampler.seed(0, 16)
     return np.array(sampler.next_1d())
 

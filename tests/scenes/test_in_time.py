@@ -60,6 +60,17 @@ def test_a_closed_white_box_is_as_bright_as_mitsubas(wrapper):
     assert ours.attrs["max_depth"] == -1
 
 
+def test_a_film_keeps_its_size_its_crop_and_its_border():
+    crop = {"crop_offset_x": 2, "crop_offset_y": 1, "crop_width": 5, "crop_height": 4}
+    size = {"width": 9, "height": 7, "sample_border": True}
+    described = box({"type": "path"})
+    described["sensor"] = described["sensor"] | {"film": {"type": "hdrfilm", **size, **crop}}
+    found = load_scene(described, **WINDOW).sensors()[0].film()
+    assert found.shape == (4, 5, WINDOW["temporal_bins"], 3)
+    assert (list(found.size()), list(found.crop_offset())) == ([9, 7], [2, 1])
+    assert found.sample_border()
+
+
 @pytest.mark.parametrize("name", ["path", "volpath", "volpathmis", "ptracer"])
 def test_paths_without_a_limit_stay_so(name):
     for options in (WINDOW, {}) if name == "path" else ({},):

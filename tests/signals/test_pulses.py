@@ -10,6 +10,7 @@ from helpers.support import ALPHA, COMPARISONS
 from oracles import films as oracles
 
 from tofrender.sampling.statistics import smallest_allowed
+from tofrender.signals.pulse_checks import check_pulse
 from tofrender.signals.pulses import BoxPulse, GaussianPulse, SampledPulse, convolve
 
 PULSES = {
@@ -87,6 +88,25 @@ def test_samples_are_finite_at_both_ends(name):
     assert np.isfinite(t).all()
     assert np.all((t >= low - margin) & (t <= high + margin))
     assert np.all(np.diff(t) >= 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("eval", lambda density, t: density - 0.01, "a density is never negative"),
+        ("eval", lambda density, t: 2 * density, "the density integrates to 2, not to 1"),
+        ("cdf", lambda cdf, t: cdf * cdf, "the cdf is 0.25 off the integral"),
+        ("sample", lambda drawn, xi: (drawn[0], 1.0), "weights are an array"),
+        ("sample", lambda drawn, xi: (drawn[0], 2 * xi), "offsets have the weight 1"),
+        ("sample", lambda drawn, xi: (0.9 * drawn[0], drawn[1]), "samples are .* off the density"),
+        ("sample", lambda drawn, xi: (drawn[0] / (xi * (1 - xi) != 0), drawn[1]), "at the ends"),
+    ],
+)
+def test_check_pulse_says_what_is_broken(monkeypatch, name, change, message):
+    right = getattr(GaussianPulse, name)
+    monkeypatch.setattr(GaussianPulse, name, lambda pulse, x: change(right(pulse, x), x))
+    with pytest.raises(AssertionError, match=message):
+        check_pulse(GaussianPulse(0.03))
 
 
 def test_gaussian_values():

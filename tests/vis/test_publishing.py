@@ -55,14 +55,18 @@ def reconstruction():
     return vis.reconstruction_figure(xr.Dataset({"intensity": ((*"zyx",), values)}, axes, named))
 
 
-def pyramid(depth: int = 5):
+def strategies(depth: int = 5) -> xr.Dataset:
     pairs = [(s, n + 1 - s) for n in range(1, depth + 1) for s in range(n + 1) if n + 1 - s]
     shape = (2, len(pairs), 8, 9, 3)
     steady = np.random.default_rng(2).random(shape).astype(np.float32)
     coords = {"weighting": ["mis", "none"]}
     coords |= {name: ("strategy", [pair[k] for pair in pairs]) for k, name in enumerate("st")}
     dims = ("weighting", "strategy", "y", "x", "channel")
-    return vis.pyramid_figure(xr.Dataset({"steady": (dims, steady)}, coords))
+    return xr.Dataset({"steady": (dims, steady)}, coords)
+
+
+def pyramid(depth: int = 5):
+    return vis.pyramid_figure(strategies(depth))
 
 
 @cache
@@ -149,6 +153,16 @@ def test_text_is_whole_apart_and_readable(name, width, theme, monkeypatch):
         assert each.axes is axes or apart(each.box, axes.get_window_extent()), (each, axes)
     for one, other in itertools.combinations(figure.axes, 2):
         assert apart(one.get_window_extent(), other.get_window_extent())
+
+
+def test_rows_of_a_pyramid_become_brighter_by_stops():
+    """Light that halves with each segment is drawn alike in all rows."""
+    made = strategies(2)
+    made["steady"] = 0.5 ** (made["s"] + made["t"]) * xr.ones_like(made["steady"])
+    figure = vis.pyramid_figure(made, stops_per_row=1.0)
+    shown = np.array([axes.images[0].get_array() for axes in figure.axes])
+    assert len(shown) == 5
+    assert 0 < shown.min() == shown.max() < 255
 
 
 @pytest.mark.parametrize("name", ["phasors, unwrapped", "reconstruction", "verdict", "pyramid"])
