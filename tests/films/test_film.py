@@ -98,7 +98,7 @@ def test_clear_and_prepare_empty_the_film():
     target = empty(bins=2, bin_width=1.0)
     for empties in (target.clear, lambda: target.prepare([])):
         deposit(target, 0.5)
-        target.fold()
+        target.flush()
         deposit(target, 0.5)
         assert bins_of(target)[0, 0, 0, 0] == 2
         empties()
@@ -119,7 +119,7 @@ def test_fold_keeps_what_single_precision_would_lose():
     """2^24 ones and one more: the next is lost, unless the first were put aside."""
     target = empty(bins=1, bin_width=1.0)
     deposit(target, [0.5], value=2.0**24)
-    target.fold()
+    target.flush()
     for _ in range(3):
         deposit(target, np.full(64, 0.5))
     assert bins_of(target)[0, 0, 0, 0] == 2**24 + 192
@@ -147,7 +147,7 @@ def test_take_time_slice_and_scale_are_what_develop_says(rfilter):
 def test_scale_reaches_what_is_folded():
     target = empty(bins=3, bin_width=1.0)
     deposit(target, [0.5, 1.5])
-    target.fold()
+    target.flush()
     deposit(target, [1.5])
     target.scale(0.25)
     assert bins_of(target)[0, 0, :, 0].tolist() == [0.25, 0.5, 0]
@@ -321,12 +321,12 @@ def test_folding_some_pixels_copies_nothing():
     for _ in range(5):
         deposit(target, [0.5, 1.5])
         before = target.bins._sums.index
-        target.fold(pixels)
+        target.flush(pixels)
         places.append(target.bins._sums.index == before)
     assert all(places[1:]), places
 
 
-@pytest.mark.parametrize("call", ["develop", "take", "time_slice", "scale", "fold"])
+@pytest.mark.parametrize("call", ["develop", "take", "time_slice", "scale", "flush"])
 def test_an_empty_film_says_so(call):
     made = mi.load_dict(film(), parallel=False)
     arguments = {"time_slice": (0,), "scale": (2.0,)}.get(call, ())

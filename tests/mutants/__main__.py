@@ -4,7 +4,7 @@
 
     [[bug]]
     name = "gate_sees_pulse_reversed"
-    file = "tofrender/films/deposit.py"
+    file = "tofrender/films/time_bins.py"
     wrong = "Gates see an asymmetric pulse reversed in time."
     before = '''        return pulse.eval((k + 0.5) * width - opl)'''
     after = '''        return pulse.eval(opl - (k + 0.5) * width)'''

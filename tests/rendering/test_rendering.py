@@ -232,9 +232,9 @@ def test_long_renders_are_folded(monkeypatch):
     """Sums in single precision are put aside in time; the result is the same."""
     whole = render(box(), spp=512)
     folds = []
-    fold = tofrender.TransientHDRFilm.fold
+    fold = tofrender.TransientHDRFilm.flush
     monkeypatch.setattr(
-        tofrender.TransientHDRFilm, "fold", lambda self, *_: folds.append(1) or fold(self)
+        tofrender.TransientHDRFilm, "flush", lambda self, *_: folds.append(1) or fold(self)
     )
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     monkeypatch.setattr(base, "MAX_ADDED", 128)

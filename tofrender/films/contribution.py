@@ -1,4 +1,4 @@
-"""What arrives at a film, or at whatever else measures light."""
+"""Contributions of paths, as measurements receive them."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ class Contribution:
             weight of the camera ray is not in it.
         opl: Optical path length from the emitter to the sensor [m].
         active: Lanes that have such a contribution.
-        position: Where on the film it lands [pixels]; None where the camera's own ray started.
+        position: Position on the film [pixels] of a splat; None for that of the camera ray.
     """
 
-    spectrum: Any
+    spectrum: mi.Spectrum
     opl: mi.Float
     active: mi.Bool
-    position: Any = None
+    position: mi.Point2f | None = None
 
 
 @dataclass
-class Landing:
-    """A measurement whose contributions all land as splats, at the camera rays' own positions.
+class AsSplats:
+    """Adds all contributions as splats, at the positions of their camera rays.
 
     Attributes:
-        measurement: What takes them.
-        position: Where on the film [pixels].
+        measurement: The measurement that they are added to.
+        position: Positions on the film [pixels].
     """
 
     measurement: Any

@@ -1,4 +1,4 @@
-"""What films make of light that changes: their rates, and what their gradients ask of paths.
+"""Derivatives of films: rates of their values, and gradients by the light of paths.
 
 A film's values are linear in light. Forwards, the rate of a film is the film of the rates; in
 reverse, a film's gradient is read where light lands. Time bins need a pulse for both: with its
@@ -21,34 +21,34 @@ import mitsuba as mi
 from ..signals.polarisation import no_light, scaled
 from .colours import channels_of
 from .contribution import Contribution
-from .deposit import FilmDeposit, reached, share
 from .recording import BinRecording, Recording
+from .time_bins import TimeBins, bins_of_pulse, pulse_weight
 
 FORWARDS = dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad
-"""Rates of parameters are asked for again at the next vertex."""
+"""Rates of parameters are needed again at the next vertex."""
 
 REVERSE = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
 
 
 @dataclass
 class Collected:
-    """The light of one vertex.
+    """Collects the light of one vertex.
 
     Attributes:
-        measurement: Takes it in.
-        kept: Spectrum, length and lanes of each contribution that lands in time bins.
+        measurement: Sums it.
+        kept: Spectrum, length and lanes of each contribution to time bins.
     """
 
     measurement: Any
     kept: list[Any]
 
     def add(self, contribution: Contribution) -> None:
-        """Take in a contribution."""
+        """Add a contribution."""
         self.measurement.add(contribution)
 
 
 class Changes:
-    """What a recording makes of the changing light of camera rays: sums of any kind.
+    """Derivatives of a recording of camera rays, by sums of any kind.
 
     Args:
         record: The recording; the samples of its film are rates, or there is a gradient.
@@ -63,14 +63,14 @@ class Changes:
     ) -> None:
         self.record, self.camera, self.spp = record, camera, spp
         self.gradients: Any = gradients
-        self.asked: list[Any] = [] if gradients is None else self._asked()
+        self.gradients_of_sums: list[Any] = [] if gradients is None else self._gradients_of_sums()
 
     def step(self) -> Collected:
-        """A measurement of one vertex."""
+        """Create the measurement of one vertex."""
         return Collected(self.record.measurement(self.camera, self.spp), [])
 
     def zero(self) -> list[Any]:
-        """Rates of sums that are 0."""
+        """Return sums that are 0."""
         return self.record.measurement(self.camera, self.spp).sums
 
     # ---------------------------------------------------------------------- forwards
@@ -86,7 +86,7 @@ class Changes:
         return [total + dr.grad(each) for total, each in zip(sums, new, strict=True)]
 
     def channels(self, rates: list[Any]) -> tuple[list[Any], list[Any]]:
-        """Rates of what samples put into the picture, before and behind their weight."""
+        """Return rates of samples in the picture, before and behind their weight."""
         sums = [dr.zeros_like(rate) for rate in rates]
         with dr.resume_grad():
             dr.enable_grad(sums)
@@ -102,20 +102,22 @@ class Changes:
     # ----------------------------------------------------------------------- reverse
 
     def pull(self, collected: Collected, more: Any, gradient: Any) -> None:
-        """Propagate gradients to what things are made of: what was collected, and more."""
-        for total, asked in zip(collected.measurement.sums, self.asked, strict=True):
-            self.root(total, asked)
+        """Propagate gradients through what was collected, and more."""
+        for total, gradient_of_sum in zip(
+            collected.measurement.sums, self.gradients_of_sums, strict=True
+        ):
+            self.root(total, gradient_of_sum)
         self.root(more, gradient)
         dr.traverse(dr.ADMode.Backward, REVERSE)
 
     @staticmethod
     def root(value: Any, gradient: Any) -> None:
-        """Let the next traversal start from a value, which may be one of several that are equal."""
+        """Start the next traversal at a value, among others."""
         dr.accum_grad(value, gradient)
         dr.enqueue(dr.ADMode.Backward, value)
 
-    def _asked(self) -> list[Any]:
-        """The gradient of each sum."""
+    def _gradients_of_sums(self) -> list[Any]:
+        """Return the gradient of each sum."""
         lanes = dr.zeros(mi.Float, dr.width(self.camera.ray))
         sums = [each + lanes for each in self.zero()]
         with dr.resume_grad():
@@ -127,7 +129,7 @@ class Changes:
             return [dr.grad(each) for each in sums]
 
     def _developed(self, before: list[Any], behind: list[Any]) -> list[Any]:
-        """The channels of a sample as the film develops them."""
+        """Return the channels of a sample as the film develops them."""
         count = int(self.record.image.develop().shape[2]) - len(behind)
         colour, alpha = before[:3], before[3:]
         if count - len(alpha) < len(colour):
@@ -136,7 +138,7 @@ class Changes:
         return [*colour, *alpha, *behind]
 
     def _gradient(self, number: int) -> mi.Float:
-        """The gradient of a channel; those of phasors are behind those of the picture."""
+        """Return the gradient of a channel; those of phasors are behind those of the picture."""
         own = int(self.gradients[0].shape[-1])
         if number < own:
             return self.read(self.gradients[0], self.pixel(), number, own)
@@ -145,38 +147,38 @@ class Changes:
         return self.read(tensor, self.pixel(), number - own, count)
 
     def pixel(self) -> mi.UInt32:
-        """Number of the rays' pixel, in the crop window."""
+        """Return the number of the rays' pixel in the crop window."""
         film: mi.Film = self.record.film
         at = mi.Point2u(self.camera.position - mi.Vector2f(film.crop_offset()))
         return mi.UInt32(at.y * int(film.crop_size()[0]) + at.x)
 
     @staticmethod
     def read(tensor: Any, cell: Any, number: int, count: int, active: Any = True) -> mi.Float:
-        """Channel `number` of cells of a tensor that have `count` each."""
+        """Read channel `number` of cells of a tensor that have `count` each."""
         return dr.gather(mi.Float, tensor.array, cell * count + number, active)
 
 
 class BinChanges(Changes):
-    """The same of time bins, besides the sum for their steady picture."""
+    """Derivatives of time bins, and of the sum for their steady image."""
 
     record: BinRecording
 
     def step(self) -> Collected:
-        """A measurement of one vertex, which keeps what comes for the bins."""
+        """Create the measurement of one vertex, which keeps contributions to bins."""
         kept: list[Any] = []
-        return Collected(FilmDeposit(no_light(), lambda *light: kept.append(light)), kept)
+        return Collected(TimeBins(no_light(), lambda *light: kept.append(light)), kept)
 
     def move(self, collected: Collected, sums: list[Any], more: Any) -> list[Any]:
-        """As of the base, and into time bins."""
+        """Propagate rates, also into time bins."""
         sums = super().move(collected, sums, more)
         for spectrum, opl, active in collected.kept:
             rates = dr.grad(spectrum), dr.grad(opl)
-            self._deposit(dr.detach(spectrum), dr.detach(opl), *rates, dr.detach(active))
+            self._add_rates(dr.detach(spectrum), dr.detach(opl), *rates, dr.detach(active))
         return sums
 
     @dr.syntax
-    def _deposit(self, spectrum, opl, spectrum_rate, opl_rate, active):
-        """Deposit the rate of each bin that a contribution reaches."""
+    def _add_rates(self, spectrum, opl, spectrum_rate, opl_rate, active):
+        """Add the rate of each bin that a contribution reaches."""
         with dr.suspend_grad():
             k, last = self._reached(opl)
             filling = active & (k <= last)
@@ -206,29 +208,31 @@ class BinChanges(Changes):
         return scaled(light, self.camera.weight / self.spp)
 
     def pull(self, collected: Collected, more: Any, gradient: Any) -> None:
-        """As of the base, and from time bins."""
-        asked = [self._asked_by_bins(*map(dr.detach, light)) for light in collected.kept]
-        for (spectrum, opl, _), (by_spectrum, by_opl) in zip(collected.kept, asked, strict=True):
+        """Propagate gradients, also from time bins."""
+        gradients = [self._gradient_of_bins(*map(dr.detach, light)) for light in collected.kept]
+        for (spectrum, opl, _), (by_spectrum, by_opl) in zip(
+            collected.kept, gradients, strict=True
+        ):
             self.root(spectrum, by_spectrum)
             self.root(opl, by_opl)
         super().pull(collected, more, gradient)
 
     @dr.syntax
-    def _asked_by_bins(self, spectrum, opl, active):
-        """The gradient of a contribution: that of all bins that it reaches."""
+    def _gradient_of_bins(self, spectrum, opl, active):
+        """Return the gradient of a contribution: that of all bins that it reaches."""
         with dr.suspend_grad():
             light, at = dr.zeros_like(spectrum), dr.zeros_like(opl)
             k, last = self._reached(opl)
             reading = active & (k <= last)
             while reading:
-                more, later = self._asked_by_bin(k, spectrum, opl, reading)
+                more, later = self._gradient_of_bin(k, spectrum, opl, reading)
                 light += more
                 at += later
                 k += 1
                 reading &= k <= last
             return light, at
 
-    def _asked_by_bin(self, k, spectrum, opl, active):
+    def _gradient_of_bin(self, k, spectrum, opl, active):
         with dr.resume_grad():
             light, at = _variables(spectrum, opl)
             in_bin = self._weighted(self._in_bin(light, k, at))
@@ -236,29 +240,29 @@ class BinChanges(Changes):
             values = channels_of(in_bin, self.camera.ray.wavelengths, active)
             cell = self.pixel() * self.record.film.temporal_bins + mi.UInt32(k)
             for number, value in enumerate(values):
-                asked = self.read(self.gradients[1], cell, number, len(values), active)
-                loss += value * asked
+                gradient = self.read(self.gradients[1], cell, number, len(values), active)
+                loss += value * gradient
             dr.backward_from(loss, flags=REVERSE)
             return dr.grad(light), dr.grad(at)
 
     def _reached(self, opl: mi.Float) -> tuple[mi.Int32, mi.Int32]:
         record = self.record
-        return reached(record.film, record.profile, opl, record.exposure.at_centres)
+        return bins_of_pulse(record.film, record.profile, opl, record.exposure.at_centres)
 
     def _in_bin(self, light: Any, k: mi.Int32, opl: mi.Float) -> Any:
-        """What of light lands in bin `k`."""
-        record = self.record
-        return scaled(light, share(record.film, record.profile, k, opl, record.exposure.at_centres))
+        """Return the light in bin `k`."""
+        film, gated = self.record.film, self.record.exposure.at_centres
+        return scaled(light, pulse_weight(film, self.record.profile, k, opl, gated))
 
 
 def changes(record: Recording, camera: Any, spp: int, gradients: Any = None) -> Changes:
-    """What a recording makes of changing light, see `Changes`."""
+    """Return the derivatives of a recording, see `Changes`."""
     kind = BinChanges if isinstance(record, BinRecording) else Changes
     return kind(record, camera, spp, gradients)
 
 
 def _variables(*values: Any) -> tuple[Any, ...]:
-    """The same values as variables of their own to differentiate by."""
+    """Copy values as new variables to differentiate by."""
     copies = tuple(dr.detach(each) for each in values)
     dr.enable_grad(copies)
     return copies

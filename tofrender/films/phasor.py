@@ -19,6 +19,8 @@ from .phasor_sum import PhasorSum
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
+    from .exposure import Exposure
+    from .recording import PhasorRecording
 
 MAX_FREQUENCIES = 64
 
@@ -68,6 +70,12 @@ class PhasorHDRFilm(mi.Film):
             _of_wavelengths(mean, sigma, bins, width) if text is None else parse_frequencies(text)
         )
         self._steady: Any = None
+
+    def recording(self, exposure: Exposure) -> PhasorRecording:
+        """Return how an integrator's light is recorded, see `films.recording`."""
+        from .recording import PhasorRecording  # Student editions may not have it
+
+        return PhasorRecording(self, exposure)
 
     def base_channels_count(self) -> int:
         """Channels of the steady image without weight."""

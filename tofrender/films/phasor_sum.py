@@ -5,40 +5,40 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 
 from ..signals.polarisation import no_light
 from ..signals.units import SPEED_OF_LIGHT
 from .contribution import Contribution
-from .sums import Land
+from .sums import Splat
 
 
 @dataclass
 class PhasorSum:
-    """A measurement: the sum of L exp(+i 2 pi f opl / c) along a path, for every frequency f.
+    """Sums L exp(+i 2 pi f opl / c) along a path, for every frequency f.
 
     Attributes:
         total: Plain sum of the light, an `mi.UnpolarizedSpectrum` or a Stokes vector.
         real: Real parts, one for each frequency.
         imaginary: Imaginary parts.
         turns_per_metre: f / c [1/m].
-        land: Takes light that lands on any pixel: its spectrum, all real and all imaginary parts.
+        splat: Adds contributions that have a position: their spectrum, real and imaginary parts.
     """
 
-    total: Any
-    real: list[Any]
-    imaginary: list[Any]
+    total: mi.Spectrum
+    real: list[mi.Spectrum]
+    imaginary: list[mi.Spectrum]
     turns_per_metre: tuple[float, ...]
-    land: Any = None
+    splat: Splat | None = None
 
     @classmethod
-    def zero(cls, frequencies_hz: Sequence[float], land: Land | None = None) -> PhasorSum:
-        """Nothing measured yet."""
+    def zero(cls, frequencies_hz: Sequence[float], splat: Splat | None = None) -> PhasorSum:
+        """Create empty sums."""
         zeros = [[no_light() for _ in frequencies_hz] for _ in range(2)]
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
-        return cls(no_light(), *zeros, turns_per_metre=turns, land=land)
+        return cls(no_light(), *zeros, turns_per_metre=turns, splat=splat)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
@@ -51,8 +51,8 @@ class PhasorSum:
             real.append(spectrum * cosine)
             imaginary.append(spectrum * sine)
         if contribution.position is not None:
-            landed = [spectrum, *real, *imaginary]
-            self.land(landed, contribution.position, contribution.active)
+            spectra = [spectrum, *real, *imaginary]
+            self.splat(spectra, contribution.position, contribution.active)
             return
         self.total += spectrum
         for k in range(len(real)):
@@ -60,11 +60,11 @@ class PhasorSum:
             self.imaginary[k] += imaginary[k]
 
     @property
-    def sums(self) -> list[Any]:
-        """All that is summed."""
+    def sums(self) -> list[mi.Spectrum]:
+        """All sums."""
         return [self.total, *self.real, *self.imaginary]
 
-    def with_sums(self, sums: list[Any]) -> PhasorSum:
-        """The same with other sums."""
+    def with_sums(self, sums: list[mi.Spectrum]) -> PhasorSum:
+        """Copy the measurement, with other sums."""
         n = len(self.real)
         return replace(self, total=sums[0], real=sums[1 : n + 1], imaginary=sums[n + 1 :])

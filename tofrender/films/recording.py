@@ -1,12 +1,13 @@
-"""What each kind of film makes of light: the only place that tells films apart.
+"""How light is recorded on each kind of film: the only place that tells films apart.
 
 | recording | film | measures |
 |---|---|---|
-| `BinRecording` | `transient_hdr_film`, mitransient's as well | the energy of each time bin |
+| `BinRecording` | `transient_hdr_film` | the energy of each time bin |
+| `MitransientRecording` | mitransient's film of this name | the same, with fewer abilities |
 | `PhasorRecording` | `phasor_hdr_film` | phasors |
 | `PictureRecording` | any other | one weighted sum |
 
-A film of your own says by a method `recording(exposure)` which is its.
+A film names its recording by a method `recording(exposure)`.
 """
 
 from __future__ import annotations
@@ -21,38 +22,32 @@ import numpy as np
 
 from ..runtime import memory
 from ..signals.polarisation import components, scaled, stokes_count
-from .cells import MAX_ADDED
 from .colours import channels_of, colour_count, kept, to_rgb
-from .deposit import FilmDeposit, open_gates, spread
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile
+from .histogram import MAX_ADDED
 from .image import require_resolved, stokes_channels
 from .phasor_sum import PhasorSum
 from .splats import Splats
-from .sums import Land, Radiance, Weighted
+from .sums import Radiance, Splat, Weighted
+from .time_bins import TimeBins
 
 
 def recording(film: Any, exposure: Exposure) -> Recording:
-    """The recording of an exposure on a film.
+    """Return the recording of an exposure on a film.
 
     Raises:
-        TypeError: The film is of a kind that the exposure makes no sense on; one line.
+        TypeError: The exposure makes no sense on films of this kind; one line.
         ValueError: The exposure lacks something, or does not fit the film's filter; one line.
     """
     if hasattr(film, "recording"):
         return film.recording(exposure)
-    if hasattr(film, "frequencies_hz"):
-        found: type[Recording] = PhasorRecording
-    else:
-        found = BinRecording if hasattr(film, "add_transient_data") else PictureRecording
-    if found.kind not in exposure.onto:
-        allowed = " or ".join(exposure.onto)
-        kind = film.class_name() if type(film) is mi.Film else type(film).__name__
-        raise TypeError(f"film = {kind}: must be {allowed}, or a film like it")
-    return found(film, exposure)
+    if hasattr(film, "add_transient_data"):
+        return MitransientRecording(film, exposure)
+    return PictureRecording(film, exposure)
 
 
-def tell_not_finite(count: int, stacklevel: int = 4) -> None:
-    """Warn of contributions that were left out, who called whatever has rendered."""
+def warn_not_finite(count: int, stacklevel: int = 4) -> None:
+    """Warn of contributions that were dropped because they were not finite."""
     if count:
         warnings.warn(
             f"{count} contributions of paths were not finite and left out; a light, a material or "
@@ -65,47 +60,45 @@ class Recording:
     """A film under exposure.
 
     Attributes:
-        not_finite: Contributions that were left out because they were not finite.
+        not_finite: Number of contributions that were dropped because they were not finite.
     """
-
-    kind = PICTURE
 
     def __init__(self, film: Any, exposure: Exposure) -> None:
         self.film, self.exposure = film, exposure
         self.not_finite = 0
-        self.splats: Any = None
+        self.splats: Splats | None = None
 
     @property
     def pictures(self) -> int:
-        """Number of pictures that the film has, colours counted as one."""
+        """Number of images that splats go to, colours counted as one."""
         return 1
 
     @property
     def image(self) -> Any:
-        """The film's picture, which takes samples."""
+        """The image that samples are added to."""
         return self.film
 
     @property
     def weight(self) -> Weight | None:
-        """The weight by length that all light counts by; None if light of any length counts."""
+        """Weight of light by its length, None if light of any length counts alike."""
         return None
 
     @property
     def in_time(self) -> bool:
-        """Whether light counts by its length."""
+        """Whether the length of light matters."""
         return self.weight is not None
 
     @property
     def width_opl(self) -> float | None:
-        """Length by which the film tells arrivals apart [m]; None if it has no time bins."""
+        """Length that the film resolves [m]; None without time bins."""
         return None
 
     def prepare(self) -> None:
-        """Empty the film."""
+        """Clear the film."""
         self.film.prepare([])
 
     def require_memory(self, spp: int) -> None:
-        """Refuse to develop what does not fit into memory.
+        """Refuse a film whose development does not fit into memory.
 
         Args:
             spp: Samples per pixel.
@@ -115,7 +108,7 @@ class Recording:
         """
 
     def require_no_lengths(self, integrator: str) -> None:
-        """Refuse an integrator that tells what a ray sees and not how long its paths are.
+        """Refuse an integrator whose `sample` tells no path lengths.
 
         Raises:
             TypeError: The film needs lengths; one line.
@@ -126,29 +119,29 @@ class Recording:
         )
 
     def measurement(self, camera: Any, spp: int) -> Any:
-        """What is done with the light of camera rays; its `total` is the picture's colour."""
-        return Radiance.zero(self.land(camera, spp))
+        """Create the measurement of camera rays; its `total` is the picture's colour."""
+        return Radiance.zero(self.splat(camera, spp))
 
-    def land(self, camera: Any, spp: int) -> Land | None:
-        """What is done with light that lands on any pixel of the picture."""
+    def splat(self, camera: Any, spp: int) -> Splat | None:
+        """Return a function that adds splats to the picture, None if there are none."""
         if self.splats is None:
             return None
         splats, weight = self.splats, camera.weight / spp
 
-        def land(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
+        def add(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
             lights = [scaled(each, weight) for each in spectra]
             values: Any = [channels_of(each, camera.ray.wavelengths) for each in lights]
             splats.add(position, values, 0, active)
 
-        return land
+        return add
 
-    def landed(self) -> tuple[Any, Any]:
-        """Splats so far, for the picture's colours and for the channels behind its weight."""
-        first, colours = self._landed[:, :, 0], self._landed.shape[3] // stokes_count()
+    def splatted(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return splats so far, for colours and for channels behind the picture's weight."""
+        first, colours = self._splatted[:, :, 0], self._splatted.shape[3] // stokes_count()
         return first[:, :, :colours], first[:, :, colours:]
 
     def channels(self, camera: Any, measured: Any, valid_ray: mi.Bool) -> tuple[list, list]:
-        """What samples put into the picture, before and behind their weight."""
+        """Return the channels of samples in the picture, before and behind their weight."""
         light = components(scaled(measured.total, camera.weight))
         colour, *rest = (to_rgb(each, camera.ray.wavelengths) for each in light)
         first: list[Any] = [colour.x, colour.y, colour.z]
@@ -157,25 +150,25 @@ class Recording:
         return first, [value for each in rest for value in kept(each)]
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
-        """Say what comes.
+        """Prepare for samples.
 
         Args:
             spp: Number of samples per pixel.
-            one_writer: Whether one thread alone writes to a pixel.
-            splats: Whether light lands on any pixel, besides what camera rays bring.
+            one_writer: Whether only one thread writes to each pixel.
+            splats: Whether there are splats.
         """
         self.splats = Splats(self.film, self.pictures) if splats else None
-        self._landed: Any = 0.0
+        self._splatted: Any = 0.0
         self._in_picture: Any = 0.0
 
     def reach(self, taken: int, spp: int) -> None:
-        """Say how many samples per pixel were taken so far: the picture then has all splats."""
+        """Add splats to the picture, after `taken` of `spp` samples per pixel."""
         if self.splats is None:
             return
-        # Put aside in double precision, so that single precision loses no small addends
-        self._landed = self._landed + np.array(self.splats.cells.tensor(), dtype=float)
+        # Accumulate in double precision, since single precision loses small addends
+        self._splatted = self._splatted + np.array(self.splats.cells.tensor(), dtype=float)
         self.splats.cells.scale(0.0)
-        colour, rest = self.landed()
+        colour, rest = self.splatted()
         raw = np.array(self.image.develop(raw=True))
         count = colour_count(self.image)
         weight = raw[:, :, count : count + 1]
@@ -183,81 +176,80 @@ class Recording:
         splats[:, :, :3] = colour
         if rest.shape[2]:
             splats[:, :, count + 1 :] = rest
-        # A picture divides by its weights, which the splats' sums do not have
+        # A picture divides by its weights, which splats do not have
         splats *= weight * (spp / taken)
         added: Any = mi.TensorXf(splats - self._in_picture)
         self.image.put_block(mi.ImageBlock(added, self.image.crop_offset()))
         self._in_picture = splats
 
     def write(self, one_writer: bool) -> None:
-        """Say whether one thread alone writes to a pixel in the next kernel."""
+        """Set whether only one thread writes to each pixel in the next kernel."""
 
-    def fold(self, pixels: mi.UInt32 | None = None) -> None:
-        """Keep single precision from losing small addends, after many samples, of some pixels."""
+    def flush(self, pixels: mi.UInt32 | None = None) -> None:
+        """Flush sums, of some pixels or all, since single precision loses small addends."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the film has so far, as arrays that may share its memory."""
+        """Return the film's content for a checkpoint, as arrays that may share its memory."""
         state = {
             "picture": np.array(self.image.develop(raw=True)),
             "not_finite": np.array(self.not_finite),
         }
         if self.splats is not None:
-            state |= {"landed": self._landed, "in_picture": self._in_picture}
+            state |= {"landed": self._splatted, "in_picture": self._in_picture}
         return state
 
     def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
-        """Go on from what `state` gave after `taken` of `of` samples per pixel, `spp` of them now.
+        """Restore a `state` of `taken` out of `of` samples per pixel, which are `spp` now.
 
-        The film was prepared and `begin` called.
+        Call `prepare` and `begin` before.
         """
         picture: Any = mi.TensorXf(state["picture"])
         self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
         self.not_finite = int(state["not_finite"])
         if "landed" in state:
-            self._landed, self._in_picture = state["landed"] * (of / spp), state["in_picture"]
+            self._splatted, self._in_picture = state["landed"] * (of / spp), state["in_picture"]
         self.reach(taken, spp)
 
 
 class PictureRecording(Recording):
-    """A steady picture of all light, or of light weighted by its length."""
+    """Records a steady picture of all light, or of light weighted by its length."""
 
     def __init__(self, film: Any, exposure: Exposure) -> None:
+        require_kind(PICTURE, film, exposure)
         if exposure.lacks:
             raise ValueError(exposure.lacks)
         super().__init__(film, exposure)
 
     def prepare(self) -> None:
-        """Empty the film; polarised light has channels behind its colours."""
+        """Clear the film; polarised light has channels behind its colours."""
         self.film.prepare(stokes_channels())
 
     def require_no_lengths(self, integrator: str) -> None:
-        """A picture needs none."""
+        """Accept any integrator: a picture needs no lengths."""
 
     @property
     def weight(self) -> Weight | None:
-        """That of the exposure."""
+        """Weight of light by its length."""
         return self.exposure.weight
 
-    def measurement(self, camera: Any, spp: int) -> Radiance | Weighted:
-        """The sum, weighted if the exposure says so."""
-        land = self.land(camera, spp)
-        return Radiance.zero(land) if self.weight is None else Weighted.zero(self.weight, land)
+    def measurement(self, camera: Any, spp: int) -> Radiance:
+        """Create the sum, weighted if the exposure is."""
+        splat = self.splat(camera, spp)
+        return Radiance.zero(splat) if self.weight is None else Weighted.zero(self.weight, splat)
 
 
 class BinRecording(Recording):
-    """Time bins. The light's pulse is seen through the temporal filter."""
+    """Records time bins. The light's pulse is seen through the temporal filter."""
 
-    kind = BINS
+    @property
+    def in_time(self) -> bool:
+        """True: lengths matter."""
+        return True
 
     def __init__(self, film: Any, exposure: Exposure) -> None:
+        require_kind(BINS, film, exposure)
         super().__init__(film, exposure)
         require_resolved(film)
-        if mi.is_polarized and not hasattr(film, "expect_splats"):
-            kind = type(film)
-            raise TypeError(
-                f"film = {kind.__module__}.{kind.__name__}: has no frames of polarised light; must "
-                f"be this package's {BINS}"
-            )
         pulse = exposure.pulse
         if pulse is not None and not (hasattr(pulse, "support") and hasattr(pulse, "eval")):
             raise TypeError(
@@ -267,82 +259,114 @@ class BinRecording(Recording):
         self.profile = profile(film, exposure)
 
     @property
-    def in_time(self) -> bool:
-        """Light does; of mitransient's film some pixels cannot be folded alone."""
-        return hasattr(self.film, "fold")
-
-    @property
     def image(self) -> Any:
         """The film's steady image."""
         return self.film.steady
 
     @property
     def width_opl(self) -> float:
-        """Width of a bin, and half the length that pulse and filter reach over."""
+        """Width of a bin, plus half the extent of pulse and filter [m]."""
         low, high = (0.0, 0.0) if self.profile is None else self.profile.support
         return float(self.film.bin_width_opl) + 0.5 * (high - low)
 
     def require_memory(self, spp: int) -> None:
-        """Refuse where bins, those put aside, and what `develop` returns do not fit together."""
-        shape = getattr(self.film, "shape", None)  # mitransient's film has none
-        if shape is not None:
-            copies = 2 if spp > MAX_ADDED else 1
-            memory.require_film(*shape, copies=copies + shape[3] / memory.stride(shape[3]))
+        """Refuse where bins, flushed bins, and the result of `develop` do not fit together."""
+        shape = self.film.shape
+        copies = 2 if spp > MAX_ADDED else 1
+        memory.require_film(*shape, copies=copies + shape[3] / memory.stride(shape[3]))
 
-    def measurement(self, camera: Any, spp: int) -> FilmDeposit:
-        """Deposits in the bins."""
-        how = open_gates if self.exposure.at_centres else spread
-        weight, wavelengths = camera.weight / spp, camera.ray.wavelengths
-        position, land = camera.position, self.land(camera, spp)
-        return FilmDeposit.into(self.film, position, wavelengths, weight, self.profile, how, land)
+    def measurement(self, camera: Any, spp: int) -> TimeBins:
+        """Create the measurement of the bins."""
+        return TimeBins.of_film(
+            self.film,
+            camera.position,
+            camera.ray.wavelengths,
+            camera.weight / spp,
+            self.profile,
+            self.exposure.at_centres,
+            self.splat(camera, spp),
+        )
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
-        """Tell the film."""
+        """Prepare the film for samples."""
         super().begin(spp, one_writer, splats)
         self.film.samples_per_pixel = spp
         self.write(one_writer)
         if splats:
-            if not hasattr(self.film, "expect_splats"):
-                kind = type(self.film)
-                raise TypeError(
-                    f"film = {kind.__module__}.{kind.__name__}: takes no light that lands on any "
-                    f"pixel; must be this package's {BINS}"
-                )
             self.film.expect_splats()
 
     def write(self, one_writer: bool) -> None:
-        """Tell the film."""
+        """Set whether only one thread writes to each pixel in the next kernel."""
         self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
 
     def reach(self, taken: int, spp: int) -> None:
-        """Tell the film."""
+        """Add splats to the picture, after `taken` of `spp` samples per pixel."""
         super().reach(taken, spp)
         self.film.taken = taken / spp
 
     def state(self) -> dict[str, np.ndarray]:
-        """The bins too; mitransient's film cannot."""
+        """Return the content of picture and bins."""
         return super().state() | self.film.state()
 
     def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
-        """The bins too."""
+        """Restore picture and bins."""
         self.film.restore(state, of / spp)
         super().restore(state, taken, of, spp)
 
-    def fold(self, pixels: mi.UInt32 | None = None) -> None:
-        """Put the bins aside; mitransient's film cannot."""
-        if hasattr(self.film, "fold"):
-            self.film.fold(pixels)
+    def flush(self, pixels: mi.UInt32 | None = None) -> None:
+        """Flush the bins."""
+        self.film.flush(pixels)
 
 
-class PhasorRecording(Recording):
-    """Phasors, path by path; the light's pulse multiplies them by its Fourier transform."""
+class MitransientRecording(BinRecording):
+    """Records time bins of mitransient's film.
 
-    kind = PHASORS
+    That has no polarised light, no splats, no checkpoints, and cannot be flushed.
+    """
 
     @property
     def in_time(self) -> bool:
-        """Light does."""
+        """False: pixels of visible emitters would have to be flushed."""
+        return False
+
+    def __init__(self, film: Any, exposure: Exposure) -> None:
+        if mi.is_polarized:
+            raise TypeError(f"{self._named(film)}: has no frames of polarised light; {ONLY_OURS}")
+        super().__init__(film, exposure)
+
+    @staticmethod
+    def _named(film: Any) -> str:
+        return f"film = {type(film).__module__}.{type(film).__name__}"
+
+    def require_memory(self, spp: int) -> None:
+        """Accept any film: its memory is not known."""
+
+    def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
+        """Prepare for samples, without splats."""
+        if splats:
+            raise TypeError(
+                f"{self._named(self.film)}: takes no light that lands on any pixel; {ONLY_OURS}"
+            )
+        super().begin(spp, one_writer)
+
+    def flush(self, pixels: mi.UInt32 | None = None) -> None:
+        """Do nothing."""
+
+
+ONLY_OURS = f"must be this package's {BINS}"
+
+
+class PhasorRecording(Recording):
+    """Records phasors, path by path, multiplied by the Fourier transform of the light's pulse."""
+
+    @property
+    def in_time(self) -> bool:
+        """True: lengths matter."""
         return True
+
+    def __init__(self, film: Any, exposure: Exposure) -> None:
+        require_kind(PHASORS, film, exposure)
+        super().__init__(film, exposure)
 
     @property
     def image(self) -> Any:
@@ -350,30 +374,42 @@ class PhasorRecording(Recording):
         return self.film.steady
 
     def measurement(self, camera: Any, spp: int) -> PhasorSum:
-        """The phasors of every path."""
-        return PhasorSum.zero(self.film.frequencies_hz, self.land(camera, spp))
+        """Create the phasors' sums."""
+        return PhasorSum.zero(self.film.frequencies_hz, self.splat(camera, spp))
 
     @property
     def pictures(self) -> int:
-        """That of all light, and two for each frequency."""
+        """Number of images: that of all light, and two for each frequency."""
         return 1 + 2 * len(self.film.frequencies_hz)
 
-    def landed(self) -> tuple[Any, Any]:
-        """Splats so far: those of all light, and the phasors of the film's own phase and pulse."""
-        sums = self._landed
+    def splatted(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return splats so far: colours, and phasors multiplied by the film's factors."""
+        sums = self._splatted
         n = len(self.film.frequencies_hz)
         phasors = sums[:, :, 1 : n + 1] + 1j * sums[:, :, n + 1 :]
         phasors = phasors * self.film.factors(self.exposure.pulse)[:, None]
         parts = np.stack([phasors.real, phasors.imag], axis=3)
-        first, rest = super().landed()
+        first, rest = super().splatted()
         return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
-    def channels(self, camera: Any, measured: PhasorSum, valid_ray: mi.Bool) -> tuple[list, list]:
-        """The colour, and all phasors."""
+    def channels(self, camera: Any, measured: Any, valid_ray: mi.Bool) -> tuple[list, list]:
+        """Return the colour, and all phasors behind the weight."""
         first, rest = super().channels(camera, measured, valid_ray)
 
-        def colours(light: Any) -> list[mi.Color3f]:
-            light = components(scaled(light, camera.weight))
-            return [to_rgb(each, camera.ray.wavelengths) for each in light]
+        def colours(light: mi.Spectrum) -> list[mi.Color3f]:
+            each_component = components(scaled(light, camera.weight))
+            return [to_rgb(each, camera.ray.wavelengths) for each in each_component]
 
         return first, rest + self.film.channels(measured, colours, self.exposure.pulse)
+
+
+def require_kind(kind: str, film: Any, exposure: Exposure) -> None:
+    """Refuse an exposure that makes no sense on a kind of film.
+
+    Raises:
+        TypeError: One line with the kinds that are allowed.
+    """
+    if kind not in exposure.onto:
+        allowed = " or ".join(exposure.onto)
+        name = film.class_name() if type(film) is mi.Film else type(film).__name__
+        raise TypeError(f"film = {name}: must be {allowed}, or a film like it")

@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..signals.polarisation import stokes_count
-from .cells import Cells
+from .histogram import Histogram
 
 STEPS = 512
 """Points per pixel that a filter is integrated over."""
@@ -28,7 +28,7 @@ class Splats:
 
     Args:
         film: The film.
-        count: Cells of a pixel: time bins, or channels of colour.
+        count: Histogram of a pixel: time bins, or channels of colour.
 
     Attributes:
         cells: The sums.
@@ -38,7 +38,7 @@ class Splats:
         width, height = (int(n) for n in film.crop_size())
         self.film = film
         channels = (1 if mi.is_monochromatic else 3) * stokes_count()
-        self.cells = Cells(height, width, count, channels)
+        self.cells = Histogram(height, width, count, channels)
         self.norms = None if film.rfilter().is_box_filter() else _norms(film, width, height)
 
     def add(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -11,10 +12,14 @@ import numpy as np
 
 from ..runtime import checks
 from ..signals.polarisation import light_of, stokes_count
-from .cells import Cells
 from .colours import channels_by, channels_of
+from .histogram import Histogram
 from .image import box_by_default, image_film, stokes_channels
 from .splats import Splats, footprint
+
+if TYPE_CHECKING:
+    from .exposure import Exposure
+    from .recording import BinRecording
 
 WEIGHT = 3
 """Number of the channel that has a picture's weights, behind its colours."""
@@ -48,8 +53,8 @@ class TransientHDRFilm(mi.Film):
 
     - `samples_per_pixel`: Number of samples that `spec` is divided by in `add_transient_data`.
       Needed with filters other than box.
-    - `taken`: Share of these samples that were taken so far, above 0 and at most 1.
-    - `one_writer_per_pixel`: Whether one thread alone deposits at each pixel; see `Cells.add`.
+    - `taken`: Fraction of these samples that were taken so far, above 0 and at most 1.
+    - `one_writer_per_pixel`: Whether only one thread writes to each pixel, see `Histogram.add`.
 
     Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan. Pictures are those
     of Mitsuba's JIT variants. Its `scalar_*` variants read filters other than box from a table of
@@ -103,7 +108,13 @@ class TransientHDRFilm(mi.Film):
         self.taken = 1.0
         self.one_writer_per_pixel = False
 
-    # ------------------------------------------------------------------ what integrators call
+    # ------------------------------------------------------------------ called by integrators
+
+    def recording(self, exposure: Exposure) -> BinRecording:
+        """Return how an integrator's light is recorded, see `films.recording`."""
+        from .recording import BinRecording  # Student editions may not have it
+
+        return BinRecording(self, exposure)
 
     def end_opl(self) -> float:
         """End of the last bin [m]."""
@@ -114,10 +125,7 @@ class TransientHDRFilm(mi.Film):
         return 1 if mi.is_monochromatic else 3
 
     def prepare(self, aovs: Sequence[str]) -> int:
-        """Make an empty steady image and empty bins.
-
-        Args:
-            aovs: Names of extra channels of the steady image.
+        """Create an empty steady image, with `aovs` as extra channels, and empty bins.
 
         Returns:
             Channels of the steady image, weight included.
@@ -125,49 +133,50 @@ class TransientHDRFilm(mi.Film):
         Raises:
             MemoryError: The bins do not fit into memory; one line with their size and what fits.
         """
-        self._bins = self._splats = None  # Before there are new ones
-        self._bins = Cells(*self.shape)
+        self._bins = self._splats = None  # Free memory before it is allocated again
+        self._bins = Histogram(*self.shape)
         self._steady = image_film(self)
         self.samples_per_pixel, self.taken = None, 1.0
         self.one_writer_per_pixel = False
         return self.steady.prepare([*aovs, *stokes_channels()])
 
     def clear(self) -> None:
-        """Empty all bins and the steady image."""
+        """Clear all bins and the steady image."""
         if self._steady is not None:
             self._steady.clear()
             expected = self._splats is not None
             self._bins = self._splats = None
-            self._bins = Cells(*self.shape)
+            self._bins = Histogram(*self.shape)
             if expected:
                 self.expect_splats()
 
     def expect_splats(self) -> None:
-        """Make room for light that lands on any pixel, in bins of its own.
-
-        Raises:
-            MemoryError: They do not fit into memory; one line with their size and what fits.
-        """
+        """Allocate bins of their own for splats; raises `MemoryError` if they do not fit."""
         self._splats = Splats(self, self.temporal_bins)
 
-    def fold(self, pixels: mi.UInt32 | None = None) -> None:
-        """Put the bins aside and go on with empty ones; `develop` returns the sum.
+    def flush(self, pixels: mi.UInt32 | None = None) -> None:
+        """Flush the bins to a second sum, which `develop` adds.
 
-        Many small numbers added to one large one are lost in single precision: integrators call
-        this every 2^16 samples per pixel.
+        Single precision loses small numbers that are added to a large one: integrators call this
+        every 2^16 samples per pixel.
 
         Args:
-            pixels: Numbers of the pixels, row by row in the crop window, the same in every call;
-                by default all, which takes as much memory again. With another filter than box,
-                those of the splats.
+            pixels: Numbers of pixels, row by row in the crop window, the same in every call; by
+                default all, which takes as much memory again. Those of the splats with another
+                filter than box.
         """
         if pixels is not None:
             cells = self.bins if self.rfilter().is_box_filter() else self._splats.cells
-            cells.fold_pixels(pixels)
+            cells.flush_pixels(pixels)
             return
-        self.bins.fold()
+        self.bins.flush()
         if self._splats is not None:
-            self._splats.cells.fold()
+            self._splats.cells.flush()
+
+    def fold(self, pixels: mi.UInt32 | None = None) -> None:
+        """Call `flush`, whose name this was."""
+        warnings.warn("fold: is deprecated; must be flush", DeprecationWarning, stacklevel=2)
+        self.flush(pixels)
 
     def add_splat(
         self,
@@ -177,16 +186,9 @@ class TransientHDRFilm(mi.Film):
         spec: mi.Spectrum,
         active: mi.Bool,
     ) -> None:
-        """Deposit light that a path from an emitter has brought to the film, see `Splats`.
+        """Add the light of a path from an emitter to the bins of splats, from any thread.
 
-        Any number of threads may deposit at a pixel. The steady image is not touched.
-
-        Args:
-            pos: Position on the film [pixels], crop offset included.
-            distance: Optical path length [m]. Outside the window it leaves no trace.
-            wavelengths: Sampled wavelengths [nm], for spectral variants.
-            spec: The path's light over the number of light paths per pixel.
-            active: Lanes that deposit.
+        Arguments as for `add_transient_data`; `spec` is divided by the light paths per pixel.
 
         Raises:
             RuntimeError: `expect_splats` was not called.
@@ -207,16 +209,16 @@ class TransientHDRFilm(mi.Film):
         active: mi.Bool,
         **_laser,
     ) -> None:
-        """Deposit a contribution in the bin that its length falls into.
+        """Add a contribution to the bin that its length falls into.
 
         Args:
             pos: Position on the film [pixels], crop offset included.
-            distance: Optical path length [m]. Outside the window it leaves no trace.
+            distance: Optical path length [m]; outside of the window it is ignored.
             wavelengths: Sampled wavelengths [nm], for spectral variants.
             spec: Radiance over the number of samples per pixel; in polarised variants a Stokes
                 vector (`mi.SpectrumEntry`), or a Mueller matrix whose first column counts.
             ray_weight: Factor of `spec`, from the camera.
-            active: Lanes that deposit.
+            active: Lanes that have a contribution.
         """
         k, active = self._bin(distance, active)
         values = channels_of(light_of(spec * ray_weight), wavelengths, active)
@@ -230,21 +232,21 @@ class TransientHDRFilm(mi.Film):
         light: Any,
         active: mi.Bool,
     ) -> None:
-        """As `add_transient_data`, with the wavelengths' colours, see `colours.units_of`."""
+        """Add a contribution by the colours of its wavelengths, see `colours.units_of`."""
         k, active = self._bin(distance, active)
         self._put(pos, channels_by(colours, light), k, active)
 
     def _put(self, pos: mi.Point2f, values: list[mi.Float], k: mi.UInt32, active: mi.Bool) -> None:
-        """Add values, one a channel, to bin `k` of all pixels that a filter reaches."""
+        """Add a value per channel to bin `k` of all pixels that the filter reaches."""
         for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
 
     def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
-        """The steady image and the bins.
+        """Return the steady image and the bins.
 
         Args:
-            raw: Return the sums as they are, without the division by the filter's weights.
+            raw: Whether to return sums that are not divided by the filter's weights.
 
         Raises:
             RuntimeError: `prepare` was not called, or a filter's weights cannot be told because
@@ -257,11 +259,7 @@ class TransientHDRFilm(mi.Film):
         return self.steady.develop(raw=raw), bins
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `develop`, but hands over the bins instead of copying them; the film is then empty.
-
-        Returns:
-            NumPy arrays of type float32, shapes as in `develop`.
-        """
+        """Develop into float32 NumPy arrays without a copy of the bins; the film is then empty."""
         scale = self._pixel_scale()
         steady, transient = np.array(self.steady.develop()), self.bins.take(scale)
         if self._splats is not None:
@@ -272,7 +270,7 @@ class TransientHDRFilm(mi.Film):
         return steady, transient
 
     def state(self) -> dict[str, np.ndarray]:
-        """The sums of all bins, as arrays that may share their memory; see `Cells.state`."""
+        """Return the content for a checkpoint, see `Histogram.state`."""
         parts = {"bins": self.bins}
         if self._splats is not None:
             parts["splats"] = self._splats.cells
@@ -283,7 +281,7 @@ class TransientHDRFilm(mi.Film):
         }
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
-        """Go on from what `state` gave, all bins times a factor; splats need to be expected."""
+        """Restore a `state`, multiplied by a factor; call `expect_splats` before if it has some."""
         parts = {"bins": self.bins}
         if self._splats is not None and "splats.sums" in state:
             parts["splats"] = self._splats.cells
@@ -291,7 +289,7 @@ class TransientHDRFilm(mi.Film):
             own = {name: array for name, array in state.items() if name.startswith(f"{part}.")}
             cells.restore({name.removeprefix(f"{part}."): a for name, a in own.items()}, factor)
 
-    # --------------------------------------------------------------------- operations on films
+    # ------------------------------------------------------------------ content, tiles
 
     @property
     def steady(self) -> Any:
@@ -303,7 +301,7 @@ class TransientHDRFilm(mi.Film):
         return self._prepared(self._steady)
 
     @property
-    def bins(self) -> Cells:
+    def bins(self) -> Histogram:
         """The bins.
 
         Raises:
@@ -340,20 +338,17 @@ class TransientHDRFilm(mi.Film):
         """Add the bins and the steady image of a film that was rendered for a part of this one.
 
         Args:
-            tile: A film of the same `size`, bins and filter, whose crop window tells its place.
-                Tiles must not overlap. With filters other than box, this film and its tiles
-                sample beyond their borders (`sample_border`), as far as the filter reaches:
-                without that, seams would lack what the filter takes from the next tile.
+            tile: A film of the same `size`, bins and filter, whose crop window is its position.
+                Tiles must not overlap. With filters other than box, this film and its tiles must
+                sample beyond their borders (`sample_border`), or seams would be too dark.
 
         Raises:
             ValueError: The tile differs or does not lie within this film's window.
         """
-        for name in ("temporal_bins", "start_opl", "bin_width_opl"):
-            mine, its = getattr(self, name), getattr(tile, name)
-            if mine != its:
-                raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
-        for name in ("size", "rfilter", "sample_border"):
-            mine, its = str(getattr(self, name)()), str(getattr(tile, name)())
+        names = "temporal_bins", "start_opl", "bin_width_opl", "size", "rfilter", "sample_border"
+        for name in names:
+            mine, its = (getattr(film, name) for film in (self, tile))
+            mine, its = (str(value() if callable(value) else value) for value in (mine, its))
             if mine != its:
                 raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
         x, y = (int(v) for v in tile.crop_offset() - self.crop_offset())
@@ -404,13 +399,13 @@ class TransientHDRFilm(mi.Film):
         )
 
     def _bin(self, distance: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:
-        """The bin of a length, and the lanes where there is one."""
+        """Return the bin of a length, and the lanes where there is one."""
         position = (distance - self.start_opl) / self.bin_width_opl
         active = active & (position >= 0) & (position < self.temporal_bins)
         return mi.UInt32(dr.select(active, position, 0)), active
 
     def _pixel_scale(self) -> mi.Float | None:
-        """Samples over the filter's weights at each pixel; None if all are 1: a box, finished."""
+        """Samples over the filter's weights at each pixel; None if all are 1: a finished box film."""
         if self.rfilter().is_box_filter() and self.taken == 1:
             return None
         if self.samples_per_pixel is None:

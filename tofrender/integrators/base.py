@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.exposure import Exposure, Weight
-from ..films.recording import Recording, recording, tell_not_finite
+from ..films.recording import Recording, recording, warn_not_finite
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.light_points import checked_count
@@ -226,7 +226,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         with dr.suspend_grad():
             for _ in self.steps(scene, sensor, record, sampler, seed):
                 pass
-            tell_not_finite(record.not_finite)
+            warn_not_finite(record.not_finite)
             return film.develop() if develop else None
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):

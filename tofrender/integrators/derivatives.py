@@ -10,8 +10,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..films.cells import MAX_ADDED
 from ..films.derivatives import Changes, changes
+from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
@@ -115,7 +115,7 @@ class Derivative:
             added = 0
             for shot in self._shots(seed):
                 if added + shot.spp > MAX_ADDED:
-                    self.record.fold()
+                    self.record.flush()
                     added = 0
                 with of_one_scene():
                     self._add_changes(shot)

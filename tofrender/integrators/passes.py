@@ -17,9 +17,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.cells import MAX_ADDED
 from ..films.colours import colour_count
-from ..films.contribution import Landing
+from ..films.contribution import AsSplats
+from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
@@ -120,7 +120,7 @@ class PixelSampler:
         if self.rate > 1:
             camera = replace(camera, weight=camera.weight / self.rate)
         measurement = record.measurement(camera, self.spp)
-        target = Landing(measurement, camera.position) if self.splats else measurement
+        target = AsSplats(measurement, camera.position) if self.splats else measurement
         start = camera.ray, camera.origin, target
         traced, path = self.plan.trace(self.sampler, *start, frame=camera.frame)
         measured = measurement if self.splats else traced
@@ -191,7 +191,7 @@ def steps(
         done += count * lanes
         record.reach(done, spp)
         if spp > done >= flushed + MAX_ADDED:
-            record.fold()
+            record.flush()
             flushed = done
         if done > part.done + count * lanes:  # The first step compiled as well
             per_step = _next_count(count, time.perf_counter() - start, most)
@@ -269,7 +269,7 @@ class _EmitterPixels:
             now = min(count, MAX_ADDED // self.rate)
             with backend.uncollected():
                 self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
-            self.record.fold(self.reached)
+            self.record.flush(self.reached)
             count -= now
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..films.recording import Recording, tell_not_finite
+from ..films.recording import Recording, warn_not_finite
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Within
 from ..runtime.progress import Stop, deferred_stop, progress_bar
@@ -105,7 +105,7 @@ def render_all(
         raise KeyboardInterrupt(
             interrupted(done, spp, UNIT, checkpoint.again if checkpoint else "")
         )
-    tell_not_finite(record.not_finite)
+    warn_not_finite(record.not_finite)
 
 
 def made_with(

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins, transient_film
-from ..films.recording import tell_not_finite
+from ..films.recording import warn_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
 from ..rendering.pieces import collect_pieces
@@ -80,7 +80,7 @@ class LaserPoints:
         )
         if done < place.spp:
             return None
-        tell_not_finite(record.not_finite)
+        warn_not_finite(record.not_finite)
         steady, bins = film.take()
         return float(np.sum(steady, dtype=np.float64)), bins
 

@@ -21,7 +21,7 @@
 | | `guided.Guided` | another scattering, mixed with directions to target surfaces |
 | measurement | `films.sums.Radiance` | the sum of all light |
 | | `films.sums.Weighted` | a sum weighted by path length: a gate, a correlation |
-| | `films.deposit.FilmDeposit` | a film's time bins |
+| | `films.time_bins.TimeBins` | a film's time bins |
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
 | | `rendering.arrivals.ArrivalHistogram` | energy over path length, for all pixels together |
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..films.cells import MAX_ADDED
 from ..films.exposure import profile as seen_pulse
+from ..films.histogram import MAX_ADDED
 from ..films.image import transient_film
-from ..films.recording import Recording, recording, tell_not_finite
+from ..films.recording import Recording, recording, warn_not_finite
 from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
 from ..runtime import checks, memory, plugins
@@ -253,7 +253,7 @@ def collect(
 
 def told(job: Job, dataset: xr.Dataset) -> xr.Dataset:
     """The same, with a warning of what is missing in it."""
-    tell_not_finite(dataset.attrs["contributions_not_finite"], stacklevel=5)
+    warn_not_finite(dataset.attrs["contributions_not_finite"], stacklevel=5)
     if dataset.attrs["complete"] and job.arrivals is not None:
         outside = dataset.attrs["energy_outside_window"]
         warn_of_losses(job.film, outside, job.arrivals, job.profile, job.mend, stacklevel=5)

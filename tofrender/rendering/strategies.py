@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..films.recording import recording, tell_not_finite
+from ..films.recording import recording, warn_not_finite
 from ..integrators.passes import steps
 from ..runtime import backend, checks, memory
 from ..runtime.progress import progress_bar
@@ -168,5 +168,5 @@ def _picture(
     record = recording(own, tracer.exposure())
     for _ in steps(tracer.plan(scene, camera), record, camera, points.clone(), seed):
         pass
-    tell_not_finite(record.not_finite)
+    warn_not_finite(record.not_finite)
     return own.take()

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..films.recording import tell_not_finite
+from ..films.recording import warn_not_finite
 from ..integrators.running import stopped
 from ..runtime import atomic, memory
 from ..runtime.checkpoints import Checkpoint
@@ -94,7 +94,7 @@ def stream(
                 raise stopped(error, count, len(planned), "tiles", on) from None
         attrs = _attributes(job, [receipt for receipt in receipts.values() if receipt])
         store.finish(channel_coordinates(job.film), attrs, target)
-    tell_not_finite(attrs["contributions_not_finite"])
+    warn_not_finite(attrs["contributions_not_finite"])
     if job.arrivals is not None:
         warn_of_losses(job.film, attrs["energy_outside_window"], job.arrivals, job.profile)
     return load_zarr(target)

@@ -1,9 +1,10 @@
-"""The measurement that puts light into the time bins of a film."""
+"""The measurement that adds light to the time bins of a film."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -12,108 +13,110 @@ import mitsuba as mi
 from ..signals.polarisation import no_light, scaled
 from .colours import units_of
 from .contribution import Contribution
+from .sums import Splat
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
-"""Takes (spectrum, opl, active)."""
+"""Adds light of an optical path length [m] to a film's bins, in active lanes."""
+
+PutAt = Callable[[mi.Spectrum, mi.Float, mi.Point2f, mi.Bool], None]
+"""As `Put`, at a position anywhere on the film [pixels]."""
 
 
 @dataclass
-class FilmDeposit:
-    """Adds each contribution to a transient film, and sums them as a steady camera does.
+class TimeBins:
+    """Adds contributions to the time bins of a film, and sums them as a steady camera does.
 
     Attributes:
         total: Radiance over all time, an `mi.UnpolarizedSpectrum` or a Stokes vector.
-        put: What deposits a contribution. A function hides the film from the path loop, which
+        put: Adds a contribution to the bins. A function hides the film from the path loop, which
             would otherwise carry a copy of all bins as its state.
-        land: What deposits one that lands on any pixel: takes (spectrum, opl, position, active).
+        splat: Adds a contribution that has a position.
     """
 
-    total: Any
+    total: mi.Spectrum
     put: Put
-    land: Any = None
+    splat: PutAt | None = None
 
     @classmethod
-    def into(
+    def of_film(
         cls,
         film: Any,
         position: mi.Point2f,
-        wavelengths: Any,
-        weight: Any,
+        wavelengths: mi.Wavelength,
+        weight: mi.UnpolarizedSpectrum,
         pulse: Pulse | None,
-        reach: Callable[..., None] | None = None,
-        picture: Any = None,
-    ) -> FilmDeposit:
-        """Nothing deposited yet.
+        gated: bool = False,
+        picture: Splat | None = None,
+    ) -> TimeBins:
+        """Create the measurement of a film's bins.
 
         Args:
             film: Anything with mitransient's `add_transient_data`, `temporal_bins`, `start_opl`
                 and `bin_width_opl`.
             position: Position on the film [pixels].
             wavelengths: Sampled wavelengths of the rays [nm]; empty unless the variant is spectral.
-            weight: Factor of every deposit: the camera ray's weight over the samples per pixel.
+            weight: The camera rays' weight over the samples per pixel.
             pulse: Temporal profile of the light, None for an instant. It is convolved by its exact
                 energy in each bin, which adds no noise.
-            reach: How the pulse reaches the bins: `spread` (its energy in each) by default, or
-                `open_gates`.
-            picture: Takes (spectra, position, active) of light that lands on any pixel, for the
-                steady image; None if none does.
+            gated: Whether bins take the pulse's density at their centres instead of its energy.
+            picture: Adds splats to the steady image, None if there are none.
         """
         # Before the loop, as four components would look the same colours up at each vertex
         colours = units_of(wavelengths) if mi.is_polarized and mi.is_spectral else None
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-            one = mi.Float(1)
             light = scaled(spectrum, weight)
             if colours is not None:
                 film.add_coloured(position, opl, colours, light, active)
                 return
-            film.add_transient_data(position, opl, wavelengths, light, one, active)
+            film.add_transient_data(position, opl, wavelengths, light, mi.Float(1), active)
 
-        def put_pulse(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-            (reach or spread)(film, pulse, put, spectrum, opl, active)
-
-        def land(spectrum: Any, opl: mi.Float, place: mi.Point2f, active: mi.Bool) -> None:
-            def splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
-                film.add_splat(place, opl, wavelengths, scaled(spectrum, weight), active)
-
-            picture([spectrum], place, active)
+        def convolved(put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             if pulse is None:
-                splat(spectrum, opl, active)
+                put(spectrum, opl, active)
+            elif gated:
+                add_gated_pulse(film, pulse, put, spectrum, opl, active)
             else:
-                (reach or spread)(film, pulse, splat, spectrum, opl, active)
+                add_pulse(film, pulse, put, spectrum, opl, active)
 
-        total = no_light()
-        return cls(total, put if pulse is None else put_pulse, land if picture else None)
+        def splat(spectrum: mi.Spectrum, opl: mi.Float, at: mi.Point2f, active: mi.Bool) -> None:
+            def put_splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+                film.add_splat(at, opl, wavelengths, scaled(spectrum, weight), active)
+
+            picture([spectrum], at, active)
+            convolved(put_splat, spectrum, opl, active)
+
+        return cls(no_light(), partial(convolved, put), splat if picture else None)
 
     def add(self, contribution: Contribution) -> None:
-        """Deposit a contribution."""
+        """Add a contribution."""
         spectrum, active = contribution.spectrum, contribution.active
         if contribution.position is not None:
-            self.land(spectrum, contribution.opl, contribution.position, active)
+            self.splat(spectrum, contribution.opl, contribution.position, active)
             return
         self.total += dr.select(active, spectrum, 0)
         self.put(spectrum, contribution.opl, active)
 
     @property
-    def sums(self) -> list[Any]:
-        """All that is summed."""
+    def sums(self) -> list[mi.Spectrum]:
+        """All sums."""
         return [self.total]
 
-    def with_sums(self, sums: list[Any]) -> FilmDeposit:
-        """The same with other sums."""
+    def with_sums(self, sums: list[mi.Spectrum]) -> TimeBins:
+        """Copy the measurement, with other sums."""
         return replace(self, total=sums[0])
 
 
 @dr.syntax
-def spread(
+def add_pulse(
     film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
 ) -> None:
-    """Deposit a pulse's energy in each bin that it reaches: a difference of its cdf."""
+    """Add a pulse's energy to each bin that it reaches: a difference of its cdf."""
     start, width = float(film.start_opl), float(film.bin_width_opl)
-    k, last = reached(film, pulse, opl, False)
+    k, last = bins_of_pulse(film, pulse, opl, False)
     opl = opl - start
     before = pulse.cdf(k * width - opl)  # Energy before bin k
     filling = active & (k <= last)
@@ -126,21 +129,23 @@ def spread(
 
 
 @dr.syntax
-def open_gates(
+def add_gated_pulse(
     film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
 ) -> None:
-    """Deposit a pulse's density at the centre of each bin that it reaches: a gate for every bin."""
+    """Add a pulse's density at the centre of each bin that it reaches: a gate for every bin."""
     start, width = float(film.start_opl), float(film.bin_width_opl)
-    k, last = reached(film, pulse, opl, True)
+    k, last = bins_of_pulse(film, pulse, opl, True)
     filling = active & (k <= last)
     while filling:
-        put(spectrum * share(film, pulse, k, opl, True), start + (k + 0.5) * width, filling)
+        put(spectrum * pulse_weight(film, pulse, k, opl, True), start + (k + 0.5) * width, filling)
         k += 1
         filling &= k <= last
 
 
-def reached(film: Any, pulse: Any, opl: mi.Float, at_centres: bool) -> tuple[mi.Int32, mi.Int32]:
-    """The first and the last bin that a pulse reaches which arrives at a length."""
+def bins_of_pulse(
+    film: Any, pulse: Any, opl: mi.Float, at_centres: bool
+) -> tuple[mi.Int32, mi.Int32]:
+    """Return the first and the last bin reached by a pulse that arrives at a length."""
     bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
     low, high = (dr.opaque(mi.Float, each) for each in pulse.support)  # One kernel for all widths
     first, last = (opl - start + low) / width, (opl - start + high) / width
@@ -150,8 +155,8 @@ def reached(film: Any, pulse: Any, opl: mi.Float, at_centres: bool) -> tuple[mi.
     return mi.Int32(dr.clip(first, 0, bins)), mi.Int32(dr.clip(last, -1, bins - 1))
 
 
-def share(film: Any, pulse: Any, k: mi.Int32, opl: mi.Float, at_centres: bool) -> mi.Float:
-    """What bin `k` gets of a pulse that arrives at a length: energy, or density at its centre."""
+def pulse_weight(film: Any, pulse: Any, k: mi.Int32, opl: mi.Float, at_centres: bool) -> mi.Float:
+    """Return energy in bin `k` of a pulse that arrives at a length, or density at its centre."""
     start, width = float(film.start_opl), float(film.bin_width_opl)
     opl = opl - start
     if at_centres:

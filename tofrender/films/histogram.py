@@ -1,4 +1,4 @@
-"""The storage of a film that has an axis besides the picture's two: time, or frequency."""
+"""Storage of a film with a third axis: time, or frequency."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from ..runtime import memory
 
 MAX_ADDED = 1 << 16
-"""Samples of one pixel that may be added up in single precision: 2^20 would be 0.4 % low."""
+"""Samples of one pixel that single precision may sum: 2^20 would be 0.4 % low."""
 
 PACKET = 4
-"""Floats that are added to at once."""
+"""Floats that one scatter adds."""
 
 CHUNK = 1 << 16
 """Cells that `take` moves at a time."""
 
 
-class Cells:
+class Histogram:
     """A row of `count` cells for every pixel, each with 1, 3, 4 or 12 channels.
 
     RGB is padded to four floats, so that a cell can be added to as one packet; 12 channels are
@@ -36,7 +36,7 @@ class Cells:
         self.stride = memory.stride(channels)
         self._sums = dr.zeros(mi.Float, height * width * count * self.stride)
         self._folded: mi.Float | None = None
-        self._aside: tuple[mi.UInt32, mi.Float] | None = None  # Places of sums, and these
+        self._aside: tuple[mi.UInt32, mi.Float] | None = None  # Indices, and sums
 
     def add(
         self,
@@ -48,11 +48,11 @@ class Cells:
         *,
         private: bool,
     ) -> None:
-        """Add values, one a channel, to cell `k` of pixel (x, y); pixels outside are skipped.
+        """Add a value per channel to cell `k` of pixel (x, y), ignoring pixels outside.
 
-        `private` says that one thread alone adds to each pixel, so that nothing has to be atomic. A
+        `private` says that only one thread adds to each pixel, so that nothing has to be atomic. A
         packet is then added lane by lane, and lanes of one vector may share a pixel; a single
-        channel is added by the whole vector at once, and they must not.
+        channel is added by the whole vector at once, whose lanes must not.
         """
         height, width, count, _ = self.shape
         active = active & (x >= 0) & (y >= 0) & (x < width) & (y < height)
@@ -70,16 +70,16 @@ class Cells:
             for c, value in enumerate(values):
                 dr.scatter_reduce(add, target, value, cell * self.stride + c, active, mode)
 
-    def fold(self) -> None:
-        """Put the sums aside and go on with zeros, since single precision loses small addends."""
+    def flush(self) -> None:
+        """Flush all sums to a second array, since single precision loses small addends."""
         if self._folded is None:
             self._folded = self._sums
         else:
             self._add(self._folded, self._sums)
         self._sums = dr.zeros(mi.Float, dr.width(self._sums))
 
-    def fold_pixels(self, pixels: mi.UInt32) -> None:
-        """As `fold` for some pixels, always the same, whose sums alone take memory again."""
+    def flush_pixels(self, pixels: mi.UInt32) -> None:
+        """Flush some pixels, the same in every call, which alone take memory again."""
         per_pixel = self.shape[2] * self.stride
         index = dr.arange(mi.UInt32, len(pixels) * per_pixel)
         line = index // per_pixel
@@ -116,7 +116,7 @@ class Cells:
         self._sums, self._folded = self.sums * factor, None
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that is summed so far, as arrays that may share the cells' memory."""
+        """Return the content for a checkpoint, as arrays that may share memory."""
         dr.eval(self._sums)
         parts = {"sums": self._sums, "folded": self._folded}
         if self._aside is not None:
@@ -124,7 +124,7 @@ class Cells:
         return {name: np.asarray(part) for name, part in parts.items() if part is not None}
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
-        """Go on from what `state` gave, all sums times a factor."""
+        """Restore a `state`, multiplied by a factor."""
 
         def scaled(name: str) -> mi.Float:
             values = mi.Float(state[name])
@@ -139,7 +139,7 @@ class Cells:
             dr.make_opaque(places)
             self._aside = places, scaled("aside")
 
-    def merge(self, tile: Cells, x: int, y: int) -> None:
+    def merge(self, tile: Histogram, x: int, y: int) -> None:
         """Add the cells of a smaller film, whose first pixel is (x, y) of this one."""
         height, width, _, _ = tile.shape
         pixel = self.shape[2] * self.stride
@@ -151,20 +151,20 @@ class Cells:
     # ----------------------------------------------------------------------------- results
 
     def tensor(self, pixel_scale: mi.Float | None = None) -> mi.TensorXf:
-        """All cells without padding, a tensor of `shape`, each pixel times its scale."""
+        """Return all cells without padding, each pixel times its scale."""
         height, width, count, channels = self.shape
         values = self._gather(dr.arange(mi.UInt32, height * width * count))
         return mi.TensorXf(self._scaled(values, count * channels, pixel_scale), self.shape)
 
     def slice(self, k: int, pixel_scale: mi.Float | None = None) -> mi.TensorXf:
-        """Cell `k` of all pixels, a tensor of shape (height, width, channels)."""
+        """Return cell `k` of all pixels, of shape (height, width, channels)."""
         height, width, count, channels = self.shape
         values = self._gather(dr.arange(mi.UInt32, height * width) * count + k)
         values = self._scaled(values, channels, pixel_scale)
         return mi.TensorXf(values, (height, width, channels))
 
     def take(self, pixel_scale: mi.Float | None = None) -> np.ndarray:
-        """As `tensor`, but a NumPy array in the memory of the cells, which are gone afterwards."""
+        """Return `tensor` as a NumPy array in the memory of the cells, which are gone afterwards."""
         height, width, _, channels = self.shape
         values = np.asarray(self.sums)
         if not values.flags.writeable:  # The cells are on another device
