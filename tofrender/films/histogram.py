@@ -164,7 +164,7 @@ class Histogram:
         return mi.TensorXf(values, (height, width, channels))
 
     def take(self, pixel_scale: mi.Float | None = None) -> np.ndarray:
-        """Return `tensor` as a NumPy array in the memory of the cells, which are gone afterwards."""
+        """Return `tensor` as a NumPy array in the memory of the cells, which are gone then."""
         height, width, _, channels = self.shape
         values = np.asarray(self.sums)
         if not values.flags.writeable:  # The cells are on another device

@@ -405,7 +405,7 @@ class TransientHDRFilm(mi.Film):
         return mi.UInt32(dr.select(active, position, 0)), active
 
     def _pixel_scale(self) -> mi.Float | None:
-        """Samples over the filter's weights at each pixel; None if all are 1: a finished box film."""
+        """Samples over the filter's weights at each pixel; None if all are 1."""
         if self.rfilter().is_box_filter() and self.taken == 1:
             return None
         if self.samples_per_pixel is None:
