@@ -13,7 +13,7 @@ from ..scenes import BUILT_IN
 from ..scenes.as_dict import scene_as_dict
 from ..scenes.in_time import successor_of
 from ..scenes.loading import load_scene
-from ..scenes.parts import Dict, place
+from ..scenes.parts import Dict, pose
 from .changes import Changes, copied
 from .config import Config
 from .tables import known_keys
@@ -79,7 +79,7 @@ def _transform(where: str, given: Mapping[str, Any]) -> Any:
     known_keys(where, given, TO_WORLD)
     scale = given.get("scale", 1.0)
     scale = scale if isinstance(scale, Sequence) else [scale] * 3
-    return place(
+    return pose(
         checks.place(f"{where}.position", given.get("position", [0, 0, 0])),
         checks.place(f"{where}.axis", given.get("axis", [0, 1, 0])),
         checks.number(f"{where}.angle", given.get("angle", 0.0), unit="degrees"),

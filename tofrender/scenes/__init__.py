@@ -37,47 +37,6 @@ from .nlos import nlos_behind_fog, nlos_bunny, nlos_patch, nlos_plane, nlos_z
 from .parts import SAMPLER, Dict
 from .polarised import brewster_window, strained_mirror_corridor
 
-__all__ = [
-    "BUILT_IN",
-    "SAMPLER",
-    "START_OPL",
-    "brewster_window",
-    "bust_ao",
-    "bust_simple",
-    "caustic",
-    "cornell_box",
-    "cornell_box_flash",
-    "cornell_box_fog",
-    "cornell_box_glass",
-    "cornell_box_mirror",
-    "cornell_box_steady_state",
-    "describe",
-    "headlight_in_fog",
-    "lamp_in_fixture",
-    "lamp_in_milk",
-    "light_through_hole",
-    "mirror_and_glass",
-    "nlos_behind_fog",
-    "nlos_bunny",
-    "nlos_patch",
-    "nlos_plane",
-    "nlos_z",
-    "ourbox_confocal",
-    "rectangle_light_quad",
-    "rectangle_light_triangles",
-    "small_box",
-    "smoke_corridor",
-    "sphere_light_large",
-    "sphere_light_medium",
-    "sphere_light_small",
-    "strained_mirror_corridor",
-    "veach",
-    "wall_box_behind",
-    "wall_box_hi_nlos",
-    "wall_box_sphere_nlos",
-    "wall_box_spheres_nlos",
-]
-
 BUILT_IN: dict[str, Callable[..., Dict]] = {
     builder.__name__: builder
     for builder in (
@@ -118,6 +77,8 @@ BUILT_IN: dict[str, Callable[..., Dict]] = {
     )
 }
 """The built-in scenes by name; a builder's first line of documentation describes its scene."""
+
+__all__ = [*BUILT_IN, "BUILT_IN", "SAMPLER", "START_OPL", "describe"]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def describe(name: str) -> str:

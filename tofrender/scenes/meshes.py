@@ -31,10 +31,10 @@ def bust_mesh(**parts: Dict) -> Any:
 
 
 def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
-    """The rabbit as an `mi.Mesh` with parts as in `bust_mesh`, after a turn and a shift."""
+    """The rabbit as an `mi.Mesh` with parts as in `bust_mesh`, after a rotation and a shift."""
     vertices, faces, normals = bunny()
     turned = normals if to_world is None else normals @ np.array(to_world.matrix)[:3, :3].T
-    return _mesh("bunny", placed(vertices, to_world), faces, turned, **parts)
+    return _mesh("bunny", transformed(vertices, to_world), faces, turned, **parts)
 
 
 def letter_z() -> tuple[np.ndarray, np.ndarray]:
@@ -68,16 +68,16 @@ def letter_z() -> tuple[np.ndarray, np.ndarray]:
 def letter_z_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
     """The letter Z as an `mi.Mesh` with parts as in `bust_mesh`."""
     vertices, faces = letter_z()
-    return _mesh("letter_z", placed(vertices, to_world), faces, None, **parts)
+    return _mesh("letter_z", transformed(vertices, to_world), faces, None, **parts)
 
 
 def half_rectangle(half: str, to_world: Any | None = None, **parts: Dict) -> Any:
     """The "lower" or "upper" one of the two triangles of a `rectangle`; parts as in `bust_mesh`."""
-    corners = placed(HALVES[half], to_world)
+    corners = transformed(HALVES[half], to_world)
     return _mesh(f"{half}_triangle", corners, np.array([[0, 1, 2]]), None, **parts)
 
 
-def placed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
+def transformed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
     """Points (n, 3) after a transform, if there is one."""
     if to_world is None:
         return points
