@@ -34,11 +34,7 @@ class Changes:
         self.scene, self.sensor = scene, sensor
 
     def make(self, varied: Iterable[Varied], drawn: Mapping[str, Any]) -> None:
-        """Put drawn values in: values and materials, then poses, the camera, who is there.
-
-        Raises:
-            ValueError: The scene has no such part, or it cannot take the value; one line.
-        """
+        """Put drawn values in: values and materials, then poses, the camera, who is there."""
         by_target: dict[str, list[tuple[Varied, Any]]] = {}
         for each in varied:
             by_target.setdefault(each.target, []).append((each, drawn[each.name]))

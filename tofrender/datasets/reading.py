@@ -68,11 +68,7 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def _require_records(folder: Path, dataset: xr.Dataset) -> None:
-    """Refuse a data set of an earlier version, which lists no files, where those of records miss.
-
-    Raises:
-        ValueError: One line that names the first.
-    """
+    """Refuse a data set of an earlier version, without a list of files, that lacks a record's."""
     for name, variable in dataset.data_vars.items():
         chunks = variable.chunks
         if chunks and chunks[0][0] == 1 and (variable.ndim > 2 or len(chunks[0]) > 1):

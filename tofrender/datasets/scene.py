@@ -23,15 +23,7 @@ FILES = ("filename",)
 
 
 def scene_of(config: Config, drawn: Mapping[str, Any]) -> Dict:
-    """The scene of a record as a dict for `mi.load_dict`.
-
-    Args:
-        config: The data set.
-        drawn: Values by name, see `Config.draw`.
-
-    Raises:
-        ValueError: The scene has no part of a name, or cannot take a value; one line.
-    """
+    """The scene of a record as a dict for `mi.load_dict`."""
     scene = _source(config, drawn)
     for table, parts in (("materials", config.materials), ("objects", config.objects)):
         for name, description in parts.items():

@@ -69,17 +69,11 @@ class Varied:
     def is_place(self) -> bool:
         """Whether a draw is a point or a way in space."""
         of_camera = self.target == "camera" and self.what != "fov"
-        return self.distribution.length() == 3 and (
-            of_camera or self.target in ("move", "position")
-        )
+        return self.distribution.length == 3 and (of_camera or self.target in ("move", "position"))
 
 
 def parse_varied(name: str, given: Any) -> Varied:
-    """A table `vary.NAME`.
-
-    Raises:
-        ValueError: One line with the key, its value and what is allowed.
-    """
+    """A table `vary.NAME`."""
     where = f"vary.{name}"
     if not NAME.fullmatch(name):
         raise ValueError(f"vary.{name!r}: must be a name of letters, digits and _")
@@ -160,9 +154,9 @@ def _require_fit(where: str, varied: Varied, kind: str) -> None:
     if target == "camera":
         checks.one_of(f"{where}.camera", varied.what, CAMERA)
         lengths, allowed = ((0,), "a number") if varied.what == "fov" else LENGTHS["move"]
-    if lengths is not None and distribution.length() not in lengths:
+    if lengths is not None and distribution.length not in lengths:
         raise ValueError(f"{where}.distribution = {kind!r}: must give {allowed}")
-    values = getattr(distribution, "values", None)
+    values = distribution.values
     if target == "material" and (
         values is None or not all(isinstance(value, str) and value for value in values)
     ):
@@ -172,7 +166,7 @@ def _require_fit(where: str, varied: Varied, kind: str) -> None:
             for name in value if isinstance(value, list) else [value]:
                 if name not in varied.what:
                     raise ValueError(unknown(f"{where}.values = {name!r}", name, varied.what))
-    low, high = distribution.bounds()
+    low, high = distribution.bounds
     what = varied.what if target == "camera" else target
     ranges = {"fov": (0.0, 180.0), "scale": (0.0, float("inf")), "reflectance": (0.0, 1.0)}
     least, most = ranges.get(str(what), (float("-inf"), float("inf")))

@@ -23,14 +23,6 @@ def scene_as_dict(path: Path, parameters: Mapping[str, Any] | None = None) -> Di
     Parts go by their ids, those without by what they are (`sensor`, `film`, `bsdf`), with a number
     from the second one on. Names of files become whole paths.
 
-    Args:
-        path: The file.
-        parameters: Values for its `<default>` names.
-
-    Raises:
-        ValueError: The file or a parameter is wrong; one line.
-        FileNotFoundError: There is no such file.
-
     Example:
         >>> import tofrender
         >>> from tofrender.scenes.settings import SAMPLERS

@@ -46,10 +46,6 @@ def check_scene(
     The sensor is the one that looks at it; None stands for all of the scene's. `media` says that
     participating media are followed, `polarisation` that polarised light is.
 
-    Raises:
-        ValueError: As `require_modelled`, `require_sound`, `require_extent` and
-            `require_sound_media`; one line that names the object.
-
     Example:
         >>> lamp = {"type": "point", "intensity": {"type": "rgb", "value": [1, -2, 1]}}
         >>> check_scene(mi.load_dict({"type": "scene", "lamp": lamp}))
@@ -66,11 +62,7 @@ def check_scene(
 def check_view(
     scene: mi.Scene, sensor: mi.Sensor, *, media: bool = False, polarisation: bool = False
 ) -> None:
-    """`check_scene` for a sensor that must be one.
-
-    Raises:
-        ValueError: As `check_scene`, or it is no sensor; one line.
-    """
+    """`check_scene` for a sensor that must be one."""
     check_scene(scene, sensor, media=media, polarisation=polarisation)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
@@ -82,12 +74,7 @@ def require_modelled(
     media: bool = False,
     polarisation: bool = False,
 ) -> None:
-    """Refuse what changes the light and is not followed: polarisation and media unless they are.
-
-    Raises:
-        ValueError: The scene is one of another variant, the variant is polarised, or a shape,
-            an emitter or the sensor is in a medium; one line.
-    """
+    """Refuse what changes the light and is not followed: polarisation and media unless they are."""
     active = mi.variant() or "none"
     if not hasattr(scene, "variant_name"):
         allowed = f"a loaded scene of the active variant {active}"
@@ -128,9 +115,6 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
 
     Looks at each number once: a millisecond or two, and as long again for a million vertices. The
     sensor need not be the scene's.
-
-    Raises:
-        ValueError: One line with the object, its parameter and the value.
     """
     sources = [mi.traverse(scene)]
     if sensor is not None and sensor not in sources[0].hierarchy:
@@ -168,9 +152,6 @@ def require_extent(scene: mi.Scene) -> None:
     """Refuse a scene that is so small, or so far from the origin, that gaps beside rays show.
 
     Mitsuba starts rays off surfaces by 9e-5 (1 m + the largest coordinate), however small all is.
-
-    Raises:
-        ValueError: One line with the extent and what is allowed.
     """
     box: Any = scene.bbox()
     low, high = np.ravel(box.min).astype(float), np.ravel(box.max).astype(float)
@@ -202,11 +183,7 @@ def _require_inverse(name: str, transform: Any) -> None:
 
 
 def require_right_inverse(name: str, transform: Any) -> None:
-    """Refuse a transform that keeps a wrong inverse, as a rotation about a long axis does.
-
-    Raises:
-        ValueError: One line with its name and its matrix.
-    """
+    """Refuse a transform that keeps a wrong inverse, as a rotation about a long axis does."""
     matrix, inverse = (
         np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3]
         for each in (transform, transform.inverse())

@@ -34,9 +34,6 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
     """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root.
 
     The parameters are values for its `<default>` names, which may name the files that it includes.
-
-    Raises:
-        ValueError: One line with the file and the line in it.
     """
     depth = 0
     known = dict(parameters)
@@ -77,11 +74,7 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
 
 
 def require_readable_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict nested too deeply, with a value that is None, or with an unsafe plugin type.
-
-    Raises:
-        ValueError: One line.
-    """
+    """Refuse a dict nested too deeply, with a value that is None, or with an unsafe plugin type."""
     level: list[Any] = [("", description)]
     for _ in range(MAX_NESTING):
         values = [(f"{at}{name}", v) for at, each in level for name, v in each.items()]
@@ -99,11 +92,7 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
 
 
 def require_indices(filename: str) -> None:
-    """Refuse a PLY file, beside the scene's, whose faces have vertices that it does not have.
-
-    Raises:
-        ValueError: One line with the file, the face and its vertex.
-    """
+    """Refuse a PLY file, beside the scene's, whose faces have vertices that it does not have."""
     path = _resolved(filename)
     if not path.is_file():
         return
@@ -121,12 +110,7 @@ def require_indices(filename: str) -> None:
 
 
 def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
-    """The number of vertices in a PLY file, and those of each of its triangles, shape (n, 3).
-
-    Raises:
-        ValueError, KeyError, TypeError: It is none, or has another form than Mitsuba reads:
-            elements of fixed size, and faces of three vertices.
-    """
+    """The number of vertices in a PLY file, and those of each of its triangles, shape (n, 3)."""
     with path.open("rb") as file:
         head = _HEADER.match(file.read(1 << 16))
     if head is None:

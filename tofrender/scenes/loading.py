@@ -121,12 +121,7 @@ def load_scene(
 
 
 def parse_file_of(path: Any, parameters: Mapping[str, Any]) -> Any:
-    """Mitsuba's parser state of an XML file, a built-in name or a dict, its references resolved.
-
-    Raises:
-        ValueError: The scene or a parameter is wrong; one line.
-        FileNotFoundError: There is no such file.
-    """
+    """Mitsuba's parser state of an XML file, a built-in name or a dict, its references resolved."""
     config = parser.ParserConfig(mi.variant())
     try:
         with uncollected(), _files_beside(path):
@@ -139,12 +134,7 @@ def parse_file_of(path: Any, parameters: Mapping[str, Any]) -> Any:
 
 
 def is_steady(scene: Any, parameters: Mapping[str, Any]) -> bool:
-    """Whether no film of an XML file, a built-in name or a dict knows time.
-
-    Raises:
-        ValueError: The scene or a parameter is wrong; one line.
-        FileNotFoundError: There is no such file.
-    """
+    """Whether no film of an XML file, a built-in name or a dict knows time."""
     scene = find_scene(scene) if isinstance(scene, str) else scene
     nodes = parse_file_of(scene, parameters).nodes
     films = [node for node in nodes if is_kind(node, mi.ObjectType.Film)]
@@ -152,11 +142,7 @@ def is_steady(scene: Any, parameters: Mapping[str, Any]) -> bool:
 
 
 def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
-    """Make one object from a dict, ours where the plugin's name is one of ours.
-
-    Raises:
-        ValueError: The dict is wrong; one line that calls the object `what`, e.g. "integrator".
-    """
+    """Make one object from a dict, ours where the plugin's name is one of ours."""
     name = description.get("type")
     if not isinstance(name, str):
         given = checks.shown(dict(description))
@@ -170,21 +156,13 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
 
 
 def require_sensor(scene: mi.Scene) -> None:
-    """Refuse a scene without a sensor.
-
-    Raises:
-        ValueError: One line that says so.
-    """
+    """Refuse a scene without a sensor."""
     if not scene.sensors():
         raise ValueError("scene: has no sensor; it must have one, for example a perspective camera")
 
 
 def require_light(scene: mi.Scene) -> None:
-    """Refuse a scene without a light; its picture would be black.
-
-    Raises:
-        ValueError: One line that says so.
-    """
+    """Refuse a scene without a light; its picture would be black."""
     if not scene.emitters():
         raise ValueError("scene: has no light; it must have an emitter, for example a point light")
 
@@ -199,10 +177,6 @@ def find_scene(name: str) -> str | Path:
 
     Returns:
         The built-in scene's name as a str, or the file as a Path.
-
-    Raises:
-        ValueError: No such scene; one line with the nearest names.
-        FileNotFoundError: `name` looks like a file and does not exist.
 
     Example:
         >>> find_scene("cornell-box")

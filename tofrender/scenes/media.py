@@ -62,10 +62,6 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
     It is what the first shape that has a medium says on its outer side; where no shape has one, it
     is the sensor's.
 
-    Args:
-        scene: The scene.
-        sensors: What is around the sensor.
-
     Example:
         >>> beyond(mi.load_dict({"type": "scene"})) is None
         True
@@ -93,14 +89,7 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
 
 
 def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Refuse media that cannot be, and a sensor that is in another one than it says.
-
-    Raises:
-        ValueError: A coefficient is negative or not finite, an albedo above 1, a weight of a blend
-            outside of 0 to 1; the sensor's medium is not what the shapes say that it sees; or it
-            has no end where light comes from infinitely far away; or a blend polarises
-            what it scatters, in a variant where that counts. One line.
-    """
+    """Refuse media that cannot be, and a sensor that is in another one than it says."""
     media = media_of(scene, sensor)
     for medium in media:
         _require_sound(medium)

@@ -103,11 +103,7 @@ def _mesh(
 
 
 def write(folder: str | Path) -> None:
-    """Write a PLY file of each mesh into `folder`.
-
-    Raises:
-        NotADirectoryError: There is no such folder.
-    """
+    """Write a PLY file of each mesh into `folder`."""
     if not Path(folder).is_dir():
         raise NotADirectoryError(f"folder = {str(folder)!r}: must be a folder that exists")
     meshes = {"bust": bust_mesh(), "bunny": bunny_mesh(), "letter_z": letter_z_mesh()}

@@ -28,11 +28,7 @@ class Packed:
 
 
 def packed(name: str, value: Any) -> Any:
-    """An argument that pickles; names of files become whole paths.
-
-    Raises:
-        ValueError: It is loaded, or holds what is; one line.
-    """
+    """An argument that pickles; names of files become whole paths."""
     if name == "scene" and isinstance(value, str | os.PathLike):
         return str(Path(value).resolve()) if os.path.exists(value) else value
     return _packed(value, name)

@@ -16,12 +16,6 @@ def use_own_names(state: Any) -> None:
     `timegated_transient_path`, whose gates fill the bins of a film, becomes the `transient_path`
     around the same `confocal_projector`; `transient_prbvolpath` becomes `transient_volpath`;
     `nlos_confocal` of a `transient_nlos_path` its `capture_type`.
-
-    Args:
-        state: The `mi.parser.ParserState`, with its references resolved.
-
-    Raises:
-        ValueError: A name has no counterpart; one line that says what to use instead.
     """
     for node in state.nodes:
         name = node.props.plugin_name()

@@ -75,10 +75,6 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
 def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings that are given (not None), each one checked.
 
-    Raises:
-        ValueError: A value is not allowed; one line with name, value and what is allowed.
-        TypeError: There is no setting of this name.
-
     Example:
         >>> check_settings({"spp": 64, "width": None})
         {'spp': 64}
