@@ -20,7 +20,7 @@ from ..runtime import checks, plugins
 from ..runtime.backend import hold, uncollected
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
-from .checking import require_right_inverse
+from .checking import require_inverse
 from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
@@ -277,10 +277,11 @@ def _require_safe(state: Any) -> None:
     for node in state.nodes:
         props = node.props
         plugins.require_safe_type(props.plugin_name())
-        placed = props.get("to_world", None)
+        to_world = props.get("to_world", None)
         props.mark_queried("to_world", False)  # Plugins that do not know it are still told of
-        if is_transform(placed):  # Meshes keep none, once loaded
-            require_right_inverse(f"{props.id() or props.plugin_name()}.to_world", placed)
+        if is_transform(to_world):  # Meshes keep none, once loaded
+            name = f"{props.id() or props.plugin_name()}.to_world"
+            require_inverse(name, to_world, flat=True)
         if props.plugin_name() == "ply" and "filename" in props:
             require_indices(str(props["filename"]))
 
