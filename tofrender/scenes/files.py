@@ -1,6 +1,6 @@
-"""Files that would end the process if Mitsuba read them: tags too deep, faces without vertices.
+"""Refuse files that would crash Mitsuba: XML nested too deeply, PLY faces without vertices.
 
-Whatever else is wrong with a file, Mitsuba says itself; nothing here repeats its checks.
+Other errors in files are left to Mitsuba.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from ..runtime.plugins import require_safe_type
 
 MAX_NESTING = 200
-"""Tags or dicts within each other; Mitsuba's parser calls itself for each until the stack ends."""
+"""Most nested tags or dicts; Mitsuba's parser recurses for each until the stack overflows."""
 
 MAX_INCLUDES = 15
-"""Files within each other that Mitsuba reads before it gives up by itself."""
+"""Most nested includes that Mitsuba reads."""
 
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -31,10 +31,7 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
 def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
-    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root.
-
-    The parameters are values for its `<default>` names, which may name the files that it includes.
-    """
+    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root."""
     depth = 0
     known = dict(parameters)
     reader = expat.ParserCreate()
@@ -92,7 +89,7 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
 
 
 def require_indices(filename: str) -> None:
-    """Refuse a PLY file, beside the scene's, whose faces have vertices that it does not have."""
+    """Refuse a PLY file whose faces have indices of vertices that it does not have."""
     path = _resolved(filename)
     if not path.is_file():
         return
