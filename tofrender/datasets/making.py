@@ -178,11 +178,11 @@ def require_complete(
     wanted = {"config": json.dumps(plan.config.plain), "variant": mi.variant()}
     if "checksum" in found.attrs:  # Those of earlier versions have none
         wanted["checksum"] = _files_digest(plan)
-    for name, value in wanted.items():
-        if found.attrs[name] != value:
-            raise ValueError(f"out = {out}: is there, with another {name}; must be a new folder")
+    other = [f"another {name}" for name, value in wanted.items() if found.attrs[name] != value]
     if found["record"].values.tolist() != plan.records:
-        raise ValueError(f"out = {out}: is there, with other records; must be a new folder")
+        other.append("other records")
+    if other:
+        raise ValueError(f"out = {out}: is there, with {other[0]}; must be a new folder")
     return found
 
 
@@ -192,7 +192,6 @@ def under_way(out: str | os.PathLike[str]) -> Path:
 
 
 def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
-    """Numbers of the records to make, in order."""
     if only is None:
         return list(range(config.records))
     if isinstance(only, str | bytes) or not isinstance(only, Iterable):
@@ -221,8 +220,8 @@ def _recipe(plan: Plan) -> dict[str, Any]:
 def _files_digest(plan: Plan) -> str:
     """Checksum of what identifies the first scene, and of all files that the config names."""
     names = sorted({text for text in _texts(plan.config.given) if "." in text})
-    files = [each for name in names if (each := plan.config.folder / name).is_file()]
-    parts = [plan.layout.scene, *map(file_digest, files)]
+    files = [plan.config.folder / name for name in names]
+    parts = [plan.layout.scene, *(file_digest(file) for file in files if file.is_file())]
     return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
 
 
@@ -237,8 +236,8 @@ def _texts(value: Any) -> Iterator[str]:
 
 def _require_room(folder: Path, plan: Plan) -> None:
     """Refuse a disk that the data set does not fit on."""
-    there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - there:
+    written = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - written:
         raise atomic.disk_full(folder, plan.bytes)
 
 
@@ -256,8 +255,8 @@ def _estimate(record: int, receipt: Receipt, count: int, started: float, client:
     rest_s = (count - 1) * receipt.seconds
     if client is not None:
         rest_s /= max(1, len(client.scheduler_info()["workers"]))
-    elif (taken := time.perf_counter() - started) > receipt.seconds:
-        rest_s = (count - 1) * taken
+    elif (elapsed := time.perf_counter() - started) > receipt.seconds:
+        rest_s = (count - 1) * elapsed
     return f"record {record} took {receipt.seconds:.1f} s; the others take about {_time(rest_s)}"
 
 

@@ -159,7 +159,7 @@ def column(varied: Varied, values: list[Any]) -> tuple[np.ndarray, list[str]]:
         if all(isinstance(value, bool) for value in values):
             return np.array(values), ["record"]
         return np.array([_as_text(value) for value in values], dtype=str), ["record"]
-    axis = "xyz" if varied.is_place else f"{varied.name}_index"
+    axis = "xyz" if varied.is_vector else f"{varied.name}_index"
     return np.array(values, dtype=np.float64), ["record", *([axis] if length else [])]
 
 
