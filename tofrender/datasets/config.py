@@ -75,23 +75,17 @@ class Config:
     """A data set, checked.
 
     Attributes:
-        records: How many records there are.
-        seed: Of all draws and renders.
-        retry: How many more draws a record gets whose scene cannot be rendered.
+        records, seed, retry, arguments, parameters, outputs, materials, objects: Values of the
+            keys of these names, see docs/datasets.md.
         scene: A built-in scene's name, the path of an XML file, or a dict.
-        arguments: What the built-in scene is called with.
-        parameters: Values for the `<default>` names of an XML file.
-        settings: What `load_scene` changes.
+        settings: Settings of `load_scene`.
         window: Start and end of the time bins [m], None for the scene's.
         sensor: Number of the sensor.
-        outputs: What records hold.
-        materials: More materials, as dicts for Mitsuba.
-        objects: More objects, as dicts for Mitsuba.
-        varied: What is varied, by name.
-        folder: Where names of files start.
-        plain: All of it as JSON can hold it.
-        checksum: Of a scene that is a file or a dict.
-        given: What it was read from.
+        varied: The varied quantities by name.
+        folder: Folder where names of files start.
+        plain: The configuration as JSON can hold it.
+        checksum: Checksum of a scene that is a file or a dict.
+        given: The configuration as it was read.
     """
 
     records: int
@@ -120,7 +114,7 @@ class Config:
         }
 
     def render_seed(self, record: int, attempt: int = 0, use: str = "render") -> int:
-        """The seed of a record's random numbers; no quantity can have the name."""
+        """The seed of a record's render; no quantity can have the name in brackets."""
         return Source(self.seed, record, f"[{use}]", attempt).integer()
 
 

@@ -37,13 +37,7 @@ class Distribution:
 
 
 def parse_distribution(where: str, table: Table) -> Distribution:
-    """The distribution of a table `vary.NAME`, of which `where` is the name.
-
-    Example:
-        >>> uniform = {"distribution": "uniform", "low": 1, "high": 3}
-        >>> 1 < parse_distribution("vary.lamp", uniform).draw(Source(0, 0, "lamp")) < 3
-        True
-    """
+    """The distribution of a table `vary.NAME`, of which `where` is the name."""
     kind = checks.one_of(f"{where}.distribution", table.get("distribution"), _KINDS)
     parse, _ = _KINDS[kind]
     return parse(where, table)

@@ -71,21 +71,12 @@ class Array:
 
 @dataclass(frozen=True)
 class Layout:
-    """All arrays of a data set.
-
-    Attributes:
-        arrays: The arrays.
-        axes: Coordinates of axes, by name.
-        window: Start and width of the time bins [m], None where there are none.
-        attrs: Attributes that all records share.
-        scene: What identifies the first scene, with the bytes of its files.
-    """
+    """All arrays of a data set."""
 
     arrays: tuple[Array, ...]
-    axes: dict[str, np.ndarray] = field(repr=False)
-    window: tuple[float, float] | None
-    attrs: dict[str, Any]
-    scene: str = ""
+    axes: dict[str, np.ndarray] = field(repr=False)  # coordinates by name
+    window: tuple[float, float] | None  # start and width of the time bins [m]
+    scene: str = ""  # fingerprint of the first scene, with the bytes of its files
 
     @property
     def bytes(self) -> int:
@@ -146,7 +137,7 @@ def layout_of(config: Config, records: list[int]) -> Layout:
             its = (*LASERS, *its)
         arrays.append(Array(name, its, tuple(len(coordinates[axis]) for axis in its), kind.dtype))
         axes |= {axis: coordinates[axis] for axis in its}
-    return Layout(tuple(arrays), axes, window, {"variant": mi.variant()}, scene.id())
+    return Layout(tuple(arrays), axes, window, scene.id())
 
 
 def _names(outputs: Outputs) -> list[str]:

@@ -8,13 +8,7 @@ from typing import Any
 
 
 def known_keys(where: str, given: Mapping[str, Any], allowed: Collection[str]) -> None:
-    """Refuse a key that is not one of the `allowed` ones.
-
-    Example:
-        >>> known_keys("render", {"ssp": 4}, ("spp", "width"))
-        Traceback (most recent call last):
-        ValueError: render.ssp: is not known, did you mean spp? Must be one of spp, width
-    """
+    """Refuse a key that is not one of the `allowed` ones."""
     for key in given:
         if key not in allowed:
             raise ValueError(unknown(f"{where}.{key}" if where else str(key), key, allowed))

@@ -84,11 +84,6 @@ def bust() -> tuple[Array, NDArray[np.int64], Array]:
         vertices: Positions [m], shape (v, 3).
         faces: Indices of each triangle's corners, counter-clockwise from outside, shape (f, 3).
         normals: Unit normals of the smooth surface at the vertices, outwards, shape (v, 3).
-
-    Example:
-        >>> vertices, faces, normals = bust()
-        >>> vertices.shape, faces.shape
-        ((9602, 3), (19200, 3))
     """
     height, azimuth = _rows(), _azimuths()
     grid = _features(_body(height, azimuth))

@@ -45,12 +45,6 @@ def check_scene(
 
     None stands for all of the scene's sensors. `media` and `polarisation` tell whether the
     integrator supports them.
-
-    Example:
-        >>> lamp = {"type": "point", "intensity": {"type": "rgb", "value": [1, -2, 1]}}
-        >>> check_scene(mi.load_dict({"type": "scene", "lamp": lamp}))
-        Traceback (most recent call last):
-        ValueError: lamp.intensity.value = [1, -2, 1]: must be 0 or more, light cannot be negative
     """
     require_modelled(scene, sensor, media=media, polarisation=polarisation)
     require_sound(scene, sensor)

@@ -168,10 +168,6 @@ def find_scene(name: str) -> str | Path:
     """Find a built-in scene (hyphens count as underscores; a str) or an XML file (a Path).
 
     The package's own XML files are found anywhere, as scenes/cornell_box.xml.
-
-    Example:
-        >>> find_scene("cornell-box")
-        'cornell_box'
     """
     built_in = name.replace("-", "_")
     if built_in in BUILT_IN:

@@ -38,12 +38,7 @@ CROSSINGS = 64
 
 
 def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium]:
-    """Media inside and around shapes, of emitters and of a sensor, each once.
-
-    Example:
-        >>> media_of(mi.load_dict({"type": "scene"}))
-        []
-    """
+    """Media inside and around shapes, of emitters and of a sensor, each once."""
     shapes = [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.Shape)]
     around = [m for shape in shapes for m in (shape.interior_medium(), shape.exterior_medium())]
     around += [emitter.get_medium() for emitter in scene.emitters()]
@@ -61,10 +56,6 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
 
     Rays from outside find the exterior medium of the first boundary; without one, it is that of
     the sensor.
-
-    Example:
-        >>> beyond(mi.load_dict({"type": "scene"})) is None
-        True
     """
     if not media_of(scene):
         return sensors

@@ -44,11 +44,6 @@ def letter_z() -> tuple[np.ndarray, np.ndarray]:
 
     Returns:
         Vertices [m], shape (12, 3), and indices of each triangle's corners, shape (6, 3).
-
-    Example:
-        >>> vertices, faces = letter_z()
-        >>> float(vertices[:, :2].min()), float(vertices[:, :2].max())
-        (-0.4, 0.4)
     """
     half, inner = 0.4, 0.4 - STROKE
     # The diagonal's horizontal width w makes it STROKE wide: w = STROKE sqrt(1 + (run / rise)^2)

@@ -35,20 +35,7 @@ LAMP_COLOUR = [1.22, 1.02, 0.76]  # its mean is 1
 
 
 class TransientOptions(TypedDict, total=False):
-    """Options of the built-in transient scenes, and their defaults unless a scene names others.
-
-    Attributes:
-        width, height: Size of the picture [pixels], 1 to 65536; 256.
-        temporal_bins: Number of time bins, 1 to 1048576; 300.
-        start_opl: Start of the first bin, an optical path length [m]; by default a little before
-            the first light arrives.
-        bin_width_opl: Width of a bin [m], above 0; 0.02.
-        spp: Samples per pixel; 256.
-        max_depth: Longest path in segments, the camera's included, -1 for no limit. Each surface
-            that light passes through, and each point where a medium scatters, ends a segment.
-        integrator: An integrator in time that has a `max_depth`, e.g. "path_tracer_nee";
-            "transient_path".
-    """
+    """Options of the built-in transient scenes, described at `caustic`."""
 
     width: int
     height: int
@@ -61,15 +48,7 @@ class TransientOptions(TypedDict, total=False):
 
 
 class SteadyOptions(TypedDict, total=False):
-    """Options of the built-in steady scenes for path tracers, and their defaults.
-
-    Attributes:
-        width, height: Size of the picture [pixels], 1 to 65536; 256 by 192.
-        spp: Samples per pixel; 64.
-        integrator: "path_tracer_mats", "path_tracer_nee", "path_tracer_mis" (the default) or
-            Mitsuba's "path".
-        max_bounces: Most reflections between light and camera, from 0, or -1 for no limit; 1.
-    """
+    """Options of the built-in steady scenes for path tracers, described at `veach`."""
 
     width: int
     height: int

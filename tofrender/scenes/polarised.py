@@ -142,10 +142,6 @@ def retardance_of_plastic() -> NDArray[np.float32]:
 
     Returns:
         The same array every time, which cannot be written to, shape (64, 64, 1), from the top.
-
-    Example:
-        >>> float(retardance_of_plastic().max())
-        60.0
     """
     middles = (2 * np.arange(64) + 1) / 64 - 1
     x, y = np.meshgrid(middles, middles[::-1])

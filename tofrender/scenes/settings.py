@@ -73,12 +73,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
 
 
 def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that are given (not None), each one checked.
-
-    Example:
-        >>> check_settings({"spp": 64, "width": None})
-        {'spp': 64}
-    """
+    """Return the settings that are given (not None), each one checked."""
     for name in settings:
         if name not in CHECKS:
             raise TypeError(f"{name}: no such setting; there are {', '.join(CHECKS)}")
