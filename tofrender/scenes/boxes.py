@@ -109,12 +109,7 @@ def cornell_box(
 
 
 def cornell_box_steady_state(
-    *,
-    width: int = 256,
-    height: int = 256,
-    spp: int = 256,
-    max_depth: int = 8,
-    light: str = "area",
+    *, width: int = 256, height: int = 256, spp: int = 256, max_depth: int = 8, light: str = "area"
 ) -> Dict:
     """The Cornell box for Mitsuba's own `path` integrator, without time.
 

@@ -10,14 +10,7 @@ from typing import Any, TypedDict
 
 from ..runtime import checks
 
-SAMPLERS = (
-    "padded_sobol",
-    "independent",
-    "stratified",
-    "multijitter",
-    "orthogonal",
-    "ldsampler",
-)
+SAMPLERS = ("padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 INTEGRATORS = (
     "transient_path",
     "transient_volpath",
