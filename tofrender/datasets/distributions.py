@@ -249,7 +249,7 @@ def _numbers(where: str, value: Any) -> Numbers:
 
 
 def _repeated(where: str, given: Any, numbers: Numbers, count: int) -> Numbers:
-    """As many numbers as the other keys have; a single one is repeated."""
+    """The numbers of a key, a single one repeated to as many as the other keys have."""
     if len(numbers) not in (1, count):
         raise ValueError(f"{where} = {given!r}: must have {count} numbers, as other keys have")
     return numbers * count if len(numbers) == 1 else numbers

@@ -133,7 +133,7 @@ LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
     "scale": ((0, 3), "a number or 3"),
     "reflectance": ((0, 3), "a number or 3"),
 }
-"""How many numbers a draw may have, 0 for a single one."""
+"""Numbers that a draw may have, 0 for a single one."""
 
 
 def _require_fit(where: str, varied: Varied, kind: str) -> None:

@@ -22,7 +22,7 @@ WALL = {"reflectance": [0.8, 0.8, 0.8], "half_width": 2.0, "z": -2.0}
 """The relay wall of the scenes `wall_box_...` [m]; it faces +z."""
 
 HIDDEN_Z = -0.75
-"""Where the centers of hidden spheres are, in the plane of the occluder's back [m]."""
+"""z of the centers of hidden spheres, in the plane of the occluder's back [m]."""
 
 RED, GREEN = [0.01, 0.0, 0.0], [0.0, 0.05, 0.0]
 
@@ -142,7 +142,7 @@ def retroreflector(reflectance: Sequence[float]) -> Dict:
 
 
 EYE = [0.0, 0.45, 1.05]
-"""Where the camera and the laser of `ourbox_confocal` are [m]; they look down -z."""
+"""Position of the camera and the laser of `ourbox_confocal` [m]; they look down -z."""
 
 
 def ourbox_confocal(**options: Unpack[TransientOptions]) -> Dict:

@@ -162,6 +162,6 @@ def _ascii(
 
 
 def _resolved(name: str) -> Path:
-    """Where Mitsuba finds a file."""
+    """Path at which Mitsuba finds a file."""
     untyped: Any = mi  # the stubs of this function are not callable
     return Path(str(untyped.file_resolver().resolve(name)))

@@ -147,7 +147,7 @@ SPHERE_LIGHT_POWER = 260.0
 """Power of the light of `sphere_light_...` [W]."""
 
 SPHERE_LIGHT_RADII = {"small": 0.03, "medium": 0.3, "large": 0.9}
-"""Its radii [m]; it stays above the floor and in front of the wall."""
+"""Radii of the light [m]; it stays above the floor and in front of the wall."""
 
 
 def sphere_light_small(**options: Unpack[SteadyOptions]) -> Dict:

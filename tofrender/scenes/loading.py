@@ -22,12 +22,12 @@ from ..runtime.backend import hold, uncollected
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
 from .checking import require_inverse
+from .compatibility import use_own_names
 from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
 from .nodes import is_kind
 from .numbers import is_transform
-from .peers import use_own_names
 from .settings import Settings, check_settings
 
 parser: Any = mi.parser
@@ -49,7 +49,8 @@ def load_scene(
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
     the filter that it names (box if it names none), its integrator its depths, which for `path`
-    have no limit unless it names one. A `path` in `aov`, `moment` or `stokes` is taken out of it.
+    have no limit unless it names one. An `aov`, `moment` or `stokes` around
+    a `path` is left out.
 
     A shape of an XML file that has a name and no id gets the name as its id.
 

@@ -35,7 +35,7 @@ from .parts import (
 )
 
 DEVICE = (-0.5, 0.0, 0.25)
-"""Where laser and sensor are [m]."""
+"""Position of laser and sensor [m]."""
 
 OCCLUDER_WIDTH = 0.1
 """Width of the occluder in its wider direction, less its margin [m]."""
@@ -44,7 +44,7 @@ MARGIN = 1.05
 """The occluder is this much wider than what it has to hide."""
 
 LEAD = 0.15
-"""How long before the first hidden light a window starts by default [m]."""
+"""Path length between the default start of a window and the first hidden light [m]."""
 
 BUNNY_TURN = 25.0
 """Rotation of the bunny about y, from +x towards -z [degrees]."""

@@ -87,7 +87,7 @@ def steady_scene(
     options: Mapping[str, Any],
     **defaults: Any,
 ) -> Dict:
-    """As `transient_scene`, of `SteadyOptions`: one of `PATH_TRACERS` or `path`, a steady film."""
+    """A scene as of `transient_scene` with a steady film and a path tracer or Mitsuba's `path`."""
     given = {"width": 256, "height": 192, "spp": 64, "integrator": "path_tracer_mis"}
     given = _merged(given | {"max_bounces": 1} | defaults, options)
     checks.one_of("integrator", given["integrator"], (*PATH_TRACERS, "path"))

@@ -130,7 +130,7 @@ LAMP_HALF, HOLE_HALF = 0.9, 0.5
 """Half the width of the square lamp, and of the hole in it that the camera looks through [m]."""
 
 MOST_RETARDANCE = 60.0
-"""What the plastic turns phases by in one pass, where it is strained most [degrees]."""
+"""Retardance of the plastic where it is strained most [degrees]."""
 
 # x, y; radius that the strain falls to one half in, all in halves of the plate's width
 SCREWS = np.array([(-0.7, -0.6, 0.35), (0.6, -0.75, 0.25), (0.75, 0.5, 0.4), (-0.45, 0.8, 0.3)])

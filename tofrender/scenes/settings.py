@@ -1,4 +1,4 @@
-"""What can be changed in a scene while it loads, and the check of each value.
+"""Settings that change a scene while it loads, and the check of each.
 
 Nothing here imports Mitsuba: the command line refuses bad values before Mitsuba starts.
 """
@@ -24,11 +24,11 @@ INTEGRATORS = (
 """Integrators that a name is enough for."""
 
 IN_TIME = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
-"""Integrators that can put light into bins."""
+"""Transient integrators."""
 
 
 class Settings(TypedDict, total=False):
-    """What can be changed in a scene while it loads; None keeps the scene's own value."""
+    """Settings that change a scene while it loads; None keeps the scene's own value."""
 
     width: int | None
     height: int | None
