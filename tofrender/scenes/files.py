@@ -107,7 +107,11 @@ def require_indices(filename: str) -> None:
 
 
 def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
-    """The number of vertices in a PLY file, and those of each of its triangles, shape (n, 3)."""
+    """Number of vertices in a PLY file, and indices of its triangles' corners, shape (n, 3).
+
+    Fails with a KeyError, TypeError or ValueError for forms that Mitsuba does not read: elements of
+    varying size, and other faces than triangles.
+    """
     with path.open("rb") as file:
         head = _HEADER.match(file.read(1 << 16))
     if head is None:
@@ -115,6 +119,10 @@ def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
     counts: dict[str, int] = {}
     fields: dict[str, list[tuple]] = {}
     order, element = "", ""
+
+    def number(kind: str) -> str:
+        return order + _PLY_TYPES[kind] if order else "f8"
+
     for line in head[0].decode("latin-1").splitlines():
         match line.split():
             case ["format", given, _]:
@@ -122,43 +130,24 @@ def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
             case ["element", element, count]:
                 counts[element], fields[element] = int(count), []
             case ["property", "list", count, index, _]:
-                fields[element] += [("count", order + _PLY_TYPES[count])]
-                fields[element] += [("corners", order + _PLY_TYPES[index], 3)]
+                fields[element] += [("count", number(count)), ("corners", number(index), 3)]
             case ["property", kind, name]:
-                fields[element] += [(f"{name} ", order + _PLY_TYPES[kind])]
-    faces = (_binary if order else _ascii)(path, head.end(), counts, fields)
-    if not np.all(faces["count"] == 3):
-        raise ValueError("other faces than triangles")
-    return counts["vertex"], faces["corners"]
-
-
-def _binary(
-    path: Path, start: int, counts: dict[str, int], fields: dict[str, list[tuple]]
-) -> np.ndarray:
-    """The faces of a binary file; nothing else of it is read."""
+                fields[element] += [(f"{name} ", number(kind))]
+    start = head.end() if order else 0
     for element, count in counts.items():
-        kind = np.dtype(fields[element])
-        if element == "face":
-            return np.fromfile(path, kind, count, offset=start)
-        start += count * kind.itemsize
-    raise ValueError("no faces")
-
-
-def _ascii(
-    path: Path, start: int, counts: dict[str, int], fields: dict[str, list[tuple]]
-) -> np.ndarray:
-    """The faces of a text file."""
-    numbers = np.array(path.read_bytes()[start:].split(), dtype=np.float64)
-    for element, count in counts.items():
-        width = sum(field[-1] if len(field) == 3 else 1 for field in fields[element])
-        if element == "face":
-            table = numbers[: count * width].reshape(count, width)
-            at = [field[0] for field in fields[element]].index("count")
-            rows = np.zeros(count, [("count", "f8"), ("corners", "f8", 3)])
-            rows["count"], rows["corners"] = table[:, at], table[:, at + 1 : at + 4]
-            return rows
-        numbers = numbers[count * width :]
-    raise ValueError("no faces")
+        row = np.dtype(fields[element])
+        if element != "face":
+            start += count * row.itemsize
+            continue
+        if order:  # Nothing else of the file is read
+            faces = np.fromfile(path, row, count, offset=start)
+        else:
+            numbers = np.array(path.read_bytes()[head.end() :].split(), dtype=np.float64)
+            faces = np.frombuffer(numbers.tobytes(), row, count, start)
+        if not np.all(faces["count"] == 3):
+            break
+        return counts["vertex"], faces["corners"]
+    raise ValueError("no triangles")
 
 
 def _resolved(name: str) -> Path:

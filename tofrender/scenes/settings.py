@@ -12,14 +12,8 @@ from ..runtime import checks
 
 SAMPLERS = ("padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 INTEGRATORS = (
-    "transient_path",
-    "transient_volpath",
-    "path_tracer_mats",
-    "path_tracer_nee",
-    "path_tracer_mis",
-    "transient_light_tracer",
-    "transient_bdpt",
-    "ao",
+    *("transient_path", "transient_volpath", "path_tracer_mats", "path_tracer_nee"),
+    *("path_tracer_mis", "transient_light_tracer", "transient_bdpt", "ao"),
 )
 """Integrators that a name is enough for."""
 
