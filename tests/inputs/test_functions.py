@@ -240,7 +240,6 @@ CASE = {"sample": "function", "expected_moments": "mapping? but dict-1"}
 RENDERED = {"spp": "count?", "seed": "seed", "integrator": "choice?", "sensor": "sensor"}
 RENDERED |= {"progress": "boolean"}
 SIZE = {"width": "count", "height": "count", "spp": "count"}
-TRACED = SIZE | {"max_bounces": "bounces", "integrator": "choice"}
 BINNED = SIZE | {"temporal_bins": "count", "bin_width_opl": "positive", "start_opl": FAR}
 BINNED |= {"max_depth": "depth", "integrator": "choice"}
 OF_SCENE = {"sensor": "object", "integrator": "object"}
@@ -355,7 +354,7 @@ TABLE = [
     Row("sampling.sample_triangle_pdf", lambda: {"p": mi.Point3f(0)}),
     # ---------------------------------------------------------------------------------- scenes
     *rows(*(f"scenes.{name}" for name in IN_BINS), **BINNED),
-    *rows("scenes.small_box", "scenes.veach", **TRACED),
+    *rows("scenes.small_box", "scenes.veach", **SIZE, max_bounces="bounces", integrator="choice"),
     *rows("scenes.cornell_box", start_opl="metres? but 1e30, 2**40"),
     *rows(*OTHER_BOXES, temporal_bins="count", start_opl="metres?"),
     *rows("scenes.nlos_behind_fog", "scenes.nlos_bunny", "scenes.nlos_z", **SIZE),

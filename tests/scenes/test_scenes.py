@@ -39,9 +39,8 @@ DENSEST = {
     "smoke_corridor": fog.MAX_SMOKE,
     "headlight_in_fog": fog.MAX_ROAD_FOG,
 }
-FOG = list(DENSEST)
 ANGLES = {"brewster_window": "polariser", "strained_mirror_corridor": "angle"}
-POLARISED = list(ANGLES)
+FOG, POLARISED = list(DENSEST), list(ANGLES)
 WITH_INTEGRATOR = [*CAUSTICS, *FOG, *POLARISED]
 BUSTS = ["bust_simple", "bust_ao"]
 RECTANGLES = ["rectangle_light_quad", "rectangle_light_triangles"]
