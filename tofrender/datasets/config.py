@@ -281,10 +281,17 @@ OUTPUTS = {
     "capture": _capture,
 }
 CONFIG: dict[str, Check] = {
-    **{"records": _integer(1, MAX_RECORDS), "seed": _integer(0, checks.MAX_SEED)},
-    **{"retry": _integer(0, MAX_RETRY), "scene": _scene, "arguments": table},
-    **{"parameters": _parameters, "render": _render, "outputs": _outputs},
-    **{"materials": _plugins, "objects": _plugins, "vary": _vary},
+    "records": _integer(1, MAX_RECORDS),
+    "seed": _integer(0, checks.MAX_SEED),
+    "retry": _integer(0, MAX_RETRY),
+    "scene": _scene,
+    "arguments": table,
+    "parameters": _parameters,
+    "render": _render,
+    "outputs": _outputs,
+    "materials": _plugins,
+    "objects": _plugins,
+    "vary": _vary,
 }
 """The check of each key."""
 
