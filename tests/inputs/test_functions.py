@@ -240,6 +240,8 @@ CASE = {"sample": "function", "expected_moments": "mapping? but dict-1"}
 RENDERED = {"spp": "count?", "seed": "seed", "integrator": "choice?", "sensor": "sensor"}
 RENDERED |= {"progress": "boolean"}
 SIZE = {"width": "count", "height": "count", "spp": "count"}
+BINNED = SIZE | {"temporal_bins": "count", "bin_width_opl": "positive", "start_opl": FAR}
+BINNED |= {"max_depth": "depth", "integrator": "choice"}
 OF_SCENE = {"sensor": "object", "integrator": "object"}
 SETTINGS = {
     name: f"{PARAMETERS.get(name, name)}?" for name in (*SIZE, "temporal_bins", "bin_width_opl")
@@ -351,7 +353,8 @@ TABLE = [
     row("sampling.Quad.from_edges"),
     Row("sampling.sample_triangle_pdf", lambda: {"p": mi.Point3f(0)}),
     # ---------------------------------------------------------------------------------- scenes
-    *rows(*(f"scenes.{name}" for name in IN_BINS), start_opl=FAR),
+    *rows(*(f"scenes.{name}" for name in IN_BINS), **BINNED),
+    *rows("scenes.small_box", "scenes.veach", **SIZE, max_bounces="bounces", integrator="choice"),
     *rows("scenes.cornell_box", start_opl="metres? but 1e30, 2**40"),
     *rows(*OTHER_BOXES, temporal_bins="count", start_opl="metres?"),
     *rows("scenes.nlos_behind_fog", "scenes.nlos_bunny", "scenes.nlos_z", **SIZE),

@@ -18,10 +18,7 @@ KEPT = Path(__file__).parents[2] / "scenes" / "meshes"
 # Of each mesh: bounds of its volume [m³], height of its triangles over their longest side, the
 # least cosine between a normal and a face's (at the edges of foot and hair), the same for 95 % of
 # them, and its height [m]
-FACTS = [
-    (bust, (0.015, 0.03), 5e-5, 0.2, 0.9, 0.67),
-    (bunny, (0.05, 0.09), 1e-3, 0.3, 0.95, 0.88),
-]
+FACTS = [(bust, (0.015, 0.03), 5e-5, 0.2, 0.9, 0.67), (bunny, (0.05, 0.09), 1e-3, 0.3, 0.95, 0.88)]
 
 
 @pytest.mark.parametrize(

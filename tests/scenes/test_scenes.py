@@ -28,6 +28,7 @@ from tofrender.scenes import (
 )
 from tofrender.scenes.light_transport import SPHERE_LIGHT_RADII
 from tofrender.scenes.packing import packed, unpacked
+from tofrender.scenes.parts import WITH_DEPTH
 
 ROOT = Path(__file__).parents[2]
 GLASS, ROOMS = ["caustic", "mirror_and_glass"], ["lamp_in_fixture", "light_through_hole"]
@@ -38,9 +39,8 @@ DENSEST = {
     "smoke_corridor": fog.MAX_SMOKE,
     "headlight_in_fog": fog.MAX_ROAD_FOG,
 }
-FOG = list(DENSEST)
 ANGLES = {"brewster_window": "polariser", "strained_mirror_corridor": "angle"}
-POLARISED = list(ANGLES)
+FOG, POLARISED = list(DENSEST), list(ANGLES)
 WITH_INTEGRATOR = [*CAUSTICS, *FOG, *POLARISED]
 BUSTS = ["bust_simple", "bust_ao"]
 RECTANGLES = ["rectangle_light_quad", "rectangle_light_triangles"]
@@ -236,7 +236,7 @@ def test_every_box_loads_under_other_variants(variant):
 def test_integrators_have_the_depth_that_is_given(names):
     """Each of them renders one of the scenes."""
     following = "transient_volpath", "transient_path", "path_tracer_mis"
-    kinds = caustics.WITH_DEPTH if names is CAUSTICS else following
+    kinds = WITH_DEPTH if names is CAUSTICS else following
     for k, kind in enumerate(kinds):
         for name in names:
             scene = load(BUILT_IN[name](integrator=kind, max_depth=3, width=4, height=4))

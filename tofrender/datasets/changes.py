@@ -1,4 +1,4 @@
-"""What draws change in a scene: values, materials, poses, the camera, who is there."""
+"""Put drawn values into a scene: parameters, materials, poses, the camera, objects present."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..scenes.parts import Dict, rgb
+from ..scenes.parts import Dict, ref, rgb
 from .tables import unknown
 from .varied import Varied
 
 CAMERAS = ("perspective", "thinlens", "orthographic", "radiancemeter", "irradiancemeter", "distant")
 IN_WORLD = CAMERAS[:3]
-"""Sensors whose place is a transform."""
+"""Sensors whose pose is a transform."""
 
 UP = (0.0, 1.0, 0.0)
 
@@ -22,160 +22,145 @@ FILMS = ("film", "sampler")
 """Parts of a sensor that all records share."""
 
 
-class Changes:
-    """Changes of one scene, in place.
+def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[str, Any]) -> None:
+    """Put drawn values into a scene: values and materials, then poses, camera, objects present.
 
     Args:
-        scene: A dict for `mi.load_dict` that nobody else holds.
+        scene: A dict for `mi.load_dict`, changed in place.
         sensor: Number of the sensor that `camera` means.
+        varied: The quantities.
+        drawn: Their values by name.
     """
-
-    def __init__(self, scene: Dict, sensor: int = 0) -> None:
-        self.scene, self.sensor = scene, sensor
-
-    def make(self, varied: Iterable[Varied], drawn: Mapping[str, Any]) -> None:
-        """Put drawn values in: values and materials, then poses, the camera, who is there.
-
-        Raises:
-            ValueError: The scene has no such part, or it cannot take the value; one line.
-        """
-        by_target: dict[str, list[tuple[Varied, Any]]] = {}
-        for each in varied:
-            by_target.setdefault(each.target, []).append((each, drawn[each.name]))
-        for target in ("path", "reflectance", "material"):
-            for each, value in by_target.get(target, []):
-                getattr(self, f"_{target}")(each, value)
-        for target in ("scale", "turn", "position", "move"):
-            for each, value in by_target.get(target, []):
-                self._pose(each, value)
-        self._camera(by_target.get("camera", []))
-        for each, value in by_target.get("present", []):
-            self._present(each, value)
-
-    # -------------------------------------------------------------------------- values, materials
-
-    def _path(self, varied: Varied, value: Any) -> None:
-        where, (*parents, last) = f"vary.{varied.name}.path", varied.what.split(".")
-        part: Any = self.scene
-        for key in parents:
-            part = _entry(where, varied.what, part, key)
-            if key in FILMS:
-                raise ValueError(f"{where} = {varied.what!r}: {key} is the same in all records")
-        old = _entry(where, varied.what, part, last)
-        part[last] = _like(where, varied, old, value)
-
-    def _reflectance(self, varied: Varied, value: Any) -> None:
-        where = f"vary.{varied.name}.reflectance"
-        material: Any = _entry(where, varied.what, self.scene, varied.what)
-        while isinstance(material, dict) and "reflectance" not in material:  # twosided, an object
-            inner = [part for part in material.values() if isinstance(part, dict)]
-            reference = next((part for part in inner if _is_reference(part)), None)
-            if reference is not None:
-                raise ValueError(
-                    f"{where} = {varied.what!r}: uses the material {reference.get('id')!r}, which "
-                    "others may use too; must be that"
-                )
-            material = next((p for p in inner if "reflectance" in p or "bsdf" in p), None)
-        if not isinstance(material, dict):
-            raise ValueError(f"{where} = {varied.what!r}: has no reflectance; must be a material")
-        old = material["reflectance"]
-        colour = np.broadcast_to(np.asarray(value, float), 3)
-        if varied.times:
-            if not isinstance(old, dict) or old.get("type") != "rgb":
-                raise ValueError(f"{where} = {varied.what!r}: times needs a colour, type rgb")
-            colour = np.clip(colour * np.asarray(old["value"], float), 0, 1)
-        material["reflectance"] = rgb(colour.tolist())
-
-    def _material(self, varied: Varied, value: str) -> None:
-        where = f"vary.{varied.name}.material"
-        shape = _entry(where, varied.what, self.scene, varied.what)
-        if not isinstance(shape, dict):
-            raise ValueError(
-                f"{where} = {varied.what!r}: is a ready-made mesh; must be an object of a dict"
-            )
-        if not isinstance(self.scene.get(value), dict):
-            known = [n for n, v in self.scene.items() if isinstance(v, dict) and "type" in v]
-            raise ValueError(unknown(f"vary.{varied.name}.values = {value!r}", value, known))
-        for name, part in list(shape.items()):
-            if name == "bsdf" or (_is_reference(part) and name not in ("emitter", "sensor")):
-                del shape[name]
-        shape["bsdf"] = {"type": "ref", "id": value}
-
-    # ---------------------------------------------------------------------------------- poses
-
-    def _pose(self, varied: Varied, value: Any) -> None:
-        where = f"vary.{varied.name}.{varied.target}"
-        shape = _entry(where, varied.what, self.scene, varied.what)
-        if not isinstance(shape, dict | mi.Mesh):
-            raise ValueError(f"{where} = {varied.what!r}: is no object; must be a shape or a light")
-        if isinstance(shape, dict) and _is_point_light(shape):
-            shape["position"] = _moved(where, varied, np.asarray(shape["position"], float), value)
-            return
-        middle = _middle(shape)
-        around = np.asarray(varied.around if varied.around is not None else middle, float)
-        matrix = np.eye(4)
-        if varied.target == "move":
-            matrix[:3, 3] = value
-        elif varied.target == "position":
-            matrix[:3, 3] = np.asarray(value, float) - middle
-        else:
-            turned = mi.ScalarTransform4f()
-            if varied.target == "turn":
-                turned = turned.rotate(list(varied.axis), value)
-            else:
-                turned = turned.scale(np.broadcast_to(np.asarray(value, float), 3).tolist())
-            matrix[:3, :3] = np.array(turned.matrix, dtype=np.float64)[:3, :3]
-            matrix[:3, 3] = around - matrix[:3, :3] @ around
-        if isinstance(shape, dict):
-            whole = matrix @ _matrix(shape.get("to_world"))
-            shape["to_world"] = mi.ScalarTransform4f(whole.tolist())
-        else:
-            _transform_mesh(shape, matrix)
-
-    # --------------------------------------------------------------------------------- camera
-
-    def _camera(self, changes: list[tuple[Varied, Any]]) -> None:
-        if not changes:
-            return
-        first = changes[0][0]
-        where = f"vary.{first.name}.camera"
-        cameras = [
-            part for part in self.scene.values() if isinstance(part, dict) and _is_camera(part)
-        ]
-        if not self.sensor < len(cameras) or cameras[self.sensor]["type"] not in IN_WORLD:
-            raise ValueError(f"{where}: the scene has no camera that can be moved")
-        camera = cameras[self.sensor]
-        matrix = _matrix(camera.get("to_world"))
-        origin, forward = matrix[:3, 3], matrix[:3, 2]
-        values = {each.what: value for each, value in changes}
-        if "fov" in values:
-            if camera["type"] == "orthographic":
-                raise ValueError(f"{where} = 'fov': the scene's camera is orthographic")
-            camera.pop("focal_length", None)
-            camera["fov"] = values["fov"]
-        if "origin" in values or "target" in values:
-            origin = np.asarray(values.get("origin", origin), float)
-            target = np.asarray(values.get("target", origin + forward), float)
-            up = next((each.up for each, _ in changes if each.up is not None), UP)
-            if np.linalg.norm(np.cross(target - origin, up)) < 1e-6:
-                raise ValueError(
-                    f"{where}: looks from {origin.tolist()} to {target.tolist()}, along up = "
-                    f"{list(up)}; must look elsewhere"
-                )
-            look = mi.ScalarTransform4f().look_at(origin.tolist(), target.tolist(), list(up))
-            camera["to_world"] = look
-
-    # ------------------------------------------------------------------------------ who is there
-
-    def _present(self, varied: Varied, value: Any) -> None:
+    by_target: dict[str, list[tuple[Varied, Any]]] = {}
+    for each in varied:
+        by_target.setdefault(each.target, []).append((each, drawn[each.name]))
+    for target, setter in SETTERS.items():
+        for each, value in by_target.get(target, []):
+            setter(scene, each, value)
+    if "camera" in by_target:
+        _set_camera(scene, sensor, by_target["camera"])
+    for each, value in by_target.get("present", []):
         kept = value if isinstance(value, list) else [value]
-        for name in varied.what:
-            _entry(f"vary.{varied.name}.present", name, self.scene, name)
+        for name in each.what:
+            _entry(f"vary.{each.name}.present", name, scene, name)
             if name not in kept:
-                del self.scene[name]
+                del scene[name]
 
 
-# ----------------------------------------------------------------------------------- their parts
+# ---------------------------------------------------------------------------- values, materials
+
+
+def _set_path(scene: Dict, varied: Varied, value: Any) -> None:
+    where, (*parents, last) = f"vary.{varied.name}.path", varied.what.split(".")
+    part: Any = scene
+    for key in parents:
+        part = _entry(where, varied.what, part, key)
+        if key in FILMS:
+            raise ValueError(f"{where} = {varied.what!r}: {key} is the same in all records")
+    part[last] = _like(where, varied, _entry(where, varied.what, part, last), value)
+
+
+def _set_reflectance(scene: Dict, varied: Varied, value: Any) -> None:
+    where, material = _target(scene, varied)
+    while isinstance(material, dict) and "reflectance" not in material:  # twosided, an object
+        inner = [part for part in material.values() if isinstance(part, dict)]
+        reference = next((part for part in inner if _is_reference(part)), None)
+        if reference is not None:
+            raise ValueError(
+                f"{where}: uses the material {reference.get('id')!r}, which others may use too; "
+                "must be that"
+            )
+        material = next((p for p in inner if "reflectance" in p or "bsdf" in p), None)
+    if not isinstance(material, dict):
+        raise ValueError(f"{where}: has no reflectance; must be a material")
+    old = material["reflectance"]
+    colour = np.broadcast_to(np.asarray(value, float), 3)
+    if varied.times:
+        if not isinstance(old, dict) or old.get("type") != "rgb":
+            raise ValueError(f"{where}: times needs a colour, type rgb")
+        colour = np.clip(colour * np.asarray(old["value"], float), 0, 1)
+    material["reflectance"] = rgb(colour.tolist())
+
+
+def _set_material(scene: Dict, varied: Varied, value: str) -> None:
+    where, shape = _target(scene, varied)
+    if not isinstance(shape, dict):
+        raise ValueError(f"{where}: is a ready-made mesh; must be an object of a dict")
+    if not isinstance(scene.get(value), dict):
+        known = [n for n, v in scene.items() if isinstance(v, dict) and "type" in v]
+        raise ValueError(unknown(f"vary.{varied.name}.values = {value!r}", value, known))
+    for name, part in list(shape.items()):
+        if name == "bsdf" or (_is_reference(part) and name not in ("emitter", "sensor")):
+            del shape[name]
+    shape["bsdf"] = ref(value)
+
+
+# ----------------------------------------------------------------------------- poses and camera
+
+
+def _set_pose(scene: Dict, varied: Varied, value: Any) -> None:
+    where, shape = _target(scene, varied)
+    if not isinstance(shape, dict | mi.Mesh):
+        raise ValueError(f"{where}: is no object; must be a shape or a light")
+    if isinstance(shape, dict) and "position" in shape and "to_world" not in shape:  # Point light
+        if varied.target not in ("move", "position"):
+            raise ValueError(f"{where}: is a point; must be an object with a size")
+        origin = np.asarray(shape["position"], float) if varied.target == "move" else 0
+        shape["position"] = (np.asarray(value, float) + origin).tolist()
+        return
+    middle = _middle(shape)
+    matrix = np.eye(4)
+    if varied.target in ("move", "position"):
+        matrix[:3, 3] = np.asarray(value, float) - (middle if varied.target == "position" else 0)
+    else:
+        linear = mi.ScalarTransform4f()
+        if varied.target == "turn":
+            linear = linear.rotate(list(varied.axis), value)
+        else:
+            linear = linear.scale(np.broadcast_to(np.asarray(value, float), 3).tolist())
+        around = np.asarray(varied.around if varied.around is not None else middle, float)
+        matrix[:3, :3] = np.array(linear.matrix, dtype=np.float64)[:3, :3]
+        matrix[:3, 3] = around - matrix[:3, :3] @ around
+    if isinstance(shape, dict):
+        to_world = matrix @ _matrix(shape.get("to_world"))
+        shape["to_world"] = mi.ScalarTransform4f(to_world.tolist())
+    else:
+        _transform_mesh(shape, matrix)
+
+
+def _set_camera(scene: Dict, sensor: int, changes: list[tuple[Varied, Any]]) -> None:
+    where = f"vary.{changes[0][0].name}.camera"
+    cameras = [part for part in scene.values() if isinstance(part, dict) and _is_camera(part)]
+    if not sensor < len(cameras) or cameras[sensor]["type"] not in IN_WORLD:
+        raise ValueError(f"{where}: the scene has no camera that can be moved")
+    camera = cameras[sensor]
+    values = {each.what: value for each, value in changes}
+    if "fov" in values:
+        if camera["type"] == "orthographic":
+            raise ValueError(f"{where} = 'fov': the scene's camera is orthographic")
+        camera.pop("focal_length", None)
+        camera["fov"] = values["fov"]
+    if "origin" in values or "target" in values:
+        matrix = _matrix(camera.get("to_world"))
+        origin = np.asarray(values.get("origin", matrix[:3, 3]), float)
+        # Without a target, the direction of view stays
+        target = np.asarray(values.get("target", origin + matrix[:3, 2]), float)
+        up = next((each.up for each, _ in changes if each.up is not None), UP)
+        if np.linalg.norm(np.cross(target - origin, up)) < 1e-6:
+            raise ValueError(
+                f"{where}: looks from {origin.tolist()} to {target.tolist()}, along up = "
+                f"{list(up)}; must look elsewhere"
+            )
+        look_at = mi.ScalarTransform4f().look_at
+        camera["to_world"] = look_at(origin.tolist(), target.tolist(), list(up))
+
+
+SETTERS = {"path": _set_path, "reflectance": _set_reflectance, "material": _set_material}
+SETTERS |= dict.fromkeys(("scale", "turn", "position", "move"), _set_pose)
+"""Functions that change a scene, in the order in which they are called."""
+
+
+# ------------------------------------------------------------------------------- parts of scenes
 
 
 def copied(value: Any) -> Any:
@@ -185,6 +170,12 @@ def copied(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [copied(part) for part in value]
     return value
+
+
+def _target(scene: Dict, varied: Varied) -> tuple[str, Any]:
+    """The part of the scene that is varied, and its name for messages."""
+    where = f"vary.{varied.name}.{varied.target}"
+    return f"{where} = {varied.what!r}", _entry(where, varied.what, scene, varied.what)
 
 
 def _entry(where: str, what: str, part: Any, key: str) -> Any:
@@ -234,16 +225,6 @@ def _is_camera(part: Mapping[str, Any]) -> bool:
     return kind in CAMERAS or kind.endswith(("camera", "meter"))
 
 
-def _is_point_light(part: Mapping[str, Any]) -> bool:
-    return "position" in part and "to_world" not in part
-
-
-def _moved(where: str, varied: Varied, position: np.ndarray, value: Any) -> list[float]:
-    if varied.target not in ("move", "position"):
-        raise ValueError(f"{where} = {varied.what!r}: is a point; must be an object with a size")
-    return (np.asarray(value, float) + (position if varied.target == "move" else 0)).tolist()
-
-
 def _matrix(transform: Any) -> np.ndarray:
     if transform is None:
         return np.eye(4)
@@ -251,7 +232,7 @@ def _matrix(transform: Any) -> np.ndarray:
 
 
 def _middle(shape: Any) -> np.ndarray:
-    """Where an object is: its own origin, of ready-made meshes the middle of their box."""
+    """Position of an object: its own origin, of ready-made meshes the middle of their box."""
     if isinstance(shape, dict):
         local = np.append(np.asarray(shape.get("center", [0.0, 0.0, 0.0]), float), 1)
         return (_matrix(shape.get("to_world")) @ local)[:3]

@@ -1,4 +1,4 @@
-"""What a data set is to be: a TOML file or a mapping, read and checked whole before any work."""
+"""Description of a data set: a TOML file or a mapping, read and checked whole before any work."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import date, time
 from pathlib import Path
@@ -18,18 +18,14 @@ from ..nlos.captures import MODES
 from ..runtime import checks
 from ..scenes.settings import CHECKS
 from .randomness import Source
-from .tables import boolean, known_keys, table, text
+from .tables import boolean, checked, known_keys, table, text
 from .varied import Varied, parse_varied
 
 MAX_RECORDS = 10_000_000
 MAX_RETRY = 1000
 MAX_VALUE = 1e15
 
-RENDER = (*CHECKS, "window", "sensor")
-KEYS = (
-    *("records", "seed", "retry", "scene", "arguments", "parameters", "render", "outputs"),
-    *("materials", "objects", "vary"),
-)
+Check = Callable[[str, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -51,10 +47,10 @@ class Capture:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What each record holds.
+    """Outputs of each record.
 
     Attributes:
-        transient, steady, depth, normals: Whether it does.
+        transient, steady, depth, normals: Whether there is one.
         phasor: Frequencies of its phasors [Hz].
         noisy: Samples per pixel of a second transient with noise of its own; None for none.
         capture: Its capture, None for none.
@@ -79,23 +75,17 @@ class Config:
     """A data set, checked.
 
     Attributes:
-        records: How many records there are.
-        seed: Of all draws and renders.
-        retry: How many more draws a record gets whose scene cannot be rendered.
+        records, seed, retry, arguments, parameters, outputs, materials, objects: Values of the
+            keys of these names, see docs/datasets.md.
         scene: A built-in scene's name, the path of an XML file, or a dict.
-        arguments: What the built-in scene is called with.
-        parameters: Values for the `<default>` names of an XML file.
-        settings: What `load_scene` changes.
+        settings: Settings of `load_scene`.
         window: Start and end of the time bins [m], None for the scene's.
         sensor: Number of the sensor.
-        outputs: What records hold.
-        materials: More materials, as dicts for Mitsuba.
-        objects: More objects, as dicts for Mitsuba.
-        varied: What is varied, by name.
-        folder: Where names of files start.
-        plain: All of it as JSON can hold it.
-        checksum: Of a scene that is a file or a dict.
-        given: What it was read from.
+        varied: The varied quantities by name.
+        folder: Folder where names of files start.
+        plain: The configuration as JSON can hold it.
+        checksum: Checksum of a scene that is a file or a dict.
+        given: The configuration as it was read.
     """
 
     records: int
@@ -124,12 +114,12 @@ class Config:
         }
 
     def render_seed(self, record: int, attempt: int = 0, use: str = "render") -> int:
-        """The seed of a record's random numbers; no quantity can have the name."""
+        """The seed of a record's render; no quantity can have the name in brackets."""
         return Source(self.seed, record, f"[{use}]", attempt).integer()
 
 
 def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> Config:
-    """Read what a data set is to be.
+    """Read the description of a data set.
 
     Args:
         source: The name of a TOML file, or a mapping with the same keys, whose `scene` may be a
@@ -164,140 +154,39 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
     return parse_config(given, path.absolute().parent)
 
 
-# ------------------------------------------------------------------------------------ its tables
+# ------------------------------------------------------------------------------ checks of its keys
 
 
-def parse_config(given: dict[str, Any], folder: Path) -> Config:
-    """The config of a mapping, whose names of files start in `folder`.
-
-    Raises:
-        ValueError: As `read_config`.
-    """
-    known_keys("", given, KEYS)
-    for name in ("records", "scene", "outputs"):
-        if name not in given:
-            raise ValueError(f"{name}: must be given")
-    scene, is_xml = _scene(given["scene"], folder)
-    built_in = isinstance(scene, str)
-    arguments, parameters = table("arguments", given), table("parameters", given)
-    if arguments and not built_in:
-        raise ValueError("arguments: must be left out, only built-in scenes have them")
-    if parameters and not is_xml:
-        raise ValueError("parameters: must be left out, only XML files have them")
-    for name, value in parameters.items():
-        if not isinstance(value, bool | str | int | float):
-            raise ValueError(f"parameters.{name} = {value!r}: must be a number or text")
-    settings, window, sensor = _render(table("render", given))
-    materials = {n: _described("materials", n, v) for n, v in table("materials", given).items()}
-    objects = {n: _described("objects", n, v) for n, v in table("objects", given).items()}
-    vary = table("vary", given)
-    varied = {name: parse_varied(name, each) for name, each in vary.items()}
-    for name, each in varied.items():
-        for kind, fits in (("argument", built_in), ("parameter", is_xml)):
-            if each.target == kind and not fits:
-                what = "a built-in scene" if kind == "argument" else "an XML file"
-                raise ValueError(
-                    f"vary.{name}.{kind} = {each.what!r}: must be left out, scene is not {what}"
-                )
-    fixed = {"argument": arguments, "parameter": parameters}
-    taken: dict[tuple[str, str], str] = {}
-    for name, each in varied.items():
-        if each.what in fixed.get(each.target, ()):
-            raise ValueError(
-                f"vary.{name}.{each.target} = {each.what!r}: is in [{each.target}s] too; must be "
-                "in one of both"
-            )
-        if each.only_once and (each.target, str(each.what)) in taken:
-            raise ValueError(
-                f"vary.{name}.{each.target} = {each.what!r}: vary."
-                f"{taken[each.target, str(each.what)]} has it too; must be in one of both"
-            )
-        taken[each.target, str(each.what)] = name
-    return Config(
-        records=checks.integer("records", given["records"], 1, MAX_RECORDS),
-        seed=checks.integer("seed", given.get("seed", 0), 0, checks.MAX_SEED),
-        retry=checks.integer("retry", given.get("retry", 0), 0, MAX_RETRY),
-        scene=scene,
-        arguments=arguments,
-        parameters=parameters,
-        settings=settings,
-        window=window,
-        sensor=sensor,
-        outputs=_outputs(table("outputs", given)),
-        materials=materials,
-        objects=objects,
-        varied=varied,
-        folder=folder,
-        plain=_plain(given, scene),
-        checksum=_checksum(scene),
-        given=given,
-    )
+def _integer(low: int, high: int) -> Check:
+    return lambda name, value: checks.integer(name, value, low, high)
 
 
-def _scene(value: Any, folder: Path) -> tuple[Any, bool]:
-    """The scene, and whether it is an XML file."""
-    from ..scenes.loading import find_scene
+def _pair(check: Check, allowed: str) -> Check:
+    """Check of two values; None stays None."""
 
-    if isinstance(value, Mapping):
-        return value, False
-    if not isinstance(value, str | os.PathLike):
-        raise ValueError(
-            f"scene = {value!r}: must be a built-in scene's name, an XML file or, in Python, a dict"
-        )
-    name = os.fspath(value)
-    found = find_scene(str(folder / name) if name.lower().endswith(".xml") else name)
-    return found, isinstance(found, Path)
+    def pair(name: str, value: Any) -> Any:
+        if value is not None and (not isinstance(value, list | tuple) or len(value) != 2):
+            raise ValueError(f"{name} = {value!r}: must be {allowed}")
+        return value and tuple(check(name, each) for each in value)
+
+    return pair
 
 
-def _render(given: dict[str, Any]) -> tuple[dict[str, Any], tuple[float, float] | None, int]:
-    """Settings, window and sensor."""
-    known_keys("render", given, RENDER)
-    settings = {n: CHECKS[n](f"render.{n}", v) for n, v in given.items() if n in CHECKS}
-    sensor = checks.integer("render.sensor", given.get("sensor", 0), 0, 1000)
-    window = given.get("window")
-    if window is None:
-        return settings, None, sensor
-    if not isinstance(window, list | tuple) or len(window) != 2:
-        raise ValueError(f"render.window = {window!r}: must be [start, end] in metres")
-    start, end = (checks.metres("render.window", each) for each in window)
-    if not start < end:
-        raise ValueError(f"render.window = {window!r}: must end after it starts")
-    for name in ("start_opl", "bin_width_opl"):
-        if name in settings:
-            raise ValueError(f"render.{name} = {settings[name]:g}: must be left out with window")
-    if "temporal_bins" not in settings:
-        raise ValueError("render.temporal_bins: must be given with window")
-    settings |= {"start_opl": start, "bin_width_opl": (end - start) / settings["temporal_bins"]}
-    return settings, (start, end), sensor
+def _window(name: str, value: Any) -> tuple[float, float] | None:
+    window = _pair(checks.metres, "[start, end] in metres")(name, value)
+    if window and not window[0] < window[1]:
+        raise ValueError(f"{name} = {value!r}: must end after it starts")
+    return window
 
 
-def _outputs(given: dict[str, Any]) -> Outputs:
-    known_keys("outputs", given, tuple(Outputs.__dataclass_fields__))
-    flags: dict[str, Any] = {
-        name: boolean(f"outputs.{name}", given[name])
-        for name in ("transient", "steady", "depth", "normals")
-        if name in given
-    }
-    if "phasor" in given:
-        phasor = table("phasor", given, "outputs.")
-        known_keys("outputs.phasor", phasor, ("frequencies_hz",))
-        flags["phasor"] = _frequencies(phasor.get("frequencies_hz"))
-    if "noisy" in given:
-        noisy = table("noisy", given, "outputs.")
-        known_keys("outputs.noisy", noisy, ("spp",))
-        flags["noisy"] = checks.integer("outputs.noisy.spp", noisy.get("spp"), 1, checks.MAX_SPP)
-    if "capture" in given:
-        flags["capture"] = _capture(table("capture", given, "outputs."))
-    found = Outputs(**flags)
-    if found == Outputs():
-        raise ValueError("outputs: must ask for one output or more, for example transient = true")
-    return found
+def _only(key: str, check: Check) -> Check:
+    """Check of a table with one key, whose value is returned."""
+    return lambda name, value: checked(name, {key: None} | table(name, value), {key: check})[key]
 
 
-def _frequencies(value: Any) -> tuple[float, ...]:
+def _frequencies(name: str, value: Any) -> tuple[float, ...]:
     from ..films.phasor import parse_frequencies
 
-    name = "outputs.phasor.frequencies_hz"
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"{name} = {value!r}: must be a list of one frequency or more, in hertz")
     for each in value:
@@ -308,48 +197,158 @@ def _frequencies(value: Any) -> tuple[float, ...]:
         raise ValueError(f"outputs.phasor.{error}") from None
 
 
-def _capture(given: dict[str, Any]) -> Capture:
-    where = "outputs.capture"
-    known_keys(where, given, tuple(Capture.__dataclass_fields__))
-    grid, found = given.get("grid"), {}
-    if grid is not None:
-        if not isinstance(grid, list | tuple) or len(grid) != 2:
-            raise ValueError(f"{where}.grid = {grid!r}: must be [width, height] in points")
-        width, height = (checks.integer(f"{where}.grid", n, 1, checks.MAX_SIZE) for n in grid)
-        found["grid"] = (width, height)
-    if "relay_wall" in given:
-        found["relay_wall"] = text(f"{where}.relay_wall", given["relay_wall"])
-    if "hidden_depth" in given:
-        found["hidden_depth"] = boolean(f"{where}.hidden_depth", given["hidden_depth"])
-    mode = checks.one_of(f"{where}.mode", given.get("mode", "confocal"), MODES)
-    return Capture(mode=mode, **found)
+def _outputs(name: str, value: Any) -> Outputs:
+    found = Outputs(**checked(name, table(name, value), OUTPUTS))
+    if found == Outputs():
+        raise ValueError("outputs: must ask for one output or more, for example transient = true")
+    return found
 
 
-def _described(where: str, name: str, value: Any) -> dict[str, Any]:
-    """A material or an object, as a dict for Mitsuba."""
-    if not isinstance(value, Mapping) or not isinstance(value.get("type"), str):
-        raise ValueError(f"{where}.{name}: must be a table with a plugin's name as its type")
-    if "." in name or not name:
-        raise ValueError(f"{where}.{name!r}: must be a name without dots")
-    for key, part in value.items():
-        _require_value(f"{where}.{name}.{key}", part)
-    return dict(value)
+def _render(name: str, value: Any) -> dict[str, Any]:
+    """Settings of `load_scene`, `window` and `sensor`."""
+    given = checked(name, table(name, value), RENDER)
+    if given.get("window") is None:
+        return given
+    for key in ("start_opl", "bin_width_opl"):
+        if key in given:
+            raise ValueError(f"render.{key} = {given[key]:g}: must be left out with window")
+    if "temporal_bins" not in given:
+        raise ValueError("render.temporal_bins: must be given with window")
+    start, end = given["window"]
+    return given | {"start_opl": start, "bin_width_opl": (end - start) / given["temporal_bins"]}
 
 
-def _require_value(where: str, value: Any) -> None:
-    """Refuse what no plugin takes, some of which would end the process in Mitsuba's parser."""
+def _parameters(name: str, value: Any) -> dict[str, Any]:
+    given = table(name, value)
+    for key, each in given.items():
+        if not isinstance(each, bool | str | int | float):
+            raise ValueError(f"{name}.{key} = {each!r}: must be a number or text")
+    return given
+
+
+def _plugins(name: str, value: Any) -> dict[str, dict[str, Any]]:
+    """Materials or objects, as dicts for Mitsuba."""
+    given = table(name, value)
+    for key, each in given.items():
+        if not isinstance(each, Mapping) or not isinstance(each.get("type"), str):
+            raise ValueError(f"{name}.{key}: must be a table with a plugin's name as its type")
+        if "." in key or not key:
+            raise ValueError(f"{name}.{key!r}: must be a name without dots")
+        _require_plain(f"{name}.{key}", each)
+    return {key: dict(each) for key, each in given.items()}
+
+
+def _require_plain(where: str, value: Any) -> None:
+    """Refuse a value that no plugin takes; some would end the process in Mitsuba's parser."""
     if isinstance(value, Mapping):
         for key, part in value.items():
-            _require_value(f"{where}.{key}", part)
+            _require_plain(f"{where}.{key}", part)
     elif isinstance(value, list | tuple):
         if not value or any(isinstance(part, Mapping | str | bool) for part in value):
             raise ValueError(f"{where} = {value!r}: must be a list of numbers")
         for part in value:
-            _require_value(where, part)
+            _require_plain(where, part)
     elif isinstance(value, int | float) and not isinstance(value, bool):
         checks.number(where, value, low=-MAX_VALUE, high=MAX_VALUE)
     elif value is None or isinstance(value, date | time) or value == "":
         raise ValueError(f"{where} = {value!r}: must be a number, text, a list or a table")
+
+
+def _vary(name: str, value: Any) -> dict[str, Varied]:
+    return {key: parse_varied(key, each) for key, each in table(name, value).items()}
+
+
+def _scene(name: str, value: Any) -> Any:
+    allowed = "a built-in scene's name, an XML file or, in Python, a dict"
+    return checks.instance(name, value, str | os.PathLike | Mapping, allowed)
+
+
+def _capture(name: str, value: Any) -> Capture:
+    return Capture(**checked(name, table(name, value), CAPTURE))
+
+
+RENDER = CHECKS | {"window": _window, "sensor": _integer(0, 1000)}
+CAPTURE = {
+    "mode": lambda name, value: checks.one_of(name, value, MODES),
+    "grid": _pair(_integer(1, checks.MAX_SIZE), "[width, height] in points"),
+    "relay_wall": text,
+    "hidden_depth": boolean,
+}
+OUTPUTS = {
+    **dict.fromkeys(("transient", "steady", "depth", "normals"), boolean),
+    "phasor": _only("frequencies_hz", _frequencies),
+    "noisy": _only("spp", CHECKS["spp"]),
+    "capture": _capture,
+}
+CONFIG: dict[str, Check] = {
+    "records": _integer(1, MAX_RECORDS),
+    "seed": _integer(0, checks.MAX_SEED),
+    "retry": _integer(0, MAX_RETRY),
+    "scene": _scene,
+    "arguments": table,
+    "parameters": _parameters,
+    "render": _render,
+    "outputs": _outputs,
+    "materials": _plugins,
+    "objects": _plugins,
+    "vary": _vary,
+}
+"""The check of each key."""
+
+REQUIRED = ("records", "scene", "outputs")
+DEFAULTS = {name: {} for name in CONFIG if name not in REQUIRED} | {"seed": 0, "retry": 0}
+
+
+def parse_config(given: dict[str, Any], folder: Path) -> Config:
+    """The config of a mapping, whose names of files start in `folder`."""
+    from ..scenes.loading import find_scene
+
+    known_keys("", given, CONFIG)
+    for name in REQUIRED:
+        if name not in given:
+            raise ValueError(f"{name}: must be given")
+    found = checked("", DEFAULTS | given, CONFIG)
+    scene: Any = found["scene"]
+    varied, render = found.pop("vary"), found.pop("render")
+    if not isinstance(scene, Mapping):
+        scene = os.fspath(scene)
+        scene = find_scene(str(folder / scene) if scene.lower().endswith(".xml") else scene)
+    found["scene"] = scene
+    built_in, is_xml = isinstance(scene, str), isinstance(scene, Path)
+    if found["arguments"] and not built_in:
+        raise ValueError("arguments: must be left out, only built-in scenes have them")
+    if found["parameters"] and not is_xml:
+        raise ValueError("parameters: must be left out, only XML files have them")
+    owners = {"argument": (built_in, "a built-in scene"), "parameter": (is_xml, "an XML file")}
+    for name, each in varied.items():
+        fits, owner = owners.get(each.target, (True, ""))
+        if not fits:
+            where = f"vary.{name}.{each.target} = {each.what!r}"
+            raise ValueError(f"{where}: must be left out, scene is not {owner}")
+    _require_once(varied, {kind: found[f"{kind}s"] for kind in owners})
+    return Config(
+        **found,
+        settings={name: value for name, value in render.items() if name in CHECKS},
+        window=render.get("window"),
+        sensor=render.get("sensor", 0),
+        varied=varied,
+        folder=folder,
+        plain=_plain(given, scene),
+        checksum=_checksum(scene),
+        given=given,
+    )
+
+
+def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse a part of the scene that is varied twice, or is varied and has a fixed value."""
+    owners: dict[tuple[str, str], str] = {}
+    for name, each in varied.items():
+        part, where = (each.target, str(each.what)), f"vary.{name}.{each.target} = {each.what!r}"
+        if each.what in fixed.get(each.target, ()):
+            raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
+        if each.only_once and part in owners:
+            raise ValueError(f"{where}: vary.{owners[part]} has it too; must be in one of both")
+        owners[part] = name
 
 
 # ----------------------------------------------------------------------------- as text, to compare
@@ -366,15 +365,11 @@ def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
 
 
 def _checksum(scene: Any) -> str:
-    """Of a scene that is a file or a dict; built-in ones have none."""
+    """Checksum of a scene that is a file or a dict; built-in ones have none."""
     if isinstance(scene, str):
         return ""
-    if isinstance(scene, Path):
-        return _digest(scene.read_bytes())
-    return _digest(json.dumps(scene, default=_as_json).encode())
-
-
-def _digest(content: bytes) -> str:
+    is_file = isinstance(scene, Path)
+    content = scene.read_bytes() if is_file else json.dumps(scene, default=_as_json).encode()
     return hashlib.sha256(content).hexdigest()[:16]
 
 

@@ -1,6 +1,7 @@
 """Distributions that quantities of a data set are drawn from, and the check of each.
 
-A draw is plain: a number, a list of numbers, text, or a list of names.
+A draw is plain: a number, a list of numbers, text, or a list of names. Draws are quantiles of the
+numbers of a `Source`, never rejected, so that equal seeds always give equal data sets.
 """
 
 from __future__ import annotations
@@ -8,191 +9,59 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from ..runtime import checks
 from .randomness import Source
 
-Draw = Any
+Numbers = tuple[float, ...]
+Table = Mapping[str, Any]
 INFINITE = (-math.inf, math.inf)
 
 
-class Distribution(Protocol):
-    """What a quantity is drawn from."""
-
-    def draw(self, source: Source) -> Draw:
-        """The value of a record."""
-        ...
-
-    def bounds(self) -> tuple[float, float]:
-        """Least and largest number that can be drawn; infinite if there is none."""
-        ...
-
-    def length(self) -> int | None:
-        """How many numbers a draw has, 0 for a single one that is no list, None for others."""
-        ...
-
-
-Numbers = tuple[float, ...]
-
-
 @dataclass(frozen=True)
-class Spread:
-    """Numbers, each drawn by itself: `uniform`, `log_uniform` or `normal`.
+class Distribution:
+    """The distribution of one quantity.
 
     Attributes:
-        quantile: Gives the value of a number in (0, 1), by the parameters of that entry.
-        parameters: For each entry, its own.
-        ranges: For each entry, least and largest value.
-        single: Whether a draw is a number, not a list.
+        draw: Gives the value of a record.
+        length: How many numbers a draw has, 0 for a single one that is no list, None for others.
+        bounds: Least and largest number that can be drawn; infinite if there is none.
+        values: All values of a choice, None for other distributions.
     """
 
-    quantile: Callable[..., float]
-    parameters: tuple[Numbers, ...]
-    ranges: tuple[tuple[float, float], ...]
-    single: bool
-
-    def draw(self, source: Source) -> Draw:
-        """A number, or a list of them."""
-        values = [
-            min(max(self.quantile(source.number(i), *each), low), high)
-            for i, (each, (low, high)) in enumerate(zip(self.parameters, self.ranges, strict=True))
-        ]
-        return values[0] if self.single else values
-
-    def bounds(self) -> tuple[float, float]:
-        """Of all entries."""
-        return min(low for low, _ in self.ranges), max(high for _, high in self.ranges)
-
-    def length(self) -> int | None:
-        """Number of entries."""
-        return 0 if self.single else len(self.parameters)
+    draw: Callable[[Source], Any]
+    length: int | None = None
+    bounds: tuple[float, float] = INFINITE
+    values: tuple[Any, ...] | None = None
 
 
-@dataclass(frozen=True)
-class Choice:
-    """One of some values, each by its weight: `choice`, and `fixed` with a single one."""
-
-    values: tuple[Any, ...]
-    weights: Numbers
-
-    def draw(self, source: Source) -> Draw:
-        """One of the values."""
-        left = source.number() * math.fsum(self.weights)
-        for value, weight in zip(self.values, self.weights, strict=True):
-            left -= weight
-            if left < 0:
-                return value
-        return next(v for v, w in zip(self.values[::-1], self.weights[::-1], strict=True) if w)
-
-    def bounds(self) -> tuple[float, float]:
-        """Of all numbers among the values."""
-        found = [n for v in self.values for n in (v if isinstance(v, list) else [v])]
-        numbers = [n for n in found if isinstance(n, int | float) and not isinstance(n, bool)]
-        return (min(numbers), max(numbers)) if numbers else INFINITE
-
-    def length(self) -> int | None:
-        """The same of all values, None where they differ."""
-        kinds = {_length(value) for value in self.values}
-        return kinds.pop() if len(kinds) == 1 else None
+def parse_distribution(where: str, table: Table) -> Distribution:
+    """The distribution of a table `vary.NAME`, of which `where` is the name."""
+    kind = checks.one_of(f"{where}.distribution", table.get("distribution"), _KINDS)
+    parse, _ = _KINDS[kind]
+    return parse(where, table)
 
 
-@dataclass(frozen=True)
-class OnSphere:
-    """A point on a sphere around a centre, or on a cap of it, uniform by area.
-
-    Attributes:
-        center: Of the sphere [m].
-        radius: Least and largest radius [m], uniform between.
-        axis: Unit vector to the middle of the cap.
-        angle: Largest angle to the axis [degrees]; 180 is the whole sphere.
-    """
-
-    center: Numbers
-    radius: tuple[float, float]
-    axis: Numbers
-    angle: float
-
-    def draw(self, source: Source) -> Draw:
-        """A point [m]."""
-        low, high = self.radius
-        r = low + (high - low) * source.number(2)
-        cos = 1 - source.number(0) * (1 - math.cos(math.radians(self.angle)))
-        sin, phi = math.sqrt(max(0.0, 1 - cos * cos)), 2 * math.pi * source.number(1)
-        one, other = _perpendicular(self.axis)
-        along = sin * math.cos(phi), sin * math.sin(phi), cos
-        return [
-            c + r * (along[0] * u + along[1] * v + along[2] * w)
-            for c, u, v, w in zip(self.center, one, other, self.axis, strict=True)
-        ]
-
-    def bounds(self) -> tuple[float, float]:
-        """None are known."""
-        return INFINITE
-
-    def length(self) -> int | None:
-        """Three coordinates."""
-        return 3
+# ------------------------------------------------------------------- uniform, log_uniform, normal
 
 
-@dataclass(frozen=True)
-class Subset:
-    """Some of the names: how many is uniform, and so is which."""
-
-    names: tuple[str, ...]
-    least: int
-    most: int
-
-    def draw(self, source: Source) -> Draw:
-        """The names, in their order."""
-        count = self.least + int(source.number(0) * (self.most - self.least + 1))
-        ranks = {name: source.number(1 + i) for i, name in enumerate(self.names)}
-        chosen = sorted(self.names, key=ranks.__getitem__)[:count]
-        return [name for name in self.names if name in chosen]
-
-    def bounds(self) -> tuple[float, float]:
-        """There are no numbers."""
-        return INFINITE
-
-    def length(self) -> int | None:
-        """There are no numbers."""
-        return None
+def _uniform(where: str, table: Table) -> Distribution:
+    low, high, single = _low_and_high(where, table)
+    ranges = list(zip(low, high, strict=True))
+    return _of_entries(lambda u, a, b: a + u * (b - a), ranges, ranges, single)
 
 
-# --------------------------------------------------------------------------- from a table of a file
-
-
-def parse_distribution(where: str, table: Mapping[str, Any]) -> Distribution:
-    """The distribution of a table `vary.NAME`, of which `where` is the name.
-
-    Raises:
-        ValueError: One line with the key, its value and what is allowed.
-
-    Example:
-        >>> uniform = {"distribution": "uniform", "low": 1, "high": 3}
-        >>> 1 < parse_distribution("vary.lamp", uniform).draw(Source(0, 0, "lamp")) < 3
-        True
-    """
-    kind = table.get("distribution")
-    return _PARSERS[checks.one_of(f"{where}.distribution", kind, _PARSERS)](where, table)
-
-
-def _uniform(where: str, table: Mapping[str, Any]) -> Distribution:
-    low, high, single = _both(where, table)
-    parameters = tuple(zip(low, high, strict=True))
-    return Spread(lambda u, a, b: a + u * (b - a), parameters, parameters, single)
-
-
-def _log_uniform(where: str, table: Mapping[str, Any]) -> Distribution:
-    low, high, single = _both(where, table)
+def _log_uniform(where: str, table: Table) -> Distribution:
+    low, high, single = _low_and_high(where, table)
     if min(low) <= 0:
         raise ValueError(f"{where}.low = {table['low']!r}: must be above 0 with log_uniform")
-    parameters = tuple(zip(low, high, strict=True))
-    return Spread(lambda u, a, b: a * (b / a) ** u, parameters, parameters, single)
+    ranges = list(zip(low, high, strict=True))
+    return _of_entries(lambda u, a, b: a * (b / a) ** u, ranges, ranges, single)
 
 
-def _normal(where: str, table: Mapping[str, Any]) -> Distribution:
-    """By the inverse of the distribution between the limits, so no draw is thrown away."""
+def _normal(where: str, table: Table) -> Distribution:
+    """Normal distribution, truncated to the limits if they are given."""
     from scipy.special import ndtr, ndtri
 
     given = {name: table.get(name) for name in ("mean", "deviation")}
@@ -200,9 +69,9 @@ def _normal(where: str, table: Mapping[str, Any]) -> Distribution:
     entries = {name: _numbers(f"{where}.{name}", value) for name, value in given.items()}
     count = max(map(len, entries.values()))
     single = not any(isinstance(value, list | tuple) for value in given.values())
-    for name, limit in (("low", -math.inf), ("high", math.inf)):
+    for name, limit in zip(("low", "high"), INFINITE, strict=True):
         entries.setdefault(name, (limit,))
-    wide = {n: _as_many(f"{where}.{n}", given.get(n), v, count) for n, v in entries.items()}
+    wide = {n: _repeated(f"{where}.{n}", given.get(n), v, count) for n, v in entries.items()}
     parameters = []
     for mean, deviation, low, high in zip(*wide.values(), strict=True):
         if not deviation > 0:
@@ -215,40 +84,98 @@ def _normal(where: str, table: Mapping[str, Any]) -> Distribution:
         if not first < last:
             raise ValueError(f"{where}.low = {table.get('low')!r}: is too far from the mean")
         parameters.append((mean, side * deviation, first, last))
-    ranges = tuple(zip(wide["low"], wide["high"], strict=True))
 
     def quantile(u: float, mean: float, deviation: float, first: float, last: float) -> float:
         return mean + deviation * float(ndtri(first + u * (last - first)))
 
-    return Spread(quantile, tuple(parameters), ranges, single)
+    return _of_entries(
+        quantile, parameters, list(zip(wide["low"], wide["high"], strict=True)), single
+    )
 
 
-def _choice(where: str, table: Mapping[str, Any]) -> Distribution:
-    values = table.get("values")
-    if not isinstance(values, list | tuple) or not values:
-        raise ValueError(f"{where}.values = {values!r}: must be a list of one value or more")
-    kept = tuple(_plain(f"{where}.values", value) for value in values)
-    weights = table.get("weights", [1.0] * len(kept))
-    found = _numbers(f"{where}.weights", weights)
-    right = isinstance(weights, list | tuple) and len(found) == len(kept)
-    if not right or min(found) < 0 or not sum(found) > 0:
+def _of_entries(
+    quantile: Callable[..., float],
+    parameters: Sequence[Numbers],
+    ranges: Sequence[tuple[float, float]],
+    single: bool,
+) -> Distribution:
+    """Independent entries, each with parameters of the quantile function and a range."""
+
+    def draw(source: Source) -> float | list[float]:
+        values = [
+            min(max(quantile(source.number(i), *each), low), high)
+            for i, (each, (low, high)) in enumerate(zip(parameters, ranges, strict=True))
+        ]
+        return values[0] if single else values
+
+    bounds = min(low for low, _ in ranges), max(high for _, high in ranges)
+    return Distribution(draw, 0 if single else len(parameters), bounds)
+
+
+# ------------------------------------------------------------------------ choice, fixed, subset
+
+
+def _choice(where: str, table: Table) -> Distribution:
+    given = table.get("values")
+    if not isinstance(given, list | tuple) or not given:
+        raise ValueError(f"{where}.values = {given!r}: must be a list of one value or more")
+    values = tuple(_plain(f"{where}.values", value) for value in given)
+    given_weights = table.get("weights", [1.0] * len(values))
+    weights = _numbers(f"{where}.weights", given_weights)
+    right = isinstance(given_weights, list | tuple) and len(weights) == len(values)
+    if not right or min(weights) < 0 or not sum(weights) > 0:
         raise ValueError(
-            f"{where}.weights = {weights!r}: must be {len(kept)} numbers from 0, not all 0"
+            f"{where}.weights = {given_weights!r}: must be {len(values)} numbers from 0, not all 0"
         )
-    return Choice(kept, found)
+    return _one_of(values, weights)
 
 
-def _fixed(where: str, table: Mapping[str, Any]) -> Distribution:
+def _one_of(values: tuple[Any, ...], weights: Numbers) -> Distribution:
+    def draw(source: Source) -> Any:
+        left = source.number() * math.fsum(weights)
+        for value, weight in zip(values, weights, strict=True):
+            left -= weight
+            if left < 0:
+                return value
+        return next(v for v, w in zip(values[::-1], weights[::-1], strict=True) if w)
+
+    entries = [n for v in values for n in (v if isinstance(v, list) else [v])]
+    numbers = [n for n in entries if isinstance(n, int | float) and not isinstance(n, bool)]
+    bounds = (min(numbers), max(numbers)) if numbers else INFINITE
+    lengths = {_length(value) for value in values}
+    return Distribution(draw, lengths.pop() if len(lengths) == 1 else None, bounds, values)
+
+
+def _fixed(where: str, table: Table) -> Distribution:
     if "value" not in table:
         raise ValueError(f"{where}.value: must be given with fixed")
-    return Choice((_plain(f"{where}.value", table["value"]),), (1.0,))
+    return _one_of((_plain(f"{where}.value", table["value"]),), (1.0,))
 
 
-def _on_sphere(where: str, table: Mapping[str, Any]) -> Distribution:
+def _subset(where: str, table: Table) -> Distribution:
+    """Some of the names: how many is uniform, and so is which."""
+    names = tuple(table.get("present", ()))
+    least = checks.integer(f"{where}.least", table.get("least", 0), 0, len(names))
+    most = checks.integer(f"{where}.most", table.get("most", len(names)), least, len(names))
+
+    def draw(source: Source) -> list[str]:
+        count = least + int(source.number(0) * (most - least + 1))
+        ranks = {name: source.number(1 + i) for i, name in enumerate(names)}
+        chosen = sorted(names, key=ranks.__getitem__)[:count]
+        return [name for name in names if name in chosen]
+
+    return Distribution(draw)
+
+
+# --------------------------------------------------------------------------------- on_sphere
+
+
+def _on_sphere(where: str, table: Table) -> Distribution:
+    """A point on a sphere or on a cap of it, uniform by area; its radius is uniform, too."""
     center = checks.place(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
-    least, most = min(radius), max(radius)
-    if least <= 0 or list(radius) not in ([most], [least, most]):
+    low, high = min(radius), max(radius)
+    if low <= 0 or list(radius) not in ([high], [low, high]):
         raise ValueError(
             f"{where}.radius = {table['radius']!r}: must be above 0, or [least, largest]"
         )
@@ -258,49 +185,54 @@ def _on_sphere(where: str, table: Mapping[str, Any]) -> Distribution:
         raise ValueError(f"{where}.axis = {table['axis']!r}: must not be zero")
     angle = table.get("angle", 180.0)
     angle = checks.number(f"{where}.angle", angle, unit="degrees", positive=True, high=180)
-    unit = tuple(a / norm for a in axis)
-    return OnSphere(tuple(center), (least, most), unit, angle)
+    unit = [a / norm for a in axis]
+    first, second = _perpendicular(unit)
+
+    def draw(source: Source) -> list[float]:
+        r = low + (high - low) * source.number(2)
+        cos = 1 - source.number(0) * (1 - math.cos(math.radians(angle)))
+        sin, phi = math.sqrt(max(0.0, 1 - cos * cos)), 2 * math.pi * source.number(1)
+        local = sin * math.cos(phi), sin * math.sin(phi), cos
+        return [
+            c + r * (local[0] * u + local[1] * v + local[2] * w)
+            for c, u, v, w in zip(center, first, second, unit, strict=True)
+        ]
+
+    return Distribution(draw, 3)
 
 
-def _subset(where: str, table: Mapping[str, Any]) -> Distribution:
-    names = tuple(table.get("present", ()))
-    least = checks.integer(f"{where}.least", table.get("least", 0), 0, len(names))
-    most = checks.integer(f"{where}.most", table.get("most", len(names)), least, len(names))
-    return Subset(names, least, most)
+def _perpendicular(axis: Sequence[float]) -> tuple[Numbers, Numbers]:
+    """Two unit vectors that make an orthonormal frame with a third (Duff et al. 2017)."""
+    x, y, z = axis
+    sign = math.copysign(1.0, z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    return (1 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
-KEYS: dict[str, tuple[str, ...]] = {
-    "uniform": ("low", "high"),
-    "log_uniform": ("low", "high"),
-    "normal": ("mean", "deviation", "low", "high"),
-    "choice": ("values", "weights"),
-    "fixed": ("value",),
-    "on_sphere": ("center", "radius", "axis", "angle"),
-    "subset": ("least", "most"),
+_KINDS: dict[str, tuple[Callable[[str, Table], Distribution], tuple[str, ...]]] = {
+    "uniform": (_uniform, ("low", "high")),
+    "log_uniform": (_log_uniform, ("low", "high")),
+    "normal": (_normal, ("mean", "deviation", "low", "high")),
+    "choice": (_choice, ("values", "weights")),
+    "fixed": (_fixed, ("value",)),
+    "on_sphere": (_on_sphere, ("center", "radius", "axis", "angle")),
+    "subset": (_subset, ("least", "most")),
 }
+KEYS = {name: keys for name, (_, keys) in _KINDS.items()}
 """The keys of each distribution."""
 
-_PARSERS = {
-    "uniform": _uniform,
-    "log_uniform": _log_uniform,
-    "normal": _normal,
-    "choice": _choice,
-    "fixed": _fixed,
-    "on_sphere": _on_sphere,
-    "subset": _subset,
-}
+
+# ---------------------------------------------------------------------------- values of the keys
 
 
-# -------------------------------------------------------------------------------------- its parts
-
-
-def _both(where: str, table: Mapping[str, Any]) -> tuple[Numbers, Numbers, bool]:
+def _low_and_high(where: str, table: Table) -> tuple[Numbers, Numbers, bool]:
     """Lows, highs, and whether they are for a single number."""
     given = [table.get("low"), table.get("high")]
     low, high = (_numbers(f"{where}.{n}", v) for n, v in zip(("low", "high"), given, strict=True))
     count = max(len(low), len(high))
-    low = _as_many(f"{where}.low", given[0], low, count)
-    high = _as_many(f"{where}.high", given[1], high, count)
+    low = _repeated(f"{where}.low", given[0], low, count)
+    high = _repeated(f"{where}.high", given[1], high, count)
     pairs = list(zip(low, high, strict=True))
     if any(a > b for a, b in pairs) or all(a == b for a, b in pairs):  # A coordinate may be fixed
         raise ValueError(f"{where}.low = {given[0]!r}: must be below high = {given[1]!r}")
@@ -316,11 +248,11 @@ def _numbers(where: str, value: Any) -> Numbers:
     return tuple(checks.number(where, each) for each in value)
 
 
-def _as_many(where: str, given: Any, found: Numbers, count: int) -> Numbers:
-    """As many numbers as the other keys have."""
-    if len(found) not in (1, count):
+def _repeated(where: str, given: Any, numbers: Numbers, count: int) -> Numbers:
+    """The numbers of a key, a single one repeated to as many as the other keys have."""
+    if len(numbers) not in (1, count):
         raise ValueError(f"{where} = {given!r}: must have {count} numbers, as other keys have")
-    return found * count if len(found) == 1 else found
+    return numbers * count if len(numbers) == 1 else numbers
 
 
 def _plain(where: str, value: Any) -> Any:
@@ -343,12 +275,3 @@ def _length(value: Any) -> int | None:
     if isinstance(value, list):
         return len(value) if value and not isinstance(value[0], str) else None
     return None if isinstance(value, str | bool) else 0
-
-
-def _perpendicular(axis: Sequence[float]) -> tuple[Numbers, Numbers]:
-    """Two unit vectors that make a frame with a third (Duff et al. 2017)."""
-    x, y, z = axis
-    sign = math.copysign(1.0, z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    return (1 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)

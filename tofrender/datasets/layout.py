@@ -1,11 +1,11 @@
-"""Arrays of a data set: what they are called, their axes, their sizes."""
+"""Arrays of a data set: their names, axes and sizes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
@@ -14,45 +14,49 @@ from ..films.image import time_bins
 from ..rendering.window import windowed_film
 from ..runtime import atomic
 from ..scenes.loading import require_sensor
-from .config import Config
+from .config import Config, Outputs
 from .scene import load, scene_of
 
-CAPTURE_AXES = ("wall_y", "wall_x")
-LASER_AXES = ("laser_y", "laser_x")
+PIXELS, WALL, LASERS = ("y", "x"), ("wall_y", "wall_x"), ("laser_y", "laser_x")
 GEOMETRY = ("sensor_grid", "sensor_normals", "laser_grid", "laser_normals")
 ORIGINS = ("sensor_origin", "laser_origin")
+RADIANCE = "W m^-2 sr^-1"
 
-UNITS = {
-    "transient": "W m^-2 sr^-1",
-    "steady": "W m^-2 sr^-1",
-    "noisy": "W m^-2 sr^-1",
-    "phasor": "W m^-2 sr^-1",
-    "capture": "W m^-2 sr^-1",
-    "depth": "m",
-    "hidden_depth": "m",
+
+class Kind(NamedTuple):
+    """Axes of a record's part of an array, units and long name as in CF, and type of numbers."""
+
+    axes: tuple[str, ...]
+    units: str = ""
+    long_name: str = ""
+    dtype: str = "float32"
+
+
+NOISY = "radiance per bin, with fewer samples of its own"
+PHASOR = "sum of L exp(+i 2 pi f opl / c): I, Q"
+NORMALS = "unit normal of the first surface, on the side seen, in world space"
+CAPTURE = "radiance per bin at points of the relay wall"
+HIDDEN = "distance of what is hidden from the relay wall"
+KINDS = {
+    "transient": Kind((*PIXELS, "opl", "channel"), RADIANCE, "radiance per bin"),
+    "steady": Kind((*PIXELS, "channel"), RADIANCE, "radiance of all time"),
+    "noisy": Kind((*PIXELS, "opl", "channel"), RADIANCE, NOISY),
+    "phasor": Kind(("frequency", *PIXELS, "part", "channel"), RADIANCE, PHASOR),
+    "depth": Kind(PIXELS, "m", "distance from the sensor to the first surface"),
+    "normals": Kind((*PIXELS, "xyz"), "", NORMALS),
+    "capture": Kind((*WALL, "capture_opl", "channel"), RADIANCE, CAPTURE),
+    "hidden_depth": Kind(WALL, "m", HIDDEN),
+    "capture_on_wall": Kind(WALL, dtype="bool"),
+    **{f"capture_sensor_{name}": Kind((*WALL, "xyz")) for name in ("grid", "normals")},
+    **{f"capture_laser_{name}": Kind((*LASERS, "xyz")) for name in ("grid", "normals")},
+    **{f"capture_{name}": Kind(("xyz",)) for name in ORIGINS},
 }
-MEANS = {
-    "transient": "radiance per bin",
-    "steady": "radiance of all time",
-    "noisy": "radiance per bin, with fewer samples of its own",
-    "phasor": "sum of L exp(+i 2 pi f opl / c): I, Q",
-    "capture": "radiance per bin at points of the relay wall",
-    "depth": "distance from the sensor to the first surface",
-    "hidden_depth": "distance of what is hidden from the relay wall",
-    "normals": "unit normal of the first surface, on the side seen, in world space",
-}
+"""All arrays that a data set may have."""
 
 
 @dataclass(frozen=True)
 class Array:
-    """An array, of which each record has a part.
-
-    Attributes:
-        name: What it is called.
-        axes: Axes of a record's part.
-        shape: Its shape.
-        dtype: Type of its numbers.
-    """
+    """An array; axes and shape are those of a record's part of it."""
 
     name: str
     axes: tuple[str, ...]
@@ -67,21 +71,12 @@ class Array:
 
 @dataclass(frozen=True)
 class Layout:
-    """All arrays of a data set.
-
-    Attributes:
-        arrays: The arrays.
-        axes: Coordinates of axes, by name.
-        window: Start and width of the time bins [m], None where there are none.
-        attrs: Attributes that all records share.
-        scene: What identifies the first scene, with the bytes of its files.
-    """
+    """All arrays of a data set."""
 
     arrays: tuple[Array, ...]
-    axes: dict[str, np.ndarray] = field(repr=False)
-    window: tuple[float, float] | None
-    attrs: dict[str, Any]
-    scene: str = ""
+    axes: dict[str, np.ndarray] = field(repr=False)  # coordinates by name
+    window: tuple[float, float] | None  # start and width of the time bins [m]
+    scene: str = ""  # fingerprint of the first scene, with the bytes of its files
 
     @property
     def bytes(self) -> int:
@@ -89,11 +84,7 @@ class Layout:
         return sum(array.bytes for array in self.arrays)
 
     def check(self, made: Mapping[str, np.ndarray]) -> None:
-        """Refuse a record whose arrays are not those of the others.
-
-        Raises:
-            ValueError: One line with the array and both shapes.
-        """
+        """Refuse a record whose arrays have other shapes than those of the others."""
         for array in self.arrays:
             if made[array.name].shape != array.shape:
                 raise ValueError(
@@ -103,11 +94,7 @@ class Layout:
 
 
 def layout_of(config: Config, records: list[int]) -> Layout:
-    """The arrays of a data set, by the first of its scenes that can be loaded.
-
-    Raises:
-        ValueError: The scene cannot be loaded, or lacks what an output needs; one line.
-    """
+    """The arrays of a data set, by the first of its scenes that can be loaded."""
     scene = _first_scene(config, records)
     require_sensor(scene)
     sensors = scene.sensors()
@@ -116,11 +103,11 @@ def layout_of(config: Config, records: list[int]) -> Layout:
             f"render.sensor = {config.sensor}: must be an integer from 0 to {len(sensors) - 1}"
         )
     film: Any = sensors[config.sensor].film()
-    outputs = config.outputs
+    outputs, capture = config.outputs, config.outputs.capture
     width, height = (int(v) for v in film.crop_size())
     channels = 1 if mi.is_monochromatic else 3
-    window, bins = None, 0
-    if outputs.rendered or outputs.noisy or outputs.capture:
+    window, opl = None, np.zeros(0)
+    if outputs.rendered or outputs.noisy or capture:
         if time_bins(film) is None:
             raise ValueError(
                 "render.temporal_bins: must be given, and window, as the scene has no time bins"
@@ -128,78 +115,61 @@ def layout_of(config: Config, records: list[int]) -> Layout:
         timed = windowed_film(film, None, None)
         height, width, bins, channels = timed.shape
         window = float(timed.start_opl), float(timed.bin_width_opl)
-    rgb, xyz = np.array(["R", "G", "B"]), np.array(["x", "y", "z"])
-    axes: dict[str, np.ndarray] = {}
-    x, y = (int(v) for v in film.crop_offset())
-    pixels, opl = ("y", "x"), np.zeros(0)
-    if window is not None:
         opl = window[0] + (np.arange(bins) + 0.5) * window[1]
-    known = {"y": np.arange(y, y + height), "x": np.arange(x, x + width), "opl": opl}
-    known |= {"channel": rgb if channels == 3 else np.array(["L"]), "xyz": xyz}
-    known |= {"frequency": np.array(outputs.phasor, float), "part": np.array(["I", "Q"])}
-    known |= {name: np.arange(height) for name in ("wall_y", "laser_y")}
-    known |= {name: np.arange(width) for name in ("wall_x", "laser_x")}
-    known["capture_opl"] = opl
-    wanted = {
-        "transient": (outputs.transient, (*pixels, "opl", "channel")),
-        "steady": (outputs.steady, (*pixels, "channel")),
-        "noisy": (outputs.noisy, (*pixels, "opl", "channel")),
-        "phasor": (outputs.phasor, ("frequency", *pixels, "part", "channel")),
-        "depth": (outputs.depth, pixels),
-        "normals": (outputs.normals, (*pixels, "xyz")),
-        **_of_capture(config),
+    x, y = (int(v) for v in film.crop_offset())
+    single = capture is not None and capture.mode == "single"
+    coordinates = {
+        **{"y": np.arange(y, y + height), "x": np.arange(x, x + width)},
+        **{"opl": opl, "capture_opl": opl},
+        "channel": np.array(["R", "G", "B"] if channels == 3 else ["L"]),
+        "xyz": np.array(["x", "y", "z"]),
+        "frequency": np.array(outputs.phasor, float),
+        "part": np.array(["I", "Q"]),
+        **{"wall_y": np.arange(height), "wall_x": np.arange(width)},
+        "laser_y": np.arange(1 if single else height),
+        "laser_x": np.arange(1 if single else width),
     }
-    if outputs.capture is not None and outputs.capture.mode == "single":
-        known |= {name: np.arange(1) for name in LASER_AXES}
-    arrays = []
-    for name, (is_wanted, its) in wanted.items():
-        if is_wanted:
-            shape = tuple(len(known[axis]) for axis in its)
-            kind = "bool" if name == "capture_on_wall" else "float32"
-            arrays.append(Array(name, its, shape, kind))
-            axes |= {axis: known[axis] for axis in its}
-    return Layout(tuple(arrays), axes, window, {"variant": mi.variant()}, scene.id())
+    arrays, axes = [], {}
+    for name in _names(outputs):
+        kind = KINDS[name]
+        its = kind.axes
+        if name == "capture" and capture and capture.mode == "exhaustive":
+            its = (*LASERS, *its)
+        arrays.append(Array(name, its, tuple(len(coordinates[axis]) for axis in its), kind.dtype))
+        axes |= {axis: coordinates[axis] for axis in its}
+    return Layout(tuple(arrays), axes, window, scene.id())
 
 
-def _of_capture(config: Config) -> dict[str, tuple[bool, tuple[str, ...]]]:
-    """Axes of a capture and of its geometry."""
-    capture = config.outputs.capture
+def _names(outputs: Outputs) -> list[str]:
+    """Names of the arrays of these outputs."""
+    rendered = ("transient", "steady", "noisy", "phasor", "depth", "normals")
+    names = [name for name in rendered if getattr(outputs, name)]
+    capture = outputs.capture
     if capture is None:
-        return {}
-    lasers = LASER_AXES if capture.mode == "exhaustive" else ()
-    found: dict[str, tuple[bool, tuple[str, ...]]] = {
-        "capture": (True, (*lasers, *CAPTURE_AXES, "capture_opl", "channel")),
-        "hidden_depth": (capture.hidden_depth, CAPTURE_AXES),
-        "capture_on_wall": (True, CAPTURE_AXES),
-    }
-    for name in GEOMETRY:
-        of_laser = name.startswith("laser")
-        its = LASER_AXES if of_laser else CAPTURE_AXES
-        found[f"capture_{name}"] = (not of_laser or capture.mode != "confocal", (*its, "xyz"))
-    return found | {f"capture_{name}": (True, ("xyz",)) for name in ORIGINS}
+        return names
+    with_laser = capture.mode != "confocal"
+    geometry = [name for name in GEOMETRY if with_laser or not name.startswith("laser")]
+    names += ["capture", *["hidden_depth"] * capture.hidden_depth, "capture_on_wall"]
+    return names + [f"capture_{name}" for name in (*geometry, *ORIGINS)]
 
 
 def _first_scene(config: Config, records: list[int]) -> mi.Scene:
-    for attempt in range(config.retry + 1):
-        drawn = config.draw(records[0], attempt)
+    for attempt in range(config.retry):
         try:
-            return load(scene_of(config, drawn), config)
+            return load(scene_of(config, config.draw(records[0], attempt)), config)
         except ValueError:
-            if attempt == config.retry:
-                raise
-    raise AssertionError
+            pass
+    return load(scene_of(config, config.draw(records[0], config.retry)), config)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a data set will be, before any work.
+    """Plan of a data set, before any work: `print` shows its arrays, shapes and sizes.
 
     Attributes:
-        config: What was asked for.
+        config: The data set's description.
         records: Numbers of the records.
         layout: Their arrays.
-
-    Printing it shows arrays, shapes and sizes.
     """
 
     config: Config

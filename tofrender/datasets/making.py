@@ -1,4 +1,4 @@
-"""Making data sets: the plan, the records by this process or by workers, and the end."""
+"""Make data sets: plan, render records in this process or by workers, and finish."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,8 +30,8 @@ from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
 from .layout import Layout, Plan, layout_of
 from .reading import KIND, load_dataset
-from .record import make_record
-from .store import Receipt, Store
+from .record import Receipt, make_record
+from .store import Store
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 def plan_dataset(
     config: str | os.PathLike[str] | Mapping[str, Any] | Config, only: Iterable[int] | None = None
 ) -> Plan:
-    """What a data set will be: arrays, shapes and sizes. Nothing is rendered.
+    """Plan a data set: arrays, shapes and sizes. Nothing is rendered.
 
     Args:
         config: As for `make_dataset`.
@@ -164,7 +164,7 @@ def make_dataset(
             # Of a slow record that two workers made, the last one's receipt is the one that counts
             found = {record: store.last_receipt(record) for record in plan.records}
             store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
-    _tell_warnings(found)
+    _warn_of_records(found)
     return load_dataset(target)
 
 
@@ -173,30 +173,25 @@ def require_complete(
     out: str | os.PathLike[str],
     only: Iterable[int] | None = None,
 ) -> xr.Dataset:
-    """A finished data set that is the one that the config asks for.
-
-    Raises:
-        ValueError: It is another, or of other files; one line.
-    """
+    """Load a finished data set, and refuse one of another config or of other files."""
     found, plan = load_dataset(out), plan_dataset(config, only)
     wanted = {"config": json.dumps(plan.config.plain), "variant": mi.variant()}
     if "checksum" in found.attrs:  # Those of earlier versions have none
         wanted["checksum"] = _files_digest(plan)
-    for name, value in wanted.items():
-        if found.attrs[name] != value:
-            raise ValueError(f"out = {out}: is there, with another {name}; must be a new folder")
+    other = [f"another {name}" for name, value in wanted.items() if found.attrs[name] != value]
     if found["record"].values.tolist() != plan.records:
-        raise ValueError(f"out = {out}: is there, with other records; must be a new folder")
+        other.append("other records")
+    if other:
+        raise ValueError(f"out = {out}: is there, with {other[0]}; must be a new folder")
     return found
 
 
 def under_way(out: str | os.PathLike[str]) -> Path:
-    """Where a data set is until it is finished."""
+    """Folder of a data set until it is finished."""
     return atomic.hidden(out, ".dataset")
 
 
 def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
-    """Numbers of the records to make, in order."""
     if only is None:
         return list(range(config.records))
     if isinstance(only, str | bytes) or not isinstance(only, Iterable):
@@ -208,7 +203,6 @@ def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
 
 
 def _recipe(plan: Plan) -> dict[str, Any]:
-    """All that the arrays depend on."""
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},
@@ -226,8 +220,8 @@ def _recipe(plan: Plan) -> dict[str, Any]:
 def _files_digest(plan: Plan) -> str:
     """Checksum of what identifies the first scene, and of all files that the config names."""
     names = sorted({text for text in _texts(plan.config.given) if "." in text})
-    files = [each for name in names if (each := plan.config.folder / name).is_file()]
-    parts = [plan.layout.scene, *map(file_digest, files)]
+    files = [plan.config.folder / name for name in names]
+    parts = [plan.layout.scene, *(file_digest(file) for file in files if file.is_file())]
     return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
 
 
@@ -242,33 +236,31 @@ def _texts(value: Any) -> Iterator[str]:
 
 def _require_room(folder: Path, plan: Plan) -> None:
     """Refuse a disk that the data set does not fit on."""
-    there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - there:
+    written = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - written:
         raise atomic.disk_full(folder, plan.bytes)
 
 
 def _here(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:
     """Make records in this process."""
     for record in records:
-        made = make_record(plan.config, plan.layout, record)
+        arrays, receipt = make_record(plan.config, plan.layout, record)
         with deferred_stop() as stop:  # A record is there whole or not at all, and is counted
-            receipt = store.put(record, made)
+            receipt = store.put(record, arrays, receipt)
         yield record, receipt
         stop.take_effect()
 
 
 def _estimate(record: int, receipt: Receipt, count: int, started: float, client: Any) -> str:
-    """How long the rest will take."""
     rest_s = (count - 1) * receipt.seconds
     if client is not None:
         rest_s /= max(1, len(client.scheduler_info()["workers"]))
-    elif (taken := time.perf_counter() - started) > receipt.seconds:
-        rest_s = (count - 1) * taken
+    elif (elapsed := time.perf_counter() - started) > receipt.seconds:
+        rest_s = (count - 1) * elapsed
     return f"record {record} took {receipt.seconds:.1f} s; the others take about {_time(rest_s)}"
 
 
 def _time(seconds: float) -> str:
-    """A time in a readable unit."""
     for unit, of in (("s", 60.0), ("min", 60.0), ("h", 48.0)):
         if seconds < of * 1.5:
             return f"{seconds:.2g} {unit}" if seconds < 9.5 else f"{seconds:.0f} {unit}"
@@ -277,8 +269,7 @@ def _time(seconds: float) -> str:
 
 
 def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
-    config, layout = plan.config, plan.layout
-    window = layout.window
+    config, window = plan.config, plan.layout.window
     found: dict[str, Any] = {
         "kind": KIND,
         "config": json.dumps(config.plain),
@@ -296,41 +287,29 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
     return found
 
 
-def _tell_warnings(receipts: Mapping[int, Receipt]) -> None:
-    """Warn once of what renders warned of."""
-    told = {record: receipt.warnings for record, receipt in receipts.items() if receipt.warnings}
-    if told:
-        first = min(told)
+def _warn_of_records(receipts: Mapping[int, Receipt]) -> None:
+    """Repeat the first warning of the renders."""
+    texts = {record: receipt.warnings for record, receipt in receipts.items() if receipt.warnings}
+    if texts:
+        first = min(texts)
         warnings.warn(
-            f"{len(told)} of {len(receipts)} records came with warnings, which made_with has; the "
-            f"first, of record {first}: {told[first][0]}",
+            f"{len(texts)} of {len(receipts)} records came with warnings, which made_with has; the "
+            f"first, of record {first}: {texts[first][0]}",
             stacklevel=3,
         )
 
 
-# ------------------------------------------------------------------------------- in a worker
-
-
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to make records.
-
-    Attributes:
-        given: The config's tables, and `base`, where names of files start.
-        layout: The arrays.
-        folder: Where the data set is.
-        variant: Mitsuba's variant.
-        checksum: Of the scene.
-        key: Tells orders apart.
-    """
+    """All that a worker needs to make records; `base` is the folder where names of files start."""
 
     given: Mapping[str, Any]
     base: str
     layout: Layout
     folder: str
-    variant: str
     checksum: str
-    key: str
+    variant: str = field(default_factory=lambda: mi.variant() or "")
+    key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
 def _order(plan: Plan, folder: Path) -> Order:
@@ -338,17 +317,15 @@ def _order(plan: Plan, folder: Path) -> Order:
     given = {name: packed(name, value) for name, value in config.given.items()}
     if not isinstance(config.scene, Mapping):
         given["scene"] = str(config.scene)
-    where = str(folder.resolve())
-    variant = mi.variant() or ""
-    key = uuid.uuid4().hex
-    return Order(given, str(config.folder), plan.layout, where, variant, config.checksum, key)
+    target = str(folder.resolve())
+    return Order(given, str(config.folder), plan.layout, target, config.checksum)
 
 
 _configs: dict[str, Config] = {}
 
 
 def _by_worker(order: Order, record: int) -> Receipt:
-    """Make a record here."""
+    """Make a record in a worker."""
     backend.activate(order.variant)
     mi.set_variant(order.variant)
     if order.key not in _configs:
@@ -361,5 +338,5 @@ def _by_worker(order: Order, record: int) -> Receipt:
         if os.environ.get(THREADS):
             dr.set_thread_count(int(os.environ[THREADS]))
     store = Store(Path(order.folder))
-    found = store.receipt(record)
-    return found or store.put(record, make_record(_configs[order.key], order.layout, record))
+    receipt = store.receipt(record)
+    return receipt or store.put(record, *make_record(_configs[order.key], order.layout, record))

@@ -1,4 +1,4 @@
-"""Random numbers of data sets: each is a hash of what it is for, and depends on nothing else.
+"""Random numbers of data sets: hashes of seed, record, attempt, name and index, nothing else.
 
 The i-th number of a quantity in a record is (n + 1/2) / 2^52, where n is the first 52 bits of the
 SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`: the same on every machine and with every

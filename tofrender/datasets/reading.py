@@ -1,4 +1,4 @@
-"""Reading data sets: lazily, and a record's capture as `reconstruct` takes it."""
+"""Read data sets: lazily, and a record's capture as `reconstruct` takes it."""
 
 from __future__ import annotations
 
@@ -57,22 +57,16 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
         _require_records(folder, dataset)
     texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
     dataset = labelled(dataset.assign_coords(texts))
-    for name, variable in dataset.variables.items():
-        its = {
-            "long_name": str(name).replace("_", " ")
-        }  # Of what was drawn only CONFIG knows units
-        for key, text in (its | labels_of(str(name).removeprefix("capture_"), {})).items():
+    for name, variable in dataset.variables.items():  # Only the config knows units of draws
+        default = {"long_name": str(name).replace("_", " ")}
+        for key, text in (default | labels_of(str(name).removeprefix("capture_"), {})).items():
             variable.attrs.setdefault(key, text)
     dataset.encoding["source"] = str(folder)
     return dataset
 
 
 def _require_records(folder: Path, dataset: xr.Dataset) -> None:
-    """Refuse a data set of an earlier version, which lists no files, where those of records miss.
-
-    Raises:
-        ValueError: One line that names the first.
-    """
+    """Refuse a data set of an earlier version, without a list of files, that lacks a record's."""
     for name, variable in dataset.data_vars.items():
         chunks = variable.chunks
         if chunks and chunks[0][0] == 1 and (variable.ndim > 2 or len(chunks[0]) > 1):
@@ -101,20 +95,17 @@ def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
         raise ValueError(f"record = {record!r}: must be one of the coordinate record")
     one = dataset.sel(record=record)
     about = json.loads(str(one["made_with"].values))
-    told = about["capture"]
-    geometry = {
-        name: one[f"capture_{name}"].values
-        for name in (*GEOMETRY, *ORIGINS)
-        if f"capture_{name}" in one
-    }
+    capture = about["capture"]
+    names = [name for name in (*GEOMETRY, *ORIGINS) if f"capture_{name}" in one]
+    geometry = {name: one[f"capture_{name}"].values for name in names}
     on_wall = one["capture_on_wall"].values
     return make_capture(
         one["capture"].values,
-        mode=told["mode"],
-        start_opl=told["start_opl"],
-        bin_width_opl=told["bin_width_opl"],
-        counts_first_and_last_legs=bool(told["counts_first_and_last_legs"]),
+        mode=capture["mode"],
+        start_opl=capture["start_opl"],
+        bin_width_opl=capture["bin_width_opl"],
+        counts_first_and_last_legs=bool(capture["counts_first_and_last_legs"]),
         on_wall=None if on_wall.all() else on_wall,
-        attrs={"scene": str(about["scene"]), "spp": told["spp"], "seed": about["render_seed"]},
+        attrs={"scene": str(about["scene"]), "spp": capture["spp"], "seed": about["render_seed"]},
         **geometry,
     )

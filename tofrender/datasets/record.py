@@ -1,4 +1,4 @@
-"""One record: a scene is drawn and rendered, and all that made it is told."""
+"""Make one record of a data set: draw its scene, render it, and note all that it depends on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import mitsuba as mi
@@ -24,41 +24,35 @@ from .config import Config
 from .layout import GEOMETRY, ORIGINS, Layout
 from .scene import load, scene_of
 
-SHOWN = 4
-"""Digits of numbers in a message."""
-
 
 @dataclass
-class Made:
-    """A record.
+class Receipt:
+    """Provenance of a record.
 
     Attributes:
-        arrays: Its part of each array.
         drawn: Values by name.
-        about: All that made it, as JSON can hold it.
-        warnings: What was warned of.
+        about: All that the record depends on, as JSON can hold it.
+        warnings: Texts of warnings.
         seconds: Time that it took [s].
+        files: CRC-32 of each file on disk, by its name.
     """
 
-    arrays: dict[str, np.ndarray]
     drawn: dict[str, Any]
     about: dict[str, Any]
     warnings: list[str]
     seconds: float
+    files: dict[str, int] = field(default_factory=dict)
 
 
-def make_record(config: Config, layout: Layout, record: int) -> Made:
-    """Make a record; one whose scene cannot be rendered is drawn again, where `retry` allows it.
-
-    Raises:
-        ValueError: It cannot be made; one line with its number and what was drawn.
-        KeyboardInterrupt: It was stopped.
-    """
+def make_record(
+    config: Config, layout: Layout, record: int
+) -> tuple[dict[str, np.ndarray], Receipt]:
+    """Arrays of a record; one whose scene cannot be rendered is drawn again, as `retry` allows."""
     start = time.perf_counter()
     reason = ""
     for attempt in range(config.retry + 1):
         drawn = config.draw(record, attempt)
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 arrays, about = _rendered(config, layout, record, attempt, drawn)
@@ -66,10 +60,9 @@ def make_record(config: Config, layout: Layout, record: int) -> Made:
                 reason = " ".join(str(error).split())
                 continue
             except RuntimeError as error:
-                said = " ".join(str(error).split())
-                raise RuntimeError(f"record {record}: {said}") from error
-        said = [" ".join(str(each.message).split()) for each in told]
-        return Made(arrays, drawn, about, said, time.perf_counter() - start)
+                raise RuntimeError(f"record {record}: {' '.join(str(error).split())}") from error
+        texts = [" ".join(str(each.message).split()) for each in caught]
+        return arrays, Receipt(drawn, about, texts, time.perf_counter() - start)
     tries = f", and {config.retry} more draws neither" if config.retry else ""
     shown = ", ".join(f"{name} = {shown_value(value)}" for name, value in drawn.items())
     raise ValueError(f"record {record} cannot be made{tries}: {reason} ({shown or 'no draws'})")
@@ -79,18 +72,18 @@ def shown_value(value: Any) -> str:
     """A drawn value as messages show it."""
     if isinstance(value, list):
         return f"[{', '.join(map(shown_value, value))}]"
-    return f"{value:.{SHOWN}g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _rendered(
     config: Config, layout: Layout, record: int, attempt: int, drawn: Mapping[str, Any]
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays of a record, and what made it."""
+    """Arrays of a record, and all that they depend on."""
     scene = load(scene_of(config, drawn), config)
     camera: Any = scene.sensors()[config.sensor]
-    own = time_bins(camera.film())
-    if own is not None:
-        _require_window(layout, *own[1:])
+    bins = time_bins(camera.film())
+    if bins is not None:
+        _require_window(layout, *bins[1:])
     seed = config.render_seed(record, attempt)
     spp = config.settings.get("spp") or camera.sampler().sample_count()
     outputs, arrays = config.outputs, {}
@@ -150,20 +143,16 @@ def _captured(
     wall = wanted.relay_wall
     film = capture_scene(scene, mode=wanted.mode, spp=spp, seed=seed, relay_wall=wall, **common)
     _require_whole(film.attrs)
-    kept = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "mode")
-    kept += ("energy_outside_window",)
-    about["capture"] = {name: film.attrs[name] for name in kept}
+    names = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "mode")
+    about["capture"] = {n: film.attrs[n] for n in (*names, "energy_outside_window")}
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}
     rows, columns = arrays["capture_sensor_grid"].shape[:2]
-    there = np.ones((rows, columns), bool)
-    arrays["capture_on_wall"] = film["on_wall"].values if "on_wall" in film else there
+    everywhere = np.ones((rows, columns), bool)
+    arrays["capture_on_wall"] = film["on_wall"].values if "on_wall" in film else everywhere
     if wanted.hidden_depth:
         arrays["hidden_depth"] = hidden_depth(scene, film).values
     return arrays
-
-
-# --------------------------------------------------------------------- what a record must not be
 
 
 def _require_window(layout: Layout, start_opl: float, bin_width_opl: float) -> None:
@@ -188,7 +177,7 @@ LIT = ("transient", "steady", "noisy", "phasor", "capture")
 
 
 def _require_light(name: str, array: np.ndarray) -> None:
-    """Refuse a picture that is black or not finite, and depths of nothing."""
+    """Refuse a picture that is black or not finite, and depths without any surface."""
     if name in LIT:
         checks.finite(name, array)
         if not array.any():

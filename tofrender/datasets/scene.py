@@ -1,4 +1,4 @@
-"""The scene of a record: where it comes from, and what draws change in it."""
+"""Describe and load the scene of a record: its source with the drawn values put in."""
 
 from __future__ import annotations
 
@@ -13,37 +13,28 @@ from ..scenes import BUILT_IN
 from ..scenes.as_dict import scene_as_dict
 from ..scenes.in_time import successor_of
 from ..scenes.loading import load_scene
-from ..scenes.parts import Dict, place
-from .changes import Changes, copied
+from ..scenes.parts import Dict, pose
+from .changes import change, copied
 from .config import Config
 from .tables import known_keys
 
 TO_WORLD = ("position", "axis", "angle", "scale")
-FILES = ("filename",)
 
 
 def scene_of(config: Config, drawn: Mapping[str, Any]) -> Dict:
-    """The scene of a record as a dict for `mi.load_dict`.
-
-    Args:
-        config: The data set.
-        drawn: Values by name, see `Config.draw`.
-
-    Raises:
-        ValueError: The scene has no part of a name, or cannot take a value; one line.
-    """
+    """The scene of a record as a dict for `mi.load_dict`."""
     scene = _source(config, drawn)
     for table, parts in (("materials", config.materials), ("objects", config.objects)):
         for name, description in parts.items():
             if name in scene:
                 raise ValueError(f"{table}.{name}: the scene has one already; must have a new name")
             scene[name] = _described(f"{table}.{name}", description, config.folder)
-    Changes(scene, config.sensor).make(config.varied.values(), drawn)
+    change(scene, config.sensor, config.varied.values(), drawn)
     return scene
 
 
 def _source(config: Config, drawn: Mapping[str, Any]) -> Dict:
-    """The scene before anything in it is changed."""
+    """The scene before drawn values are put in."""
     given = {
         kind: {v.what: drawn[v.name] for v in config.varied.values() if v.target == kind}
         for kind in ("argument", "parameter")
@@ -53,8 +44,7 @@ def _source(config: Config, drawn: Mapping[str, Any]) -> Dict:
         try:
             return BUILT_IN[config.scene](**arguments)
         except TypeError as error:
-            said = " ".join(str(error).split())
-            raise ValueError(f"arguments: {said}") from None
+            raise ValueError(f"arguments: {' '.join(str(error).split())}") from None
     if isinstance(config.scene, Path):
         return scene_as_dict(config.scene, config.parameters | given["parameter"])
     return copied(config.scene)
@@ -68,7 +58,7 @@ def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
             found[name] = _transform(f"{where}.to_world", value)
         elif isinstance(value, Mapping):
             found[name] = _described(f"{where}.{name}", value, folder)
-        elif name in FILES and isinstance(value, str) and (folder / value).exists():
+        elif name == "filename" and isinstance(value, str) and (folder / value).exists():
             found[name] = str(folder / value)
         else:
             found[name] = value
@@ -79,7 +69,7 @@ def _transform(where: str, given: Mapping[str, Any]) -> Any:
     known_keys(where, given, TO_WORLD)
     scale = given.get("scale", 1.0)
     scale = scale if isinstance(scale, Sequence) else [scale] * 3
-    return place(
+    return pose(
         checks.place(f"{where}.position", given.get("position", [0, 0, 0])),
         checks.place(f"{where}.axis", given.get("axis", [0, 1, 0])),
         checks.number(f"{where}.angle", given.get("angle", 0.0), unit="degrees"),

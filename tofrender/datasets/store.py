@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,28 +19,12 @@ import numpy as np
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import BLOCK_BYTES, checksum, put_in_place, put_labels
 from ..runtime import atomic
-from .layout import MEANS, UNITS, Array, Layout
-from .record import Made
+from .layout import KINDS, Array, Layout
+from .record import Receipt
 from .varied import Varied
 
 GROUP, RECEIPTS, PLAN = "set.zarr", "receipts", "plan.json"
 TIME_AXES = ("opl", "capture_opl")
-
-
-@dataclass
-class Receipt:
-    """What is known of a record on disk.
-
-    Attributes:
-        files: CRC-32 of each file, by its name.
-        drawn, about, warnings, seconds: As in `Made`.
-    """
-
-    files: dict[str, int]
-    drawn: dict[str, Any]
-    about: dict[str, Any]
-    warnings: list[str]
-    seconds: float
 
 
 class Store:
@@ -63,18 +47,7 @@ class Store:
     def begin(
         cls, folder: Path, plan: Mapping[str, Any], records: list[int], layout: Layout
     ) -> Store:
-        """Go on with a data set, or begin one.
-
-        Args:
-            folder: Where it is, made if it is not there.
-            plan: All that it depends on, as JSON can hold it.
-            records: Numbers of its records.
-            layout: Its arrays.
-
-        Raises:
-            ValueError: The folder is of another data set; one line that names the key that differs.
-            ImportError: The package zarr is missing; one line.
-        """
+        """Go on with a data set, or begin one."""
         plan = json.loads(json.dumps({**plan, "only": records}))
         found = cls.planned(folder)
         if found:
@@ -89,7 +62,7 @@ class Store:
 
     @staticmethod
     def planned(folder: Path) -> dict[str, Any]:
-        """What a data set that was begun is of; nothing if there is none."""
+        """Recipe of a data set that was begun; empty if there is none."""
         if not (folder / GROUP / "zarr.json").exists():  # It has just moved to its place
             return {}
         try:
@@ -97,17 +70,11 @@ class Store:
         except (OSError, ValueError, TypeError):
             return {}
 
-    # ------------------------------------------------------------------------------ records
-
-    def put(self, record: int, made: Made) -> Receipt:
-        """Write a record.
-
-        Raises:
-            OSError: There is no room; one line. What was written before stays.
-        """
+    def put(self, record: int, arrays: Mapping[str, np.ndarray], receipt: Receipt) -> Receipt:
+        """Write a record; what was written before stays where the disk is full."""
         index, files = self._places[record], {}
         try:
-            for name, array in made.arrays.items():
+            for name, array in arrays.items():
                 self._arrays[name][index] = array
                 file = "/".join([name, "c", str(index), *["0"] * array.ndim])
                 atomic.to_disk(self.group_path / file)
@@ -115,19 +82,15 @@ class Store:
         except OSError as error:
             if error.errno not in atomic.DISK_FULL:
                 raise
-            size = sum(array.nbytes for array in made.arrays.values())
+            size = sum(array.nbytes for array in arrays.values())
             raise atomic.disk_full(self.folder, size) from None
-        receipt = Receipt(files, made.drawn, made.about, made.warnings, made.seconds)
+        receipt = replace(receipt, files=files)
         with atomic.replacing(self._receipt(record)) as file:
             file.write_text(json.dumps(asdict(receipt)))
         return receipt
 
     def receipt(self, record: int) -> Receipt | None:
-        """The receipt of a record that is there and undamaged.
-
-        Warns:
-            UserWarning: It is damaged.
-        """
+        """The receipt of a record that is on disk; a damaged one is warned of and left out."""
         path = self._receipt(record)
         if not path.exists():
             return None
@@ -146,13 +109,11 @@ class Store:
         return receipt
 
     def last_receipt(self, record: int) -> Receipt:
-        """The receipt of a record that is there, its files unread."""
+        """The receipt of a record that is on disk, its files unread."""
         return Receipt(**json.loads(self._receipt(record).read_text()))
 
     def _receipt(self, record: int) -> Path:
         return self.folder / RECEIPTS / f"record {record}.json"
-
-    # ------------------------------------------------------------------------------ the end
 
     def finish(
         self,
@@ -162,9 +123,9 @@ class Store:
         attrs: Mapping[str, Any],
         target: Path,
     ) -> None:
-        """Write what is small, and move the set to its place."""
+        """Write the small arrays and the attributes, and move the set to `target`."""
         group = self._group
-        its = [receipts[record] for record in self.records]
+        ordered = [receipts[record] for record in self.records]
         put_labels(group, "record", np.array(self.records), ["record"])
         for axis, values in layout.axes.items():
             put_labels(group, axis, values, [axis])
@@ -173,17 +134,15 @@ class Store:
             elif axis == "frequency":
                 group[axis].attrs.update({"units": "Hz"})
         for name, each in varied.items():
-            values, axes = column(each, [receipt.drawn[name] for receipt in its])
+            values, axes = column(each, [receipt.drawn[name] for receipt in ordered])
             put_labels(group, name, values, axes)
             if "xyz" in axes and "xyz" not in group:
                 put_labels(group, "xyz", np.array(["x", "y", "z"]), ["xyz"])
-        told = {"attempt": [receipt.about["attempt"] for receipt in its]}
-        told["render_seed"] = [receipt.about["render_seed"] for receipt in its]
-        if all("energy_outside_window" in receipt.about for receipt in its):
-            told["energy_outside_window"] = [r.about["energy_outside_window"] for r in its]
-        for name, values in told.items():
-            put_labels(group, name, np.array(values), ["record"])
-        texts = [json.dumps(r.about | {"warnings": r.warnings}) for r in its]
+        for name in ("attempt", "render_seed", "energy_outside_window"):
+            if all(name in receipt.about for receipt in ordered):
+                values = [receipt.about[name] for receipt in ordered]
+                put_labels(group, name, np.array(values), ["record"])
+        texts = [json.dumps(r.about | {"warnings": r.warnings}) for r in ordered]
         put_labels(group, "made_with", np.array(texts), ["record"])
         group.attrs.update(dict(attrs))
         put_in_place(self.group_path, target, [array.name for array in layout.arrays])
@@ -191,21 +150,22 @@ class Store:
 
 
 def column(varied: Varied, values: list[Any]) -> tuple[np.ndarray, list[str]]:
-    """What was drawn of a quantity in all records, and its axes: numbers, else text.
+    """Values of a quantity in all records, and its axes: numbers, else text.
 
     Lists of names become text with blanks between.
     """
-    length = varied.distribution.length()
+    length = varied.distribution.length
     if length is None:
         if all(isinstance(value, bool) for value in values):
             return np.array(values), ["record"]
-        texts = [v if isinstance(v, str) else _as_text(v) for v in values]
-        return np.array(texts, dtype=str), ["record"]
-    axis = "xyz" if varied.is_place else f"{varied.name}_index"
+        return np.array([_as_text(value) for value in values], dtype=str), ["record"]
+    axis = "xyz" if varied.is_vector else f"{varied.name}_index"
     return np.array(values, dtype=np.float64), ["record", *([axis] if length else [])]
 
 
 def _as_text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
     names = isinstance(value, list) and all(isinstance(each, str) for each in value)
     return " ".join(value) if names else json.dumps(value)
 
@@ -215,23 +175,17 @@ def _require_same(folder: Path, found: Mapping[str, Any], plan: Mapping[str, Any
     old, new = _flat(found), _flat(plan)
     for key in {**new, **old}:
         if old.get(key) != new.get(key):
-            was, is_now = (
-                f"{key} = {_short(each[key])}" if key in each else f"without {key}"
-                for each in (old, new)
-            )
+            now = f"{key} = {_short(new[key])}" if key in new else f"without {key}"
+            before = f"with {key} = {_short(old[key])}" if key in old else f"without {key}"
             raise ValueError(
-                f"{is_now}: the unfinished data set was begun {_with(was)}; must be the same, "
+                f"{now}: the unfinished data set was begun {before}; must be the same, "
                 f"or {folder} be removed"
             )
 
 
-def _with(what: str) -> str:
-    return what if what.startswith("without") else f"with {what}"
-
-
 def _short(value: Any) -> str:
-    said = json.dumps(value)
-    return said if len(said) <= 60 else f"{said[:57]}..."
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _flat(tree: Mapping[str, Any], where: str = "") -> dict[str, Any]:
@@ -276,5 +230,5 @@ def _create_array(group: Any, array: Array, count: int) -> None:
         fill_value=False if array.dtype == "bool" else float("nan"),
         dimension_names=("record", *array.axes),
     )
-    told = {"units": UNITS.get(array.name), "long_name": MEANS.get(array.name)}
-    made.attrs.update({name: text for name, text in told.items() if text})
+    labels = KINDS[array.name]._asdict()
+    made.attrs.update({name: labels[name] for name in ("units", "long_name") if labels[name]})

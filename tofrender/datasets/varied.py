@@ -1,4 +1,4 @@
-"""What is varied from record to record: which part of the scene, and what it is drawn from."""
+"""Quantities that vary from record to record: a part of the scene, and its distribution."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "material": (),
     "present": (),
 }
-"""What can be varied, and more keys of each."""
+"""Kinds of parts of a scene that can be varied, and more keys of each."""
 
 CAMERA = ("origin", "target", "fov")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -41,14 +41,14 @@ class Varied:
     """A quantity that is varied.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         target: One of `TARGETS`.
         what: Which argument, path, object, material; a list of names for `present`.
-        distribution: What it is drawn from.
-        times: Whether the draw multiplies what the scene has.
-        up: Up of the camera, None where it is not said.
-        axis: What an object turns about.
-        around: The point that it turns about or grows from [m]; None for its own middle.
+        distribution: The distribution of its values.
+        times: Whether the draw multiplies the scene's value.
+        up: Up vector of the camera, None for the default.
+        axis: Axis of rotation of an object.
+        around: Fixed point of a rotation or scale [m]; None for the object's own middle.
     """
 
     name: str
@@ -66,20 +66,15 @@ class Varied:
         return self.target not in ("turn", "move", "scale", "present")
 
     @property
-    def is_place(self) -> bool:
-        """Whether a draw is a point or a way in space."""
+    def is_vector(self) -> bool:
+        """Whether a draw is a point or a vector in space."""
         of_camera = self.target == "camera" and self.what != "fov"
-        return self.distribution.length() == 3 and (
-            of_camera or self.target in ("move", "position")
-        )
+        in_space = of_camera or self.target in ("move", "position")
+        return in_space and self.distribution.length == 3
 
 
 def parse_varied(name: str, given: Any) -> Varied:
-    """A table `vary.NAME`.
-
-    Raises:
-        ValueError: One line with the key, its value and what is allowed.
-    """
+    """A table `vary.NAME`."""
     where = f"vary.{name}"
     if not NAME.fullmatch(name):
         raise ValueError(f"vary.{name!r}: must be a name of letters, digits and _")
@@ -90,7 +85,11 @@ def parse_varied(name: str, given: Any) -> Varied:
     targets = [target for target in TARGETS if target in given]
     kind = given.get("distribution")
     if len(targets) != 1:
-        _tell_unknown(where, given, kind)
+        keys = {"distribution", *(key for extra in TARGETS.values() for key in extra)}
+        keys |= set(KEYS.get(kind, ())) if isinstance(kind, str) else set()
+        for key in given:  # One of them may be a target misspelled
+            if key not in keys and key not in TARGETS:
+                raise ValueError(unknown(f"{where}.{key}", key, TARGETS))
         found = f"has {' and '.join(targets)}" if targets else "says not what is varied"
         raise ValueError(f"{where}: {found}; must have one of {', '.join(TARGETS)}")
     target = targets[0]
@@ -102,30 +101,11 @@ def parse_varied(name: str, given: Any) -> Varied:
     what = _names(where, given[target]) if target == "present" else given[target]
     if target != "present":
         text(f"{where}.{target}", what)
-    axis = given.get("axis", [0.0, 1.0, 0.0]) if target == "turn" else [0.0, 1.0, 0.0]
-    found = Varied(
-        name,
-        target,
-        what,
-        parse_distribution(where, given),
-        times=boolean(f"{where}.times", given.get("times", False)),
-        up=_direction(f"{where}.up", given["up"]) if "up" in given else None,
-        axis=_direction(f"{where}.axis", axis),
-        around=tuple(checks.place(f"{where}.around", given["around"]))
-        if "around" in given
-        else None,
-    )
+    readers = {"times": boolean, "up": _direction, "axis": _direction, "around": _point}
+    extra = {n: readers[n](f"{where}.{n}", given[n]) for n in TARGETS[target] if n in given}
+    found = Varied(name, target, what, parse_distribution(where, given), **extra)
     _require_fit(where, found, str(kind))
     return found
-
-
-def _tell_unknown(where: str, given: Mapping[str, Any], kind: Any) -> None:
-    """Name a key that may be a target misspelled."""
-    keys = {key for extra in TARGETS.values() for key in extra} | {"distribution"}
-    keys |= set(KEYS.get(kind, ())) if isinstance(kind, str) else set()
-    for key in given:
-        if key not in keys and key not in TARGETS:
-            raise ValueError(unknown(f"{where}.{key}", key, TARGETS))
 
 
 def _names(where: str, value: Any) -> list[str]:
@@ -135,14 +115,16 @@ def _names(where: str, value: Any) -> list[str]:
     return list(value)
 
 
+def _point(name: str, value: Any) -> tuple[float, ...]:
+    return tuple(checks.place(name, value))
+
+
 def _direction(name: str, value: Any) -> tuple[float, ...]:
-    found = tuple(checks.place(name, value))
+    found = _point(name, value)
     if not any(found):
         raise ValueError(f"{name} = {value!r}: must not be zero")
     return found
 
-
-# ------------------------------------------------------------- whether draws suit what they change
 
 LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
     "move": ((3,), "3 numbers, metres"),
@@ -151,18 +133,19 @@ LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
     "scale": ((0, 3), "a number or 3"),
     "reflectance": ((0, 3), "a number or 3"),
 }
-"""How many numbers a draw may have, 0 for a single one."""
+"""Numbers that a draw may have, 0 for a single one."""
 
 
 def _require_fit(where: str, varied: Varied, kind: str) -> None:
+    """Refuse a distribution whose length, values or bounds do not suit its target."""
     target, distribution = varied.target, varied.distribution
     lengths, allowed = LENGTHS.get(target, (None, ""))
     if target == "camera":
         checks.one_of(f"{where}.camera", varied.what, CAMERA)
         lengths, allowed = ((0,), "a number") if varied.what == "fov" else LENGTHS["move"]
-    if lengths is not None and distribution.length() not in lengths:
+    if lengths is not None and distribution.length not in lengths:
         raise ValueError(f"{where}.distribution = {kind!r}: must give {allowed}")
-    values = getattr(distribution, "values", None)
+    values = distribution.values
     if target == "material" and (
         values is None or not all(isinstance(value, str) and value for value in values)
     ):
@@ -172,7 +155,7 @@ def _require_fit(where: str, varied: Varied, kind: str) -> None:
             for name in value if isinstance(value, list) else [value]:
                 if name not in varied.what:
                     raise ValueError(unknown(f"{where}.values = {name!r}", name, varied.what))
-    low, high = distribution.bounds()
+    low, high = distribution.bounds
     what = varied.what if target == "camera" else target
     ranges = {"fov": (0.0, 180.0), "scale": (0.0, float("inf")), "reflectance": (0.0, 1.0)}
     least, most = ranges.get(str(what), (float("-inf"), float("inf")))

@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from .loading import parse_file_of
 from .nodes import NAMELESS, parts
-from .parts import Dict, rgb
+from .parts import Dict, ref, rgb
 
 parser: Any = mi.parser
 KIND: Any = mi.Properties.Type
@@ -23,24 +23,20 @@ def scene_as_dict(path: Path, parameters: Mapping[str, Any] | None = None) -> Di
     Parts go by their ids, those without by what they are (`sensor`, `film`, `bsdf`), with a number
     from the second one on. Names of files become whole paths.
 
-    Args:
-        path: The file.
-        parameters: Values for its `<default>` names.
-
-    Raises:
-        ValueError: The file or a parameter is wrong; one line.
-        FileNotFoundError: There is no such file.
-
     Example:
         >>> import tofrender
-        >>> from tofrender.scenes.settings import SAMPLERS
         >>> file = Path(tofrender.__file__).parents[1] / "scenes" / "cornell_box.xml"
         >>> scene = scene_as_dict(file, {"max_depth": 4})
         >>> scene["integrator"], scene["light"]["emitter"]["radiance"]["value"]
         ({'type': 'transient_path', 'max_depth': 4}, [18.387, 13.9873, 6.75357])
     """
     state = parse_file_of(path, parameters or {})
-    return _Reader(state.nodes, path.absolute().parent).scene()
+    reader = _Reader(state.nodes, path.absolute().parent)
+    scene = reader.node(0, inside=False)
+    for index, name in reader.shared.items():  # What several parts share stands in the scene too
+        if scene.get(name, {}).get("type") in (None, "ref"):
+            scene[name] = reader.node(index)
+    return scene
 
 
 class _Reader:
@@ -52,20 +48,11 @@ class _Reader:
             for _, value in parts(node.props)
             if isinstance(value, mi.Properties.ResolvedReference)
         )
-        self.shared = {index: self._id(index) for index, count in owners.items() if count > 1}
+        shared = (index for index, count in owners.items() if count > 1)
+        self.shared = {index: str(nodes[index].props.id() or f"shared_{index}") for index in shared}
 
-    def scene(self) -> Dict:
-        """The outermost node; what several parts share stands in it too."""
-        scene = self._node(0, inside=False)
-        for index, name in self.shared.items():
-            if scene.get(name, {}).get("type") in (None, "ref"):
-                scene[name] = self._node(index)
-        return scene
-
-    def _id(self, index: int) -> str:
-        return str(self.nodes[index].props.id() or f"shared_{index}")
-
-    def _node(self, index: int, inside: bool = True) -> Dict:
+    def node(self, index: int, inside: bool = True) -> Dict:
+        """A node as a dict; within the scene, shared nodes are references."""
         node = self.nodes[index]
         found: Dict = {"type": node.props.plugin_name()}
         for name, value in node.props.items():
@@ -73,9 +60,7 @@ class _Reader:
                 which = value.index()
                 key = self._key(found, name, which)
                 shared = inside and which in self.shared
-                found[key] = (
-                    {"type": "ref", "id": self.shared[which]} if shared else self._node(which)
-                )
+                found[key] = ref(self.shared[which]) if shared else self.node(which)
             else:
                 found[name] = self._plain(node.props.type(name), name, value)
         return found

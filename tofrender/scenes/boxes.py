@@ -8,66 +8,62 @@ with two spheres is steady.
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import Any
+from typing import Any, Unpack
 
 from ..runtime import checks
 from .parts import (
     CORNELL,
     Dict,
+    SteadyOptions,
+    X,
+    Y,
     area_light,
     camera,
     diffuse,
-    path_tracer,
-    place,
+    pose,
     rgb,
     shape,
     sphere,
     steady_film,
+    steady_scene,
     transient_film,
 )
 
 START_OPL = {"area": 3.5, "flash": 6.0}
-"""Where the built-in window starts [m], by light; from each light, nothing arrives earlier."""
+"""Start of the built-in window [m] by light, a little before its first light arrives."""
 
-CAMERA_Z = 3.9
-LIGHT_RADIANCE = [18.387, 13.9873, 6.75357]
-FLASH_INTENSITY = [8.0, 8.0, 8.0]
+CORNELL_VIEW = [0, 0, 3.9], [0, 0, 0], 39.3077
+"""Origin, target and field of view of the Cornell box's camera."""
 
-X, Y, UNIT = [1, 0, 0], [0, 1, 0], [1, 1, 1]
-LARGE_BOX = [0.3, 0.61, 0.3]
-
-
-# ---------------------------------------------------------------------- parts of Cornell box
-
-
-def _light(kind: str) -> Dict:
-    if kind == "flash":
-        position = [0, 0, CAMERA_Z]
-        return {"type": "point", "position": position, "intensity": rgb(FLASH_INTENSITY)}
-    panel = shape("rectangle", place([0, 0.99, 0.01], X, 90, [0.23, 0.19, 0.19]), "white")
-    return panel | {"emitter": area_light(LIGHT_RADIANCE)}
+UNIT = [1, 1, 1]
 
 
 def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) -> Dict:
     checks.one_of("light", light, START_OPL)
-    depth = checks.depth("max_depth", max_depth)
+    if light == "flash":
+        lamp = {
+            "type": "point",
+            "position": CORNELL_VIEW[0].copy(),
+            "intensity": rgb([8.0, 8.0, 8.0]),
+        }
+    else:
+        panel = shape("rectangle", pose([0, 0.99, 0.01], X, 90, [0.23, 0.19, 0.19]), "white")
+        lamp = panel | {"emitter": area_light([18.387, 13.9873, 6.75357])}
+    small, large = [0.3, 0.3, 0.3], [0.3, 0.61, 0.3]
     return {
         "type": "scene",
-        "integrator": {"type": integrator, "max_depth": depth},
-        "sensor": camera([0, 0, CAMERA_Z], [0, 0, 0], 39.3077, film, spp),
+        "integrator": {"type": integrator, "max_depth": checks.depth("max_depth", max_depth)},
+        "sensor": camera(*CORNELL_VIEW, film, spp),
         **{name: diffuse(reflectance) for name, reflectance in CORNELL.items()},
-        "light": _light(light),
-        "floor": shape("rectangle", place([0, -1, 0], X, -90, UNIT), "white"),
-        "ceiling": shape("rectangle", place([0, 1, 0], X, 90, UNIT), "white"),
-        "back": shape("rectangle", place([0, 0, -1], Y, 0, UNIT), "white"),
-        "green-wall": shape("rectangle", place([1, 0, 0], Y, -90, UNIT), "green"),
-        "red-wall": shape("rectangle", place([-1, 0, 0], Y, 90, UNIT), "red"),
-        "small-box": shape("cube", place([0.335, -0.7, 0.38], Y, -17, [0.3, 0.3, 0.3]), "white"),
-        "large-box": shape("cube", place([-0.33, -0.4, -0.28], Y, 18.25, LARGE_BOX), "white"),
+        "light": lamp,
+        "floor": shape("rectangle", pose([0, -1, 0], X, -90, UNIT), "white"),
+        "ceiling": shape("rectangle", pose([0, 1, 0], X, 90, UNIT), "white"),
+        "back": shape("rectangle", pose([0, 0, -1], Y, 0, UNIT), "white"),
+        "green-wall": shape("rectangle", pose([1, 0, 0], Y, -90, UNIT), "green"),
+        "red-wall": shape("rectangle", pose([-1, 0, 0], Y, 90, UNIT), "red"),
+        "small-box": shape("cube", pose([0.335, -0.7, 0.38], Y, -17, small), "white"),
+        "large-box": shape("cube", pose([-0.33, -0.4, -0.28], Y, 18.25, large), "white"),
     }
-
-
-# ------------------------------------------------------------------------------- Cornell box
 
 
 def cornell_box(
@@ -113,12 +109,7 @@ def cornell_box(
 
 
 def cornell_box_steady_state(
-    *,
-    width: int = 256,
-    height: int = 256,
-    spp: int = 256,
-    max_depth: int = 8,
-    light: str = "area",
+    *, width: int = 256, height: int = 256, spp: int = 256, max_depth: int = 8, light: str = "area"
 ) -> Dict:
     """The Cornell box for Mitsuba's own `path` integrator, without time.
 
@@ -161,12 +152,8 @@ def cornell_box_glass(**options: Any) -> Dict:
     """
     scene = cornell_box(**options)
     del scene["small-box"]
-    scene["glass-sphere"] = {
-        "type": "sphere",
-        "center": [0.335, -0.65, 0.38],
-        "radius": 0.35,
-        "bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0},
-    }
+    glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    scene["glass-sphere"] = sphere([0.335, -0.65, 0.38], 0.35, "") | {"bsdf": glass}
     return scene
 
 
@@ -186,8 +173,6 @@ def cornell_box_flash(**options: Any) -> Dict:
     return cornell_box(light="flash", **options)
 
 
-# --------------------------------------------------------------------------------- small box
-
 SPHERES = {
     "diffuse": (diffuse([0.7, 0.7, 0.7]), diffuse([0.7, 0.7, 0.7])),
     "mirror_glass": (
@@ -198,24 +183,12 @@ SPHERES = {
 """Materials of the left and the right sphere of `small_box`."""
 
 
-def small_box(
-    *,
-    width: int = 256,
-    height: int = 256,
-    spp: int = 64,
-    integrator: str = "path_tracer_mis",
-    max_bounces: int = 8,
-    spheres: str = "diffuse",
-) -> Dict:
+def small_box(*, spheres: str = "diffuse", **options: Unpack[SteadyOptions]) -> Dict:
     """A small box with two spheres in it, much of whose light is indirect.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        spp: Samples per pixel.
-        integrator: "path_tracer_mats", "path_tracer_nee", "path_tracer_mis" or Mitsuba's "path".
-        max_bounces: Most reflections between light and camera, from 0, or -1 for no limit.
         spheres: "diffuse", or "mirror_glass" for a mirror on the left and glass on the right.
+        **options: As for `veach`; by default `width` and `height` are 256, `max_bounces` is 8.
 
     Returns:
         A dict for `mi.load_dict` with film `hdrfilm`.
@@ -229,23 +202,21 @@ def small_box(
     """
     checks.one_of("spheres", spheres, SPHERES)
     left, right = deepcopy(SPHERES[spheres])
-    return {
-        "type": "scene",
-        "integrator": path_tracer(integrator, max_bounces),
-        "sensor": camera([0, 0.5, 2.75], [0, 0.5, 0], 27, steady_film(width, height), spp),
+    view = [0, 0.5, 2.75], [0, 0.5, 0], 27
+    return steady_scene(*view, options, height=256, max_bounces=8) | {
         "black": diffuse([0, 0, 0]),
         "white": diffuse([0.75, 0.75, 0.75]),
         "orange": diffuse([0.75, 0.3, 0.08]),
         "blue": diffuse([0.1, 0.25, 0.65]),
         "left-material": left,
         "right-material": right,
-        "floor": shape("rectangle", place([0, 0, 0], X, -90, [0.6, 0.6, 1]), "white"),
-        "ceiling": shape("rectangle", place([0, 1, 0], X, 90, [0.6, 0.6, 1]), "white"),
-        "back": shape("rectangle", place([0, 0.5, -0.6], X, 0, [0.6, 0.5, 1]), "white"),
-        "orange-wall": shape("rectangle", place([-0.6, 0.5, 0], Y, 90, [0.6, 0.5, 1]), "orange"),
-        "blue-wall": shape("rectangle", place([0.6, 0.5, 0], Y, -90, [0.6, 0.5, 1]), "blue"),
+        "floor": shape("rectangle", pose([0, 0, 0], X, -90, [0.6, 0.6, 1]), "white"),
+        "ceiling": shape("rectangle", pose([0, 1, 0], X, 90, [0.6, 0.6, 1]), "white"),
+        "back": shape("rectangle", pose([0, 0.5, -0.6], X, 0, [0.6, 0.5, 1]), "white"),
+        "orange-wall": shape("rectangle", pose([-0.6, 0.5, 0], Y, 90, [0.6, 0.5, 1]), "orange"),
+        "blue-wall": shape("rectangle", pose([0.6, 0.5, 0], Y, -90, [0.6, 0.5, 1]), "blue"),
         "left-sphere": sphere([-0.25, 0.22, -0.2], 0.22, "left-material"),
         "right-sphere": sphere([0.26, 0.2, 0.2], 0.2, "right-material"),
-        "light": shape("rectangle", place([0, 0.995, 0.1], X, 90, [0.15, 0.15, 1]), "black")
+        "light": shape("rectangle", pose([0, 0.995, 0.1], X, 90, [0.15, 0.15, 1]), "black")
         | {"emitter": area_light([16.0, 14.0, 11.0])},
     }

@@ -1,4 +1,4 @@
-"""A sitting rabbit: ellipsoids that melt into each other, turned into one closed mesh.
+"""A sitting rabbit: smoothly blended ellipsoids as one closed mesh.
 
 Each part is an ellipsoid with an approximate signed distance d. Their smooth union is the surface
 
@@ -37,7 +37,7 @@ PARTS = np.array(
 )
 
 K = 0.018
-"""How far parts melt into each other [m]."""
+"""Width of the blend between parts [m]."""
 
 CELL = 0.0135
 """Width of a grid cell [m]."""
@@ -53,28 +53,23 @@ def bunny() -> tuple[Array, NDArray[np.int64], Array]:
         vertices: Positions [m], shape (v, 3).
         faces: Indices of each triangle's corners, counter-clockwise from outside, shape (f, 3).
         normals: Unit normals of the smooth surface at the vertices, outwards, shape (v, 3).
-
-    Example:
-        >>> vertices, faces, normals = bunny()
-        >>> bool(5000 < len(faces) < 20000)
-        True
     """
     low, high = np.array([-0.48, -0.04, -0.24]), np.array([0.42, 0.92, 0.24])
     axes = [np.arange(a, b, CELL) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     vertices, quads = _surface_net(_distance(grid), low)
     for _ in range(4):
-        vertices = _onto_surface(_relaxed(vertices, quads))
+        vertices = _onto_surface(_smoothed(vertices, quads))
     normals = _gradient(vertices)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    faces = _halves(vertices, quads)
+    faces = _triangles(vertices, quads)
     vertices = vertices - [0, vertices[:, 1].min(), 0]
     for array in (vertices, faces, normals):
         array.flags.writeable = False
     return vertices, faces, normals
 
 
-def _relaxed(vertices: Array, quads: NDArray[np.int64]) -> Array:
+def _smoothed(vertices: Array, quads: NDArray[np.int64]) -> Array:
     """Each vertex in the middle of its neighbours, so that no triangle is a sliver."""
     total, count = np.zeros_like(vertices), np.zeros(len(vertices))
     for k in range(4):
@@ -95,7 +90,7 @@ def _distance(points: Array) -> Array:
     """Approximate signed distance to the surface [m], of points (..., 3)."""
     total = np.zeros(points.shape[:-1])
     for *center, a, b, c, lean, spread in PARTS:
-        axes = _turn(lean, spread)
+        axes = _axes(lean, spread)
         for side in (1, -1) if center[2] else (1,):
             p = (points - center) if side > 0 else (points * [1, 1, -1] - center)
             p = p @ axes / (a, b, c)  # in the ellipsoid's own frame, where it is a unit sphere
@@ -106,8 +101,8 @@ def _distance(points: Array) -> Array:
     return -K * np.log(np.maximum(total, 1e-300))
 
 
-def _turn(lean: float, spread: float) -> Array:
-    """Axes of a part in the columns: turned about x by `spread`, then about z by `lean`."""
+def _axes(lean: float, spread: float) -> Array:
+    """Axes of a part in the columns: rotated about x by `spread`, then about z by `lean`."""
     (s, c), (t, u) = ((np.sin(a), np.cos(a)) for a in np.deg2rad([lean, spread]))
     about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     about_x = np.array([[1, 0, 0], [0, u, -t], [0, t, u]])
@@ -162,7 +157,7 @@ def _surface_net(values: Array, low: Array) -> tuple[Array, NDArray[np.int64]]:
     return vertices, renumber[np.concatenate(quads)]
 
 
-def _halves(vertices: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
+def _triangles(vertices: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
     """Cut each quad along its shorter diagonal."""
     a, b, c, d = quads.T
     shorter = np.linalg.norm(vertices[a] - vertices[c], axis=1) <= np.linalg.norm(

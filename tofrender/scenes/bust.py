@@ -74,7 +74,7 @@ FEATURES = np.array(
 )
 
 TURN = np.deg2rad(18.0)
-"""How far the head is turned to its left."""
+"""Rotation of the head to its left [rad]."""
 
 
 def bust() -> tuple[Array, NDArray[np.int64], Array]:
@@ -84,16 +84,11 @@ def bust() -> tuple[Array, NDArray[np.int64], Array]:
         vertices: Positions [m], shape (v, 3).
         faces: Indices of each triangle's corners, counter-clockwise from outside, shape (f, 3).
         normals: Unit normals of the smooth surface at the vertices, outwards, shape (v, 3).
-
-    Example:
-        >>> vertices, faces, normals = bust()
-        >>> vertices.shape, faces.shape
-        ((9602, 3), (19200, 3))
     """
     height, azimuth = _rows(), _azimuths()
     grid = _features(_body(height, azimuth))
     poles = grid[[0, -1]].mean(axis=1)
-    vertices = _turn(np.concatenate([grid.reshape(-1, 3), poles]))
+    vertices = _rotate_head(np.concatenate([grid.reshape(-1, 3), poles]))
     faces = _faces()
     return vertices, faces, _normals(vertices, faces)
 
@@ -180,7 +175,7 @@ def _step(value: Array, low: float, high: float) -> Array:
     return t * t * (3 - 2 * t)
 
 
-def _turn(vertices: Array) -> Array:
+def _rotate_head(vertices: Array) -> Array:
     """Turn the head to its left, ever more from the base of the neck up."""
     x, y, z = vertices.T
     angle = TURN * _step(y, 0.32, 0.44)

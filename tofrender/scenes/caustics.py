@@ -7,41 +7,33 @@ through glass, out of the fixture and through the hole. Metres, y up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Unpack
 
 from ..runtime import checks
-from .boxes import cornell_box
-from .parts import Dict, ball_light, camera, diffuse, place, shape, sphere, transient_film
-from .settings import INTEGRATORS
+from .boxes import CORNELL_VIEW, cornell_box
+from .parts import (
+    LAMP_COLOUR,
+    Dict,
+    TransientOptions,
+    X,
+    Y,
+    ball_light,
+    cylinder,
+    diffuse,
+    pose,
+    shape,
+    sphere,
+    transient_scene,
+)
 
-X, Y = [1, 0, 0], [0, 1, 0]
-
-WITH_DEPTH = tuple(name for name in INTEGRATORS if name != "ao")
-"""Integrators of these scenes: those that have a `max_depth`."""
-
-LAMP_COLOUR = [1.22, 1.02, 0.76]  # its mean is 1
 MAX_LAMP_RADIUS = 0.2  # [m], with which the lamp still touches nothing
 
 HOLE_CENTER = (-1.22, 1.2, -0.45)  # in the middle of the wall
 MAX_HOLE_WIDTH = 0.5  # [m]
 
 
-# ------------------------------------------------------------------------------ Cornell boxes
-
-
-def caustic(
-    *,
-    width: int = 256,
-    height: int = 256,
-    temporal_bins: int = 300,
-    start_opl: float = 4.2,
-    bin_width_opl: float = 0.02,
-    spp: int = 256,
-    max_depth: int = 10,
-    integrator: str = "transient_path",
-    lamp_radius: float = 0.025,
-) -> Dict:
+def caustic(*, lamp_radius: float = 0.025, **options: Unpack[TransientOptions]) -> Dict:
     """A glass sphere focuses a small lamp's light in the Cornell box.
 
     The light is a bright ring on the floor, in the shadow. Connections from there to the lamp end
@@ -49,16 +41,12 @@ def caustic(
     lamp's power is the same for any `lamp_radius`, so the picture hardly depends on it.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        temporal_bins: Number of time bins, 1 to 1048576.
-        start_opl: Start of the first bin, an optical path length [m]. The default is a little
-            before the first light arrives, whatever the lamp's radius.
-        bin_width_opl: Width of a bin [m], above 0.
-        spp: Samples per pixel.
-        max_depth: Longest path in segments, camera's included; each surface of glass is one more.
-        integrator: An integrator in time that has a `max_depth`, e.g. "path_tracer_nee".
         lamp_radius: Radius of the lamp [m], above 0 and at most 0.2.
+        **options: `width` and `height` [pixels], from 1 to 65536, by default 256; `temporal_bins`
+            from 1 to 1048576 (300); `start_opl` [m] (4.2, a little before the first light
+            arrives); `bin_width_opl` [m] above 0 (0.02); `spp` (256); `max_depth` in segments, the
+            camera's included, -1 for no limit (10; each surface of glass is one more);
+            `integrator`, one in time that has a `max_depth` ("transient_path").
 
     Returns:
         A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
@@ -72,42 +60,28 @@ def caustic(
         >>> scene["glass-sphere"]["radius"], scene["light"]["radius"]
         (0.4, 0.1)
     """
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
-    return _empty_box(film, spp, _integrator(integrator, max_depth)) | {
+    return _empty_box(options, start_opl=4.2) | {
         "glass-sphere": sphere([-0.25, -0.56, -0.1], 0.4, "glass"),
         "light": _lamp([-0.7, 0.0, -0.45], lamp_radius),
     }
 
 
-def mirror_and_glass(
-    *,
-    width: int = 256,
-    height: int = 256,
-    temporal_bins: int = 300,
-    start_opl: float = 3.35,
-    bin_width_opl: float = 0.02,
-    spp: int = 256,
-    max_depth: int = 10,
-    integrator: str = "transient_path",
-    lamp_radius: float = 0.025,
-) -> Dict:
+def mirror_and_glass(*, lamp_radius: float = 0.025, **options: Unpack[TransientOptions]) -> Dict:
     """The Cornell box with a mirror block, a glass sphere and a small lamp.
 
     The sphere focuses the lamp's light on the floor, and a second time that of the lamp's image in
     the block, which arrives later.
 
-    Args and errors are those of `caustic`.
-
-    Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`.
+    Args:
+        lamp_radius: Radius of the lamp [m], above 0 and at most 0.2.
+        **options: As for `caustic`; by default `start_opl` is 3.35.
 
     Example:
         >>> mirror_and_glass()["mirror"]["type"]
         'conductor'
     """
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
-    block = place([-0.42, -0.3, -0.4], Y, 40, [0.3, 0.71, 0.3])
-    return _empty_box(film, spp, _integrator(integrator, max_depth)) | {
+    block = pose([-0.42, -0.3, -0.4], Y, 40, [0.3, 0.71, 0.3])
+    return _empty_box(options, start_opl=3.35) | {
         "mirror": {"type": "conductor", "material": "none"},
         "mirror-block": shape("cube", block, "mirror"),
         "glass-sphere": sphere([0.42, -0.58, 0.1], 0.37, "glass"),
@@ -115,14 +89,14 @@ def mirror_and_glass(
     }
 
 
-def _empty_box(film: Dict, spp: int, integrator: Dict) -> Dict:
-    """The Cornell box without what is in it, and a material `glass`."""
-    scene = cornell_box(spp=spp)
+def _empty_box(options: Mapping[str, Any], start_opl: float) -> Dict:
+    """The Cornell box without what is in it, and materials `black` and `glass`."""
+    scene = cornell_box()
+    scene |= transient_scene(*CORNELL_VIEW, options, start_opl=start_opl, max_depth=10)
     for name in ("light", "small-box", "large-box"):
         del scene[name]
-    scene["sensor"]["film"] = film
     glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
-    return scene | {"integrator": integrator, "black": diffuse([0, 0, 0]), "glass": glass}
+    return scene | {"black": diffuse([0, 0, 0]), "glass": glass}
 
 
 def _lamp(center: Sequence[float], radius: float) -> Dict:
@@ -130,59 +104,24 @@ def _lamp(center: Sequence[float], radius: float) -> Dict:
     return ball_light(center, checks.number("lamp_radius", radius, **limits), 11.0, LAMP_COLOUR)
 
 
-def _integrator(integrator: str, max_depth: int) -> Dict:
-    kind = checks.one_of("integrator", integrator, WITH_DEPTH)
-    return {"type": kind, "max_depth": checks.depth("max_depth", max_depth)}
-
-
-# -------------------------------------------------------------------------------------- rooms
-
-
-def lamp_in_fixture(
-    *,
-    width: int = 256,
-    height: int = 256,
-    temporal_bins: int = 300,
-    start_opl: float = 3.9,
-    bin_width_opl: float = 0.04,
-    spp: int = 256,
-    max_depth: int = 8,
-    integrator: str = "transient_path",
-) -> Dict:
+def lamp_in_fixture(**options: Unpack[TransientOptions]) -> Dict:
     """A closed room lit by a lamp in a housing that is open at the top.
 
     The lamp lights the ceiling and the top of two walls, and these light all that is below, from
     where connections to the lamp end at the housing.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        temporal_bins: Number of time bins, 1 to 1048576.
-        start_opl: Start of the first bin, an optical path length [m]. The default is a little
-            before the first light arrives.
-        bin_width_opl: Width of a bin [m], above 0.
-        spp: Samples per pixel.
-        max_depth: Longest path in segments, camera's included.
-        integrator: An integrator in time that has a `max_depth`, e.g. "path_tracer_nee".
-
-    Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
-        cuda_* variant.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        **options: As for `caustic`; by default `start_opl` is 3.9, `bin_width_opl` 0.04 and
+            `max_depth` 8.
 
     Example:
         >>> scene = lamp_in_fixture(width=64, height=64)
         >>> scene["light"]["center"][1] < scene["housing"]["p1"][1]
         True
     """
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
     x, z = -1.05, -1.15
-    return {
-        "type": "scene",
-        "integrator": _integrator(integrator, max_depth),
-        "sensor": camera([0.25, 1.25, 1.9], [-0.05, 1.12, -2], 62, film, spp),
+    view = [0.25, 1.25, 1.9], [-0.05, 1.12, -2], 62
+    return transient_scene(*view, options, start_opl=3.9, bin_width_opl=0.04, max_depth=8) | {
         "black": diffuse([0, 0, 0]),
         "white": diffuse([0.8, 0.78, 0.74]),
         "wood": diffuse([0.5, 0.36, 0.24]),
@@ -190,59 +129,35 @@ def lamp_in_fixture(
         "blue": diffuse([0.2, 0.36, 0.45]),
         "enamel": {"type": "twosided", "bsdf": diffuse([0.7, 0.7, 0.7])},
         **_room([-2, 0, -2], [2, 2.5, 2], floor="wood", left="blue", right="white"),
-        "housing": _tube(x, z, [1.45, 1.65], 0.16, "enamel"),
+        "housing": cylinder(x, z, [1.45, 1.65], 0.16, "enamel"),
         # a millimetre wider than the tube, so that they leave no gap
-        "housing-bottom": shape("disk", place([x, 1.47, z], X, -90, [0.161, 0.161, 1]), "enamel"),
-        "stem": _tube(x, z, [0.02, 1.47], 0.015, "enamel"),
-        "foot": shape("cube", place([x, 0.01, z], Y, 20, [0.14, 0.02, 0.14]), "enamel"),
+        "housing-bottom": shape("disk", pose([x, 1.47, z], X, -90, [0.161, 0.161, 1]), "enamel"),
+        "stem": cylinder(x, z, [0.02, 1.47], 0.015, "enamel"),
+        "foot": shape("cube", pose([x, 0.01, z], Y, 20, [0.14, 0.02, 0.14]), "enamel"),
         "light": ball_light([x, 1.54, z], 0.03, 60.0, LAMP_COLOUR),
-        "table": shape("cube", place([0.45, 0.22, -0.75], Y, 12, [0.5, 0.23, 0.35]), "white"),
+        "table": shape("cube", pose([0.45, 0.22, -0.75], Y, 12, [0.5, 0.23, 0.35]), "white"),
         "ball": sphere([0.4, 0.67, -0.75], 0.22, "orange"),
     }
 
 
-def light_through_hole(
-    *,
-    width: int = 256,
-    height: int = 256,
-    temporal_bins: int = 300,
-    start_opl: float = 3.6,
-    bin_width_opl: float = 0.03,
-    spp: int = 256,
-    max_depth: int = 8,
-    integrator: str = "transient_path",
-    hole_width: float = 0.2,
-) -> Dict:
+def light_through_hole(*, hole_width: float = 0.2, **options: Unpack[TransientOptions]) -> Dict:
     """A dark room, lit through a small hole in the wall to the next room.
 
     The lamp is in the next room. Through the hole it lights a patch of the floor; all other light
     in the room comes from there, or from the walls of the next room.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        temporal_bins: Number of time bins, 1 to 1048576.
-        start_opl: Start of the first bin, an optical path length [m]. The default is a little
-            before the first light arrives.
-        bin_width_opl: Width of a bin [m], above 0.
-        spp: Samples per pixel.
-        max_depth: Longest path in segments, camera's included.
-        integrator: As for `caustic`.
         hole_width: Width and height of the hole [m], above 0 and at most 0.5.
-
-    Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`.
+        **options: As for `caustic`; by default `start_opl` is 3.6, `bin_width_opl` 0.03 and
+            `max_depth` 8.
 
     Example:
         >>> scene = light_through_hole(hole_width=0.1)
         >>> scene["light"]["center"][0] < HOLE_CENTER[0]
         True
     """
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
-    return {
-        "type": "scene",
-        "integrator": _integrator(integrator, max_depth),
-        "sensor": camera([0.25, 1.0, 2.2], [-0.1, 0.85, -1], 55, film, spp),
+    view = [0.25, 1.0, 2.2], [-0.1, 0.85, -1], 55
+    return transient_scene(*view, options, start_opl=3.6, bin_width_opl=0.03, max_depth=8) | {
         "black": diffuse([0, 0, 0]),
         "white": diffuse([0.8, 0.78, 0.74]),
         "orange": diffuse([0.75, 0.3, 0.08]),
@@ -250,7 +165,7 @@ def light_through_hole(
         **_room([-2.2, 0, -1], [1.2, 2, 2.3], floor="white", left="white", right="orange"),
         **_wall_with_hole(hole_width),
         "light": ball_light([-1.65, 1.7, -0.6], 0.03, 600.0, LAMP_COLOUR),
-        "block": shape("cube", place([0.35, 0.29, -0.3], Y, 25, [0.28, 0.3, 0.28]), "blue"),
+        "block": shape("cube", pose([0.35, 0.29, -0.3], Y, 25, [0.28, 0.3, 0.28]), "blue"),
     }
 
 
@@ -261,23 +176,12 @@ def _room(
     x, y, z = ((least + most) / 2 for least, most in zip(low, high, strict=True))
     a, b, c = ((most - least) / 2 for least, most in zip(low, high, strict=True))
     return {
-        "floor": shape("rectangle", place([x, low[1], z], X, -90, [a, c, 1]), floor),
-        "ceiling": shape("rectangle", place([x, high[1], z], X, 90, [a, c, 1]), "white"),
-        "back": shape("rectangle", place([x, y, low[2]], X, 0, [a, b, 1]), "white"),
-        "front": shape("rectangle", place([x, y, high[2]], X, 180, [a, b, 1]), "white"),
-        "left": shape("rectangle", place([low[0], y, z], Y, 90, [c, b, 1]), left),
-        "right": shape("rectangle", place([high[0], y, z], Y, -90, [c, b, 1]), right),
-    }
-
-
-def _tube(x: float, z: float, ys: Sequence[float], radius: float, bsdf: str) -> Dict:
-    """A cylinder without ends, upright [m]."""
-    return {
-        "type": "cylinder",
-        "p0": [x, ys[0], z],
-        "p1": [x, ys[1], z],
-        "radius": radius,
-        "bsdf": {"type": "ref", "id": bsdf},
+        "floor": shape("rectangle", pose([x, low[1], z], X, -90, [a, c, 1]), floor),
+        "ceiling": shape("rectangle", pose([x, high[1], z], X, 90, [a, c, 1]), "white"),
+        "back": shape("rectangle", pose([x, y, low[2]], X, 0, [a, b, 1]), "white"),
+        "front": shape("rectangle", pose([x, y, high[2]], X, 180, [a, b, 1]), "white"),
+        "left": shape("rectangle", pose([low[0], y, z], Y, 90, [c, b, 1]), left),
+        "right": shape("rectangle", pose([high[0], y, z], Y, -90, [c, b, 1]), right),
     }
 
 
@@ -290,7 +194,7 @@ def _wall_with_hole(width: float) -> Dict:
 
     def block(low: float, high: float, near: float, far: float) -> Dict:
         center = [x, (low + high) / 2, (near + far) / 2]
-        to_world = place(center, Y, 0, [0.02, (high - low) / 2, (far - near) / 2])
+        to_world = pose(center, Y, 0, [0.02, (high - low) / 2, (far - near) / 2])
         return shape("cube", to_world, "white")
 
     return {

@@ -1,4 +1,4 @@
-"""What a loaded scene must not have: light that nobody follows, and numbers that are none."""
+"""Refuse loaded scenes that cannot be rendered right: unsupported features, unsound numbers."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ import numpy as np
 
 from ..runtime import checks
 from .media import require_sound_media
-from .numbers import finite, first_wrong, floats_of, is_transform
+from .numbers import floats_of, is_spectral_coefficients, is_transform, require_all
 
 LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_scale|data)(\.\w+)?")
-"""Parameters of emitters that say how bright they are."""
+"""Parameters of emitters that their radiance is proportional to."""
 
 SINGULAR = 1e-12
-"""Volume of a unit cube after a transform, over that of its edges', where there is no inverse."""
+"""Largest determinant, over the product of the edges' lengths, of a transform without inverse."""
 
 INVERSE = 1e-4
-"""Largest error of a transform's product with its inverse, over what rounding acts on."""
+"""Largest error of a transform's product with its inverse, over the magnitudes in it."""
 
 GAP = 1500 * 2.0**-24
-"""How far off a surface rays start, over 1 m and the largest coordinate (Mitsuba's RayEpsilon)."""
+"""Offset of rays from surfaces, over 1 m and the largest coordinate (Mitsuba's RayEpsilon)."""
 
 EXTENT = 0.03
 """Least diagonal of a scene, over 1 m and the largest coordinate: light and lengths are then right
@@ -41,20 +41,10 @@ def check_scene(
     media: bool = False,
     polarisation: bool = False,
 ) -> None:
-    """Refuse a scene whose picture would be wrong or black without a word.
+    """Refuse a scene whose picture would be silently wrong or black.
 
-    The sensor is the one that looks at it; None stands for all of the scene's. `media` says that
-    participating media are followed, `polarisation` that polarised light is.
-
-    Raises:
-        ValueError: As `require_modelled`, `require_sound`, `require_extent` and
-            `require_sound_media`; one line that names the object.
-
-    Example:
-        >>> lamp = {"type": "point", "intensity": {"type": "rgb", "value": [1, -2, 1]}}
-        >>> check_scene(mi.load_dict({"type": "scene", "lamp": lamp}))
-        Traceback (most recent call last):
-        ValueError: lamp.intensity.value = [1, -2, 1]: must be 0 or more, light cannot be negative
+    None stands for all of the scene's sensors. `media` and `polarisation` tell whether the
+    integrator supports them.
     """
     require_modelled(scene, sensor, media=media, polarisation=polarisation)
     require_sound(scene, sensor)
@@ -66,11 +56,7 @@ def check_scene(
 def check_view(
     scene: mi.Scene, sensor: mi.Sensor, *, media: bool = False, polarisation: bool = False
 ) -> None:
-    """`check_scene` for a sensor that must be one.
-
-    Raises:
-        ValueError: As `check_scene`, or it is no sensor; one line.
-    """
+    """`check_scene` for a sensor that must be one."""
     check_scene(scene, sensor, media=media, polarisation=polarisation)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
@@ -82,12 +68,7 @@ def require_modelled(
     media: bool = False,
     polarisation: bool = False,
 ) -> None:
-    """Refuse what changes the light and is not followed: polarisation and media unless they are.
-
-    Raises:
-        ValueError: The scene is one of another variant, the variant is polarised, or a shape,
-            an emitter or the sensor is in a medium; one line.
-    """
+    """Refuse another variant, and polarisation and media that the integrator does not support."""
     active = mi.variant() or "none"
     if not hasattr(scene, "variant_name"):
         allowed = f"a loaded scene of the active variant {active}"
@@ -107,20 +88,17 @@ def require_modelled(
     if media:
         return
     cameras = scene.sensors() if sensor is None else [sensor]
-    for node in mi.traverse(scene).hierarchy:
-        if isinstance(node, mi.Shape):
-            _refuse_medium(node, "interior_medium", node.interior_medium())
-            _refuse_medium(node, "exterior_medium", node.exterior_medium())
-    for endpoint in [*scene.emitters(), *cameras]:
-        _refuse_medium(endpoint, "medium", endpoint.get_medium())
-
-
-def _refuse_medium(owner: Any, what: str, medium: Any) -> None:
-    if medium is not None:
-        raise ValueError(
-            f"{owner.id() or owner.class_name()}.{what} = {medium.class_name()}: must be left out; "
-            "participating media are not followed"
-        )
+    shapes = [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.Shape)]
+    found = [(s, f"{side}_medium") for s in shapes for side in ("interior", "exterior")]
+    found += [(endpoint, "get_medium") for endpoint in [*scene.emitters(), *cameras]]
+    for owner, name in found:
+        medium = getattr(owner, name)()
+        if medium is not None:
+            parameter = f"{owner.id() or owner.class_name()}.{name.removeprefix('get_')}"
+            raise ValueError(
+                f"{parameter} = {medium.class_name()}: must be left out; participating media are "
+                "not followed"
+            )
 
 
 def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
@@ -128,9 +106,6 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
 
     Looks at each number once: a millisecond or two, and as long again for a million vertices. The
     sensor need not be the scene's.
-
-    Raises:
-        ValueError: One line with the object, its parameter and the value.
     """
     sources = [mi.traverse(scene)]
     if sensor is not None and sensor not in sources[0].hierarchy:
@@ -139,20 +114,32 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     numbers = {name: list(floats_of(value)) for name, value in values.items()}
     dr.eval(numbers)
     for name, leaves in numbers.items():
-        arrays = [np.asarray(leaf) for leaf in leaves]
-        if not all(finite(each) for each in arrays) and not _may_be_infinite(values[name], arrays):
-            called = _called(name, scene)
-            raise ValueError(f"{first_wrong(called, arrays, np.isfinite)}: must be finite numbers")
-        if is_transform(values[name]) and len(arrays) == 16:
-            _require_inverse(_called(name, scene), values[name])
+        value = values[name]
+        if not all(map(_is_finite, leaves)):
+            # Coefficients of the spectra of black and white are infinite
+            coefficients = is_spectral_coefficients(value)
+            good: Any = (lambda x: ~np.isnan(x)) if coefficients else np.isfinite
+            require_all(_qualified(name, scene), value, good, "finite numbers")
+        if is_transform(value) and len(leaves) == 16:
+            require_inverse(_qualified(name, scene), value)
     for emitter in scene.emitters():
         _require_positive(emitter)
     for shape in scene.shapes():
-        _require_extent(shape)
+        box: Any = shape.bbox()
+        if shape.is_mesh() and np.all(np.ravel(box.max) == np.ravel(box.min)):
+            raise ValueError(
+                f"{shape.id() or shape.class_name()}.vertex_positions: are all in one point; "
+                "must span a surface"
+            )
 
 
-def _called(name: str, scene: mi.Scene) -> str:
-    """A parameter's name; of an object without an id, the object's class and which one it is."""
+def _is_finite(leaf: Any) -> bool:
+    array = np.asarray(leaf)  # NaN is passed on by both
+    return array.size == 0 or bool(np.isfinite([array.min(), array.max()]).all())
+
+
+def _qualified(name: str, scene: mi.Scene) -> str:
+    """Name of a parameter; objects without an id are named by their class and a number."""
     address = re.match(r"object_(\d+)(?=\.)", name)
     if address is None:
         return name
@@ -164,13 +151,21 @@ def _called(name: str, scene: mi.Scene) -> str:
     return name
 
 
+def _require_positive(emitter: mi.Emitter) -> None:
+    shape = emitter.get_shape()
+    owner = (emitter if shape is None else shape).id() or emitter.class_name()
+    parameters = mi.traverse(emitter)
+    for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
+        value = parameters[name]
+        if LIGHT.fullmatch(name) and not (is_transform(value) or is_spectral_coefficients(value)):
+            allowed = "0 or more, light cannot be negative"
+            require_all(f"{owner}.{name}", value, lambda x: x >= 0, allowed)
+
+
 def require_extent(scene: mi.Scene) -> None:
     """Refuse a scene that is so small, or so far from the origin, that gaps beside rays show.
 
     Mitsuba starts rays off surfaces by 9e-5 (1 m + the largest coordinate), however small all is.
-
-    Raises:
-        ValueError: One line with the extent and what is allowed.
     """
     box: Any = scene.bbox()
     low, high = np.ravel(box.min).astype(float), np.ravel(box.max).astype(float)
@@ -186,65 +181,22 @@ def require_extent(scene: mi.Scene) -> None:
         )
 
 
-def _may_be_infinite(value: Any, arrays: list[np.ndarray]) -> bool:
-    """Whether these are coefficients of a colour's spectrum; those of black and white are."""
-    coefficients = mi.is_spectral and isinstance(value, mi.Color3f)
-    return bool(coefficients and not np.isnan(arrays).any())
+def require_inverse(name: str, transform: Any, *, flat: bool = False) -> None:
+    """Refuse a transform with a wrong inverse (a rotation about a long axis), or none unless flat.
 
-
-def _require_inverse(name: str, transform: Any) -> None:
-    matrix = np.array(transform.matrix, dtype=float).reshape(4, 4)
-    edges = np.linalg.norm(matrix[:3, :3], axis=0)
-    if not abs(np.linalg.det(matrix[:3, :3])) > SINGULAR * math.prod(edges):
-        shown = np.round(matrix, 6).tolist()
-        raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
-    require_right_inverse(name, transform)
-
-
-def require_right_inverse(name: str, transform: Any) -> None:
-    """Refuse a transform that keeps a wrong inverse, as a rotation about a long axis does.
-
-    Raises:
-        ValueError: One line with its name and its matrix.
+    Transforms of meshes may be flat: they are applied to the vertices and forgotten.
     """
-    matrix, inverse = (
-        np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3]
-        for each in (transform, transform.inverse())
-    )
+    both = (transform, transform.inverse())
+    matrix, inverse = (np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3] for each in both)
+    shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
+    edges = np.linalg.norm(matrix, axis=0)
+    if not flat and not abs(np.linalg.det(matrix)) > SINGULAR * math.prod(edges):
+        raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
     if not np.isfinite([matrix, inverse]).all():
         return  # Refused elsewhere
     off = np.abs(matrix @ inverse - np.eye(3)).max()
     if off > INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():
-        shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
         raise ValueError(
             f"{name} = {shown}: must be a transform whose inverse is right; rotations need an axis "
             "of length 1"
         )
-
-
-def _require_positive(emitter: mi.Emitter) -> None:
-    """Refuse an emitter that takes light away."""
-    shape = emitter.get_shape()
-    owner = (emitter if shape is None else shape).id() or emitter.class_name()
-    parameters = mi.traverse(emitter)
-    for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
-        value = parameters[name]
-        if not LIGHT.fullmatch(name) or is_transform(value):
-            continue
-        if mi.is_spectral and isinstance(value, mi.Color3f):  # Coefficients, of either sign
-            continue
-        arrays = [np.asarray(leaf) for leaf in floats_of(value)]
-        if any(each.size and each.min() < 0 for each in arrays):
-            shown = first_wrong(f"{owner}.{name}", arrays, lambda x: x >= 0)
-            raise ValueError(f"{shown}: must be 0 or more, light cannot be negative")
-
-
-def _require_extent(shape: mi.Shape) -> None:
-    """Refuse a mesh that is a point, as one is after a scale of 0."""
-    if shape.is_mesh():
-        box: Any = shape.bbox()
-        if np.all(np.ravel(box.max) == np.ravel(box.min)):
-            raise ValueError(
-                f"{shape.id() or shape.class_name()}.vertex_positions: are all in one point; "
-                "must span a surface"
-            )

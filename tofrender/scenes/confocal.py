@@ -14,18 +14,15 @@ material of its own, and no two that could be merged into one shape have the sam
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Unpack
 
-from ..runtime import checks
-from .parts import CORNELL, Dict, camera, diffuse, place, rgb, shape, transient_film
-
-X, Y = [1, 0, 0], [0, 1, 0]
+from .parts import CORNELL, Dict, TransientOptions, X, Y, diffuse, pose, rgb, shape, transient_scene
 
 WALL = {"reflectance": [0.8, 0.8, 0.8], "half_width": 2.0, "z": -2.0}
 """The relay wall of the scenes `wall_box_...` [m]; it faces +z."""
 
 HIDDEN_Z = -0.75
-"""Where the centers of hidden spheres are, in the plane of the occluder's back [m]."""
+"""z of the centers of hidden spheres, in the plane of the occluder's back [m]."""
 
 RED, GREEN = [0.01, 0.0, 0.0], [0.0, 0.05, 0.0]
 
@@ -39,10 +36,7 @@ LETTERS = {
 }
 
 
-# ------------------------------------------------------------------------ hidden behind a box
-
-
-def wall_box_sphere_nlos(**options: Any) -> Dict:
+def wall_box_sphere_nlos(**options: Unpack[TransientOptions]) -> Dict:
     """A sphere before a relay wall, hidden by a box.
 
     The box fills the lower half of the view. It and the sphere, radius 0.25 m, retroreflect. The
@@ -50,9 +44,8 @@ def wall_box_sphere_nlos(**options: Any) -> Dict:
     other half sees the wall.
 
     Args:
-        **options: `width` and `height` [pixels] from 1 to 65536, by default 128; `temporal_bins`
-            from 1 to 1048576 (1000); `start_opl` [m] (0); `bin_width_opl` [m] above 0 (0.01);
-            `spp` (1000); `max_depth` in segments (8).
+        **options: As for `caustic`, without `integrator`; by default `width` and `height` are 128,
+            `temporal_bins` 1000, `start_opl` 0, `bin_width_opl` 0.01, `spp` 1000, `max_depth` 8.
 
     Returns:
         A dict for `mi.load_dict` with integrator `transient_path` and film `transient_hdr_film`.
@@ -66,13 +59,13 @@ def wall_box_sphere_nlos(**options: Any) -> Dict:
         >>> scene["hidden_sphere"]["center"]
         [0.0, -0.75, -0.75]
     """
-    return _before_wall(**options) | {
+    return _before_wall(options) | {
         "occluder": _box([0, -2, -0.5], [2, 2, 0.25]),
         "hidden_sphere": _ball(0.0, -0.75, 0.25, RED),
     }
 
 
-def wall_box_spheres_nlos(**options: Any) -> Dict:
+def wall_box_spheres_nlos(**options: Unpack[TransientOptions]) -> Dict:
     """Three spheres before a relay wall, hidden by a box.
 
     Args:
@@ -82,7 +75,7 @@ def wall_box_spheres_nlos(**options: Any) -> Dict:
         >>> [name for name in wall_box_spheres_nlos() if "hidden" in name]
         ['hidden_sphere_left', 'hidden_sphere_middle', 'hidden_sphere_right']
     """
-    return _before_wall(**options) | {
+    return _before_wall(options) | {
         "occluder": _box([0, -2, -0.5], [2, 2, 0.25]),
         "hidden_sphere_left": _ball(-0.5, -0.75, 0.25, RED),
         "hidden_sphere_middle": _ball(0.0, -0.75, 0.25, RED),
@@ -90,7 +83,7 @@ def wall_box_spheres_nlos(**options: Any) -> Dict:
     }
 
 
-def wall_box_hi_nlos(**options: Any) -> Dict:
+def wall_box_hi_nlos(**options: Unpack[TransientOptions]) -> Dict:
     """Letters H and I, made of spheres, before a relay wall, hidden by a box.
 
     Args:
@@ -100,14 +93,14 @@ def wall_box_hi_nlos(**options: Any) -> Dict:
         >>> len([name for name in wall_box_hi_nlos() if "hidden" in name])
         17
     """
-    scene = _before_wall(**options) | {"occluder": _box([0, -1, -0.5], [2, 1, 0.25])}
+    scene = _before_wall(options) | {"occluder": _box([0, -1, -0.5], [2, 1, 0.25])}
     for letter, (centers, radius) in LETTERS.items():
         for number, (x, y) in enumerate(centers, 1):
             scene[f"hidden_{letter}_{number}"] = _ball(x, y, radius, GREEN)
     return scene
 
 
-def wall_box_behind(**options: Any) -> Dict:
+def wall_box_behind(**options: Unpack[TransientOptions]) -> Dict:
     """A plate behind the camera, which looks at a relay wall.
 
     Nothing is in the way: the camera just looks elsewhere. The plate is 1 m wide, 1 m high, 2 mm
@@ -120,40 +113,27 @@ def wall_box_behind(**options: Any) -> Dict:
         >>> wall_box_behind()["sensor"]["film"]["start_opl"]
         0.5
     """
-    plate = place([0, 0, 0.25], X, 0, [0.5, 0.5, 0.001])
-    return _before_wall(**{"start_opl": 0.5} | options) | {
+    plate = pose([0, 0, 0.25], X, 0, [0.5, 0.5, 0.001])
+    return _before_wall(options, start_opl=0.5) | {
         "hidden_plate": {"type": "cube", "to_world": plate, "bsdf": diffuse([0.5, 0.5, 0.5])}
     }
 
 
-def _before_wall(**options: Any) -> Dict:
+def _before_wall(options: TransientOptions, start_opl: float = 0.0) -> Dict:
     half = WALL["half_width"]
-    to_world = place([0, 0, WALL["z"]], X, 0, [half, half, 1])
-    sensor = {"origin": [0, 0, 0], "target": [0, 0, -1], "fov": 45.0}
-    return _scene(sensor, projector_fov=0.78, **options) | {
-        "relay_wall": {
-            "type": "rectangle",
-            "to_world": to_world,
-            "bsdf": diffuse(WALL["reflectance"]),
-        }
-    }
+    wall = {"type": "rectangle", "to_world": pose([0, 0, WALL["z"]], X, 0, [half, half, 1])}
+    scene = _scene([0, 0, 0], [0, 0, -1], 45.0, 0.78, options, start_opl=start_opl)
+    return scene | {"relay_wall": wall | {"bsdf": diffuse(WALL["reflectance"])}}
 
 
 def _box(center: Sequence[float], half_sizes: Sequence[float]) -> Dict:
-    return {
-        "type": "cube",
-        "to_world": place(center, X, 0, half_sizes),
-        "bsdf": retroreflector(RED),
-    }
+    bsdf = retroreflector(RED)
+    return {"type": "cube", "to_world": pose(center, X, 0, half_sizes), "bsdf": bsdf}
 
 
 def _ball(x: float, y: float, radius: float, colour: Sequence[float]) -> Dict:
-    return {
-        "type": "sphere",
-        "center": [x, y, HIDDEN_Z],
-        "radius": radius,
-        "bsdf": retroreflector(colour),
-    }
+    bsdf = retroreflector(colour)
+    return {"type": "sphere", "center": [x, y, HIDDEN_Z], "radius": radius, "bsdf": bsdf}
 
 
 def retroreflector(reflectance: Sequence[float]) -> Dict:
@@ -161,13 +141,11 @@ def retroreflector(reflectance: Sequence[float]) -> Dict:
     return {"type": "retroreflector", "reflectance": rgb(reflectance), "lobe_exponent": 100.0}
 
 
-# ---------------------------------------------------------------------------- inside of a box
-
 EYE = [0.0, 0.45, 1.05]
-"""Where the camera and the laser of `ourbox_confocal` are [m]; they look down -z."""
+"""Position of the camera and the laser of `ourbox_confocal` [m]; they look down -z."""
 
 
-def ourbox_confocal(**options: Any) -> Dict:
+def ourbox_confocal(**options: Unpack[TransientOptions]) -> Dict:
     """A closed box with two boxes in it, seen and lit from its front wall.
 
     Nothing is hidden and no wall is a relay. The box is 1 m wide, 0.9 m high and 1.6 m deep and
@@ -184,24 +162,20 @@ def ourbox_confocal(**options: Any) -> Dict:
         >>> ourbox_confocal()["integrator"]["confocal_projector"]["fov"]
         0.55
     """
-    options = {"temporal_bins": 700, "spp": 4096} | options
-    sensor = {"origin": EYE, "target": [0.0, 0.45, -1.0], "fov": 39.3077}
-    scene = _scene(sensor, projector_fov=0.55, **options)
+    view = EYE, [0.0, 0.45, -1.0], 39.3077
+    scene = _scene(*view, 0.55, options, temporal_bins=700, spp=4096)
     scene |= {name: {"type": "twosided", "side": diffuse(c)} for name, c in CORNELL.items()}
     side, end, floor = [0.8, 0.45, 1], [0.5, 0.45, 1], [0.5, 0.8, 1]
     return scene | {
-        "floor": shape("rectangle", place([0, 0, 0.3], X, -90, floor), "white"),
-        "ceiling": shape("rectangle", place([0, 0.9, 0.3], X, 90, floor), "white"),
-        "back": shape("rectangle", place([0, 0.45, -0.5], Y, 0, end), "white"),
-        "front": shape("rectangle", place([0, 0.45, 1.1], Y, 180, end), "white"),
-        "red_wall": shape("rectangle", place([-0.5, 0.45, 0.3], Y, 90, side), "red"),
-        "green_wall": shape("rectangle", place([0.5, 0.45, 0.3], Y, -90, side), "green"),
-        "tall_box": shape("cube", place([-0.17, 0.27, -0.15], Y, 18, [0.14, 0.27, 0.14]), "white"),
-        "low_box": shape("cube", place([0.18, 0.14, 0.1], Y, -17, [0.14, 0.14, 0.14]), "white"),
+        "floor": shape("rectangle", pose([0, 0, 0.3], X, -90, floor), "white"),
+        "ceiling": shape("rectangle", pose([0, 0.9, 0.3], X, 90, floor), "white"),
+        "back": shape("rectangle", pose([0, 0.45, -0.5], Y, 0, end), "white"),
+        "front": shape("rectangle", pose([0, 0.45, 1.1], Y, 180, end), "white"),
+        "red_wall": shape("rectangle", pose([-0.5, 0.45, 0.3], Y, 90, side), "red"),
+        "green_wall": shape("rectangle", pose([0.5, 0.45, 0.3], Y, -90, side), "green"),
+        "tall_box": shape("cube", pose([-0.17, 0.27, -0.15], Y, 18, [0.14, 0.27, 0.14]), "white"),
+        "low_box": shape("cube", pose([0.18, 0.14, 0.1], Y, -17, [0.14, 0.14, 0.14]), "white"),
     }
-
-
-# ------------------------------------------------------------------------ camera and projector
 
 
 def confocal_projector(fov: float) -> Dict:
@@ -222,29 +196,25 @@ def confocal_projector(fov: float) -> Dict:
 
 
 def _scene(
-    sensor: Dict,
-    *,
+    origin: Sequence[float],
+    target: Sequence[float],
+    fov: float,
     projector_fov: float,
-    width: int = 128,
-    height: int = 128,
-    temporal_bins: int = 1000,
-    start_opl: float = 0.0,
-    bin_width_opl: float = 0.01,
-    spp: int = 1000,
-    max_depth: int = 8,
+    options: TransientOptions,
+    **defaults: float,
 ) -> Dict:
-    """A scene without shapes: integrator with its projector, camera, film, sampler."""
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
-    eye = camera(sensor["origin"], sensor["target"], sensor["fov"], film, spp)
-    eye["sampler"]["type"] = "independent"
-    return {
-        "type": "scene",
-        "integrator": {
-            "type": "transient_path",
-            "camera_unwarp": False,
-            "use_nlos_only": False,
-            "max_depth": checks.depth("max_depth", max_depth),
-            "confocal_projector": confocal_projector(projector_fov),
-        },
-        "sensor": eye,
+    """A scene without shapes; `fov` in degrees, `projector_fov` in radians."""
+    if "integrator" in options:
+        raise TypeError("integrator: no such option; it is the one that has the projector")
+    window = {"width": 128, "height": 128, "temporal_bins": 1000, "start_opl": 0.0}
+    window |= {"bin_width_opl": 0.01, "spp": 1000, "max_depth": 8} | defaults
+    scene = transient_scene(origin, target, fov, options, **window)
+    scene["sensor"]["sampler"]["type"] = "independent"
+    scene["integrator"] = {
+        "type": "transient_path",
+        "camera_unwarp": False,
+        "use_nlos_only": False,
+        "max_depth": scene["integrator"]["max_depth"],
+        "confocal_projector": confocal_projector(projector_fov),
     }
+    return scene

@@ -1,6 +1,6 @@
-"""Files that would end the process if Mitsuba read them: tags too deep, faces without vertices.
+"""Refuse files that would crash Mitsuba: XML nested too deeply, PLY faces without vertices.
 
-Whatever else is wrong with a file, Mitsuba says itself; nothing here repeats its checks.
+Other errors in files are left to Mitsuba.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from ..runtime.plugins import require_safe_type
 
 MAX_NESTING = 200
-"""Tags or dicts within each other; Mitsuba's parser calls itself for each until the stack ends."""
+"""Most nested tags or dicts; Mitsuba's parser recurses for each until the stack overflows."""
 
 MAX_INCLUDES = 15
-"""Files within each other that Mitsuba reads before it gives up by itself."""
+"""Most nested includes that Mitsuba reads."""
 
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -31,13 +31,7 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
 def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
-    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root.
-
-    The parameters are values for its `<default>` names, which may name the files that it includes.
-
-    Raises:
-        ValueError: One line with the file and the line in it.
-    """
+    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root."""
     depth = 0
     known = dict(parameters)
     reader = expat.ParserCreate()
@@ -77,11 +71,7 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
 
 
 def require_readable_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict nested too deeply, with a value that is None, or with an unsafe plugin type.
-
-    Raises:
-        ValueError: One line.
-    """
+    """Refuse a dict nested too deeply, with a value that is None, or with an unsafe plugin type."""
     level: list[Any] = [("", description)]
     for _ in range(MAX_NESTING):
         values = [(f"{at}{name}", v) for at, each in level for name, v in each.items()]
@@ -99,11 +89,7 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
 
 
 def require_indices(filename: str) -> None:
-    """Refuse a PLY file, beside the scene's, whose faces have vertices that it does not have.
-
-    Raises:
-        ValueError: One line with the file, the face and its vertex.
-    """
+    """Refuse a PLY file whose faces have indices of vertices that it does not have."""
     path = _resolved(filename)
     if not path.is_file():
         return
@@ -121,11 +107,10 @@ def require_indices(filename: str) -> None:
 
 
 def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
-    """The number of vertices in a PLY file, and those of each of its triangles, shape (n, 3).
+    """Number of vertices in a PLY file, and indices of its triangles' corners, shape (n, 3).
 
-    Raises:
-        ValueError, KeyError, TypeError: It is none, or has another form than Mitsuba reads:
-            elements of fixed size, and faces of three vertices.
+    Fails with a KeyError, TypeError or ValueError for forms that Mitsuba does not read: elements of
+    varying size, and other faces than triangles.
     """
     with path.open("rb") as file:
         head = _HEADER.match(file.read(1 << 16))
@@ -134,6 +119,10 @@ def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
     counts: dict[str, int] = {}
     fields: dict[str, list[tuple]] = {}
     order, element = "", ""
+
+    def number(kind: str) -> str:
+        return order + _PLY_TYPES[kind] if order else "f8"
+
     for line in head[0].decode("latin-1").splitlines():
         match line.split():
             case ["format", given, _]:
@@ -141,46 +130,27 @@ def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
             case ["element", element, count]:
                 counts[element], fields[element] = int(count), []
             case ["property", "list", count, index, _]:
-                fields[element] += [("count", order + _PLY_TYPES[count])]
-                fields[element] += [("corners", order + _PLY_TYPES[index], 3)]
+                fields[element] += [("count", number(count)), ("corners", number(index), 3)]
             case ["property", kind, name]:
-                fields[element] += [(f"{name} ", order + _PLY_TYPES[kind])]
-    faces = (_binary if order else _ascii)(path, head.end(), counts, fields)
-    if not np.all(faces["count"] == 3):
-        raise ValueError("other faces than triangles")
-    return counts["vertex"], faces["corners"]
-
-
-def _binary(
-    path: Path, start: int, counts: dict[str, int], fields: dict[str, list[tuple]]
-) -> np.ndarray:
-    """The faces of a binary file; nothing else of it is read."""
+                fields[element] += [(f"{name} ", number(kind))]
+    start = head.end() if order else 0
     for element, count in counts.items():
-        kind = np.dtype(fields[element])
-        if element == "face":
-            return np.fromfile(path, kind, count, offset=start)
-        start += count * kind.itemsize
-    raise ValueError("no faces")
-
-
-def _ascii(
-    path: Path, start: int, counts: dict[str, int], fields: dict[str, list[tuple]]
-) -> np.ndarray:
-    """The faces of a text file."""
-    numbers = np.array(path.read_bytes()[start:].split(), dtype=np.float64)
-    for element, count in counts.items():
-        width = sum(field[-1] if len(field) == 3 else 1 for field in fields[element])
-        if element == "face":
-            table = numbers[: count * width].reshape(count, width)
-            at = [field[0] for field in fields[element]].index("count")
-            rows = np.zeros(count, [("count", "f8"), ("corners", "f8", 3)])
-            rows["count"], rows["corners"] = table[:, at], table[:, at + 1 : at + 4]
-            return rows
-        numbers = numbers[count * width :]
-    raise ValueError("no faces")
+        row = np.dtype(fields[element])
+        if element != "face":
+            start += count * row.itemsize
+            continue
+        if order:  # Nothing else of the file is read
+            faces = np.fromfile(path, row, count, offset=start)
+        else:
+            numbers = np.array(path.read_bytes()[head.end() :].split(), dtype=np.float64)
+            faces = np.frombuffer(numbers.tobytes(), row, count, start)
+        if not np.all(faces["count"] == 3):
+            break
+        return counts["vertex"], faces["corners"]
+    raise ValueError("no triangles")
 
 
 def _resolved(name: str) -> Path:
-    """Where Mitsuba finds a file."""
+    """Path at which Mitsuba finds a file."""
     untyped: Any = mi  # the stubs of this function are not callable
     return Path(str(untyped.file_resolver().resolve(name)))

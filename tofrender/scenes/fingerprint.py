@@ -1,7 +1,7 @@
-"""What identifies a render: the scene's resolved description, its parameters, all bytes of files.
+"""Identify a render by the scene's resolved description, its parameters, and the bytes of files.
 
 A scene that the package loads remembers its description as its id, so that all properties count.
-Of one that Mitsuba has loaded, what its objects tell of themselves is all there is.
+Of one that Mitsuba has loaded, only its objects' parameters and texts can be hashed.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ import numpy as np
 from .nodes import NAMELESS, is_kind
 
 RULE = "2-"
-"""What fingerprints start with; those of the first rule, without it, told fewer scenes apart."""
+"""Prefix of fingerprints; those of the first rule, without it, distinguished fewer scenes."""
 
 DESCRIPTION = "description "
 NOT_COUNTED = (mi.ObjectType.Film, mi.ObjectType.Sampler, mi.ObjectType.Integrator)
-"""Whose settings a render compares by itself, or may replace."""
+"""Kinds of objects that a render compares by itself, or may replace."""
 
 WALL = "relay_wall"
 """The id by which a capture finds its wall; integrators may have ids of shapes as parameters."""
@@ -36,26 +36,24 @@ TYPE: Any = mi.Properties.Type
 def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
     """A short hash of all that a picture depends on, but for the film's size, samples and seed.
 
-    Materials, lights, meshes, textures, sensor, integrator and the film's filter count, and what
-    refers to what; names of parts and files do not, but for ids that the integrator refers to.
-
-    Returns:
-        "2-" and twelve hexadecimal digits.
+    Materials, lights, meshes, textures, sensor, integrator, the film's filter and references count;
+    names of parts and files do not, but for ids that the integrator refers to. Returns "2-" and
+    twelve hexadecimal digits.
     """
     described = scene.id() if scene.id().startswith(DESCRIPTION) else ""
     graph, film = _Graph(described == ""), sensor.film()
     parts = [described, graph.digest(scene), graph.digest(sensor)]
     parts += [str(film.rfilter()), str(film.sample_border())]
     own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first
-    its = (f"{name} = {_said(getattr(integrator, name, v))}" for name, v in own.items())
-    parts += [type(integrator).__name__, *sorted(its)]
+    values = (f"{name} = {_text(getattr(integrator, name, v))}" for name, v in own.items())
+    parts += [type(integrator).__name__, *sorted(values)]
     called = {WALL, *re.findall(r"[^\s,'\[\]()]+", "\n".join(parts))}
     parts += sorted(f"{s.id()}: {graph.digest(s)}" for s in scene.shapes() if s.id() in called)
     return RULE + _hash("\n".join(parts))[:12]
 
 
 def shape_digest(shape: mi.Shape) -> str:
-    """A hash of a shape with its material and what else belongs to it, whatever its id."""
+    """A hash of a shape with its material, emitter and medium, whatever its id."""
     return _Graph(True).digest(shape)
 
 
@@ -65,11 +63,8 @@ def file_digest(file: Path) -> str:
         return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
-# ------------------------------------------------------------------------- what a parser has read
-
-
 def remember_description(scene: mi.Scene, description: str) -> None:
-    """Let a scene tell what it was made from; objects of Mitsuba hold nothing else of ours."""
+    """Store a description in a scene's id; objects of Mitsuba have no other place for it."""
     scene.set_id(DESCRIPTION + description)
 
 
@@ -100,7 +95,7 @@ def describe(state: Any) -> str:
 
 
 def _property(kind: Any, name: str, value: Any) -> str:
-    """A property of a node as text that says all of it."""
+    """A property of a node as text, without loss."""
     if kind == TYPE.String and "file" in name:
         untyped: Any = mi  # the stubs of this function are not callable
         file = Path(str(untyped.file_resolver().resolve(value)))
@@ -112,56 +107,50 @@ def _property(kind: Any, name: str, value: Any) -> str:
         return f"{list(map(float, value.wavelengths))}: {list(map(float, value.values))}"
     if kind in (TYPE.Color, TYPE.Vector):
         return str([float(each) for each in value])
-    return _said(value)
-
-
-# --------------------------------------------------------------------------- what objects hold
+    return _text(value)
 
 
 class _Graph:
-    """Hashes of loaded objects: their class, their parameters, and the objects that they hold.
+    """Hashes of loaded objects: their class, their parameters, and their children.
 
-    Args:
-        in_words: Whether what objects print counts, too: flags that are no parameters.
+    `printed` says whether their printed form counts, too: flags that are no parameters.
     """
 
-    def __init__(self, in_words: bool) -> None:
-        self.in_words = in_words
+    def __init__(self, printed: bool) -> None:
+        self.printed = printed
         self._known: dict[Any, str] = {}
         self._parameters: dict[Any, dict[str, Any]] = {}
 
     def digest(self, root: Any) -> str:
-        """The hash of an object with all that is below it."""
         parameters: Any = mi.traverse(root)
         for name, (_, _, node, _) in parameters.properties.items():
-            its = self._parameters.setdefault(node, {})
-            its[name.rpartition(".")[2]] = parameters[name]
+            own = self._parameters.setdefault(node, {})
+            own[name.rpartition(".")[2]] = parameters[name]
         return self._digest(root)
 
     def _digest(self, node: Any) -> str:
         if node not in self._known:
             children = _Children()
             node.traverse(children)
-            below = [
-                (name, self._digest(each)) for name, each in children.found if not _is_apart(each)
-            ]
+            apart = mi.Film | mi.Sampler | mi.Integrator
+            below = [(n, self._digest(c)) for n, c in children.found if not isinstance(c, apart)]
             if isinstance(node, mi.Scene):  # Named by ids or addresses, and in any order
-                below = sorted(("", its) for _, its in below)
-            words = ""
-            if self.in_words and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
+                below = sorted(("", digest) for _, digest in below)
+            text = ""
+            if self.printed and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
                 with suppress(RuntimeError):  # Python plugins need not describe themselves
-                    words = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
-            its = self._parameters.get(node, {})
-            if "faces" in its:
-                its = _without_order(its)
-            values = [f"{name} = {_digest(value)}" for name, value in its.items()]
-            kind = [type(node).__name__, node.class_name(), words]
+                    text = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
+            own = self._parameters.get(node, {})
+            if "faces" in own:
+                own = _without_order(own)
+            values = [f"{name} = {_digest(value)}" for name, value in own.items()]
+            kind = [type(node).__name__, node.class_name(), text]
             self._known[node] = _hash("\n".join([*kind, *values, *map(str, below)]))
         return self._known[node]
 
 
 class _Children(mi.TraversalCallback):
-    """The objects that an object holds, by name."""
+    """Children of an object by name."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -173,12 +162,8 @@ class _Children(mi.TraversalCallback):
             self.found.append((name, value))
 
 
-def _is_apart(each: Any) -> bool:
-    return isinstance(each, mi.Film | mi.Sampler | mi.Integrator)
-
-
 def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
-    """Parameters of a mesh, faces told by what is at their corners, from first to last.
+    """Parameters of a mesh, its faces hashed by the attributes at their corners, in any order.
 
     Meshes that Mitsuba merges come in any order, and number their vertices by it.
     """
@@ -186,11 +171,11 @@ def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
     count = np.array(mesh["vertex_positions"]).size // 3
     rest, rows = {}, []
     for name, value in mesh.items():
-        whole = name.startswith(("vertex_", "face_")) and dr.is_array_v(value) and len(faces)
-        if name.startswith("vertex_") and whole:
+        attribute = name.startswith(("vertex_", "face_")) and dr.is_array_v(value) and len(faces)
+        if name.startswith("vertex_") and attribute:
             at = np.array(value).reshape(count, -1)
             rows.append(at[faces].reshape(len(faces), -1))
-        elif whole:
+        elif attribute:
             rows.append(np.array(value).reshape(len(faces), -1))
         elif name != "faces":
             rest[name] = value
@@ -202,28 +187,28 @@ def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
     return rest
 
 
-def _said(value: Any, depth: int = 5) -> str:
-    """A parameter as text: shapes by their ids, other objects by what they hold.
+def _text(value: Any, depth: int = 5) -> str:
+    """A parameter as text: shapes by their ids, other objects by their attributes.
 
     Of objects that print themselves, like pulses of the package, their text and what is public.
     """
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_said(each, depth) for each in value)}]"
+        return f"[{', '.join(_text(each, depth) for each in value)}]"
     if isinstance(value, np.ndarray):
         return f"{value.shape} {_hash(value)}"
     if isinstance(value, mi.Shape):
         return value.id()
     if isinstance(value, mi.Bitmap):
-        return f"{value.pixel_format()} {value.srgb_gamma()} {_said(np.array(value))}"
+        return f"{value.pixel_format()} {value.srgb_gamma()} {_text(np.array(value))}"
     if isinstance(value, mi.VolumeGrid):
-        return _said(np.array(value))
+        return _text(np.array(value))
     if isinstance(value, mi.Object) and type(value).__module__.startswith("mitsuba"):
         return _Graph(True).digest(value)
     if not depth or isroutine(value) or isclass(value) or not hasattr(value, "__dict__"):
         return _digest(value)
     kind, silent = type(value), type(value).__repr__ is object.__repr__
     inside = ", ".join(
-        f"{name} = {_said(each, depth - 1)}"
+        f"{name} = {_text(each, depth - 1)}"
         for name, each in vars(value).items()
         if (silent or name[0] != "_") and not isinstance(getattr(kind, name, 0), cached_property)
     )

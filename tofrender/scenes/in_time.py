@@ -1,4 +1,4 @@
-"""The integrator of a scene that Mitsuba's parser has read becomes one that knows time."""
+"""Replace the integrator of a parsed scene by a transient one."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .nodes import children
 from .settings import IN_TIME, INTEGRATORS
 
 WRAPPERS = {"aov": "AOVs", "moment": "moments", "stokes": "Stokes vectors"}
-"""Integrators that add something to the picture of another one, which is nested in them."""
+"""Integrators that add AOVs or statistics to the picture of another, nested one."""
 
-KEPT = ("max_depth", "rr_depth", "hide_emitters")
-"""What an integrator hands on to the one that takes its place."""
+INHERITED = ("max_depth", "rr_depth", "hide_emitters")
+"""Parameters that the replacement of an integrator inherits."""
 
 DEPTHS = {**dict.fromkeys(("path", "volpath", "volpathmis", "ptracer"), -1), "prbvolpath": 6}
 """Longest paths of Mitsuba's integrators where a scene gives none; -1 is unlimited."""
@@ -26,18 +26,14 @@ SUCCESSORS = {
     "path": "transient_path",
     **dict.fromkeys(("volpath", "volpathmis", "prbvolpath"), "transient_volpath"),
 }
-"""What takes the place of an integrator of Mitsuba when its film turns transient."""
+"""Transient integrators that replace those of Mitsuba when the film becomes transient."""
 
 UNLIMITED = 0xFFFFFFFF
-"""How Mitsuba's integrators print a `max_depth` of -1."""
+"""A `max_depth` of -1 as Mitsuba's integrators print it."""
 
 
 def successor_of(integrator: Any) -> str:
-    """Plugin that follows in time the paths of one of Mitsuba's path tracers, wrapped or not.
-
-    Raises:
-        ValueError: It is none; one line.
-    """
+    """Name of the transient integrator for the paths of one of Mitsuba's, wrapped or not."""
     printed = str(integrator)
     if "max_depth" not in printed or not type(integrator).__module__.startswith("mitsuba"):
         raise ValueError(_unknown(integrator))
@@ -45,11 +41,7 @@ def successor_of(integrator: Any) -> str:
 
 
 def path_tracer_of(integrator: Any) -> dict[str, Any]:
-    """As `successor_of`, with parameters, for `mi.load_dict`; they are read from its description.
-
-    Raises:
-        ValueError: It is none, or is wrapped, which does not tell all of them; one line.
-    """
+    """Transient integrator as in `successor_of`, for `mi.load_dict`, with the same depths."""
     printed = re.match(r"\w+\[\s*max_depth = (\d+)(?:,\s*rr_depth = (\d+))?", str(integrator))
     if printed is None:
         raise ValueError(_unknown(integrator))
@@ -63,7 +55,6 @@ def path_tracer_of(integrator: Any) -> dict[str, Any]:
 
 
 def _unknown(integrator: Any) -> str:
-    """One line on an integrator whose paths are not known."""
     is_python = type(integrator).__module__ != "mitsuba"
     kind = type(integrator).__name__ if is_python else integrator.class_name()
     return (
@@ -72,23 +63,19 @@ def _unknown(integrator: Any) -> str:
     )
 
 
-def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns: bool) -> None:
-    """Put settings into a scene's integrator, node `index`, or another integrator in its place.
+def change_integrator(
+    nodes: Any, index: int, settings: Mapping[str, Any], now_transient: bool
+) -> None:
+    """Put settings into a scene's integrator, node `index`, or replace it by another.
 
-    `turns` says that the film has turned from steady to transient.
-
-    Raises:
-        ValueError: The integrator cannot render in time; one line.
-
-    Warns:
-        UserWarning: The picture loses what a wrapper adds to it.
+    `now_transient` says that the film was steady before.
     """
     wrapper = nodes[index].props.plugin_name()
     inner = _innermost(nodes, index)
     name = nodes[inner].props.plugin_name()
-    _count_depth(nodes[inner].props)
+    _bounces_to_depth(nodes[inner].props)
     wanted = settings.get("integrator")
-    if wanted is None and turns and name not in IN_TIME:
+    if wanted is None and now_transient and name not in IN_TIME:
         if name not in SUCCESSORS:
             raise ValueError(
                 f"integrator = {name!r}: a transient film needs another one; "
@@ -97,7 +84,7 @@ def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns
         wanted = SUCCESSORS[name]
     if isinstance(wanted, Mapping) or (wanted is not None and wanted != name):
         nodes[index].props = _replacement(wanted, nodes[inner].props)
-    elif (wanted is not None or turns) and inner != index:
+    elif (wanted is not None or now_transient) and inner != index:
         nodes[index].props = mi.Properties(nodes[inner].props)
     inner = _innermost(nodes, index)
     for setting in ("max_depth", "pulse_width_opl"):
@@ -107,12 +94,12 @@ def change_integrator(nodes: Any, index: int, settings: Mapping[str, Any], turns
     if wrapper in WRAPPERS and now != wrapper:
         warnings.warn(
             f"integrator = {wrapper!r}: becomes {now!r}, its {WRAPPERS[wrapper]} are left out",
-            stacklevel=6,
+            stacklevel=5,
         )
 
 
 def _innermost(nodes: Any, index: int) -> int:
-    """The integrator that finds the light: the one nested in a wrapper, else itself."""
+    """Index of the integrator that samples paths: the one nested in wrappers, else itself."""
     while nodes[index].props.plugin_name() in WRAPPERS:
         nested = children(nodes, index, mi.ObjectType.Integrator)
         if len(nested) != 1:
@@ -121,22 +108,22 @@ def _innermost(nodes: Any, index: int) -> int:
     return index
 
 
-def _count_depth(props: mi.Properties) -> None:
-    """Depth instead of bounces: not every integrator counts these, all count depth."""
+def _bounces_to_depth(props: mi.Properties) -> None:
+    """Replace `max_bounces` by `max_depth`, which all integrators have."""
     if "max_bounces" in props:
         props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
         del props["max_bounces"]
 
 
 def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Properties:
-    """Properties of the integrator that is wanted; what it does not say of depth is as before."""
+    """Properties of the new integrator; depths that it does not name are as before."""
     given: dict[str, Any] = {"type": wanted} if isinstance(wanted, str) else dict(wanted)
     plugin = given.pop("type")
     new = mi.Properties(plugin)
     new.set_id(old.id())
     if plugin in IN_TIME:
         before = {"max_depth": DEPTHS[old.plugin_name()]} if old.plugin_name() in DEPTHS else {}
-        before |= {name: old[name] for name in KEPT if name in old}
+        before |= {name: old[name] for name in INHERITED if name in old}
         given = before | given
     for name, value in given.items():
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Small steady scenes that show what each way to sample light is good at.
+"""Small steady scenes that compare techniques to sample light.
 
 A bust for renderers without materials, Veach's plates, lights of one power in three sizes, and one
 light in two shapes. Metres, y up.
@@ -7,25 +7,24 @@ light in two shapes. Metres, y up.
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import Any
+from typing import Unpack
 
 from .meshes import HALVES, bust_mesh, half_rectangle
 from .parts import (
     Dict,
+    SteadyOptions,
+    X,
+    Y,
     area_light,
     ball_light,
     camera,
     diffuse,
-    path_tracer,
-    place,
+    pose,
     rgb,
     shape,
     steady_film,
+    steady_scene,
 )
-
-X, Y = [1, 0, 0], [0, 1, 0]
-
-# -------------------------------------------------------------------------------------- bust
 
 BUST_LIGHT = {"position": [-0.9, 1.5, 1.3], "energy": 110.0}
 """The point light of `bust_simple`: where it is [m], and its energy [W]."""
@@ -75,12 +74,10 @@ def _bust(integrator: Dict, width: int, height: int, spp: int) -> Dict:
         "integrator": integrator,
         "sensor": camera([0.55, 1.05, 2.45], [0, 0.325, 0], 16, steady_film(width, height), spp),
         "white": diffuse([0.7, 0.7, 0.7]),
-        "ground": shape("rectangle", place([0, 0, 0], X, -90, [50, 50, 1]), "white"),
+        "ground": shape("rectangle", pose([0, 0, 0], X, -90, [50, 50, 1]), "white"),
         "bust": bust_mesh(bsdf=diffuse([0.7, 0.7, 0.7])),
     }
 
-
-# ------------------------------------------------------------------------------------- Veach
 
 # radius [m], x [m] and colour, the mean of whose channels is 1
 VEACH_LIGHTS = {
@@ -101,14 +98,7 @@ VEACH_PLATES = {
 }
 
 
-def veach(
-    *,
-    width: int = 384,
-    height: int = 256,
-    spp: int = 64,
-    integrator: str = "path_tracer_mis",
-    max_bounces: int = 1,
-) -> Dict:
+def veach(**options: Unpack[SteadyOptions]) -> Dict:
     """Four plates of differing roughness mirror four lights of differing size.
 
     The scene is after Veach and Guibas (1995). Each light has the same power. Sampling the
@@ -117,11 +107,10 @@ def veach(
     everywhere.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        spp: Samples per pixel.
-        integrator: "path_tracer_mats", "path_tracer_nee", "path_tracer_mis" or Mitsuba's "path".
-        max_bounces: Most reflections between light and camera, from 0, or -1 for no limit.
+        **options: `width` and `height` [pixels], from 1 to 65536, by default 384 and 256; `spp`
+            (64); `integrator`: "path_tracer_mats", "path_tracer_nee", "path_tracer_mis" (the
+            default) or Mitsuba's "path"; `max_bounces`: most reflections between light and camera,
+            from 0, or -1 for no limit (1).
 
     Returns:
         A dict for `mi.load_dict` with film `hdrfilm`.
@@ -133,14 +122,11 @@ def veach(
         >>> veach()["smooth"]["alpha"]
         0.005
     """
-    scene = {
-        "type": "scene",
-        "integrator": path_tracer(integrator, max_bounces),
-        "sensor": camera([0, 4, 14], [0, 1.75, 0], 28, steady_film(width, height), spp),
+    scene = steady_scene([0, 4, 14], [0, 1.75, 0], 28, options, width=384, height=256) | {
         "grey": diffuse([0.6, 0.6, 0.6]),
         "black": diffuse([0, 0, 0]),
-        "floor": shape("rectangle", place([0, -1.6, 0], X, -90, [12, 12, 1]), "grey"),
-        "back": shape("rectangle", place([0, 4, -3.2], X, 0, [12, 6, 1]), "grey"),
+        "floor": shape("rectangle", pose([0, -1.6, 0], X, -90, [12, 12, 1]), "grey"),
+        "back": shape("rectangle", pose([0, 4, -3.2], X, 0, [12, 6, 1]), "grey"),
     }
     for name, (alpha, y, z, tilt) in VEACH_PLATES.items():
         scene[name] = {
@@ -150,46 +136,37 @@ def veach(
             "material": "none",
             "specular_reflectance": rgb([0.45, 0.45, 0.45]),
         }
-        scene[f"{name}-plate"] = shape("rectangle", place([0, y, z], X, tilt, [3.5, 0.45, 1]), name)
+        scene[f"{name}-plate"] = shape("rectangle", pose([0, y, z], X, tilt, [3.5, 0.45, 1]), name)
     for name, (radius, x, colour) in VEACH_LIGHTS.items():
         scene[f"{name}-light"] = ball_light([x, 4.2, -1.0], radius, VEACH_POWER, colour)
     return scene
 
-
-# ----------------------------------------------------------------------------- sphere lights
 
 SPHERE_LIGHT_CENTER = [0.0, 2.8, 0.0]
 SPHERE_LIGHT_POWER = 260.0
 """Power of the light of `sphere_light_...` [W]."""
 
 SPHERE_LIGHT_RADII = {"small": 0.03, "medium": 0.3, "large": 0.9}
-"""Its radii [m]; it stays above the floor and in front of the wall."""
+"""Radii of the light [m]; it stays above the floor and in front of the wall."""
 
 
-def sphere_light_small(**options: Any) -> Dict:
+def sphere_light_small(**options: Unpack[SteadyOptions]) -> Dict:
     """A floor and a wall under a sphere light of radius 0.03 m.
 
     The whole light is above the horizon of every point of floor and wall. Lights of the same power
     then give the same direct light at any radius: E = Φ cosθ / (4 pi d²), d from the center.
 
     Args:
-        **options: `width` and `height` [pixels] from 1 to 65536, `spp`, `integrator` and
-            `max_bounces` as for `veach`.
-
-    Returns:
-        A dict for `mi.load_dict` with film `hdrfilm`.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        **options: As for `veach`; by default `width` is 256, `height` 192.
 
     Example:
         >>> sphere_light_small(spp=4)["light"]["radius"]
         0.03
     """
-    return _sphere_light("small", **options)
+    return _sphere_light("small", options)
 
 
-def sphere_light_medium(**options: Any) -> Dict:
+def sphere_light_medium(**options: Unpack[SteadyOptions]) -> Dict:
     """A floor and a wall under a sphere light of radius 0.3 m, of equal power.
 
     Args:
@@ -199,10 +176,10 @@ def sphere_light_medium(**options: Any) -> Dict:
         >>> sphere_light_medium()["light"]["radius"]
         0.3
     """
-    return _sphere_light("medium", **options)
+    return _sphere_light("medium", options)
 
 
-def sphere_light_large(**options: Any) -> Dict:
+def sphere_light_large(**options: Unpack[SteadyOptions]) -> Dict:
     """A floor and a wall under a sphere light of radius 0.9 m, of equal power.
 
     Args:
@@ -212,107 +189,77 @@ def sphere_light_large(**options: Any) -> Dict:
         >>> sphere_light_large()["light"]["radius"]
         0.9
     """
-    return _sphere_light("large", **options)
+    return _sphere_light("large", options)
 
 
-def _sphere_light(
-    size: str,
-    *,
-    width: int = 256,
-    height: int = 192,
-    spp: int = 64,
-    integrator: str = "path_tracer_mis",
-    max_bounces: int = 1,
-) -> Dict:
-    view = camera([0, 2.2, 4.5], [0, 0.3, -0.7], 28, steady_film(width, height), spp)
+def _sphere_light(size: str, options: SteadyOptions) -> Dict:
+    scene = steady_scene([0, 2.2, 4.5], [0, 0.3, -0.7], 28, options)
+    scene["sensor"]["fov_axis"] = "y"  # the light is above the picture, however wide that is
     radius, white = SPHERE_LIGHT_RADII[size], [1.0, 1.0, 1.0]
-    return {
-        "type": "scene",
-        "integrator": path_tracer(integrator, max_bounces),
-        "sensor": view | {"fov_axis": "y"},  # the light is above the picture, however wide that is
+    return scene | {
         "black": diffuse([0, 0, 0]),
         "sand": diffuse([0.75, 0.65, 0.5]),
         "teal": diffuse([0.2, 0.5, 0.55]),
-        "floor": shape("rectangle", place([0, 0, 0], X, -90, [6, 6, 1]), "sand"),
-        "wall": shape("rectangle", place([0, 0, -1.6], X, 0, [6, 6, 1]), "teal"),
+        "floor": shape("rectangle", pose([0, 0, 0], X, -90, [6, 6, 1]), "sand"),
+        "wall": shape("rectangle", pose([0, 0, -1.6], X, 0, [6, 6, 1]), "teal"),
         "light": ball_light(SPHERE_LIGHT_CENTER, radius, SPHERE_LIGHT_POWER, white),
     }
 
 
-# --------------------------------------------------------------------------- rectangle light
+PANEL_RADIANCE = [40.0, 36.0, 31.0]
+PANEL = [-0.75, 2.0, -1.1], X, 50, [0.65, 0.3, 1]
 
 
-def rectangle_light_quad(**options: Any) -> Dict:
+def rectangle_light_quad(**options: Unpack[SteadyOptions]) -> Dict:
     """A dark monolith in a room, lit by a panel that is one rectangle.
 
-    Args, errors and what is returned are those of `sphere_light_small`.
+    Args:
+        **options: As for `sphere_light_small`.
 
     Example:
         >>> rectangle_light_quad()["light"]["type"]
         'rectangle'
     """
-    scene = _monolith(**options)
-    panel = shape("rectangle", _panel(), "black")
-    return scene | {"light": panel | {"emitter": area_light(PANEL_RADIANCE)}}
+    panel = shape("rectangle", pose(*PANEL), "black")
+    return _monolith(options) | {"light": panel | {"emitter": area_light(PANEL_RADIANCE)}}
 
 
-def rectangle_light_triangles(**options: Any) -> Dict:
+def rectangle_light_triangles(**options: Unpack[SteadyOptions]) -> Dict:
     """A dark monolith in a room, lit by a panel that is two triangles.
 
     The two triangles are shapes of their own, two lights to choose from; the picture is the same.
-    Args and errors are those of `rectangle_light_quad`.
+    They are meshes of the active variant.
 
-    Returns:
-        A dict for `mi.load_dict`. The triangles in it are meshes of the active variant.
+    Args:
+        **options: As for `sphere_light_small`.
 
     Example:
         >>> len(rectangle_light_triangles()) - len(rectangle_light_quad())
         1
     """
-    scene = _monolith(**options)
+    scene = _monolith(options)
     for half in HALVES:
         parts = {"bsdf": diffuse([0, 0, 0]), "emitter": area_light(PANEL_RADIANCE)}
-        scene[f"{half}-light"] = half_rectangle(half, _panel(), **parts)
+        scene[f"{half}-light"] = half_rectangle(half, pose(*PANEL), **parts)
     return scene
 
 
-PANEL_RADIANCE = [40.0, 36.0, 31.0]
-
-
-def _panel() -> Any:
-    return place([-0.75, 2.0, -1.1], X, 50, [0.65, 0.3, 1])
-
-
-def _monolith(
-    *,
-    width: int = 256,
-    height: int = 192,
-    spp: int = 64,
-    integrator: str = "path_tracer_mis",
-    max_bounces: int = 1,
-) -> Dict:
-    return {
-        "type": "scene",
-        "integrator": path_tracer(integrator, max_bounces),
-        "sensor": camera([0.2, 1.3, 5.2], [0, 1.25, 0], 33, steady_film(width, height), spp),
+def _monolith(options: SteadyOptions) -> Dict:
+    return steady_scene([0.2, 1.3, 5.2], [0, 1.25, 0], 33, options) | {
         "black": diffuse([0, 0, 0]),
         "grey": diffuse([0.6, 0.6, 0.6]),
         "blue": diffuse([0.25, 0.4, 0.6]),
-        "tiles": {
-            "type": "roughplastic",
-            "diffuse_reflectance": rgb([0.5, 0.45, 0.4]),
-            "alpha": 0.12,
-        },
-        "stone": {
-            "type": "roughplastic",
-            "diffuse_reflectance": rgb([0.03, 0.03, 0.035]),
-            "alpha": 0.15,
-        },
-        "floor": shape("rectangle", place([0, 0, 0], X, -90, [2, 2.5, 1]), "tiles"),
-        "ceiling": shape("rectangle", place([0, 2.7, 0], X, 90, [2, 2.5, 1]), "grey"),
-        "back": shape("rectangle", place([0, 1.35, -1.8], X, 0, [2, 1.35, 1]), "grey"),
-        "left": shape("rectangle", place([-2, 1.35, 0], Y, 90, [2.5, 1.35, 1]), "blue"),
-        "right": shape("rectangle", place([2, 1.35, 0], Y, -90, [2.5, 1.35, 1]), "grey"),
+        "tiles": _plastic([0.5, 0.45, 0.4], 0.12),
+        "stone": _plastic([0.03, 0.03, 0.035], 0.15),
+        "floor": shape("rectangle", pose([0, 0, 0], X, -90, [2, 2.5, 1]), "tiles"),
+        "ceiling": shape("rectangle", pose([0, 2.7, 0], X, 90, [2, 2.5, 1]), "grey"),
+        "back": shape("rectangle", pose([0, 1.35, -1.8], X, 0, [2, 1.35, 1]), "grey"),
+        "left": shape("rectangle", pose([-2, 1.35, 0], Y, 90, [2.5, 1.35, 1]), "blue"),
+        "right": shape("rectangle", pose([2, 1.35, 0], Y, -90, [2.5, 1.35, 1]), "grey"),
         # its sides are as 1 : 4 : 9
-        "monolith": shape("cube", place([0.5, 0.9, -0.3], Y, -50, [0.4, 0.9, 0.1]), "stone"),
+        "monolith": shape("cube", pose([0.5, 0.9, -0.3], Y, -50, [0.4, 0.9, 0.1]), "stone"),
     }
+
+
+def _plastic(colour: list[float], alpha: float) -> Dict:
+    return {"type": "roughplastic", "diffuse_reflectance": rgb(colour), "alpha": alpha}

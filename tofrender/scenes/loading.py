@@ -1,7 +1,7 @@
-"""From a name, a dict or an XML file to an `mi.Scene`, with settings changed on the way.
+"""Load scenes by name, from dicts or XML files, with changed settings.
 
-Every source goes one way: Mitsuba's parser makes a list of nodes from it, some of their properties
-are changed (`editing.change`), and the nodes become a scene.
+Mitsuba's parser makes a list of nodes from any of them, `editing.change` changes their properties,
+and the parser instantiates the nodes.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Unpack
+from xml.etree import ElementTree
 
 import mitsuba as mi
 
@@ -20,20 +21,19 @@ from ..runtime import checks, plugins
 from ..runtime.backend import hold, uncollected
 from ..runtime.progress import held_signals, shown
 from . import BUILT_IN
-from .checking import require_right_inverse
+from .checking import require_inverse
+from .compatibility import use_own_names
 from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
 from .nodes import is_kind
 from .numbers import is_transform
-from .packaged import packaged
-from .peers import use_own_names
 from .settings import Settings, check_settings
 
 parser: Any = mi.parser
 
 LONGEST = 500
-"""Characters of an error of Mitsuba's that are told."""
+"""Most characters of an error of Mitsuba's in a message."""
 
 
 @shown("Loading the scene")
@@ -49,7 +49,8 @@ def load_scene(
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
     the filter that it names (box if it names none), its integrator its depths, which for `path`
-    have no limit unless it names one. A `path` in `aov`, `moment` or `stokes` is taken out of it.
+    have no limit unless it names one. An `aov`, `moment` or `stokes` around
+    a `path` is left out.
 
     A shape of an XML file that has a name and no id gets the name as its id.
 
@@ -98,9 +99,7 @@ def load_scene(
         source = find_scene(source)
     try:
         with uncollected(), held_signals(), _files_beside(source):
-            state = _parse(config, source, parameters)
-            parser.transform_upgrade(config, state)
-            parser.transform_resolve(config, state)
+            state = _resolved(config, source, parameters)
             use_own_names(state)
             change(state, given)
             use_own_plugins(state)
@@ -121,30 +120,16 @@ def load_scene(
 
 
 def parse_file_of(path: Any, parameters: Mapping[str, Any]) -> Any:
-    """Mitsuba's parser state of an XML file, a built-in name or a dict, its references resolved.
-
-    Raises:
-        ValueError: The scene or a parameter is wrong; one line.
-        FileNotFoundError: There is no such file.
-    """
-    config = parser.ParserConfig(mi.variant())
+    """Mitsuba's parser state of an XML file, a built-in name or a dict, its references resolved."""
     try:
         with uncollected(), _files_beside(path):
-            state = _parse(config, path, parameters)
-            parser.transform_upgrade(config, state)
-            parser.transform_resolve(config, state)
+            return _resolved(parser.ParserConfig(mi.variant()), path, parameters)
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
-    return state
 
 
 def is_steady(scene: Any, parameters: Mapping[str, Any]) -> bool:
-    """Whether no film of an XML file, a built-in name or a dict knows time.
-
-    Raises:
-        ValueError: The scene or a parameter is wrong; one line.
-        FileNotFoundError: There is no such file.
-    """
+    """Whether no film of an XML file, a built-in name or a dict is transient."""
     scene = find_scene(scene) if isinstance(scene, str) else scene
     nodes = parse_file_of(scene, parameters).nodes
     films = [node for node in nodes if is_kind(node, mi.ObjectType.Film)]
@@ -152,11 +137,7 @@ def is_steady(scene: Any, parameters: Mapping[str, Any]) -> bool:
 
 
 def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
-    """Make one object from a dict, ours where the plugin's name is one of ours.
-
-    Raises:
-        ValueError: The dict is wrong; one line that calls the object `what`, e.g. "integrator".
-    """
+    """Instantiate one plugin from a dict; errors name it `what`, e.g. "integrator"."""
     name = description.get("type")
     if not isinstance(name, str):
         given = checks.shown(dict(description))
@@ -170,21 +151,13 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
 
 
 def require_sensor(scene: mi.Scene) -> None:
-    """Refuse a scene without a sensor.
-
-    Raises:
-        ValueError: One line that says so.
-    """
+    """Refuse a scene without a sensor."""
     if not scene.sensors():
         raise ValueError("scene: has no sensor; it must have one, for example a perspective camera")
 
 
 def require_light(scene: mi.Scene) -> None:
-    """Refuse a scene without a light; its picture would be black.
-
-    Raises:
-        ValueError: One line that says so.
-    """
+    """Refuse a scene without a light; its picture would be black."""
     if not scene.emitters():
         raise ValueError("scene: has no light; it must have an emitter, for example a point light")
 
@@ -193,20 +166,9 @@ def require_light(scene: mi.Scene) -> None:
 
 
 def find_scene(name: str) -> str | Path:
-    """Tell what `name` names: a built-in scene (hyphens count as underscores) or an XML file.
+    """Find a built-in scene (hyphens count as underscores; a str) or an XML file (a Path).
 
     The package's own XML files are found anywhere, as scenes/cornell_box.xml.
-
-    Returns:
-        The built-in scene's name as a str, or the file as a Path.
-
-    Raises:
-        ValueError: No such scene; one line with the nearest names.
-        FileNotFoundError: `name` looks like a file and does not exist.
-
-    Example:
-        >>> find_scene("cornell-box")
-        'cornell_box'
     """
     built_in = name.replace("-", "_")
     if built_in in BUILT_IN:
@@ -214,7 +176,7 @@ def find_scene(name: str) -> str | Path:
     path = checks.path("scene", name) if name else Path(name)
     if path.is_file():
         return path
-    own = packaged(name)
+    own = _packaged(name)
     if own is not None:
         return own
     if path.suffix.lower() == ".xml" or path.name != name:
@@ -228,8 +190,25 @@ def find_scene(name: str) -> str | Path:
     raise ValueError(f"scene = {name!r}: {what}, or a Mitsuba XML file")
 
 
+def _packaged(name: str) -> Path | None:
+    """An XML file that comes with the package, or lies in a checkout, by its name."""
+    path, package = PurePosixPath(name), Path(__file__).parents[1]
+    if path.parts[:1] != ("scenes",) or path.suffix != ".xml" or ".." in path.parts:
+        return None
+    folders = (package / "scenes" / "xml", package.parent / "scenes")
+    files = (folder.joinpath(*path.parts[1:]).resolve() for folder in folders)
+    return next((file for file in files if file.is_file()), None)
+
+
+def _resolved(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
+    """Parser state with old versions upgraded and references resolved."""
+    state = _parse(config, source, parameters)
+    parser.transform_upgrade(config, state)
+    parser.transform_resolve(config, state)
+    return state
+
+
 def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
-    """Mitsuba's parser state for a dict, a built-in name or a path."""
     if isinstance(source, os.PathLike):
         return _parse_file(config, Path(source), parameters)
     if parameters:
@@ -254,13 +233,13 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
 
 
 def _is_folder(part: Any) -> bool:
-    """Whether a part of a dict is a folder of files, which `_files_beside` looks into."""
+    """Whether a part of a dict names a folder that `_files_beside` searches."""
     return isinstance(part, Mapping) and part.get("type") == "resources"
 
 
 @contextmanager
 def _files_beside(source: Any) -> Iterator[None]:
-    """Let Mitsuba look for meshes and textures in the XML file's or a dict's folders first."""
+    """Search meshes and textures in the XML file's folder or a dict's folders first."""
     untyped: Any = mi  # the stubs of these functions are not callable
     before = untyped.file_resolver()
     resolver = mi.FileResolver(before)
@@ -291,7 +270,8 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
         unused = re.search(r"unused parameters:\s*- \$(\w+)=(.*)", str(error))
         if not unused:
             raise
-        allowed = ", ".join(_defaults(path)) or "none, it has no <default>"
+        defaults = [node.get("name", "") for node in ElementTree.parse(path).iter("default")]
+        allowed = ", ".join(defaults) or "none, it has no <default>"
         raise ValueError(
             f"parameter {unused[1]} = {unused[2]!r}: {path.name} does not use it, "
             f"its parameters are: {allowed}"
@@ -303,41 +283,29 @@ def _require_safe(state: Any) -> None:
     for node in state.nodes:
         props = node.props
         plugins.require_safe_type(props.plugin_name())
-        placed = props.get("to_world", None)
+        to_world = props.get("to_world", None)
         props.mark_queried("to_world", False)  # Plugins that do not know it are still told of
-        if is_transform(placed):  # Meshes keep none, once loaded
-            require_right_inverse(f"{props.id() or props.plugin_name()}.to_world", placed)
+        if is_transform(to_world):  # Meshes keep none, once loaded
+            name = f"{props.id() or props.plugin_name()}.to_world"
+            require_inverse(name, to_world, flat=True)
         if props.plugin_name() == "ply" and "filename" in props:
             require_indices(str(props["filename"]))
 
 
-def _defaults(path: Path) -> list[str]:
-    """The names that an XML file declares with <default>."""
-    from xml.etree import ElementTree
-
-    return [node.get("name", "") for node in ElementTree.parse(path).iter("default")]
-
-
 def _one_line(message: str) -> str:
-    """The line that matters in an error of Mitsuba's parser, without source files of its code.
-
-    An error raised by a plugin in Python arrives as a traceback; its last line is the message.
-    """
+    """Reduce an error of Mitsuba's parser to one line, without source files of its code."""
     if "Traceback (most recent call last)" in message:
-        message = re.split(r"^\w+: ", message, flags=re.MULTILINE)[-1]
+        message = re.split(r"^\w+: ", message, flags=re.MULTILINE)[-1]  # of a plugin in Python
     message = re.sub(r"\[[\w.]+:\d+\] ", "", message)
-    of_wrong_type = re.search(
-        r'property "(\w+)" has the wrong type \(expected (.+), got (.+)\)', message
-    )
-    if of_wrong_type:
-        name, wanted, given = of_wrong_type.groups()
+    wrong_type = r'property "(\w+)" has the wrong type \(expected (.+), got (.+)\)'
+    if found := re.search(wrong_type, message):
+        name, wanted, given = found.groups()
         return f"{name} of type {given.strip('<>')}: must be of type {wanted.strip('<>')}"
-    untyped = re.search(r"\[([\w.]+)\] missing 'type' attribute", message)
-    if untyped:
-        return f"{untyped[1]}: is a dict without a type; must have a plugin's name as its type"
-    of_no_kind = re.search(r"could not assign an object of type '(.*?)' to key '(.*?)'", message)
-    if of_no_kind:
-        kind, key = of_no_kind.groups()
+    if found := re.search(r"\[([\w.]+)\] missing 'type' attribute", message):
+        return f"{found[1]}: is a dict without a type; must have a plugin's name as its type"
+    no_kind = r"could not assign an object of type '(.*?)' to key '(.*?)'"
+    if found := re.search(no_kind, message):
+        kind, key = found.groups()
         return f"{key} of type {kind}: must be a number, text, a tuple, a dict or Mitsuba's"
     lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
     text = " ".join(line for line in lines if line)

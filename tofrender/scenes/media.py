@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false, reportIndexIssue=false, reportOperatorIssue=false
-"""Participating media of a scene: which there are, and what must hold of them."""
+"""Participating media of a scene: list them, and check their coefficients and boundaries."""
 
 from __future__ import annotations
 
@@ -10,40 +10,35 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime.backend import uncollected
-from .numbers import first_wrong, floats_of
+from .numbers import floats_of, is_spectral_coefficients, require_all
 
 BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide)
-"""Flags of a material that is nothing but the boundary between media of equal index."""
+"""BSDF flags of an index-matched boundary between media."""
 
 PLATES = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
-"""Materials with those flags that are more than that: they change the light that goes through."""
+"""Materials with those flags that change the polarisation of transmitted light."""
 
 RAYLEIGH = "RayleighPhaseFunction"
 """The phase function that polarises light."""
 
 FLAKES = "SGGXPhaseFunction"
-"""The phase function that depends on more than the angle."""
+"""The phase function that depends on the orientation of flakes."""
 
 PROBES = 256
-"""Rays of a sensor that look what is around it."""
+"""Rays that are traced from a sensor to compare its medium with the boundaries around it."""
 
 STEPS = 0.8654415, 0.7489889, 0.6482062, 0.5609843, 0.4854990
 """Steps of a sequence that fills five dimensions evenly (Roberts 2018)."""
 
 LEAKS = 2
-"""How many of them may slip between two triangles of a shape."""
+"""Number of these rays that may pass between two triangles of a shape."""
 
 CROSSINGS = 64
-"""Boundaries that such a ray passes."""
+"""Most boundaries that such a ray passes."""
 
 
 def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium]:
-    """The media that shapes, emitters and a sensor are in, each once.
-
-    Example:
-        >>> media_of(mi.load_dict({"type": "scene"}))
-        []
-    """
+    """Media inside and around shapes, of emitters and of a sensor, each once."""
     shapes = [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.Shape)]
     around = [m for shape in shapes for m in (shape.interior_medium(), shape.exterior_medium())]
     around += [emitter.get_medium() for emitter in scene.emitters()]
@@ -59,25 +54,22 @@ def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium
 def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | None:
     """The medium infinitely far away, None for vacuum.
 
-    It is what the first shape that has a medium says on its outer side; where no shape has one, it
-    is the sensor's.
-
-    Args:
-        scene: The scene.
-        sensors: What is around the sensor.
-
-    Example:
-        >>> beyond(mi.load_dict({"type": "scene"})) is None
-        True
+    Rays from outside find the exterior medium of the first boundary; without one, it is that of
+    the sensor.
     """
     if not media_of(scene):
         return sensors
     sphere = scene.bbox().bounding_sphere()
-    share = np.arange(1, PROBES + 1)[:, None] * STEPS % 1
-    from_, across = mi.Point2f(*map(mi.Float, share.T[:2])), mi.Point3f(*map(mi.Float, share.T[2:]))
-    start = mi.warp.square_to_uniform_sphere(from_) * (2 * float(sphere.radius) + 1) + sphere.center
+    sample = (np.arange(1, PROBES + 1)[:, None] * STEPS % 1).T
+    on_sphere, in_box = (
+        mi.Point2f(*map(mi.Float, sample[:2])),
+        mi.Point3f(*map(mi.Float, sample[2:])),
+    )
+    start = (
+        mi.warp.square_to_uniform_sphere(on_sphere) * (2 * float(sphere.radius) + 1) + sphere.center
+    )
     box = scene.bbox()
-    end = mi.Point3f(box.min) + across * mi.Vector3f(box.max - box.min)
+    end = mi.Point3f(box.min) + in_box * mi.Vector3f(box.max - box.min)
     ray, active = mi.Ray3f(mi.Point3f(start), dr.normalize(end - start)), mi.Bool(True)
     for _ in range(CROSSINGS):
         si = scene.ray_intersect(ray, active)
@@ -93,13 +85,10 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
 
 
 def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Refuse media that cannot be, and a sensor that is in another one than it says.
+    """Refuse unphysical media, and a sensor whose medium contradicts the boundaries it sees.
 
-    Raises:
-        ValueError: A coefficient is negative or not finite, an albedo above 1, a weight of a blend
-            outside of 0 to 1; the sensor's medium is not what the shapes say that it sees; or it
-            has no end where light comes from infinitely far away; or a blend polarises
-            what it scatters, in a variant where that counts. One line.
+    A medium around the sensor must end where light comes from infinitely far away, and a blend of
+    phase functions must not polarise in a polarised variant.
     """
     media = media_of(scene, sensor)
     for medium in media:
@@ -107,30 +96,21 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
         if mi.is_polarized:
             _require_depolarising(medium)
     if media and sensor is not None:
-        _require_place(scene, sensor)
+        _require_consistent(scene, sensor)
 
 
 def _require_sound(medium: mi.Medium) -> None:
     parameters: Any = mi.traverse(medium)
     for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
         first, value = name.split(".")[0], parameters[name]
-        if mi.is_spectral and isinstance(value, mi.Color3f):  # Coefficients, of either sign
+        if is_spectral_coefficients(value):
             continue
-        arrays = [np.asarray(leaf) for leaf in floats_of(value)]
-        text = f"{medium.id() or medium.class_name()}.{name}"
-        if first in ("sigma_t", "scale", "albedo") and "to_world" not in name:
-            most = 1 + 1e-5 if first == "albedo" else np.inf
-            what = "from 0 to 1" if first == "albedo" else "finite and 0 or more"
-        elif ".weight" in name:
-            most, what = 1 + 1e-5, "from 0 to 1"
-        else:
-            continue
-
-        def good(x: np.ndarray, most: float = most) -> np.ndarray:
-            return np.isfinite(x) & (x >= 0) & (x <= most)
-
-        if not all(good(each).all() for each in arrays):
-            raise ValueError(f"{first_wrong(text, arrays, good)}: must be {what}")
+        called = f"{medium.id() or medium.class_name()}.{name}"
+        if (first == "albedo" and "to_world" not in name) or ".weight" in name:
+            require_all(called, value, lambda x: (x >= 0) & (x <= 1 + 1e-5), "from 0 to 1")
+        elif first in ("sigma_t", "scale") and "to_world" not in name:
+            allowed = "finite and 0 or more"
+            require_all(called, value, lambda x: np.isfinite(x) & (x >= 0), allowed)
 
 
 def _require_depolarising(medium: mi.Medium) -> None:
@@ -145,8 +125,8 @@ def _require_depolarising(medium: mi.Medium) -> None:
 
 
 @uncollected()
-def _require_place(scene: mi.Scene, sensor: mi.Sensor) -> None:
-    """Look from a sensor, and compare the media on the way with what each surface says."""
+def _require_consistent(scene: mi.Scene, sensor: mi.Sensor) -> None:
+    """Trace rays from a sensor, and compare the current medium with that of each boundary."""
     film, rest = np.arange(1, PROBES + 1)[:, None] * (0.7548777, 0.5698403) % 1, mi.Point2f(0.5)
     across = mi.Point2f(*map(mi.Float, film.T))
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, across, rest, True)
@@ -201,12 +181,9 @@ def scatters(medium: mi.Medium) -> bool:
 def scatterer_on(
     scene: mi.Scene, ray: mi.Ray3f, medium: mi.MediumPtr, sensor: mi.Sensor
 ) -> tuple[mi.Medium | None, mi.MediumPtr]:
-    """A medium that scatters light on rays that start in a medium, up to their first surface.
+    """A scattering medium on rays up to their first surface, or None; and the media at their ends.
 
-    The sensor's is one of those that there may be.
-
-    Returns:
-        One of them, None if there is none; and the media that the rays end in.
+    `medium` is the current medium at the rays' origins.
     """
     known = [each for each in media_of(scene, sensor) if scatters(each)]
     found, active = None, mi.Bool(True) & dr.isfinite(ray.o.x)

@@ -31,10 +31,10 @@ def bust_mesh(**parts: Dict) -> Any:
 
 
 def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
-    """The rabbit as an `mi.Mesh` with parts as in `bust_mesh`, after a turn and a shift."""
+    """The rabbit as an `mi.Mesh` with parts as in `bust_mesh`, after a rotation and a shift."""
     vertices, faces, normals = bunny()
     turned = normals if to_world is None else normals @ np.array(to_world.matrix)[:3, :3].T
-    return _mesh("bunny", placed(vertices, to_world), faces, turned, **parts)
+    return _mesh("bunny", transformed(vertices, to_world), faces, turned, **parts)
 
 
 def letter_z() -> tuple[np.ndarray, np.ndarray]:
@@ -44,11 +44,6 @@ def letter_z() -> tuple[np.ndarray, np.ndarray]:
 
     Returns:
         Vertices [m], shape (12, 3), and indices of each triangle's corners, shape (6, 3).
-
-    Example:
-        >>> vertices, faces = letter_z()
-        >>> float(vertices[:, :2].min()), float(vertices[:, :2].max())
-        (-0.4, 0.4)
     """
     half, inner = 0.4, 0.4 - STROKE
     # The diagonal's horizontal width w makes it STROKE wide: w = STROKE sqrt(1 + (run / rise)^2)
@@ -68,16 +63,16 @@ def letter_z() -> tuple[np.ndarray, np.ndarray]:
 def letter_z_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
     """The letter Z as an `mi.Mesh` with parts as in `bust_mesh`."""
     vertices, faces = letter_z()
-    return _mesh("letter_z", placed(vertices, to_world), faces, None, **parts)
+    return _mesh("letter_z", transformed(vertices, to_world), faces, None, **parts)
 
 
 def half_rectangle(half: str, to_world: Any | None = None, **parts: Dict) -> Any:
     """The "lower" or "upper" one of the two triangles of a `rectangle`; parts as in `bust_mesh`."""
-    corners = placed(HALVES[half], to_world)
+    corners = transformed(HALVES[half], to_world)
     return _mesh(f"{half}_triangle", corners, np.array([[0, 1, 2]]), None, **parts)
 
 
-def placed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
+def transformed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
     """Points (n, 3) after a transform, if there is one."""
     if to_world is None:
         return points
@@ -103,11 +98,7 @@ def _mesh(
 
 
 def write(folder: str | Path) -> None:
-    """Write a PLY file of each mesh into `folder`.
-
-    Raises:
-        NotADirectoryError: There is no such folder.
-    """
+    """Write a PLY file of each mesh into `folder`."""
     if not Path(folder).is_dir():
         raise NotADirectoryError(f"folder = {str(folder)!r}: must be a folder that exists")
     meshes = {"bust": bust_mesh(), "bunny": bunny_mesh(), "letter_z": letter_z_mesh()}

@@ -20,14 +20,22 @@ import numpy as np
 
 from ..runtime import checks
 from .bunny import bunny
-from .fog import boundary, extinction, medium
-from .meshes import bunny_mesh, letter_z, letter_z_mesh, placed
-from .parts import SAMPLER, Dict, diffuse, place, rgb, transient_film
-
-Y = [0, 1, 0]
+from .meshes import bunny_mesh, letter_z, letter_z_mesh, transformed
+from .parts import (
+    SAMPLER,
+    Dict,
+    Y,
+    diffuse,
+    extinction,
+    medium,
+    medium_boundary,
+    pose,
+    rgb,
+    transient_film,
+)
 
 DEVICE = (-0.5, 0.0, 0.25)
-"""Where laser and sensor are [m]."""
+"""Position of laser and sensor [m]."""
 
 OCCLUDER_WIDTH = 0.1
 """Width of the occluder in its wider direction, less its margin [m]."""
@@ -36,10 +44,10 @@ MARGIN = 1.05
 """The occluder is this much wider than what it has to hide."""
 
 LEAD = 0.15
-"""How long before the first hidden light a window starts by default [m]."""
+"""Path length between the default start of a window and the first hidden light [m]."""
 
 BUNNY_TURN = 25.0
-"""How far the bunny is turned about y, from +x towards -z [degrees]."""
+"""Rotation of the bunny about y, from +x towards -z [degrees]."""
 
 
 def nlos_z(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> Dict:
@@ -73,7 +81,7 @@ def nlos_z(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> D
         1.85
     """
     z = checks.metres("distance", distance, positive=True)
-    letter = letter_z_mesh(place([0, 0, z], Y, 0, [1, 1, 1]), bsdf=_hidden_material(options))
+    letter = letter_z_mesh(pose([0, 0, z], Y, 0, [1, 1, 1]), bsdf=_hidden_material(options))
     corners = letter_z()[0] + [0, 0, z]
     return _scene({"hidden_z": letter}, corners, occluder, **options)
 
@@ -109,7 +117,7 @@ def nlos_patch(
     angle = checks.number("tilt", tilt, unit="degrees")
     if not -90 < angle < 90:
         raise ValueError(f"tilt = {checks.shown(tilt)}: must be between -90 and 90 degrees")
-    to_world = place(where, Y, 180 + angle, [half, half, 1])
+    to_world = pose(where, Y, 180 + angle, [half, half, 1])
     corners = _corners(to_world)
     if not corners[:, 2].min() > 0:
         raise ValueError(
@@ -142,7 +150,7 @@ def nlos_plane(
     """
     z = checks.metres("distance", distance, positive=True)
     half = checks.metres("half_width", half_width, positive=True)
-    to_world = place([0, 0, z], Y, 180, [half, half, 1])
+    to_world = pose([0, 0, z], Y, 180, [half, half, 1])
     plane = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
     options = {"bin_width_opl": 0.012} | options
     return _scene({"hidden_plane": plane}, _corners(to_world), occluder, **options)
@@ -163,8 +171,8 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
         0.008
     """
     z = checks.metres("distance", distance, positive=True)
-    to_world = place([0, -0.44, z], Y, BUNNY_TURN, [1, 1, 1])
-    vertices = placed(bunny()[0], to_world)
+    to_world = pose([0, -0.44, z], Y, BUNNY_TURN, [1, 1, 1])
+    vertices = transformed(bunny()[0], to_world)
     if not vertices[:, 2].min() > 0:
         raise ValueError(
             f"distance = {checks.shown(distance)}: must leave all of the bunny before the wall"
@@ -194,11 +202,8 @@ def nlos_behind_fog(*, sigma_t: float = 0.5, occluder: bool = True, **options: A
         2.0
     """
     fog = medium(extinction(sigma_t, MAX_THIN_FOG), [0.97, 0.97, 0.97], 0.6)
-    end = boundary(place([0, 0, 0.675], Y, 0, [2, 2, 0.225]), "fog")
+    end = medium_boundary(pose([0, 0, 0.675], Y, 0, [2, 2, 0.225]), "fog")
     return nlos_z(occluder=occluder, **options) | {"fog": fog, "fog-end": end}
-
-
-# ------------------------------------------------------------------------- device and wall
 
 
 def _scene(
@@ -276,21 +281,18 @@ def _occluder(device: np.ndarray, points: np.ndarray) -> Dict:
     gap = min(OCCLUDER_WIDTH / float((high - low).max()), depth / 2)
     half = gap * MARGIN * (high - low) / 2
     middle = device[:2] + gap * (low + high) / 2
-    to_world = place([*middle.tolist(), float(device[2]) + gap], Y, 0, [*half.tolist(), 1])
+    to_world = pose([*middle.tolist(), float(device[2]) + gap], Y, 0, [*half.tolist(), 1])
     return {"type": "rectangle", "to_world": to_world, "bsdf": diffuse([0.0, 0.0, 0.0])}
 
 
-# --------------------------------------------------------------------------------- helpers
-
-
 def _hidden_material(options: dict[str, Any]) -> Dict:
-    """Take the hidden shape's material out of the options; it is never the occluder's black."""
+    """Material of the hidden shape, removed from the options; never the occluder's black."""
     return _grey("hidden_reflectance", options.pop("hidden_reflectance", 0.7), positive=True)
 
 
 def _corners(to_world: Any) -> np.ndarray:
     """Corners of a rectangle [m], shape (4, 3)."""
-    return placed(np.array([[x, y, 0] for x in (-1, 1) for y in (-1, 1)]), to_world)
+    return transformed(np.array([[x, y, 0] for x in (-1, 1) for y in (-1, 1)]), to_world)
 
 
 def _grey(name: str, value: Any, **limits: Any) -> Dict:

@@ -1,4 +1,4 @@
-"""Nodes of a scene that Mitsuba's parser has read: what they are, and what they refer to."""
+"""Nodes of a scene that Mitsuba's parser has read: their kinds and references."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .settings import IN_TIME
 UNKNOWN = mi.ObjectType.Unknown
 
 NAMELESS = "_arg_"
-"""What Mitsuba's parser calls parts that an XML file gives no name."""
+"""Prefix of the names that Mitsuba's parser gives to unnamed parts of an XML file."""
 
 # Python plugins in a dict have no type before they are built; their names end like this.
 ENDINGS = {
@@ -39,13 +39,13 @@ def is_of_no_known_kind(node: Any) -> bool:
 
 
 def parts(props: mi.Properties) -> list[tuple[str, Any]]:
-    """References and ready-made objects; Mitsuba tells of other properties that nobody reads."""
+    """References and ready-made objects; reading other properties would mark them as queried."""
     kinds = (mi.Properties.Type.ResolvedReference, mi.Properties.Type.Object)
     return [(name, props[name]) for name in props if props.type(name) in kinds]
 
 
 def children(nodes: Any, parent: int, kind: mi.ObjectType) -> list[int]:
-    """Where the nodes of a kind are that a node refers to."""
+    """Indices of the nodes of a kind that a node refers to."""
     found = [
         value.index()
         for _, value in parts(nodes[parent].props)
@@ -54,8 +54,8 @@ def children(nodes: Any, parent: int, kind: mi.ObjectType) -> list[int]:
     return [index for index in found if is_kind(nodes[index], kind)]
 
 
-def become(node: Any, plugin: str, kept: Iterable[str]) -> None:
-    """Make a node another plugin, which keeps its id, its children and the properties `kept`."""
+def replace_plugin(node: Any, plugin: str, kept: Iterable[str]) -> None:
+    """Replace a node's plugin; its id, its children and the properties `kept` stay."""
     old, new = node.props, mi.Properties(plugin)
     new.set_id(old.id())
     for name, value in old.items():

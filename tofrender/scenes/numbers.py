@@ -1,4 +1,4 @@
-"""The numbers that the parameters of a scene consist of."""
+"""Floating-point numbers that the parameters of a scene consist of."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 SHOWN = 16
-"""Longest parameter that a message shows whole."""
+"""Most numbers of a parameter that a message shows."""
 
 
 def floats_of(value: Any) -> Iterator[Any]:
-    """The arrays of floating-point numbers that a parameter consists of."""
+    """Arrays of floating-point numbers that a parameter consists of."""
     if is_transform(value):
         value = value.matrix
     if dr.is_tensor_v(value):
@@ -26,23 +27,28 @@ def floats_of(value: Any) -> Iterator[Any]:
 
 
 def is_transform(value: Any) -> bool:
-    """Whether a parameter places something."""
+    """Whether a parameter is a transform of Mitsuba's."""
     return "Transform" in type(value).__name__
 
 
-def finite(array: np.ndarray) -> bool:
-    """Whether all numbers are finite; smallest and largest tell, since NaN is passed on."""
-    return array.size == 0 or bool(np.isfinite(array.min()) and np.isfinite(array.max()))
+def is_spectral_coefficients(value: Any) -> bool:
+    """Whether a parameter is a colour's coefficients, of either sign, in a spectral variant."""
+    return bool(mi.is_spectral and isinstance(value, mi.Color3f))
 
 
-def first_wrong(
-    name: str, arrays: list[np.ndarray], good: Callable[[np.ndarray], np.ndarray]
-) -> str:
-    """A parameter and its value: whole if it is short, else the first number that is wrong."""
-    flat = np.concatenate([np.ravel(each) for each in arrays])
+def require_all(
+    name: str, value: Any, good: Callable[[np.ndarray], np.ndarray], allowed: str
+) -> None:
+    """Refuse a parameter that has a wrong number; shows all numbers if they are few."""
+    flat = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in floats_of(value)] or [[]])
+    if not good(flat).all():
+        raise ValueError(f"{name}{_first_wrong(flat, good)}: must be {allowed}")
+
+
+def _first_wrong(flat: np.ndarray, good: Callable[[np.ndarray], np.ndarray]) -> str:
     if flat.size == 1:
-        return f"{name} = {flat[0]:g}"
+        return f" = {flat[0]:g}"
     if flat.size <= SHOWN:
-        return f"{name} = [{', '.join(f'{x:g}' for x in flat)}]"
+        return f" = [{', '.join(f'{x:g}' for x in flat)}]"
     first = int(np.flatnonzero(~good(flat))[0])
-    return f"{name}[{first}] = {flat[first]:g}"
+    return f"[{first}] = {flat[first]:g}"

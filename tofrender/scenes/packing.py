@@ -1,4 +1,4 @@
-"""Scenes that can be sent to another process: Mitsuba's objects in a dict as plain numbers."""
+"""Make scenes picklable: Mitsuba's objects in a dict become arrays."""
 
 from __future__ import annotations
 
@@ -14,25 +14,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Packed:
-    """An object of Mitsuba as numbers.
+    """An object of Mitsuba as an array."""
 
-    Attributes:
-        kind: "transform", "bitmap" or "grid".
-        values: Its matrix and the inverse transpose of that, (2, 4, 4), or its pixels or voxels.
-        srgb: Whether pixels are gamma-encoded.
-    """
-
-    kind: str
-    values: np.ndarray
-    srgb: bool = False
+    kind: str  # "transform", "bitmap" or "grid"
+    values: np.ndarray  # matrix and its inverse transpose, (2, 4, 4), or pixels or voxels
+    srgb: bool = False  # whether pixels are gamma-encoded
 
 
 def packed(name: str, value: Any) -> Any:
-    """An argument that pickles; names of files become whole paths.
-
-    Raises:
-        ValueError: It is loaded, or holds what is; one line.
-    """
+    """An argument that pickles; names of files become whole paths."""
     if name == "scene" and isinstance(value, str | os.PathLike):
         return str(Path(value).resolve()) if os.path.exists(value) else value
     return _packed(value, name)

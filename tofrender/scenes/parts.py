@@ -1,14 +1,17 @@
-"""What every scene is made of: cameras, films, materials, and shapes in their places."""
+"""Cameras, films, integrators, materials and shapes that the built-in scenes are made of."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import pi
-from typing import Any
+from typing import Any, TypedDict
 
 import mitsuba as mi
 
 from ..runtime import checks
+from .settings import INTEGRATORS
+
+Dict = dict[str, Any]
 
 SAMPLER = "padded_sobol"
 """The sampler of all built-in scenes."""
@@ -16,7 +19,10 @@ SAMPLER = "padded_sobol"
 PATH_TRACERS = ("path_tracer_mats", "path_tracer_nee", "path_tracer_mis")
 """Integrators that count bounces; Mitsuba's `path` counts segments, one more."""
 
-Dict = dict[str, Any]
+WITH_DEPTH = tuple(name for name in INTEGRATORS if name != "ao")
+"""Integrators of transient scenes: those that have a `max_depth`."""
+
+X, Y = [1, 0, 0], [0, 1, 0]
 
 CORNELL = {
     "white": [0.885809, 0.698859, 0.666422],
@@ -24,6 +30,92 @@ CORNELL = {
     "red": [0.570068, 0.0430135, 0.0443706],
 }
 """Reflectances of the Cornell box's walls."""
+
+LAMP_COLOUR = [1.22, 1.02, 0.76]  # its mean is 1
+
+
+class TransientOptions(TypedDict, total=False):
+    """Options of the built-in transient scenes, described at `caustic`."""
+
+    width: int
+    height: int
+    temporal_bins: int
+    start_opl: float
+    bin_width_opl: float
+    spp: int
+    max_depth: int
+    integrator: str
+
+
+class SteadyOptions(TypedDict, total=False):
+    """Options of the built-in steady scenes for path tracers, described at `veach`."""
+
+    width: int
+    height: int
+    spp: int
+    integrator: str
+    max_bounces: int
+
+
+def transient_scene(
+    origin: Sequence[float],
+    target: Sequence[float],
+    fov: float,
+    options: Mapping[str, Any],
+    **defaults: Any,
+) -> Dict:
+    """A scene without shapes: integrator, transient film, and a camera as in `camera`.
+
+    `options` are the `TransientOptions` that a builder is given, `defaults` its own.
+    """
+    given = {"width": 256, "height": 256, "temporal_bins": 300, "bin_width_opl": 0.02, "spp": 256}
+    given = _merged(given | {"integrator": "transient_path"} | defaults, options)
+    depth, kind, spp = (given.pop(name) for name in ("max_depth", "integrator", "spp"))
+    film = transient_film(**given)
+    checks.one_of("integrator", kind, WITH_DEPTH)
+    return {
+        "type": "scene",
+        "integrator": {"type": kind, "max_depth": checks.depth("max_depth", depth)},
+        "sensor": camera(origin, target, fov, film, spp),
+    }
+
+
+def steady_scene(
+    origin: Sequence[float],
+    target: Sequence[float],
+    fov: float,
+    options: Mapping[str, Any],
+    **defaults: Any,
+) -> Dict:
+    """A scene as of `transient_scene` with a steady film and a path tracer or Mitsuba's `path`."""
+    given = {"width": 256, "height": 192, "spp": 64, "integrator": "path_tracer_mis"}
+    given = _merged(given | {"max_bounces": 1} | defaults, options)
+    checks.one_of("integrator", given["integrator"], (*PATH_TRACERS, "path"))
+    depth = checks.depth_of_bounces(given["max_bounces"])
+    limit = {"max_bounces": given["max_bounces"]}
+    if given["integrator"] == "path":
+        limit = {"max_depth": depth}
+    film = steady_film(given["width"], given["height"])
+    return {
+        "type": "scene",
+        "integrator": {"type": given["integrator"]} | limit,
+        "sensor": camera(origin, target, fov, film, given["spp"]),
+    }
+
+
+def _merged(defaults: Dict, options: Mapping[str, Any]) -> Dict:
+    for name in options:
+        if name not in defaults:
+            raise TypeError(f"{name}: no such option; there are {', '.join(defaults)}")
+    return defaults | dict(options)
+
+
+# ------------------------------------------------------------------------------ materials, media
+
+
+def ref(name: str) -> Dict:
+    """A reference to another part of the scene."""
+    return {"type": "ref", "id": name}
 
 
 def rgb(value: Sequence[float]) -> Dict:
@@ -36,24 +128,52 @@ def diffuse(reflectance: Sequence[float]) -> Dict:
     return {"type": "diffuse", "reflectance": rgb(reflectance)}
 
 
-def area_light(radiance: Sequence[float]) -> Dict:
-    """What makes a shape a light; radiance [W m^-2 sr^-1]."""
-    return {"type": "area", "radiance": rgb(radiance)}
+def extinction(sigma_t: float, most: float) -> float:
+    """A checked extinction coefficient [1/m]."""
+    return checks.number("sigma_t", sigma_t, unit="1/m", low=0, high=most)
+
+
+def medium(sigma_t: float, albedo: list[float], g: float) -> Dict:
+    """A homogeneous medium of an extinction [1/m] and an HG phase function."""
+    phase = {"type": "hg", "g": g}
+    return {"type": "homogeneous", "sigma_t": sigma_t, "albedo": rgb(albedo), "phase": phase}
+
+
+# ----------------------------------------------------------------------------- shapes and lights
+
+
+def pose(
+    position: Sequence[float], axis: Sequence[float], angle: float, scale: Sequence[float]
+) -> Any:
+    """Transform that scales, rotates about `axis` by `angle` degrees, moves to `position` [m]."""
+    return mi.ScalarTransform4f().translate(position).rotate(axis, angle).scale(scale)
 
 
 def shape(kind: str, to_world: Any, bsdf: str) -> Dict:
     """A shape that uses the scene's material `bsdf`."""
-    return {"type": kind, "to_world": to_world, "bsdf": {"type": "ref", "id": bsdf}}
+    return {"type": kind, "to_world": to_world, "bsdf": ref(bsdf)}
 
 
 def sphere(center: Sequence[float], radius: float, bsdf: str) -> Dict:
     """A sphere [m] that uses the scene's material `bsdf`."""
-    return {
-        "type": "sphere",
-        "center": list(center),
-        "radius": radius,
-        "bsdf": {"type": "ref", "id": bsdf},
-    }
+    return {"type": "sphere", "center": list(center), "radius": radius, "bsdf": ref(bsdf)}
+
+
+def cylinder(x: float, z: float, ys: Sequence[float], radius: float, bsdf: str) -> Dict:
+    """An upright cylinder without caps [m] that uses the scene's material `bsdf`."""
+    ends = {"p0": [x, ys[0], z], "p1": [x, ys[1], z]}
+    return {"type": "cylinder", **ends, "radius": radius, "bsdf": ref(bsdf)}
+
+
+def medium_boundary(to_world: Any, medium: str) -> Dict:
+    """A cube that holds a medium and refracts no light."""
+    null = {"type": "null"}
+    return {"type": "cube", "to_world": to_world, "bsdf": null, "interior": ref(medium)}
+
+
+def area_light(radiance: Sequence[float]) -> Dict:
+    """Emitter of a shape; radiance [W m^-2 sr^-1]."""
+    return {"type": "area", "radiance": rgb(radiance)}
 
 
 def ball_light(
@@ -65,12 +185,7 @@ def ball_light(
     return sphere(center, radius, "black") | light
 
 
-def place(
-    position: Sequence[float], axis: Sequence[float], angle: float, scale: Sequence[float]
-) -> Any:
-    """Scale, turn about `axis` by `angle` degrees, then move to `position` [m]."""
-    transform = mi.ScalarTransform4f()
-    return transform.translate(position).rotate(axis, angle).scale(scale)
+# ------------------------------------------------------------------------------ camera and films
 
 
 def camera(
@@ -83,7 +198,7 @@ def camera(
         "fov": fov,
         "near_clip": 0.001,
         "far_clip": 100.0,
-        "to_world": mi.ScalarTransform4f().look_at(origin, target, [0, 1, 0]),
+        "to_world": mi.ScalarTransform4f().look_at(origin, target, Y),
         "film": film,
         "sampler": {"type": SAMPLER, "sample_count": checks.integer("spp", spp, 1, checks.MAX_SPP)},
     }
@@ -109,24 +224,3 @@ def transient_film(
         "start_opl": checks.metres("start_opl", start_opl),
         "bin_width_opl": checks.metres("bin_width_opl", bin_width_opl, positive=True),
     }
-
-
-def path_tracer(integrator: str, max_bounces: int) -> Dict:
-    """One of `PATH_TRACERS`, or Mitsuba's `path` for the same paths.
-
-    Args:
-        integrator: Its name.
-        max_bounces: Most reflections between light and camera; 1 is direct light only.
-
-    Raises:
-        ValueError: One line with name, value and what is allowed.
-
-    Example:
-        >>> path_tracer("path", 1)
-        {'type': 'path', 'max_depth': 2}
-    """
-    checks.one_of("integrator", integrator, (*PATH_TRACERS, "path"))
-    depth = checks.depth_of_bounces(max_bounces)
-    if integrator == "path":
-        return {"type": "path", "max_depth": depth}
-    return {"type": integrator, "max_bounces": max_bounces}

@@ -6,26 +6,28 @@ polariser is then a filter that halves the light, and strained plastic is clear.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 from math import cos, radians, sin
-from typing import Any
+from typing import Any, Unpack
 
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from .caustics import WITH_DEPTH
-from .parts import Dict, area_light, camera, diffuse, place, rgb, shape, sphere, transient_film
-
-X, Y = [1, 0, 0], [0, 1, 0]
-
-
-def _integrator(integrator: str, max_depth: int, rr_depth: int) -> Dict:
-    kind = checks.one_of("integrator", integrator, WITH_DEPTH)
-    depth = checks.depth("max_depth", max_depth)
-    return {"type": kind, "max_depth": depth, "rr_depth": rr_depth}
+from .parts import (
+    Dict,
+    TransientOptions,
+    X,
+    Y,
+    area_light,
+    diffuse,
+    pose,
+    rgb,
+    shape,
+    sphere,
+    transient_scene,
+)
 
 
 def _plate(kind: str, angle_name: str, angle: float, **more: Any) -> Dict:
@@ -38,8 +40,6 @@ def _lamp(to_world: Any, radiance: float) -> Dict:
     return shape("rectangle", to_world, "black") | {"emitter": area_light([radiance] * 3)}
 
 
-# --------------------------------------------------------------------------------------- window
-
 INDEX = 1.5
 """Index of refraction of the window."""
 
@@ -48,29 +48,18 @@ BREWSTER = 56.30993247402022
 
 
 def _before(along: float, aside: float, up: float) -> list[float]:
-    """A point by its place on the way of light that the window's middle reflects."""
+    """Point in the frame of the ray that the window's middle reflects, before the window [m]."""
     s, c = sin(radians(BREWSTER)), cos(radians(BREWSTER))
     return [-along * s - aside * c, up, along * c - aside * s]
 
 
 def _behind(along: float, aside: float, up: float) -> list[float]:
-    """A point by its place on the camera's axis, `along` it from the window's middle on."""
+    """Point in the frame of the camera's axis, `along` it from the window's middle on [m]."""
     s, c = sin(radians(BREWSTER)), cos(radians(BREWSTER))
     return [-along * s + aside * c, up, -along * c - aside * s]
 
 
-def brewster_window(
-    *,
-    width: int = 256,
-    height: int = 256,
-    temporal_bins: int = 300,
-    start_opl: float = 3.0,
-    bin_width_opl: float = 0.04,
-    spp: int = 256,
-    max_depth: int = -1,
-    integrator: str = "transient_path",
-    polariser: float = 0.0,
-) -> Dict:
+def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOptions]) -> Dict:
     """A window at Brewster's angle: a reflected target, a room behind it.
 
     The target's light comes back from the glass first, polarised along the camera's `up` and at
@@ -79,43 +68,28 @@ def brewster_window(
     grey filter.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        temporal_bins: Number of time bins, 1 to 1048576.
-        start_opl: Start of the first bin, an optical path length [m]. The default is a little
-            before the first light arrives.
-        bin_width_opl: Width of a bin [m], above 0.
-        spp: Samples per pixel.
-        max_depth: Longest path in segments, camera's included, -1 for no limit.
-        integrator: An integrator in time that has a `max_depth`, e.g. "path_tracer_nee".
         polariser: Angle of what the polariser lets pass, from the picture's right [degrees], -180
             to 180: 0 takes the reflection away, 90 leaves it.
-
-    Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
-        cuda_* variant.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        **options: As for `caustic`; by default `start_opl` is 3, `bin_width_opl` 0.04 and
+            `max_depth` -1.
 
     Example:
         >>> brewster_window(polariser=90)["sheet"]["theta"]["value"]
         90.0
     """
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
+    view = _behind(-2.0, 0, 0), [0, 0, 0], 36
+    scene = transient_scene(*view, options, start_opl=3.0, bin_width_opl=0.04, max_depth=-1)
+    scene["integrator"]["rr_depth"] = 20
     to_window = 180 - BREWSTER  # About y, of what is before the window
 
     def wall(x: float, y: float, half_x: float, half_y: float) -> Dict:
-        return shape("rectangle", place([x, y, 0], Y, 0, [half_x, half_y, 1]), "wall")
+        return shape("rectangle", pose([x, y, 0], Y, 0, [half_x, half_y, 1]), "wall")
 
     def disk(along: float, radius: float, bsdf: str) -> Dict:
-        where = place(_before(along, 0, 0), Y, to_window, [radius, radius, 1])
+        where = pose(_before(along, 0, 0), Y, to_window, [radius, radius, 1])
         return shape("disk", where, bsdf)
 
-    return {
-        "type": "scene",
-        "integrator": _integrator(integrator, max_depth, 20),
-        "sensor": camera(_behind(-2.0, 0, 0), [0, 0, 0], 36, film, spp),
+    return scene | {
         "black": diffuse([0, 0, 0]),
         "white": diffuse([0.8, 0.8, 0.8]),
         "wall": diffuse([0.1, 0.09, 0.08]),
@@ -127,29 +101,27 @@ def brewster_window(
         "green": diffuse([0.15, 0.5, 0.2]),
         "glass": {"type": "dielectric", "int_ior": INDEX, "ext_ior": 1.0},
         "sheet": _plate("polarizer", "polariser", polariser),
-        "window": shape("cube", place([0, 0, -0.01], Y, 0, [1.4, 0.7, 0.01]), "glass"),
+        "window": shape("cube", pose([0, 0, -0.01], Y, 0, [1.4, 0.7, 0.01]), "glass"),
         "wall-left": wall(-3.2, 0, 1.8, 3),
         "wall-right": wall(3.2, 0, 1.8, 3),
         "wall-top": wall(0, 1.85, 1.4, 1.15),
         "wall-bottom": wall(0, -1.85, 1.4, 1.15),
         "polariser": shape(
-            "rectangle", place(_behind(-1.2, -0.1, 0), Y, BREWSTER, [0.1, 0.13, 1]), "sheet"
+            "rectangle", pose(_behind(-1.2, -0.1, 0), Y, BREWSTER, [0.1, 0.13, 1]), "sheet"
         ),
-        "target": shape("rectangle", place(_before(1.4, 0, 0), Y, to_window, [0.8] * 3), "grey"),
+        "target": shape("rectangle", pose(_before(1.4, 0, 0), Y, to_window, [0.8] * 3), "grey"),
         "ring": disk(1.398, 0.7, "white"),
         "gap": disk(1.396, 0.5, "red"),
         "eye": disk(1.394, 0.3, "white"),
-        "lamp": _lamp(place(_before(0.6, 0, 1.1), Y, -10, [0.25, 0.1, 1]), 300.0),
-        "back": shape("rectangle", place(_behind(3.2, 0, 0), Y, BREWSTER, [4, 3, 1]), "plaster"),
-        "floor": shape("rectangle", place([-2.08, -1, -3], X, -90, [5, 3, 1]), "grey"),
+        "lamp": _lamp(pose(_before(0.6, 0, 1.1), Y, -10, [0.25, 0.1, 1]), 300.0),
+        "back": shape("rectangle", pose(_behind(3.2, 0, 0), Y, BREWSTER, [4, 3, 1]), "plaster"),
+        "floor": shape("rectangle", pose([-2.08, -1, -3], X, -90, [5, 3, 1]), "grey"),
         "ball": sphere(_behind(2.6, -0.7, -0.6), 0.4, "blue"),
         "small-ball": sphere(_behind(2.7, 0.35, -0.7), 0.3, "orange"),
-        "cube": shape("cube", place(_behind(2.2, 0.9, -0.8), Y, 25, [0.2] * 3), "green"),
-        "room-lamp": _lamp(place(_behind(2.0, 0.5, 2.0), X, 90, [0.4, 0.4, 1]), 28.0),
+        "cube": shape("cube", pose(_behind(2.2, 0.9, -0.8), Y, 25, [0.2] * 3), "green"),
+        "room-lamp": _lamp(pose(_behind(2.0, 0.5, 2.0), X, 90, [0.4, 0.4, 1]), 28.0),
     }
 
-
-# -------------------------------------------------------------------------------------- mirrors
 
 CORRIDOR = 10.0
 """Distance of the two mirrors [m]."""
@@ -158,7 +130,7 @@ LAMP_HALF, HOLE_HALF = 0.9, 0.5
 """Half the width of the square lamp, and of the hole in it that the camera looks through [m]."""
 
 MOST_RETARDANCE = 60.0
-"""What the plastic turns phases by in one pass, where it is strained most [degrees]."""
+"""Retardance of the plastic where it is strained most [degrees]."""
 
 # x, y; radius that the strain falls to one half in, all in halves of the plate's width
 SCREWS = np.array([(-0.7, -0.6, 0.35), (0.6, -0.75, 0.25), (0.75, 0.5, 0.4), (-0.45, 0.8, 0.3)])
@@ -170,10 +142,6 @@ def retardance_of_plastic() -> NDArray[np.float32]:
 
     Returns:
         The same array every time, which cannot be written to, shape (64, 64, 1), from the top.
-
-    Example:
-        >>> float(retardance_of_plastic().max())
-        60.0
     """
     middles = (2 * np.arange(64) + 1) / 64 - 1
     x, y = np.meshgrid(middles, middles[::-1])
@@ -183,18 +151,7 @@ def retardance_of_plastic() -> NDArray[np.float32]:
     return found
 
 
-def strained_mirror_corridor(
-    *,
-    width: int = 256,
-    height: int = 256,
-    temporal_bins: int = 250,
-    start_opl: float = 19.5,
-    bin_width_opl: float = 1.0,
-    spp: int = 64,
-    max_depth: int = 100,
-    integrator: str = "transient_path",
-    angle: float = 45.0,
-) -> Dict:
+def strained_mirror_corridor(*, angle: float = 45.0, **options: Unpack[TransientOptions]) -> Dict:
     """A lamp between mirrors, seen through strained plastic over and over.
 
     The camera looks through a hole in a square lamp, whose light is polarised along the picture's
@@ -203,40 +160,27 @@ def strained_mirror_corridor(
     certain, so the picture has no noise. In variants without polarisation, all images are grey.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
-        temporal_bins: Number of time bins, 1 to 1048576.
-        start_opl: Start of the first bin, an optical path length [m]. The default is a little
-            before the first light arrives.
-        bin_width_opl: Width of a bin [m], above 0.
-        spp: Samples per pixel.
-        max_depth: Longest path in segments, camera's included, -1 for no limit. The k-th image
-            takes 4 k + 1.
-        integrator: As for `brewster_window`; one that does not run into lamps finds no light.
         angle: From the lamp's polarisation to the axis of the strain [degrees], -180 to 180. At 0
             nothing changes.
-
-    Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`.
+        **options: As for `caustic`; by default `temporal_bins` is 250, `start_opl` 19.5,
+            `bin_width_opl` 1, `spp` 64 and `max_depth` 100; the k-th image takes 4 k + 1. An
+            integrator whose paths do not hit lamps by chance finds no light.
 
     Example:
         >>> strained_mirror_corridor(angle=30)["strained"]["theta"]["value"]
         30.0
     """
-    film = transient_film(width, height, temporal_bins, start_opl, bin_width_opl)
-    retardance = {
-        "type": "bitmap",
-        "bitmap": mi.Bitmap(retardance_of_plastic().copy()),
-        "raw": True,
-    }
+    view = [0, 0, CORRIDOR - 0.01], [0, 0, 0], 5.1
+    window = {"temporal_bins": 250, "start_opl": 19.5, "bin_width_opl": 1.0}
+    scene = transient_scene(*view, options, **window, spp=64, max_depth=100)
+    scene["integrator"]["rr_depth"] = 60
+    strain = mi.Bitmap(retardance_of_plastic().copy())
+    retardance = {"type": "bitmap", "bitmap": strain, "raw": True}
 
     def across(z: float, bsdf: str, turn: float = 0) -> Dict:
-        return shape("rectangle", place([0, 0, z], Y, turn, [1, 1, 1]), bsdf)
+        return shape("rectangle", pose([0, 0, z], Y, turn, [1, 1, 1]), bsdf)
 
-    return {
-        "type": "scene",
-        "integrator": _integrator(integrator, max_depth, 60),
-        "sensor": camera([0, 0, CORRIDOR - 0.01], [0, 0, 0], 5.1, film, spp),
+    return scene | {
         "black": diffuse([0, 0, 0]),
         "mirror": {"type": "conductor", "eta": 0.0, "k": 30.0}
         | {"specular_reflectance": rgb([0.85, 0.85, 0.85])},
@@ -245,21 +189,21 @@ def strained_mirror_corridor(
         "far-mirror": across(0.0, "mirror"),
         "near-mirror": across(CORRIDOR, "mirror", 180),
         "plastic": across(CORRIDOR / 2, "strained"),
-        **{f"lamp-{side}": _lamp(where, 1.0) for side, where in _frame(CORRIDOR - 0.01)},
+        **{f"lamp-{side}": _lamp(where, 1.0) for side, where in _frame(CORRIDOR - 0.01).items()},
         **{
             f"sheet-{side}": shape("rectangle", where, "sheet")
-            for side, where in _frame(CORRIDOR - 0.012, 0.0005)
+            for side, where in _frame(CORRIDOR - 0.012, 0.0005).items()
         },
     }
 
 
-def _frame(z: float, margin: float = 0.0) -> Sequence[tuple[str, Any]]:
-    """Places of the four sides of the lamp, or of what covers it; they face the far mirror."""
+def _frame(z: float, margin: float = 0.0) -> Dict:
+    """Transforms of the four sides of the lamp, or of its cover; they face the far mirror."""
     middle, half = (LAMP_HALF + HOLE_HALF) / 2, (LAMP_HALF - HOLE_HALF) / 2 + margin
     upright, flat = [half, LAMP_HALF + margin, 1], [HOLE_HALF, half, 1]
-    return (
-        ("left", place([-middle, 0, z], Y, 180, upright)),
-        ("right", place([middle, 0, z], Y, 180, upright)),
-        ("top", place([0, middle, z], Y, 180, flat)),
-        ("bottom", place([0, -middle, z], Y, 180, flat)),
-    )
+    return {
+        "left": pose([-middle, 0, z], Y, 180, upright),
+        "right": pose([middle, 0, z], Y, 180, upright),
+        "top": pose([0, middle, z], Y, 180, flat),
+        "bottom": pose([0, -middle, z], Y, 180, flat),
+    }

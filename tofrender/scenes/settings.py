@@ -1,4 +1,4 @@
-"""What can be changed in a scene while it loads, and the check of each value.
+"""Settings that change a scene while it loads, and the check of each.
 
 Nothing here imports Mitsuba: the command line refuses bad values before Mitsuba starts.
 """
@@ -10,32 +10,19 @@ from typing import Any, TypedDict
 
 from ..runtime import checks
 
-SAMPLERS = (
-    "padded_sobol",
-    "independent",
-    "stratified",
-    "multijitter",
-    "orthogonal",
-    "ldsampler",
-)
+SAMPLERS = ("padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 INTEGRATORS = (
-    "transient_path",
-    "transient_volpath",
-    "path_tracer_mats",
-    "path_tracer_nee",
-    "path_tracer_mis",
-    "transient_light_tracer",
-    "transient_bdpt",
-    "ao",
+    *("transient_path", "transient_volpath", "path_tracer_mats", "path_tracer_nee"),
+    *("path_tracer_mis", "transient_light_tracer", "transient_bdpt", "ao"),
 )
 """Integrators that a name is enough for."""
 
 IN_TIME = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
-"""Integrators that can put light into bins."""
+"""Transient integrators."""
 
 
 class Settings(TypedDict, total=False):
-    """What can be changed in a scene while it loads; None keeps the scene's own value."""
+    """Settings that change a scene while it loads; None keeps the scene's own value."""
 
     width: int | None
     height: int | None
@@ -73,16 +60,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
 
 
 def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that are given (not None), each one checked.
-
-    Raises:
-        ValueError: A value is not allowed; one line with name, value and what is allowed.
-        TypeError: There is no setting of this name.
-
-    Example:
-        >>> check_settings({"spp": 64, "width": None})
-        {'spp': 64}
-    """
+    """Return the settings that are given (not None), each one checked."""
     for name in settings:
         if name not in CHECKS:
             raise TypeError(f"{name}: no such setting; there are {', '.join(CHECKS)}")

@@ -1,4 +1,4 @@
-"""Names that scene files of mitransient and its course fork use for what has another name here."""
+"""Translate names in scene files of mitransient and its course fork into those of this package."""
 
 from __future__ import annotations
 
@@ -11,17 +11,11 @@ TIME_SAMPLINGS = ("stratified", "random")
 
 
 def use_own_names(state: Any) -> None:
-    """Put this package's names in the place of others', where they mean the same.
+    """Replace names by this package's where they mean the same, and refuse others.
 
     `timegated_transient_path`, whose gates fill the bins of a film, becomes the `transient_path`
     around the same `confocal_projector`; `transient_prbvolpath` becomes `transient_volpath`;
     `nlos_confocal` of a `transient_nlos_path` its `capture_type`.
-
-    Args:
-        state: The `mi.parser.ParserState`, with its references resolved.
-
-    Raises:
-        ValueError: A name has no counterpart; one line that says what to use instead.
     """
     for node in state.nodes:
         name = node.props.plugin_name()
@@ -48,7 +42,8 @@ def _gate_all_bins(props: Any) -> None:
     if "time_sampling" in props:
         given = checks.one_of("time_sampling", props["time_sampling"], TIME_SAMPLINGS)
         del props["time_sampling"]
-        _tell(f"time_sampling = {given!r}: has no effect; every path counts in all bins")
+        text = f"time_sampling = {given!r}: has no effect; every path counts in all bins"
+        warnings.warn(text, stacklevel=5)
     _limit_depth(props)
     props.set_plugin_name("transient_path")
 
@@ -65,11 +60,8 @@ def _scan(props: Any) -> None:
         raise ValueError(f"nlos_confocal = {confocal}: must be left out; capture_type is given")
     props["capture_type"] = "confocal" if confocal else "single"
     if confocal:
-        _tell(
+        warnings.warn(
             "nlos_confocal = True: is capture_type = 'confocal'; the light is scaled by the "
-            "emitter's irradiance at each lit point (or laser_power), not by 1"
+            "emitter's irradiance at each lit point (or laser_power), not by 1",
+            stacklevel=5,
         )
-
-
-def _tell(text: str) -> None:
-    warnings.warn(text, stacklevel=6)
