@@ -26,8 +26,6 @@ from ..signals.frequencies import check_frequencies
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT
 
-_CHUNK = 1 << 18  # values that are converted to double precision at a time
-
 
 @shown("Converting to phasors")
 def transient_to_phasor(
@@ -204,10 +202,6 @@ def _correlate(cube: Cube, waves: np.ndarray) -> np.ndarray:
     sums = np.zeros((len(waves), height, width, channels))
     with np.errstate(invalid="ignore"):  # Of infinite values
         for (rows, columns, bins, _), values in cube.pieces():
-            step = max(1, _CHUNK // (values.shape[2] * channels))
-            for y, row in enumerate(values, rows.start):
-                for x in range(0, len(row), step):  # Without a second copy of all data
-                    part = waves[:, bins] @ row[x : x + step].astype(np.float64)
-                    here = slice(columns.start + x, columns.start + x + len(row[x : x + step]))
-                    sums[:, y, here] += np.moveaxis(part, 1, 0)
+            part = waves[:, bins] @ values.astype(np.float64)
+            sums[:, rows, columns] += np.moveaxis(part, 2, 0)
     return sums

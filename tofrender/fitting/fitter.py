@@ -225,9 +225,11 @@ def fit(
             bar.update()
             ended = callback is not None and callback(step, losses[-1], history[-1]) is True
             converged = plateau.add(losses[-1])
-            if stop.requested or ended or converged:
-                ends = (stop.requested, "stopped"), (converged, "the loss no longer falls")
-                why = next((text for holds, text in ends if holds), "the callback ended it")
+            if stop.requested or converged or ended:
+                reasons = {"stopped": stop.requested, "the loss no longer falls": converged}
+                why = next(
+                    (text for text, is_so in reasons.items() if is_so), "the callback ended it"
+                )
                 break
     best, lowest = _best(losses, patience)
     if not dr.any(dr.detach(light) != 0, axis=None):

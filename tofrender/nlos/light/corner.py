@@ -55,10 +55,10 @@ class CornerConnections:
         ps, shape = targets.sample(u, active)
         r = dr.norm(ps.p - si.p)
         d = (ps.p - si.p) / r
-        arrives, place = mi.Float(1), path.place
+        transmittance, place = mi.Float(1), path.place
         if scatters:
             link = Connection.plain(ps.p, d, r, active)
-            arrives, place = self.space.through(path, seen, link, sampler)
+            transmittance, place = self.space.through(path, seen, link, sampler)
         if targets.plain:  # The sample has all of the surface interaction
             y = _interaction_at(si, ps, shape, d, r)
             if not scatters:
@@ -78,7 +78,7 @@ class CornerConnections:
         density = turn.pdf + (guided.share + CONNECTIONS) * by_area
 
         # Connect y to the laser spot
-        weight, opl = path.β * arrives, path.opl
+        weight, opl = path.β * transmittance, path.opl
         path = Path.start(si.spawn_ray(d), si.p, active, self.laser.memory(), place=place)
         path.depth, path.opl = mi.UInt32(1), opl + r
         middle = Vertex(y, r, active)

@@ -221,11 +221,11 @@ class RelayWallPath(TransientPath):
         r = dr.norm(to_laser)
         d = to_laser / r
         seen = active & si.is_valid()
-        arrives = arriving(scan.space, si, laser, sampler, seen)
+        transmittance = arriving(scan.space, si, laser, sampler, seen)
         if scan.space.scatters:
-            arrives *= arriving(scan.space, si, ray.o, sampler, seen, dr.norm(si.p - origin))
+            transmittance *= arriving(scan.space, si, ray.o, sampler, seen, dr.norm(si.p - origin))
         f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
-        radiance = f * irradiance(-d, r) * arrives
+        radiance = f * irradiance(-d, r) * transmittance
         opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
         opl += r if self.counts_legs else 0
         return Contribution(radiance, opl, seen & dr.any(radiance != 0))

@@ -118,8 +118,7 @@ class _Wall:
         self.count, bins = light.shape
         self.bins = mi.Float32(bins)
         self.row = mi.UInt32(bins + 2)
-        padded = np.zeros((self.count, bins + 2), np.float32)  # no light before and after
-        padded[:, 1:-1] = light
+        padded = np.pad(light, ((0, 0), (1, 1)))  # no light before and after
         self.light = mi.Float32(padded.reshape(-1))
         # Position in bins, from the centre of the first: (path - start) / width - 1/2
         offset = (measured.legs[index][block].reshape(-1) - measured.start) / measured.width - 0.5
@@ -128,13 +127,14 @@ class _Wall:
         self.per_width = mi.Float32(1 / measured.width)
         self.confocal = measured.mode == "confocal"
         self.weighted = weighting == "r2"
-        self.laser = None if self.confocal else measured.lasers[index]
+        lasers = [] if self.confocal else measured.lasers[index]
+        self.laser = [dr.opaque(mi.Float32, float(coordinate)) for coordinate in lasers]
         dr.make_opaque(self.bins, self.row, self.per_width)
 
     def light_through(self, grid: VolumeGrid, first: int, count: int) -> np.ndarray:
         """Sum over the points, for `count` voxels from `first` on, x fastest."""
         voxel = _centres(grid, first, count)
-        to_laser = 0 if self.laser is None else _distance(voxel, _opaque(self.laser))
+        to_laser = 0 if self.confocal else _distance(voxel, self.laser)
 
         def add(index: Any, total: Any) -> Any:
             x, y, z, offset = (dr.gather(mi.Float32, array, index) for array in self.points)
@@ -162,24 +162,16 @@ class _Wall:
         return total.numpy()
 
 
-def _centres(grid: VolumeGrid, first: int, count: int) -> tuple[Any, Any, Any]:
-    """Centres of voxels [m]."""
+def _centres(grid: VolumeGrid, first: int, count: int) -> list[Any]:
+    """Centres (x, y, z) of `count` voxels from `first` on, x fastest [m]."""
     index = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first)
     _, ny, nx = grid.shape
     line = index // nx
+    lines = [mi.Float32(grid.centres(axis).astype(np.float32)) for axis in "xyz"]
     steps = (index - line * nx, line % ny, line // ny)
-    lows = _opaque([getattr(grid, axis)[0] + grid.step(axis) / 2 for axis in "xyz"])
-    sizes = _opaque([grid.step(axis) for axis in "xyz"])
-    voxel = tuple(
-        dr.fma(mi.Float32(n), size, low) for n, size, low in zip(steps, sizes, lows, strict=True)
-    )
-    dr.eval(voxel)
-    return voxel  # pyright: ignore[reportReturnType]
-
-
-def _opaque(numbers: Any) -> list[Any]:
-    """Make numbers inputs of the kernel, rather than literals that it is compiled for."""
-    return [dr.opaque(mi.Float32, float(number)) for number in numbers]
+    voxels = [dr.gather(mi.Float32, each, n) for each, n in zip(lines, steps, strict=True)]
+    dr.eval(voxels)
+    return voxels
 
 
 def _distance(a: Any, b: Any) -> Any:
