@@ -8,8 +8,7 @@ from oracles import nlos
 
 import tofrender
 from tofrender.nlos import check_capture, focus_laser, without_first_and_last_legs
-from tofrender.nlos.device.relay_wall import find_relay_wall
-from tofrender.nlos.device.wall_points import wall_points
+from tofrender.nlos.device.relay_wall import find_relay_wall, wall_points
 
 DEVICE = (-0.6, 0.3, 1.2)
 LASER = (-0.8, -0.5, 0.6)

@@ -11,7 +11,7 @@ from helpers.fogs import cube, filled, fog
 from helpers.support import agree, diffuse, film, load, plane, rotate, scene, translate
 
 import tofrender
-from tofrender.nlos.light.laser_in_media import LaserInMedia
+from tofrender.nlos.light.laser_spot import LaserInMedia
 
 pytestmark = [
     pytest.mark.statistical,

@@ -1,4 +1,4 @@
-"""What is computed from rendered light: phasors and depth, sensor models, statistics."""
+"""Phasors and depth, sensor models and statistics, computed from rendered light."""
 
 from ..runtime.lazy import on_demand
 

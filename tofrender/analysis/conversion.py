@@ -4,8 +4,7 @@ The phasor of a pixel at the modulation frequency f is
 
     P(f) = sum over k of L_k exp(+i 2 pi f opl_k / c),    I = Re P,    Q = Im P
 
-with the light L_k of bin k and the path length opl_k of its centre: light that arrives later has a
-larger phase. NumPy arrays in and out.
+with the radiance L_k of bin k and the path length opl_k of its centre.
 """
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
@@ -27,8 +26,6 @@ from ..signals.frequencies import check_frequencies
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT
 
-_CHUNK = 1 << 18  # values that are converted to double precision at a time
-
 
 @shown("Converting to phasors")
 def transient_to_phasor(
@@ -41,8 +38,8 @@ def transient_to_phasor(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Convert transient data to phasors: P(f) = sum L_k exp(+i 2 pi f opl_k / c) at bin centres.
 
-    Film data, radiance per bin, is summed as it is; a density, radiance per metre, is multiplied
-    by the bin width. Three things make the result differ from phasors accumulated path by path:
+    Radiance per bin is summed as it is; radiance per metre is multiplied by the bin width. The
+    result differs from phasors accumulated path by path:
 
     - Light outside the window is missing, which can be a large error; see the warning.
     - Light counts as if it arrived at its bin's centre. Spread evenly over a bin of width w, it has
@@ -52,18 +49,18 @@ def transient_to_phasor(
       function, exp(-(2 pi f s / c)^2 / 2) for a Gaussian: 0.9995 for s = 0.03 m at 50 MHz.
 
     Args:
-        transient_data: A Dataset of `render`, or an array of shape (height, width, bins, channels)
-            with 1 or 3 channels, or (height, width, bins) for one channel.
+        transient_data: A Dataset of `render`, or an array (height, width, bins, channels) with 1 or
+            3 channels, or (height, width, bins).
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
             sequence of them.
-        start_opl: Where the first bin starts [m]; a Dataset knows it.
-        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
-        quantity: "radiance per bin" or "radiance per metre"; a Dataset knows it, and an array
-            is taken to hold radiance per bin by default.
+        start_opl: Start of the first bin [m], by default the Dataset's.
+        bin_width_opl: Width of a bin [m], above 0, by default the Dataset's.
+        quantity: "radiance per bin" or "radiance per metre", by default the Dataset's; of an array
+            "radiance per bin".
 
     Returns:
-        (I, Q, amplitude, phase, depth), each float64 of shape (height, width, channels), with a
-        leading axis of frequencies if a sequence was given; see `phasor_parts`.
+        (I, Q, amplitude, phase, depth), each float64 (height, width, channels), with a leading axis
+        of frequencies if a sequence was given; see `phasor_parts`.
 
     Raises:
         ValueError: A wrong shape, frequency or time axis, a value that is not finite, or a Dataset
@@ -83,7 +80,7 @@ def transient_to_phasor(
     outside = 0.0
     if hasattr(transient_data, "data_vars"):
         given = {"start_opl": start_opl, "bin_width_opl": bin_width_opl, "quantity": quantity}
-        start, width, quantity = _described(transient_data, given)
+        start, width, quantity = _time_axis_and_quantity(transient_data, given)
         values = transient_data["transient"]
         outside = transient_data.attrs["energy_outside_window"]
     else:
@@ -92,7 +89,7 @@ def transient_to_phasor(
         quantity = QUANTITIES[0] if quantity is None else quantity
         quantity = checks.one_of("quantity", quantity, QUANTITIES)
         values = transient_data
-    cube = _check_shape(Cube.of("transient_data", values))
+    cube = _four_axes(Cube.of("transient_data", values))
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
         raise ValueError(
@@ -123,10 +120,10 @@ def transient_to_phasor(
 def sum_channels(
     I: Any, Q: Any, frequency_hz: float | Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Add the channels of phasors, as a sensor without colour filters does.
+    """Add the channels of phasors (I, Q), as a sensor without colour filters does.
 
-    Phases of colours must not be averaged: they wrap, and the darkest counts as much as the
-    brightest. Phasors add.
+    Phasors add; phases must not be averaged, as they wrap and the darkest would count as much as
+    the brightest.
 
     Args:
         I: Real part, channels last.
@@ -156,11 +153,8 @@ def sum_channels(
     return I, Q, *phasor_parts(I, Q, frequency_hz)
 
 
-# ------------------------------------------------------------------------------------ checks
-
-
-def _check_shape(cube: Cube) -> Cube:
-    """Values as (height, width, bins, channels)."""
+def _four_axes(cube: Cube) -> Cube:
+    """View values as (height, width, bins, channels)."""
     shape = cube.shape
     if len(shape) == 3 and shape[2] not in (1, 3):  # With 1 or 3 it is an image
         cube = cube.view((..., None))
@@ -174,8 +168,8 @@ def _check_shape(cube: Cube) -> Cube:
     return cube
 
 
-def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, str]:
-    """Start and width [m] of a Dataset's bins, and its quantity; what is given must agree."""
+def _time_axis_and_quantity(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, str]:
+    """Return start and width [m] of a Dataset's bins, and its quantity; given ones must agree."""
     if "transient" not in dataset.data_vars or dataset["transient"].dims != DIMS["transient"]:
         found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
         raise ValueError(
@@ -191,32 +185,23 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
     quantity = checks.one_of("quantity", dataset.attrs["quantity"], QUANTITIES)
     own: Any
     for name, own in (("start_opl", start), ("bin_width_opl", width), ("quantity", quantity)):
-        its = given[name]
-        if its is None or its == own:
+        value = given[name]
+        if value is None or value == own:
             continue
-        if name == "quantity" or abs(checks.metres(name, its) - own) > 1e-3 * width:
+        if name == "quantity" or abs(checks.metres(name, value) - own) > 1e-3 * width:
             raise ValueError(
-                f"{name} = {checks.shown(its)}: must be {own!r}, as the Dataset has it, or left out"
+                f"{name} = {checks.shown(value)}: must be {own!r}, as the Dataset has it, or left "
+                "out"
             )
     return start, width, quantity
 
 
-# ---------------------------------------------------------------------------------- the sums
-
-
 def _correlate(cube: Cube, waves: np.ndarray) -> np.ndarray:
-    """Sum over bins of (height, width, bins, channels) times each of (waves, bins), in double.
-
-    A few pixels are converted at a time, so that no second copy of the data is made.
-    """
+    """Sum over bins (height, width, bins, channels) times (waves, bins), in double precision."""
     height, width, _, channels = cube.shape
     sums = np.zeros((len(waves), height, width, channels))
     with np.errstate(invalid="ignore"):  # Of infinite values
         for (rows, columns, bins, _), values in cube.pieces():
-            step = max(1, _CHUNK // (values.shape[2] * channels))
-            for y, row in enumerate(values, rows.start):
-                for x in range(0, len(row), step):
-                    part = waves[:, bins] @ row[x : x + step].astype(np.float64)
-                    here = slice(columns.start + x, columns.start + x + len(row[x : x + step]))
-                    sums[:, y, here] += np.moveaxis(part, 1, 0)
+            part = waves[:, bins] @ values.astype(np.float64)
+            sums[:, rows, columns] += np.moveaxis(part, 2, 0)
     return sums

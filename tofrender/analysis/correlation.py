@@ -1,4 +1,4 @@
-"""What an AMCW sensor measures, and how far other paths than the direct one mislead it."""
+"""AMCW sensor models, and how far paths other than the direct one mislead such a sensor."""
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
@@ -14,14 +14,14 @@ from ..runtime import checks
 def four_bucket(
     I: Any, Q: Any, *, offset: Any, contrast: float = 0.5
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The four correlation images of an AMCW pixel, at phase steps of 0, 90, 180 and 270 degrees.
+    """Simulate four correlation images of an AMCW pixel, at phases of 0, 90, 180 and 270 degrees.
 
         B(theta) = (offset + contrast (I cos theta + Q sin theta)) / 2
 
-    A pixel with two taps that demodulate in antiphase sorts all light that it gets into them:
-    B(theta) + B(theta + 180 degrees) = offset. This is the model of Lange and Seitz, "Solid-state
-    time-of-flight range camera", IEEE J. Quantum Electronics 37 (2001): modulation amplitude,
-    offset and phase, with the demodulation contrast as measured amplitude over measured offset.
+    Two taps that demodulate in antiphase share all light: B(theta) + B(theta + 180 degrees) =
+    offset. The model is that of Lange and Seitz, "Solid-state time-of-flight range camera", IEEE J.
+    Quantum Electronics 37 (2001); the demodulation contrast is measured amplitude over measured
+    offset.
 
     Args:
         I: Real part of the phasors, any shape, e.g. (height, width, channels).
@@ -35,18 +35,15 @@ def four_bucket(
         (B0, B90, B180, B270), float64 of the shape of I.
 
     Raises:
-        ValueError: Shapes that do not fit, a negative offset, or a contrast out of range.
-            Also an offset below contrast x amplitude, as light cannot be negative.
+        ValueError: Shapes that do not fit, a contrast out of range, or an offset that is negative
+            or below contrast x amplitude, as light cannot be negative.
 
     Example:
         >>> buckets = four_bucket(0.0, 2.0, offset=3.0, contrast=0.5)
         >>> [float(b) for b in buckets]
         [1.5, 2.0, 1.5, 1.0]
     """
-    I, Q = (
-        checks.real_array("I", I, np.float64),
-        checks.real_array("Q", Q, np.float64),
-    )
+    I, Q = checks.real_array("I", I, np.float64), checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape:
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal")
     base = checks.real_array("offset", offset)
@@ -71,16 +68,16 @@ def four_bucket(
 def from_four_bucket(
     B0: Any, B90: Any, B180: Any, B270: Any, *, contrast: float = 0.5
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phasors and offset from four correlation images, the inverse of `four_bucket`.
+    """Compute phasors and offset from four correlation images, the inverse of `four_bucket`.
 
     I = (B0 - B180) / contrast, Q = (B90 - B270) / contrast, offset = (B0 + B90 + B180 + B270) / 2.
     Ambient light cancels in I and Q, and the phase needs no contrast.
 
     Args:
         B0: Correlation image at a phase step of 0 degrees, any shape.
-        B90: At 90 degrees, of the same shape.
-        B180: At 180 degrees, of the same shape.
-        B270: At 270 degrees, of the same shape.
+        B90: At 90 degrees.
+        B180: At 180 degrees.
+        B270: At 270 degrees, all of the same shape.
         contrast: The sensor's, in (0, 1].
 
     Returns:
@@ -104,7 +101,7 @@ def from_four_bucket(
 
 
 class MultipathError(NamedTuple):
-    """How far measured depths are from the truth."""
+    """Difference between measured and true depths."""
 
     error: np.ndarray
     """Signed error of each pixel [m], positive if too far; NaN where nothing is known."""
@@ -159,14 +156,14 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
 
 
 def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
-    """Distance from a sensor to what the centre of each pixel sees.
+    """Trace the distance from a sensor to the first surface at the centre of each pixel.
 
-    Where the light is at the camera (`cornell_box_flash`), it is what an AMCW camera without
-    multi-path light measures; in water, that is this times the index. Where the light is
-    elsewhere, phases tell half the path length instead.
+    With the light at the camera (`cornell_box_flash`), an AMCW camera without multi-path light
+    measures this distance; in water, this times the index. Elsewhere, phases give half the path
+    length instead.
 
     Args:
-        scene: A loaded scene, or what `load_scene` takes.
+        scene: A loaded scene, or what `load_scene` accepts.
         sensor: Number of the sensor; its film's crop window counts.
 
     Returns:
@@ -185,27 +182,21 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
     """
     import drjit as dr
 
-    camera, ray, si = _first_seen(scene, sensor)
+    camera, ray, si, pixels = _pixel_centre_hits(scene, sensor)
     from ..paths.camera import ray_origin
 
     distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
-    return np.array(distance, dtype=np.float64).reshape(_pixels(camera))
+    return np.array(distance, dtype=np.float64).reshape(pixels)
 
 
 def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
-    """Normals of what the centre of each pixel sees.
+    """Trace the normals of the first surfaces at the centres of pixels.
 
-    Args:
-        scene: A loaded scene, or what `load_scene` takes.
-        sensor: Number of the sensor; its film's crop window counts.
+    Arguments and errors are as for `true_depth`.
 
     Returns:
-        float64 (height, width, 3): unit normals of the first surface in world space, on the side
-        that is seen; NaN where there is none. Meshes have those of their triangles.
-
-    Raises:
-        ValueError: The scene is wrong, or has no such sensor.
-        BackendError: The active variant is a scalar one.
+        float64 (height, width, 3): unit normals in world space, on the side that is seen; NaN where
+        there is no surface. Meshes have those of their triangles.
 
     Example:
         >>> normals = true_normals("cornell_box")
@@ -214,20 +205,14 @@ def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
     """
     import drjit as dr
 
-    camera, ray, si = _first_seen(scene, sensor)
+    _, ray, si, pixels = _pixel_centre_hits(scene, sensor)
     facing = si.n * -dr.sign(dr.dot(si.n, ray.d))
     normals = np.array(dr.select(si.is_valid(), facing, dr.nan), dtype=np.float64)
-    return np.ascontiguousarray(normals.T).reshape(*_pixels(camera), 3)
+    return np.ascontiguousarray(normals.T).reshape(*pixels, 3)
 
 
-def _pixels(camera: Any) -> tuple[int, int]:
-    """Height and width of what a camera's film keeps."""
-    width, height = (int(v) for v in camera.film().crop_size())
-    return height, width
-
-
-def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
-    """The sensor, rays through the centres of its pixels, and what they meet first."""
+def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, tuple[int, int]]:
+    """Return sensor, rays through its pixels' centres, first interactions, (height, width)."""
     import drjit as dr
     import mitsuba as mi
 
@@ -241,7 +226,7 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
     require_sensor(scene)
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
-    height, width = _pixels(camera)
+    width, height = (int(v) for v in camera.film().crop_size())
     pixel = dr.arange(mi.UInt32, width * height)
     y = pixel // width
     size: Any = mi.ScalarVector2f(width, height)
@@ -251,4 +236,4 @@ def _first_seen(scene: Any, sensor: int) -> tuple[Any, Any, Any]:
         hides = getattr(scene.integrator(), "hide_emitters", False)
         si = first_surface(scene, behind_emitters(scene, ray) if hides else ray)
         dr.eval(ray, si)
-    return camera, ray, si
+    return camera, ray, si, (height, width)

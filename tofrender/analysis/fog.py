@@ -1,4 +1,4 @@
-"""Fog and polarisers in closed form, and photons that wander in NumPy."""
+"""Reference formulas for fog and polarisers, and a random walk of photons in NumPy."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 def absorb(
     transient_data: ArrayLike, mu_a: float, start_opl: float, bin_width_opl: float
 ) -> NDArray[Any]:
-    """Bins of fog that absorbs, from those of fog that scatters as much and absorbs nothing.
+    """Apply absorption to the bins of fog that only scatters.
 
-    Light of the length s is weaker by exp(-mu_a s). The light of a bin counts as spread evenly over
-    its lengths.
+    Light of the length s fades by exp(-mu_a s). The light of a bin counts as spread evenly over its
+    lengths.
 
     Args:
         transient_data: Radiance per bin, shape (height, width, bins, channels).
-        mu_a: Absorption [1/m], 0 or more.
+        mu_a: Absorption coefficient [1/m], 0 or more.
         start_opl: Start of the first bin [m].
         bin_width_opl: Width of a bin [m].
 
@@ -31,17 +31,17 @@ def absorb(
     """
     light = np.asarray(transient_data)
     edges = start_opl + bin_width_opl * np.arange(light.shape[2] + 1)
-    left = np.exp(-mu_a * edges)
+    transmittance = np.exp(-mu_a * edges)
     depth = mu_a * bin_width_opl
-    share = -np.diff(left) / depth if depth > 1e-6 else left[:-1]
-    return light * share[:, None]
+    mean = -np.diff(transmittance) / depth if depth > 1e-6 else transmittance[:-1]
+    return light * mean[:, None]
 
 
 def sample_turn(xi: ArrayLike, g: float) -> NDArray[Any]:
-    """Draw by how much light turns: Henyey and Greenstein's phase function (1941).
+    """Sample the cosine of the scattering angle by Henyey and Greenstein's phase function (1941).
 
     Args:
-        xi: Even random numbers in [0, 1], both ends included.
+        xi: Uniform random numbers in [0, 1], both ends included.
         g: Mean of the cosine, between -1 and 1.
 
     Returns:
@@ -62,14 +62,14 @@ def sample_turn(xi: ArrayLike, g: float) -> NDArray[Any]:
 def wander(
     random: np.random.Generator, mu_s: float, g: float, opl: float, count: int
 ) -> NDArray[Any]:
-    """Where photons are in endless fog after a path length.
+    """Simulate the positions of photons in endless fog after a path length.
 
     All start at the origin along +z, and scatter as `sample_turn` says.
 
     Args:
         random: Source of random numbers.
-        mu_s: Scattering [1/m], 0 or more.
-        g: Mean cosine of what a photon turns by.
+        mu_s: Scattering coefficient [1/m], 0 or more.
+        g: Mean cosine of the scattering angle.
         opl: Path length [m].
         count: Number of photons.
 
@@ -83,41 +83,38 @@ def wander(
     """
     p, d = np.zeros((count, 3)), np.zeros((count, 3))
     d[:, 2] = 1
-    left = np.full(count, float(opl))
-    flies = left > 0
+    remaining = np.full(count, float(opl))
+    flies = remaining > 0
     while flies.any():
         n = int(flies.sum())
         step = random.exponential(1 / mu_s, n) if mu_s > 0 else np.full(n, np.inf)
-        step = np.minimum(step, left[flies])
+        step = np.minimum(step, remaining[flies])
         p[flies] += step[:, None] * d[flies]
-        left[flies] -= step
-        d[flies] = _turned(d[flies], sample_turn(random.random(n), g), random.random(n))
-        flies = left > 0
+        remaining[flies] -= step
+        d[flies] = _scattered(d[flies], sample_turn(random.random(n), g), random.random(n))
+        flies = remaining > 0
     return p
 
 
-def _turned(d: NDArray[Any], cosine: NDArray[Any], xi: NDArray[Any]) -> NDArray[Any]:
-    """Directions, turned evenly around what they were; frames after Duff et al. (2017)."""
+def _scattered(d: NDArray[Any], cosine: NDArray[Any], xi: NDArray[Any]) -> NDArray[Any]:
+    """Rotate directions by angles of a cosine, at even azimuths; frames of Duff et al. (2017)."""
     sign = np.copysign(1.0, d[:, 2])
     a = -1 / (sign + d[:, 2])
     b = d[:, 0] * d[:, 1] * a
     s = np.stack([1 + sign * d[:, 0] ** 2 * a, sign * b, -sign * d[:, 0]], axis=1)
     t = np.stack([b, sign + d[:, 1] ** 2 * a, -d[:, 1]], axis=1)
     sine, angle = np.sqrt(1 - cosine**2), 2 * np.pi * xi
-    turned = (
-        (sine * np.cos(angle))[:, None] * s
-        + (sine * np.sin(angle))[:, None] * t
-        + cosine[:, None] * d
-    )
-    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    local = np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], axis=1)
+    scattered = np.einsum("na,nax->nx", local, np.stack([s, t, d], axis=1))
+    return scattered / np.linalg.norm(scattered, axis=1, keepdims=True)
 
 
 def through_polariser(stokes: ArrayLike, angle: float) -> NDArray[Any]:
-    """Light behind an ideal linear polariser.
+    """Stokes vectors behind an ideal linear polariser.
 
     Args:
         stokes: Stokes vectors, in the last axis.
-        angle: Of the axis along which light passes [rad]; 0 passes S1 > 0, pi/4 passes S2 > 0.
+        angle: Of the transmission axis [rad]; 0 passes S1 > 0, pi/4 passes S2 > 0.
 
     Returns:
         Stokes vectors, of the same shape.

@@ -1,4 +1,4 @@
-"""How polarised light is, and how: degrees and angles of Stokes vectors."""
+"""Degrees and angles of polarisation of Stokes vectors."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ import numpy as np
 
 from ..runtime import checks
 
-AXIS = -2
-"""Axis of Stokes components where nothing is said: channels stand behind them."""
+AXIS = -2  # default axis of Stokes components, before the channels
 
 
 def degree_of_polarisation(stokes: Any, axis: int = AXIS) -> Any:
-    """The polarised part of light, sqrt(S1² + S2² + S3²) / S0.
+    """Degree of polarisation, sqrt(S1² + S2² + S3²) / S0.
 
     Args:
         stokes: Stokes vectors: a DataArray with a dimension `stokes`, as `render` returns in
             polarised variants, or an array of any shape.
-        axis: Which axis of an array has the four components.
+        axis: Axis of an array that holds the four components; by default before the channels.
 
     Returns:
         From 0 to 1, float64, without that axis: a DataArray of one, else an array. NaN where there
@@ -31,11 +30,11 @@ def degree_of_polarisation(stokes: Any, axis: int = AXIS) -> Any:
         >>> degree_of_polarisation([2.0, 0.0, 1.2, 1.6], axis=0).round(6)
         np.float64(1.0)
     """
-    return _of(stokes, axis, lambda s0, s1, s2, s3: _over(np.sqrt(s1**2 + s2**2 + s3**2), s0))
+    return _apply(stokes, axis, lambda s0, s1, s2, s3: _over(np.sqrt(s1**2 + s2**2 + s3**2), s0))
 
 
 def degree_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
-    """The linearly polarised part of light, sqrt(S1² + S2²) / S0.
+    """Degree of linear polarisation, sqrt(S1² + S2²) / S0.
 
     Arguments, result and errors are as for `degree_of_polarisation`.
 
@@ -43,11 +42,11 @@ def degree_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
         >>> degree_of_linear_polarisation([2.0, 0.0, 1.2, 1.6], axis=0).round(6)
         np.float64(0.6)
     """
-    return _of(stokes, axis, lambda s0, s1, s2, s3: _over(np.hypot(s1, s2), s0))
+    return _apply(stokes, axis, lambda s0, s1, s2, s3: _over(np.hypot(s1, s2), s0))
 
 
 def degree_of_circular_polarisation(stokes: Any, axis: int = AXIS) -> Any:
-    """The circularly polarised part of light with its sign, S3 / S0: from -1 to 1.
+    """Signed degree of circular polarisation, S3 / S0, from -1 to 1.
 
     Arguments, result and errors are as for `degree_of_polarisation`.
 
@@ -55,15 +54,14 @@ def degree_of_circular_polarisation(stokes: Any, axis: int = AXIS) -> Any:
         >>> degree_of_circular_polarisation([2.0, 0.0, 1.2, -1.6], axis=0).round(6)
         np.float64(-0.8)
     """
-    return _of(stokes, axis, lambda s0, s1, s2, s3: _over(s3, s0))
+    return _apply(stokes, axis, lambda s0, s1, s2, s3: _over(s3, s0))
 
 
 def angle_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
-    """The angle that polarised light oscillates at, atan2(S2, S1) / 2.
+    """Angle of linear polarisation, atan2(S2, S1) / 2, in [0, pi).
 
-    It is in [0, pi), from the picture's right towards its top: 0 across the sensor's `up`, pi/2
-    along it. NaN where light has no linear polarisation. Arguments and errors are as for
-    `degree_of_polarisation`.
+    From the picture's right towards its top: 0 across the sensor's `up`, pi/2 along it. NaN where
+    light has no linear polarisation. Arguments and errors are as for `degree_of_polarisation`.
 
     Example:
         >>> np.degrees(angle_of_linear_polarisation([1.0, 0.0, -1.0, 0.0], axis=0)).round(3)
@@ -74,11 +72,11 @@ def angle_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
         found = np.where(np.hypot(s1, s2) > 0, np.arctan2(s2, s1) / 2, np.nan) % np.pi
         return np.where(found >= np.pi, 0.0, found)[()]
 
-    return _of(stokes, axis, angle)
+    return _apply(stokes, axis, angle)
 
 
-def _of(stokes: Any, axis: int, formula: Any) -> Any:
-    """A formula of the four components."""
+def _apply(stokes: Any, axis: int, formula: Any) -> Any:
+    """Evaluate a formula of the four components."""
     import xarray as xr
 
     if isinstance(stokes, xr.DataArray):
@@ -96,6 +94,5 @@ def _of(stokes: Any, axis: int, formula: Any) -> Any:
 
 
 def _over(part: Any, s0: Any) -> Any:
-    """A part of S0, NaN where that is 0 or less."""
-    lit = s0 > 0
-    return np.where(lit, part / np.where(lit, s0, 1), np.nan)[()]
+    """Divide by S0; NaN where that is 0 or less."""
+    return np.where(s0 > 0, part / np.where(s0 > 0, s0, 1), np.nan)[()]

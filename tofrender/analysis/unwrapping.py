@@ -1,7 +1,4 @@
-"""Depth beyond the range of one modulation frequency, from the phases at several.
-
-NumPy arrays in and out.
-"""
+"""Depth beyond the range of one modulation frequency, from the phases at several."""
 
 from __future__ import annotations
 
@@ -16,12 +13,11 @@ from ..runtime import checks
 from ..signals.frequencies import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
 
-MAX_WRAPS = 4096
-"""Wraps of the highest frequency that `unwrap` tries."""
+MAX_WRAPS = 4096  # wraps of the highest frequency that `unwrap` tries
 
 
 def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
-    """Depth [m] from which on phases repeat: c / 2f, or c / 2g with the common divisor g of many.
+    """Depth [m] after which phases repeat: c / 2f, or c / 2g with the common divisor g of several.
 
     Args:
         frequency_hz: Modulation frequency [Hz], above 0, or a sequence that is used together.
@@ -50,8 +46,9 @@ def unwrap(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the depth that explains the phases at two or more frequencies best.
 
-    Phase j says depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) for an unknown whole number n_j.
-    The n_j and the depth d in [0, max_depth], both ends included, are those that disagree least:
+    Phase j gives the depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) with an unknown whole number
+    n_j. The n_j and the depth d in [0, max_depth], both ends included, are those that disagree
+    least:
 
         minimise over n and d:  sum of w_j (d_j - d)^2,    w_j = (f_j A_j)^2 / sum of (f_i A_i)^2
 
@@ -65,15 +62,14 @@ def unwrap(
         phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).
         frequencies_hz: Two or more modulation frequencies [Hz].
         max_depth: Largest depth that can occur [m], at most `unambiguous_range(frequencies_hz)`,
-            which is the default. The smaller it is, the more noise does no harm. Up to the
-            default, its two ends have the same phases, and noise may turn one into the other.
+            the default, whose two ends have the same phases. A smaller one tolerates more noise.
         amplitudes: Amplitudes as weights, at least 0, of the same shape as the phases.
 
     Returns:
-        (depth, residual), float64 of shape (...): depth in [0, max_depth] [m]; the weighted RMS
-        difference of the d_j from it [m], which is large where nothing in the range fits. Of depths
-        that explain the phases equally the smallest is taken. NaN where a phase is NaN, or where
-        fewer than two frequencies have an amplitude.
+        (depth, residual), float64 of shape (...): depth in [0, max_depth] [m], the smallest of
+        those that fit equally; the weighted RMS difference of the d_j from it [m], which is large
+        where nothing in the range fits. NaN where a phase is NaN, or where fewer than two
+        frequencies have an amplitude.
 
     Raises:
         ValueError: Fewer than two frequencies, shapes that do not fit, a negative amplitude, or a
@@ -125,19 +121,19 @@ def unwrap(
     weights /= weights.sum(axis=0)
     depth = np.full(phases.shape[1:], np.nan)
     least = np.full(phases.shape[1:], np.inf)
-    margin = 1e-12 * finest**2  # For rounding between equals
-    for start in _starts(wrapped, ranges, max_depth):
-        each = wrapped + np.rint((start - wrapped) / ranges) * ranges
-        guess = np.clip((weights * each).sum(axis=0), 0, max_depth)
-        cost = (weights * (each - guess) ** 2).sum(axis=0)
+    margin = 1e-12 * finest**2  # Rounding between equal costs
+    for start in _candidates(wrapped, ranges, max_depth):
+        unwrapped = wrapped + np.rint((start - wrapped) / ranges) * ranges
+        guess = np.clip((weights * unwrapped).sum(axis=0), 0, max_depth)
+        cost = (weights * (unwrapped - guess) ** 2).sum(axis=0)
         better = (cost < least - margin) | ((cost < least + margin) & (guess < depth))
         depth[better], least[better] = guess[better], cost[better]
     found = light & np.isfinite(depth)
     return np.where(found, depth, np.nan), np.where(found, np.sqrt(least), np.nan)
 
 
-def _starts(wrapped: np.ndarray, ranges: np.ndarray, max_depth: float) -> Iterator[Any]:
-    """A depth in each stretch of [0, max_depth] in which all n_j stay the same [m].
+def _candidates(wrapped: np.ndarray, ranges: np.ndarray, max_depth: float) -> Iterator[Any]:
+    """Yield a depth [m] in each interval of [0, max_depth] with constant n_j.
 
     The nearest d_j to a depth d changes half a range beyond a d_j.
     """

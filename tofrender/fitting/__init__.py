@@ -1,4 +1,4 @@
-"""Fitting a scene to what was measured, by gradients through arrival time."""
+"""Fits of scenes to measured light, by gradients through arrival time."""
 
 from ..runtime.lazy import on_demand
 

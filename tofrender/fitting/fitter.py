@@ -1,12 +1,12 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
-"""`fit`: change a scene until its light is what was measured."""
+"""`fit`: parameters of a scene whose light is closest to a measurement."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,33 +15,33 @@ import mitsuba as mi
 import numpy as np
 
 from ..integrators.differentiable import VisibilityWarning
+from ..rendering.dataset import time_axis
 from ..runtime import backend, checks
 from ..runtime.progress import deferred_stop, progress_bar
 from ..scenes.loading import require_sensor
-from .given import loss_of, optimizer_of, target_of
+from .losses import loss_of
 from .variables import Variables
 
 MAX_STEPS = 1 << 20
-"""Most steps of a fit."""
 
-SHOWN_NUMBERS = 4
-"""Values of more numbers than these are told by their shape."""
+OPTIMIZERS = ("adam", "sgd")
+SHOWN_NUMBERS = 4  # most numbers of a value in the representation of a `Fit`
 
 
 @dataclass(frozen=True, repr=False)
 class Fit:
-    """What a fit has found.
+    """Result of a fit.
 
     Attributes:
-        values: The best values by name: numbers, or arrays of the shape of what was fitted. The
-            scene has them. They are the last of the `patience` steps in a row whose mean loss is
-            the lowest, or, where fewer than twice as many were taken, those of the lowest loss.
+        values: The best values by name: numbers, or arrays of the variables' shapes. The scene has
+            them. They are the last of the `patience` steps in a row whose mean loss is the lowest,
+            or, of fewer than twice as many steps, those of the lowest loss.
         loss: That loss.
         losses: The loss of each step, before its change, shape (steps,).
         history: The values of each step, by name, shape (steps, ...).
-        steps: How many steps were taken.
+        steps: Number of steps.
         converged: Whether it ended because the loss no longer fell.
-        why: Why it ended.
+        why: Reason of its end.
     """
 
     values: dict[str, Any]
@@ -53,10 +53,10 @@ class Fit:
     why: str
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{name} = {_told(value)}" for name, value in self.values.items())
+        values = ", ".join(f"{name} = {_summary(value)}" for name, value in self.values.items())
         plural = "" if self.steps == 1 else "s"
         falls = f"loss {self.losses[0]:.3g} to {self.loss:.3g}"
-        return f"Fit({self.steps} step{plural}, {falls}, {told}; {self.why})"
+        return f"Fit({self.steps} step{plural}, {falls}, {values}; {self.why})"
 
 
 def fit(
@@ -80,26 +80,24 @@ def fit(
     callback: Callable[[int, float, dict[str, Any]], Any] | None = None,
     progress: bool = True,
 ) -> Fit:
-    """Fit parameters of a scene to light that was measured, by gradients.
+    """Fit parameters of a scene to measured light, by gradient descent.
 
-    Each step renders with `mi.render` and new random numbers, compares with the target, and goes
-    against the gradient of the loss. Single steps go up and down with the noise; so the mean loss
-    of the last `patience` steps is compared with that of as many before. Where it is not lower, all
-    learning rates are halved. The fit ends when they are below `tolerance` of what they were, after
-    `steps` steps, or on Ctrl-C, SIGTERM or SIGHUP after the step under way.
+    Each step renders with `mi.render` and new random numbers, compares with the target, and moves
+    against the gradient of the loss. Since single steps are noisy, the mean loss of the last
+    `patience` steps is compared with that of as many before; where it is not lower, all learning
+    rates are halved. The fit ends when they are below `tolerance` of what they were, after `steps`
+    steps, or on Ctrl-C, SIGTERM or SIGHUP after the step under way.
 
-    Gradients know nothing of edges that move over what they hide or light (silhouettes, shadows):
-    fit what moves in full sight. The first step warns of it.
+    Gradients leave out silhouettes and shadow edges that move: fit what moves in full sight. The
+    first step warns of it.
 
     Args:
-        scene: A loaded scene. It is changed, and has the best values at the end, also where an
-            error ended the fit.
-        params: Names and start values of what is fitted. Without `apply`, names are those of
-            `mi.traverse(scene)`; parameters of it (`params.keep([...])`) do as well, and start as
-            they are. A start is a number for all components, or an array.
-        target: What was measured: what `mi.render` returns (of several things the last, with the
-            time bins), an array of the film's shape, (height, width, bins, channels), or a Dataset
-            of `render`.
+        scene: A loaded scene. It has the best values at the end, also after an error.
+        params: Names and start values, a number for all components or an array. Without `apply`,
+            names are those of `mi.traverse(scene)`, and its parameters themselves
+            (`params.keep([...])`) do as well.
+        target: Measured light: a result of `mi.render` (of several the last, with the time bins),
+            an array of the film's shape, (height, width, bins, channels), or a Dataset of `render`.
         apply: With it, names are free, and values numbers, 2 to 4 numbers, or arrays of Dr.Jit's.
             `apply(params, values)` writes what follows from the values into the scene's parameters.
         integrator: One with derivatives; by default the scene's.
@@ -107,43 +105,45 @@ def fit(
         loss: "l2", "phasor" or "wasserstein", see `l2_loss` and the others, or a function of the
             rendered light and the target, both tensors, that returns a number with derivatives.
         frequency_hz: The frequencies of the phasor loss [Hz].
-        optimizer: "adam", "sgd" or an optimiser of Mitsuba's without variables, of which the
-            settings are taken, but for the learning rate; it stays as it is.
+        optimizer: "adam", "sgd" or an optimiser of Mitsuba's without variables, whose settings are
+            copied, but for the learning rate.
         learning_rate: About how far Adam moves a value in a step, in the value's own units, above
             0; a dict has one for each name.
-        bounds: (low, high) of what has any, by name; None is no bound. Values stay within.
+        bounds: (low, high) by name; None is no bound. Values are clipped.
         steps: Most steps, from 1.
         spp: Samples per pixel, for light and for derivatives; by default the scene's.
         seed: Seed of all random numbers.
-        tolerance: Where learning rates end, as a part of what they are at first, from 0 to 1; 0
-            goes on for all steps, 1 ends where the loss is not lower for the first time.
-        patience: Over how many steps losses are averaged, from 1.
+        tolerance: Fraction of the first learning rates at which the fit ends, from 0 to 1; 0 goes
+            on for all steps, 1 ends where the loss is not lower for the first time.
+        patience: Number of steps whose losses are averaged, from 1.
         callback: Called after each step with its number from 0, its loss and its values; the fit
             ends if it returns True.
         progress: Whether to show a bar for work that takes long.
 
     Returns:
-        The values and how they were found, see `Fit`.
+        The values and the course of the fit, see `Fit`.
 
     Raises:
-        ValueError: An argument is wrong, or the light does not depend on what is fitted; one line.
+        ValueError: An argument is wrong, or the light does not depend on any variable; one line.
         BackendError: The active variant cannot render in time.
 
     Warns:
-        UserWarning: The loss does not depend on one of the values, or it or a gradient is no
-            number, which ends the fit; or what is fitted moves things, see above; or no light is
-            left in the end.
+        UserWarning: The loss does not depend on one of the variables; it or a gradient is not
+            finite, which ends the fit; a variable moves things, see above; or no light is left in
+            the end.
 
     Example:
-        >>> wall = {"type": "rectangle", "bsdf": {"type": "diffuse"}}
-        >>> lamp = {"type": "point", "position": [0, 0, 2]}
         >>> film = {"type": "hdrfilm", "width": 4, "height": 4}
         >>> look = mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
         >>> camera = {"type": "perspective", "fov": 20, "to_world": look, "film": film}
-        >>> parts = {"integrator": {"type": "prb"}, "wall": wall, "lamp": lamp, "camera": camera}
-        >>> scene = mi.load_dict({"type": "scene", **parts})
-        >>> target = mi.render(scene, spp=64)
-        >>> name = "wall.bsdf.reflectance.value"  # 0.5 in the scene
+        >>> wall = {"type": "rectangle", "bsdf": {"type": "diffuse"}}  # reflectance 0.5
+        >>> parts = {
+        ...     "wall": wall,
+        ...     "lamp": {"type": "point", "position": [0, 0, 2]},
+        ...     "camera": camera,
+        ... }
+        >>> scene = mi.load_dict({"type": "scene", "integrator": {"type": "prb"}, **parts})
+        >>> target, name = mi.render(scene, spp=64), "wall.bsdf.reflectance.value"
         >>> found = fit(scene, {name: 0.2}, target, learning_rate=0.05, spp=16, steps=40)
         >>> round(found.values[name], 1)
         0.5
@@ -167,28 +167,29 @@ def fit(
     measure = loss_of(loss, frequency_hz, film)
     variables = Variables(scene, params, apply, bounds)
     rates = variables.rates(learning_rate)
-    engine = optimizer_of(optimizer)
-    measured = target_of(target, film)
+    engine = _make_optimizer(optimizer)
+    measured = _target_tensor(target, film)
 
     engine.update(variables.start)
     plateau = _Plateau(tolerance, patience)
     losses: list[float] = []
     history: list[dict[str, Any]] = []
-    why, converged, light = "all steps are taken", False, True
+    why, converged, light = "all steps are taken", False, measured
     with (
         progress_bar("Fitting", count, unit="step", enabled=progress) as bar,
         deferred_stop() as stop,
-        ExitStack() as told,
+        warnings.catch_warnings(),
         variables.settled(lambda: history[_best(losses, patience)[0]] if history else None),
     ):
         for step in range(count):
             if step == 1:
-                told.enter_context(warnings.catch_warnings())
                 warnings.simplefilter("ignore", VisibilityWarning)
+
+            # Render with the current values, and compare with the target
             engine.set_learning_rate({name: rate * plateau.rate for name, rate in rates.items()})
             values = {name: engine[name] for name in rates}
             variables.write(values)
-            rendered = mi.render(
+            light = mi.render(
                 scene,
                 params=variables.params,
                 sensor=sensor,
@@ -196,35 +197,42 @@ def fit(
                 seed=mi.sample_tea_32(seed, step)[0],
                 spp=samples,
             )
-            light = _any_light(rendered)
-            apart = _apart(measure, rendered, measured)
-            losses.append(float(np.array(dr.detach(apart)).item()))
+            light = light[-1] if isinstance(light, tuple) else light
+            error = _evaluate(measure, light, measured)
+            losses.append(float(np.array(dr.detach(error)).item()))
             history.append(variables.plain(values))
-            if not math.isfinite(losses[-1]):
-                why = f"the loss is {losses[-1]:g}"
-                warnings.warn(f"fit: {why} in step {step}", stacklevel=2)
-                break
-            if dr.grad_enabled(apart):
-                dr.backward(apart)
-            wrong = _not_finite(values)
-            if wrong:
-                why = f"the gradient of {wrong} is not finite"
+
+            # Propagate derivatives to the values
+            wrong = None if math.isfinite(losses[-1]) else f"the loss is {losses[-1]:g}"
+            if wrong is None:
+                if dr.grad_enabled(error):
+                    dr.backward(error)
+                for name, value in values.items():
+                    if not dr.all(dr.isfinite(dr.grad(value)), axis=None):
+                        wrong = f"the gradient of {name} is not finite"
+                        break
+            if wrong is not None:
+                why = wrong
                 warnings.warn(f"fit: {why} in step {step}", stacklevel=2)
                 break
             if step == 0 and losses[0] != 0:
-                _tell_of_no_effect(values)
+                _check_dependence(values)
+
+            # Change the values
             engine.step()
             for name, value in variables.bounded(engine).items():
                 engine[name] = value
             bar.update()
             ended = callback is not None and callback(step, losses[-1], history[-1]) is True
             converged = plateau.add(losses[-1])
-            if stop.requested or ended or converged:
-                ends = (stop.requested, "stopped"), (converged, "the loss no longer falls")
-                why = next((text for holds, text in ends if holds), "the callback ended it")
+            if stop.requested or converged or ended:
+                reasons = {"stopped": stop.requested, "the loss no longer falls": converged}
+                why = next(
+                    (text for text, is_so in reasons.items() if is_so), "the callback ended it"
+                )
                 break
     best, lowest = _best(losses, patience)
-    if not light:
+    if not dr.any(dr.detach(light) != 0, axis=None):
         warnings.warn(
             "fit: no light is left in the film; start nearer, or with loss='wasserstein' or a low "
             "frequency_hz",
@@ -241,18 +249,71 @@ def fit(
     )
 
 
-# ------------------------------------------------------------------------------- when it ends
+def _make_optimizer(given: Any) -> Any:
+    """Make an optimiser without variables from a name or another optimiser."""
+    if isinstance(given, mi.ad.Optimizer):
+        if len(given):
+            raise ValueError(
+                f"optimizer = {type(given).__name__} of {', '.join(given)}: must have no "
+                "variables; params has them"
+            )
+        own = copy(given)
+        own.state = {}
+        return own
+    if not isinstance(given, str):
+        allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
+        raise ValueError(f"optimizer = {checks.shown(given)}: must be {allowed}")
+    kind = checks.one_of("optimizer", given, OPTIMIZERS)
+    return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
+
+
+def _target_tensor(given: Any, film: Any) -> mi.TensorXf:
+    """Convert a target to a tensor of the film's shape."""
+    if isinstance(given, tuple) and given:
+        given = given[-1]
+    if hasattr(given, "data_vars"):
+        given = _dataset_bins(given, film)
+    if isinstance(given, dr.ArrayBase):
+        given = np.array(dr.detach(given))
+    array = checks.real_array("target", given, np.float32)
+    width, height = (int(n) for n in film.crop_size())
+    shape = (height, width)
+    if hasattr(film, "temporal_bins"):
+        shape += (film.temporal_bins,)
+    if array.ndim < len(shape) or array.shape[: len(shape)] != shape or array.size == 0:
+        allowed = ", ".join(map(str, (*shape, "...")))
+        raise ValueError(
+            f"target with shape {array.shape}: must be ({allowed}), as what the film holds"
+        )
+    return mi.TensorXf(checks.finite("target", array))
+
+
+def _dataset_bins(dataset: Any, film: Any) -> np.ndarray:
+    """Return the bins of a Dataset that has the film's time axis."""
+    if "transient" not in dataset.data_vars or "opl" not in dataset.coords:
+        raise ValueError("target = Dataset: must hold `transient` along `opl`, as of `render`")
+    if not hasattr(film, "temporal_bins"):
+        raise ValueError("target = Dataset: must be an array for a film without time bins")
+    start, width = time_axis(dataset)
+    own = film.start_opl, film.bin_width_opl
+    if not np.allclose((start, width), own, rtol=1e-4, atol=1e-3 * own[1]):
+        raise ValueError(
+            f"target with bins of {width:g} m from {start:g} m on: must be {own[1]:g} m from "
+            f"{own[0]:g} m on, as the film's"
+        )
+    values = dataset["transient"].values
+    return values.reshape(*values.shape[:-2], -1) if "stokes" in dataset.dims else values
 
 
 class _Plateau:
-    """Halves rates where losses no longer fall."""
+    """Schedule that halves the learning rates where losses no longer fall."""
 
     def __init__(self, tolerance: float, patience: int) -> None:
         self.rate, self._tolerance, self._patience = 1.0, tolerance, patience
         self._since: list[float] = []
 
     def add(self, loss: float) -> bool:
-        """Take a step's loss; gives whether the fit ends."""
+        """Add a step's loss, and return whether the fit ends."""
         self._since.append(loss)
         n = self._patience
         if len(self._since) < 2 * n:
@@ -266,7 +327,7 @@ class _Plateau:
 
 
 def _best(losses: Sequence[float], patience: int) -> tuple[int, float]:
-    """The step with the best values, and the loss that says so."""
+    """Return the step with the best values, and their mean loss."""
     finite = [each for each in losses if math.isfinite(each)]
     if not finite:
         return 0, losses[0]
@@ -276,16 +337,8 @@ def _best(losses: Sequence[float], patience: int) -> tuple[int, float]:
     return best + n - 1, float(means[best])
 
 
-def _not_finite(values: Mapping[str, Any]) -> str:
-    """The name of a value whose gradient is not finite, "" if all are."""
-    for name, value in values.items():
-        if not dr.all(dr.isfinite(dr.grad(value)), axis=None):
-            return name
-    return ""
-
-
-def _tell_of_no_effect(values: Mapping[str, Any]) -> None:
-    """Warn of values that change nothing, and refuse if none changes anything."""
+def _check_dependence(values: Mapping[str, Any]) -> None:
+    """Warn of values without an effect on the loss, and refuse if none has any."""
     none = [name for name, value in values.items() if dr.all(dr.grad(value) == 0, axis=None)]
     if len(none) == len(values):
         raise ValueError(
@@ -298,31 +351,23 @@ def _tell_of_no_effect(values: Mapping[str, Any]) -> None:
         )
 
 
-def _apart(measure: Callable[[Any, Any], Any], rendered: Any, target: Any) -> Any:
-    """The loss of what was rendered."""
-    light = rendered[-1] if isinstance(rendered, tuple) else rendered
+def _evaluate(loss: Callable[[Any, Any], Any], light: Any, target: Any) -> Any:
+    """Evaluate the loss, which must return one number."""
     if light.shape != target.shape:
         raise ValueError(
             f"target with shape {target.shape}: must be {light.shape}, as what is rendered"
         )
-    apart = measure(light, target)
-    number = isinstance(apart, dr.ArrayBase) and dr.is_float_v(apart)
-    if not number or math.prod(apart.shape) != 1:
-        what = checks.shown(type(apart).__name__)
-        raise ValueError(f"loss: returned {what}; must return a number of Dr.Jit's")
-    return apart
+    error = loss(light, target)
+    number = isinstance(error, dr.ArrayBase) and dr.is_float_v(error)
+    if not number or math.prod(error.shape) != 1:
+        kind = checks.shown(type(error).__name__)
+        raise ValueError(f"loss: returned {kind}; must return a number of Dr.Jit's")
+    return error
 
 
-def _any_light(rendered: Any) -> bool:
-    """Whether something was seen."""
-    light = rendered[-1] if isinstance(rendered, tuple) else rendered
-    return bool(dr.any(dr.detach(light) != 0, axis=None))
-
-
-def _told(value: Any) -> str:
-    """A value in a line."""
-    size = np.size(value)
-    if size > SHOWN_NUMBERS:
+def _summary(value: Any) -> str:
+    """Format a value in a line."""
+    if np.size(value) > SHOWN_NUMBERS:
         return f"array {np.shape(value)}"
     text = ", ".join(f"{number:.4g}" for number in np.ravel(value))
-    return text if size == 1 else f"({text})"
+    return text if np.size(value) == 1 else f"({text})"

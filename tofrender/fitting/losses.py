@@ -1,14 +1,15 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-"""How far rendered light is from what was measured: numbers with derivatives.
+"""Losses between rendered and measured light, with derivatives.
 
-Each takes Dr.Jit tensors of equal shape, of which the rendered one may be attached, and gives a
-scalar that is 0 where both agree and has no unit, so that dim and bright scenes are fitted alike.
+Each compares Dr.Jit tensors of equal shape, of which the rendered one may be attached, and returns
+a scalar that is 0 where both agree and has no unit, so that dim and bright scenes are fitted alike.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -19,23 +20,22 @@ from ..runtime import checks
 from ..signals.frequencies import check_frequencies
 from ..signals.units import SPEED_OF_LIGHT
 
-TIME = 2
-"""The axis of time bins."""
+TIME = 2  # axis of time bins
 
 
 def l2_loss(rendered: Any, target: Any) -> Any:
-    """Squared difference in all bins, in units of the target's squares.
+    """Squared difference in all bins, over the target's squares.
 
         L = Σ (R - T)² / Σ T²
 
     A black render has a loss of 1. Where rendered and measured light share no bin, as soon as it is
-    off by more than about three widths of the pulse, nothing says where it should go, and the loss
-    is that of both, least for the least light: things move out of sight. Start near, or with
-    another loss.
+    off by more than about three widths of the pulse, the gradient does not point to the target: the
+    loss is that of both, least for the least light, and things move out of sight. Start near, or
+    with another loss.
 
     Args:
         rendered: A tensor of any shape.
-        target: What was measured, of the same shape: a tensor or an array.
+        target: Measured light, a tensor or an array of the same shape.
 
     Returns:
         The loss, a tensor with one number.
@@ -48,7 +48,7 @@ def l2_loss(rendered: Any, target: Any) -> Any:
         4.0
     """
     rendered, target = _pair(rendered, target)
-    return dr.sum(dr.square(rendered - target), axis=None) / _light(dr.square(target))
+    return dr.sum(dr.square(rendered - target), axis=None) / _nonzero_sum(dr.square(target))
 
 
 def phasor_loss(
@@ -59,22 +59,21 @@ def phasor_loss(
     start_opl: float,
     bin_width_opl: float,
 ) -> Any:
-    """Squared difference of the phasors of all pixels, channels and frequencies.
+    """Squared difference of the phasors of all pixels, channels and frequencies, over the target's.
 
         L = Σ |P_R(f) - P_T(f)|² / Σ |P_T(f)|²,   P(f) = Σ_k L_k exp(+i 2 π f opl_k / c)
 
-    with the centre opl_k of bin k, as in `transient_to_phasor`. The difference turns by one period
-    where light moves by c / f: the loss falls towards the target from as far as about half of that,
+    with the centre opl_k of bin k, as in `transient_to_phasor`: what an AMCW camera measures (Gupta
+    et al., Phasor Imaging, 2015). The loss falls towards the target from as far as about c / 2f,
     and is the steeper the higher the frequency. Of several frequencies, the highest decides from
-    how far: fit by a low one first, which finds the place, and from there by a high one. What is
-    compared in this way is what an AMCW camera measures (Gupta et al., Phasor Imaging, 2015).
+    how far: fit with a low one first, then with a high one.
 
     Args:
         rendered: A tensor (height, width, bins, channels).
-        target: What was measured, of the same shape: a tensor or an array.
+        target: Measured light, a tensor or an array of the same shape.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
             sequence of them.
-        start_opl: Where the first bin starts [m].
+        start_opl: Start of the first bin [m].
         bin_width_opl: Width of a bin [m], above 0.
 
     Returns:
@@ -96,33 +95,32 @@ def phasor_loss(
     frequencies = check_below_limit(frequency_hz, width)
     rendered, target = _pair(rendered, target, bins=True)
     opl = start + (np.arange(rendered.shape[TIME]) + 0.5) * width
-    between, itself = mi.Float(0), mi.Float(0)
+    difference, norm = mi.Float(0), mi.Float(0)
     for frequency in frequencies:
         angle = 2 * math.pi * frequency / SPEED_OF_LIGHT * opl
         for wave in (np.cos(angle), np.sin(angle)):
             wave = mi.TensorXf(wave.astype(np.float32)[None, None, :, None])
-            between += _sum(dr.square(dr.sum((rendered - target) * wave, axis=TIME)))
-            itself += _sum(dr.square(dr.sum(target * wave, axis=TIME)))
-    return mi.TensorXf(between / _light(itself), shape=())
+            difference += dr.sum(dr.square(dr.sum((rendered - target) * wave, axis=TIME)).array)
+            norm += dr.sum(dr.square(dr.sum(target * wave, axis=TIME)).array)
+    return mi.TensorXf(difference / _nonzero_sum(norm), shape=())
 
 
 def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) -> Any:
-    """When light arrives, by how far it would have to be moved, and how much of it there is.
+    """Distance that light would have to be moved in time, plus the difference of its energy.
 
         L = Σ_p (e_p / Σ e) mean_k (F_pk - G_pk)² + λ Σ_p (E_p - e_p)² / Σ e²
 
     over pixels and channels p, whose rendered and measured light, summed over bins, is E_p and e_p.
-    F_pk and G_pk are the shares of it that have arrived by the end of bin k. Light of one arrival
-    that is late by a part x of the window has a first term of x, however short the pulse: it falls
-    all the way to the target, where a difference of bins is flat. Pixels count by the light that
-    was measured in them.
+    F_pk and G_pk are the fractions of it up to the end of bin k. Light of one arrival that is late
+    by a part x of the window has a first term of x, however short the pulse: it falls all the way
+    to the target, where a difference of bins is flat. Pixels count by their measured light.
 
     The first term is the squared earth mover's distance of histograms in one dimension (Hou, Yu,
     Samaras 2016), which is Cramér's distance; Wasserstein's has |F - G| in place of the square.
 
     Args:
         rendered: A tensor (height, width, bins, channels).
-        target: What was measured, of the same shape, not negative: a tensor or an array.
+        target: Measured light >= 0, a tensor or an array of the same shape.
         energy_weight: λ, 0 or more; 0 compares arrival times alone.
 
     Returns:
@@ -139,28 +137,44 @@ def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) 
     """
     weight = checks.number("energy_weight", energy_weight, low=0)
     rendered, target = _pair(rendered, target, bins=True)
-    share, found = _arrived(rendered)
-    expected_share, expected = _arrived(target)
-    total = _light(expected)
-    apart = dr.mean(dr.square(share - expected_share), axis=-1)
-    energy = dr.square(found - expected) / _light(dr.square(expected))
-    return dr.sum(expected / total * apart + weight * energy, axis=None)
+    cdf, energy = _cumulate(rendered)
+    target_cdf, target_energy = _cumulate(target)
+    total = _nonzero_sum(target_energy)
+    distance = dr.mean(dr.square(cdf - target_cdf), axis=-1)
+    off = dr.square(energy - target_energy) / _nonzero_sum(dr.square(target_energy))
+    return dr.sum(target_energy / total * distance + weight * off, axis=None)
 
 
 LOSSES = {"l2": l2_loss, "phasor": phasor_loss, "wasserstein": wasserstein_loss}
-"""By the names that `fit` knows."""
+
+
+def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], Any]:
+    """Return the loss as a function of rendered light and target."""
+    name = given if isinstance(given, str) else None
+    if name != "phasor" and frequency_hz is not None:
+        raise ValueError(
+            f"frequency_hz = {checks.shown(frequency_hz)}: must be left out; only "
+            "loss='phasor' has frequencies"
+        )
+    if name is None:
+        if callable(given):
+            return given
+        allowed = f"one of {', '.join(LOSSES)}, or a function"
+        raise ValueError(f"loss = {checks.shown(given)}: must be {allowed}")
+    loss = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
+    if name != "l2" and not hasattr(film, "temporal_bins"):
+        raise ValueError(f"loss = {name!r}: must be 'l2' for a film without time bins")
+    if name != "phasor":
+        return loss
+    if frequency_hz is None:
+        raise ValueError("frequency_hz = None: must be given with loss='phasor', in hertz")
+    axis: dict[str, Any] = {name: getattr(film, name) for name in ("start_opl", "bin_width_opl")}
+    check_below_limit(frequency_hz, axis["bin_width_opl"])
+    return partial(loss, frequency_hz=frequency_hz, **axis)
 
 
 def check_below_limit(frequency_hz: Any, width: float) -> list[float]:
-    """The frequencies [Hz], which must be below those for which bins of a width [m] are too wide.
-
-    Raises:
-        ValueError: One is not, or is no frequency; one line.
-
-    Example:
-        >>> check_below_limit(20e6, 0.02)
-        [20000000.0]
-    """
+    """Return the frequencies [Hz], whose half periods must be longer than bins of a width [m]."""
     frequencies, _ = check_frequencies(frequency_hz)
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
@@ -171,26 +185,25 @@ def check_below_limit(frequency_hz: Any, width: float) -> list[float]:
     return frequencies
 
 
-# ----------------------------------------------------------------------------------- helpers
-
-
-def _arrived(light: Any) -> tuple[Any, Any]:
-    """The share of light that has arrived by the end of each bin, 0 without any, and all light.
+def _cumulate(light: Any) -> tuple[Any, Any]:
+    """Return the cumulative distribution over bins, 0 without light, and the energy.
 
     Bins are moved to the last axis: along others, Dr.Jit 1.5's `cumsum` loses derivatives.
     """
-    arrived = dr.cumsum(dr.moveaxis(light, TIME, -1), axis=-1)
-    total = arrived[:, :, :, -1:]
-    return arrived / dr.select(total > 0, total, 1), arrived[:, :, :, -1]
+    sums = dr.cumsum(dr.moveaxis(light, TIME, -1), axis=-1)
+    total = sums[:, :, :, -1:]
+    return sums / dr.select(total > 0, total, 1), sums[:, :, :, -1]
 
 
 def _pair(rendered: Any, target: Any, bins: bool = False) -> tuple[Any, Any]:
-    """Both as tensors of one shape."""
-    rendered, target = (_tensor(*each) for each in (("rendered", rendered), ("target", target)))
+    """Convert both to tensors of one shape."""
+    rendered, target = (
+        x if isinstance(x, mi.TensorXf) else mi.TensorXf(checks.real_array(name, x, np.float32))
+        for name, x in (("rendered", rendered), ("target", target))
+    )
     if bins and rendered.ndim != 4:
-        raise ValueError(
-            f"rendered with shape {rendered.shape}: must be (height, width, bins, channels)"
-        )
+        allowed = "(height, width, bins, channels)"
+        raise ValueError(f"rendered with shape {rendered.shape}: must be {allowed}")
     if rendered.shape != target.shape:
         raise ValueError(
             f"target with shape {target.shape}: must be {rendered.shape}, as what is rendered"
@@ -198,19 +211,9 @@ def _pair(rendered: Any, target: Any, bins: bool = False) -> tuple[Any, Any]:
     return rendered, target
 
 
-def _tensor(name: str, values: Any) -> Any:
-    if isinstance(values, mi.TensorXf):
-        return values
-    return mi.TensorXf(checks.real_array(name, values, np.float32))
-
-
-def _sum(values: Any) -> Any:
-    return dr.sum(values.array)
-
-
-def _light(squares: Any) -> Any:
-    """The sum of what a target has, which must not be nothing."""
-    total = dr.detach(dr.sum(squares, axis=None))
+def _nonzero_sum(values: Any) -> Any:
+    """Sum values of the target, which must not be black."""
+    total = dr.detach(dr.sum(values, axis=None))
     if not float(np.array(total).item()) > 0:
         raise ValueError("target: holds no light; must have some to compare with")
     return total

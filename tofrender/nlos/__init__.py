@@ -1,4 +1,4 @@
-"""Around the corner: captures of a relay wall, and the hidden scenes that they show."""
+"""Non-line-of-sight imaging: captures of a relay wall, and reconstructions of hidden scenes."""
 
 from ..runtime.lazy import on_demand
 

@@ -1,9 +1,9 @@
-"""The capture Dataset: what a time-resolved sensor saw of a relay wall, with all geometry.
+"""The capture Dataset: time-resolved light of a relay wall, with all geometry in world space.
 
 `transient` holds radiance per bin: `(y, x, opl, channel)` of a single or confocal capture,
-`(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The points of the wall that were
-looked at and lit, and the wall's normals there, are variables of the same Dataset, in world space.
-Where some pixels do not look at the wall, `on_wall (y, x)` says which do; the others are dark.
+`(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The points of the wall that sensor
+and laser are aimed at, and the wall's normals there, are variables too. Where some pixels do not
+look at the wall, `on_wall (y, x)` says which do; the others are dark.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MODES = ("single", "confocal", "exhaustive")
-"""One lit point for all; each point lit by itself; each point of one grid for all of the other."""
+"""One laser spot for all pixels; one at each pixel's point; a grid of them for all pixels."""
 
+DEVICES = ("laser", "sensor")
 ON_WALL = "on_wall"
-"""The variable that says which pixels look at the wall, where some do not."""
-
 _PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
 
 
@@ -50,28 +49,25 @@ def make_capture(
     """Make the Dataset of a capture, and check it.
 
     Args:
-        transient: Radiance per bin [W m^-2 sr^-1], shape (rows, columns, bins), exhaustive
-            (laser rows, laser columns, rows, columns, bins), each with or without an axis of 1 or
-            3 channels at the end.
-        mode: `"single"`, `"confocal"` or `"exhaustive"`.
+        transient: Radiance per bin [W m^-2 sr^-1], (rows, columns, bins), exhaustive (laser rows,
+            laser columns, rows, columns, bins), with or without a last axis of 1 or 3 channels.
+        mode: "single", "confocal" or "exhaustive".
         start_opl: Path length where the first bin starts [m].
         bin_width_opl: Width of a bin [m].
         sensor_grid: Points of the wall that the sensor looks at [m], (rows, columns, 3).
         sensor_normals: The wall's unit normals there, towards the hidden scene.
-        laser_grid: Points of the wall that the laser lights [m]: single (3,) or (1, 1, 3),
-            exhaustive (laser rows, laser columns, 3); of a confocal capture the sensor's.
-        laser_normals: The wall's unit normals there; of a confocal capture the sensor's.
-        sensor_origin: Where the sensor is [m], None if unknown.
-        laser_origin: Where the laser is [m], None if unknown.
-        counts_first_and_last_legs: Whether path lengths include those from the laser to the wall
-            and from the wall to the sensor.
+        laser_grid: Laser spots on the wall [m]: single (3,) or (1, 1, 3), exhaustive
+            (laser rows, laser columns, 3), confocal None.
+        laser_normals: The wall's unit normals there, confocal None.
+        sensor_origin: Position of the sensor [m], None if unknown.
+        laser_origin: Position of the laser [m], None if unknown.
+        counts_first_and_last_legs: Whether lengths include laser to wall and wall to sensor.
         on_wall: Whether each pixel looks at the wall, bool (rows, columns). None if all do.
         attrs: More attributes: text, ints and floats.
 
     Returns:
-        A Dataset with the variables `transient`, `sensor_grid`, `sensor_normals`, `laser_grid`,
-        `laser_normals`, `sensor_origin` and `laser_origin`, all float32; where some pixels do not
-        look at the wall also `on_wall`, bool.
+        A Dataset of `transient`, grids, normals and origins, float32, with a bool variable
+        `on_wall` where some pixels do not look at the wall.
 
     Raises:
         ValueError: One line that names what is wrong.
@@ -79,15 +75,9 @@ def make_capture(
     Example:
         >>> x, y = np.meshgrid(np.linspace(-1, 1, 8), np.linspace(-1, 1, 8))
         >>> wall = np.stack([x, y, 0 * x], axis=-1)
-        >>> capture = make_capture(
-        ...     np.zeros((8, 8, 100)),
-        ...     mode="confocal",
-        ...     start_opl=1.0,
-        ...     bin_width_opl=0.01,
-        ...     sensor_grid=wall,
-        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
-        ... )
-        >>> capture["transient"].dims
+        >>> points = {"sensor_grid": wall, "sensor_normals": np.broadcast_to([0, 0, 1], wall.shape)}
+        >>> bins = {"start_opl": 1.0, "bin_width_opl": 0.01}
+        >>> make_capture(np.zeros((8, 8, 100)), mode="confocal", **bins, **points)["transient"].dims
         ('y', 'x', 'opl', 'channel')
     """
     import xarray as xr
@@ -99,9 +89,8 @@ def make_capture(
     values = checks.real_array("transient", transient, np.float32)
     more = checks.mapping("attrs", attrs)
     legs = counts_first_and_last_legs
-    if not isinstance(legs, int | np.bool_) or legs not in (0, 1):
-        given = checks.shown(legs)
-        raise ValueError(f"counts_first_and_last_legs = {given}: must be True or False")
+    legs = bool(legs) if isinstance(legs, int) and legs in (0, 1) else legs  # As files store it
+    legs = checks.boolean("counts_first_and_last_legs", legs)
     if values.ndim == len(dims) - 1:
         values = values[..., None]
     if values.ndim != len(dims) or values.shape[-1] not in (1, 3) or 0 in values.shape:
@@ -112,10 +101,8 @@ def make_capture(
     if mode == "confocal":
         for name, given in (("laser_grid", laser_grid), ("laser_normals", laser_normals)):
             if given is not None:
-                raise ValueError(
-                    f"{name} = {checks.shown(given)}: must be None, as a confocal capture has the "
-                    "sensor's"
-                )
+                allowed = "None, as a confocal capture has the sensor's"
+                raise ValueError(f"{name} = {checks.shown(given)}: must be {allowed}")
         laser_grid, laser_normals = sensor_grid, sensor_normals
     elif mode == "single" and np.shape(laser_grid) == (3,):
         laser_grid, laser_normals = (np.reshape(v, (1, 1, -1)) for v in (laser_grid, laser_normals))
@@ -142,20 +129,31 @@ def make_capture(
         except (TypeError, ValueError):
             mask = np.array(None)
         if mask.dtype != bool or mask.ndim not in (0, 2):
-            given = checks.shown(on_wall)
-            raise ValueError(f"on_wall = {given}: must be bool (rows, columns)")
+            raise ValueError(f"on_wall = {checks.shown(on_wall)}: must be bool (rows, columns)")
         if not mask.all():
             variables[ON_WALL] = (_PIXELS, mask.copy())
-    sizes = _sizes(variables)
+    sizes: dict[str, int] = {}
+    for name, (axes, array) in variables.items():
+        for axis, size in zip(axes, array.shape, strict=True):
+            if sizes.setdefault(axis, size) != size:
+                raise ValueError(
+                    f"{name} with shape {array.shape}: must have size {sizes[axis]} on the axis "
+                    f"{axis}, as other variables have"
+                )
     coords: dict[str, Any] = {a: np.arange(n) for a, n in sizes.items() if a[-1] in "xy"}
     coords |= {
         "opl": start + (np.arange(sizes["opl"]) + 0.5) * width,
         "channel": np.array(["L"] if sizes["channel"] == 1 else ["R", "G", "B"]),
         "xyz": np.array(["x", "y", "z"]),
     }
-    standard = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1", "mode": mode}
-    standard |= {"start_opl": start, "bin_width_opl": width}
-    standard["counts_first_and_last_legs"] = int(legs)
+    standard = {
+        "quantity": "radiance per bin",
+        "units": "W m^-2 sr^-1",
+        "mode": mode,
+        "start_opl": start,
+        "bin_width_opl": width,
+        "counts_first_and_last_legs": int(legs),
+    }
     capture = labelled(xr.Dataset(variables, coords=coords, attrs=more | standard))
     check_capture(capture)
     return capture
@@ -175,19 +173,6 @@ def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _sizes(variables: Mapping[str, tuple[tuple[str, ...], np.ndarray]]) -> dict[str, int]:
-    """Size of each axis, on which all variables must agree."""
-    sizes: dict[str, int] = {}
-    for name, (axes, array) in variables.items():
-        for axis, size in zip(axes, array.shape, strict=True):
-            if sizes.setdefault(axis, size) != size:
-                raise ValueError(
-                    f"{name} with shape {array.shape}: must have size {sizes[axis]} on the axis "
-                    f"{axis}, as what comes before it has"
-                )
-    return sizes
-
-
 def check_capture(dataset: Any) -> None:
     """Refuse anything but a capture, or a part of one.
 
@@ -200,6 +185,8 @@ def check_capture(dataset: Any) -> None:
         raise ValueError(f"capture = {type(dataset).__name__}: must be an xarray.Dataset")
     attrs = plain_attributes(dataset)
     mode = checks.one_of("capture: attribute mode", attrs.get("mode"), MODES)
+
+    # Variables and axes
     expected = dimensions(mode)
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
     mask = dataset.get(ON_WALL)
@@ -209,67 +196,52 @@ def check_capture(dataset: Any) -> None:
             raise ValueError(f"capture: on_wall of type {mask.dtype}: must hold booleans")
     for name in sorted({*expected, *found}):
         if found.get(name) != expected.get(name):
-            what = f"must have the axes {expected[name]}" if name in expected else "is not allowed"
-            raise ValueError(f"capture: variable {name} with axes {found.get(name)}: {what}")
+            rule = f"must have the axes {expected[name]}" if name in expected else "is not allowed"
+            raise ValueError(f"capture: variable {name} with axes {found.get(name)}: {rule}")
     if any(v.dtype.kind != "f" for name, v in dataset.data_vars.items() if name != ON_WALL):
         raise ValueError("capture: all variables must hold real numbers")
     axes = {axis for each in expected.values() for axis in each}
-    if set(dataset.coords) - {TIME} != axes or not all(dataset.sizes.values()):
+    sizes = dict(dataset.sizes)
+    if set(dataset.coords) - {TIME} != axes or not all(sizes.values()):
         raise ValueError(
-            f"capture with {dict(dataset.sizes)}: must have coordinates on all axes, and no "
-            "other but time"
+            f"capture with {sizes}: must have coordinates on all axes, and no other but time"
         )
-    if dataset.sizes["channel"] not in (1, 3) or dataset.sizes["xyz"] != 3:
-        raise ValueError(f"capture with {dict(dataset.sizes)}: must have 1 or 3 channels, 3 xyz")
+    if sizes["channel"] not in (1, 3) or sizes["xyz"] != 3:
+        raise ValueError(f"capture with {sizes}: must have 1 or 3 channels, 3 xyz")
     if mode == "single" and dataset["laser_grid"].shape != (1, 1, 3):
-        raise ValueError("capture: laser_grid: a single capture must have one lit point")
-    _check_geometry(dataset, mode)
-    check_attributes("capture", dataset)
-    _check_legs(dataset, attrs)
+        raise ValueError("capture: laser_grid: a single capture must have one laser spot")
 
-
-def _check_geometry(capture: xr.Dataset, mode: str) -> None:
-    for name in ("sensor_grid", "sensor_normals", "laser_grid", "laser_normals"):
-        if not np.isfinite(capture[name].values).all():
+    # Geometry
+    names = ["sensor_grid", "laser_grid", "sensor_normals", "laser_normals"]
+    for name in names:
+        if not np.isfinite(dataset[name].values).all():
             raise ValueError(f"capture: {name}: must hold finite numbers only")
-    for name in ("sensor_normals", "laser_normals"):
-        if not np.allclose(np.linalg.norm(capture[name].values, axis=-1), 1, atol=1e-3):
+    for name in names[2:]:
+        if not np.allclose(np.linalg.norm(dataset[name].values, axis=-1), 1, atol=1e-3):
             raise ValueError(f"capture: {name}: must hold vectors of length 1")
-    if mode == "confocal":
-        for what in ("grid", "normals"):
-            laser, sensor = (capture[f"{device}_{what}"].values for device in ("laser", "sensor"))
-            if not np.array_equal(laser, sensor):
-                raise ValueError(f"capture: laser_{what}: a confocal one must equal sensor_{what}")
+    for sensor, laser in (names[:2], names[2:]):
+        if mode == "confocal" and not np.array_equal(dataset[laser].values, dataset[sensor].values):
+            raise ValueError(f"capture: {laser}: a confocal one must equal {sensor}")
 
-
-def _check_legs(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
+    # Attributes
+    check_attributes("capture", dataset)
     counts = attrs.get("counts_first_and_last_legs")
     if counts not in (0, 1):
         raise ValueError(
             f"capture: attribute counts_first_and_last_legs = {checks.shown(counts)}: must be 0, 1"
         )
-    if counts and not all(np.isfinite(capture[f"{d}_origin"].values).all() for d in DEVICES):
+    if counts and not all(np.isfinite(dataset[f"{d}_origin"].values).all() for d in DEVICES):
         raise ValueError(
             "capture: sensor_origin, laser_origin: must be known where path lengths count the "
             "legs to them (counts_first_and_last_legs = 1)"
         )
 
 
-DEVICES = ("laser", "sensor")
+def first_and_last_legs(capture: xr.Dataset, devices: Collection[str] = DEVICES) -> np.ndarray:
+    """Lengths from laser to wall plus wall to sensor that `opl` counts [m], 0 if it does not.
 
-
-def first_and_last_legs(
-    capture: xr.Dataset, devices: Collection[str] = ("laser", "sensor")
-) -> np.ndarray:
-    """Lengths laser origin -> wall -> ... -> wall -> sensor origin outside the hidden scene [m].
-
-    Args:
-        capture: A capture.
-        devices: Whose legs are meant.
-
-    Returns:
-        float64, (rows, columns), of an exhaustive capture (laser rows, laser columns, rows,
-        columns): what `opl` counts besides the way from wall to wall; 0 if it counts nothing else.
+    float64, (rows, columns), of an exhaustive capture (laser rows, laser columns, rows, columns).
+    With one of the `devices`, its leg alone.
     """
     laser, sensor = (
         np.linalg.norm(
@@ -287,36 +259,23 @@ def first_and_last_legs(
 
 
 def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
-    """The capture with path lengths from wall to wall only.
+    """Subtract the first and last legs: path lengths from wall to wall only.
 
-    Each pixel's bins move by the pixel's own legs. What falls between two new bins is divided
-    among both, so that energy and mean path length stay what they were. The time axis starts as
-    early as the pixel with the longest legs asks for and keeps its bin width; bins are added for
-    the differences between pixels.
-
-    Args:
-        capture: A capture; one that does not count the legs is returned as it is.
-
-    Returns:
-        A capture with `counts_first_and_last_legs` 0.
+    Each pixel's bins move by the pixel's own legs. Light that falls between two new bins is divided
+    between both, so that energy and mean path length stay. The time axis starts as early as the
+    pixel with the longest legs needs and keeps its bin width; bins are added for the differences
+    between pixels. A capture that does not count the legs is returned as it is.
 
     Raises:
         ValueError: Not a capture.
 
     Example:
-        >>> wall = np.zeros((1, 2, 3))
-        >>> wall[0, 1, 0] = 1
-        >>> capture = make_capture(
-        ...     [[[1, 0], [0, 2]]],
-        ...     mode="confocal",
-        ...     start_opl=3,
-        ...     bin_width_opl=1,
-        ...     sensor_grid=wall,
-        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
-        ...     sensor_origin=(0, 0, 1),
-        ...     laser_origin=(0, 0, 1),
-        ...     counts_first_and_last_legs=True,
-        ... )
+        >>> wall = np.array([[[0.0, 0, 0], [1, 0, 0]]])
+        >>> points = {"sensor_grid": wall, "sensor_normals": np.broadcast_to([0, 0, 1], wall.shape)}
+        >>> bins = {"start_opl": 3, "bin_width_opl": 1, "counts_first_and_last_legs": True}
+        >>> origins = {"sensor_origin": (0, 0, 1), "laser_origin": (0, 0, 1)}
+        >>> light = [[[1, 0], [0, 2]]]
+        >>> capture = make_capture(light, mode="confocal", **bins, **points, **origins)
         >>> bare = without_first_and_last_legs(capture)
         >>> round(bare.attrs["start_opl"], 3), bare["transient"].values[0, 0, :, 0].round(3)
         (0.172, array([0.172, 0.828, 0.   ], dtype=float32))
@@ -324,29 +283,24 @@ def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
     check_capture(capture)
     if not capture.attrs["counts_first_and_last_legs"]:
         return capture
-    return _earlier(capture, first_and_last_legs(capture))
+    return subtract_legs(capture, first_and_last_legs(capture))
 
 
-def without_first_leg(capture: xr.Dataset) -> xr.Dataset:
-    """As `without_first_and_last_legs`, of lengths that lack the leg to the sensor already."""
-    return _earlier(capture, first_and_last_legs(capture, ["laser"]))
-
-
-def _earlier(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
-    """The capture with each pixel's bins moved by its `legs` [m], which it counts no more."""
+def subtract_legs(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
+    """Move each pixel's bins earlier by its `legs` [m], which are counted no more."""
     start, width = time_axis(capture)
     shift = (legs.max() - legs) / width  # to later bins, in bins
     extra = math.ceil(shift.max())
     whole = np.minimum(np.floor(shift), max(extra - 1, 0)).astype(np.int64)
-    share = (shift - whole).astype(np.float32)[..., None, None]
+    fraction = (shift - whole).astype(np.float32)[..., None, None]
     cube = Cube(capture["transient"])
     *pixels, bins, channels = cube.shape
     memory.require_free("capture", 4 * math.prod(pixels) * (bins + extra) * channels)
     moved = np.zeros((*pixels, bins + extra, channels), np.float32)
-    for place, old in cube.rows():
-        new, late = moved[place], share[place]
-        for steps in np.unique(whole[place]):
-            here = whole[place] == steps
+    for row, old in cube.rows():
+        new, late = moved[row], fraction[row]
+        for steps in np.unique(whole[row]):
+            here = whole[row] == steps
             new[here, steps : steps + bins] += old[here] * (1 - late[here])
             if extra:
                 new[here, steps + 1 : steps + 1 + bins] += old[here] * late[here]

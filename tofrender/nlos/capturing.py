@@ -1,4 +1,4 @@
-"""Rendering captures: a scene in, a Dataset of the relay wall out."""
+"""Rendering of captures."""
 
 from __future__ import annotations
 
@@ -22,22 +22,18 @@ from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import hidden, status
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
-from .captures import MODES, make_capture, without_first_leg
-from .device.laser import axis, find_laser, kept_aim, place_of
+from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
+from .device.laser import axis, find_laser, position_of, restored_pose
 from .device.relay_wall import is_on_relay_wall
-from .exhaustive import LaserPoints
-from .place import Place, place_of_capture
+from .exhaustive import ExhaustiveCapture
+from .setup import CaptureSetup, prepare_capture
 
 if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-
-MEND = "temporal_bins, start_opl and bin_width_opl of its film"
-"""Settings that decide where the window of a capture is, for warnings."""
-
-KEPT = ("pulse", "spp", "energy_outside_window", "complete")
-"""What of the attributes of a render a capture has."""
+WINDOW_SETTINGS = "temporal_bins, start_opl and bin_width_opl of its film"
+RENDER_ATTRIBUTES = ("pulse", "spp", "energy_outside_window", "complete")
 
 
 def capture(
@@ -55,34 +51,33 @@ def capture(
 ) -> xr.Dataset:
     """Capture a hidden scene by its relay wall.
 
-    The sensor's pixels are the points of the wall that are looked at: the centres of the cells of
-    an `nlos_capture_meter`, or what the centres of a camera's pixels see. Pixels that look at
-    something else, or at nothing, are dark, and the variable `on_wall` says which (a warning says
-    how many). Their points continue the plane of the wall; on a wall that is not flat they are the
-    nearest pixel's.
+    The sensor's pixels sample the wall: at the centres of the cells of an `nlos_capture_meter`, or
+    where the centres of a camera's pixels look. Pixels that miss the wall are dark, and the
+    variable `on_wall` says which (a warning says how many). Their points continue the plane of the
+    wall; on a wall that is not flat they are the nearest pixel's.
 
     The attribute `energy_outside_window` is the fraction of the energy that no bin holds, without
-    light of a single bounce that arrives before the window: the lit point itself.
+    light of a single bounce that arrives before the window: the laser spot itself.
 
-    Where the integrator leaves out the way to the camera (`camera_unwarp`) and counts the legs
-    otherwise, the laser's is taken off as well: lengths are then from wall to wall.
+    Where the integrator leaves out the leg to the camera (`camera_unwarp`) and counts the legs
+    otherwise, the laser's is subtracted as well: lengths are then from wall to wall.
 
     Args:
         scene: As for `render`. Its integrator must be a `transient_nlos_path` or, for confocal
-            captures, a `confocal_transient_path`. A scene that is not loaded yet is loaded with
-            its shapes apart (`optimize=False`).
-        mode: "confocal": each point is lit while it is looked at; "single": the laser lights the
-            point that it aims at; "exhaustive": it lights the points of the same grid one by one.
+            captures, a `confocal_transient_path`. A file, name or dict is loaded with its shapes
+            apart (`optimize=False`).
+        mode: "confocal": the laser follows the pixel's point; "single": it stays where it is aimed;
+            "exhaustive": it scans the points of the same grid, for all pixels each.
         grid: Width and height of the grid [points]; by default the film's.
-        spp: Samples per pixel (and laser point); by default the sampler's.
+        spp: Samples per pixel (and laser spot); by default the sampler's.
         seed: Seed of the random numbers.
         sensor: Number of the sensor.
-        relay_wall: The wall, if the scene does not say which shape that is: a shape, its id, or a
-            list of either. By default the shape that the sensor is a child of, or the one that is
-            called "relay_wall", or the only one that the sensor's pixels look at.
+        relay_wall: The wall: a shape, its id, or a list of either. By default the shape that the
+            sensor is a child of, or that is called "relay_wall", or the only one that the pixels
+            look at.
         checkpoint: As for `render`.
-        client: A `distributed.Client`, whose workers take tiles of the grid or, of an exhaustive
-            capture, laser points. The scene must be a name, a file or a dict.
+        client: A `distributed.Client`, whose workers render tiles of the grid or, of an exhaustive
+            capture, laser spots. The scene must be a name, a file or a dict.
         progress: Whether long work shows a bar.
 
     Returns:
@@ -111,42 +106,46 @@ def capture(
     if client is not None:
         require_client(client)
         packed("scene", scene)  # Refuses what cannot be sent
-    with hidden(not progress), status("Looking at the wall"):
-        place = place_of_capture(
+    with hidden(not progress), status("Tracing the relay wall"):
+        setup = prepare_capture(
             scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
         )
-    scene, camera, integrator = place.scene, place.camera, place.integrator
-    points, normals, on_wall = place.points
-    _tell_misses(on_wall)
-    geometry: dict[str, Any] = {"sensor_grid": points, "sensor_normals": normals}
-    geometry["sensor_origin"] = place_of(camera)
-    geometry["laser_origin"] = integrator.laser_origin(scene, camera)
-    attrs = {"scene": name, "spp": place.spp, "seed": seed, "variant": mi.variant()}
+    scene, camera, integrator = setup.scene, setup.camera, setup.integrator
+    points, normals, on_wall = setup.points
+    missing = on_wall.size - int(on_wall.sum())
+    if missing:
+        warnings.warn(
+            f"sensor: {missing} of {on_wall.size} pixels do not look at the relay wall; they are "
+            "dark, and on_wall is false there",
+            stacklevel=2,
+        )
+    geometry: dict[str, Any] = {
+        "sensor_grid": points,
+        "sensor_normals": normals,
+        "sensor_origin": position_of(camera),
+        "laser_origin": integrator.laser_origin(scene, camera),
+    }
+    attrs = {"scene": name, "spp": setup.spp, "seed": seed, "variant": mi.variant()}
     attrs["fingerprint"] = fingerprint(scene, camera, integrator)
     if mode == "exhaustive":
-        with kept_aim(find_laser(scene)):
-            laser = LaserPoints(place, _laser_points_again)
-            kept = Checkpoint.of(checkpoint)
-            values, outside = (
-                laser.here(kept, progress)
-                if client is None
-                else laser.by_workers(client, kept, progress)
-            )
-        start, width = laser.film.start_opl, laser.film.bin_width_opl
+        with restored_pose(find_laser(scene)):
+            job = ExhaustiveCapture(setup)
+            values, outside = job.render(client, Checkpoint.of(checkpoint), progress)
+        start, width = job.film.start_opl, job.film.bin_width_opl
         attrs["energy_outside_window"] = outside
-        warn_of_losses(laser.film, outside, mend=MEND, stacklevel=3)
+        warn_of_losses(job.film, outside, mend=WINDOW_SETTINGS, stacklevel=3)
         geometry |= {"laser_grid": points, "laser_normals": normals}
     else:
-        job = _job(place, name)
+        job = _job(setup, name)
         if client is None:
             dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
         else:
             dataset = collect(job, client, checkpoint, progress)
         values = dataset["transient"].values
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
-        attrs |= {k: dataset.attrs[k] for k in KEPT}
+        attrs |= {k: dataset.attrs[k] for k in RENDER_ATTRIBUTES}
         if mode == "single":
-            geometry |= _laser_point(scene, place.wall)
+            geometry |= _laser_spot(scene, setup.wall)
     data = make_capture(
         np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
@@ -158,70 +157,48 @@ def capture(
         **geometry,
     )
     one_leg = integrator.counts_legs and integrator.camera_unwarp
-    return without_first_leg(data) if one_leg else data
+    return subtract_legs(data, first_and_last_legs(data, ["laser"])) if one_leg else data
 
 
 def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
-    """Refuse a capture that is not the one that `capture` would make.
+    """Refuse a capture that `capture` would not make again with these arguments.
 
-    Args:
-        found: The capture.
-        scene: As for `capture`.
-        **options: All arguments that decide it, as for `capture`, with its relay wall as `wall`.
-
-    Raises:
-        ValueError: One line that names what differs.
+    `options` are all that decide it, with the relay wall as `wall`.
     """
-    place = place_of_capture(scene, **options)
-    wanted = {"mode": place.mode, "spp": place.spp, "seed": place.seed, "variant": mi.variant()}
+    setup = prepare_capture(scene, **options)
+    wanted = {"mode": setup.mode, "spp": setup.spp, "seed": setup.seed, "variant": mi.variant()}
     if "fingerprint" in found.attrs:  # Those of earlier versions have none
-        wanted["fingerprint"] = fingerprint(place.scene, place.camera, place.integrator)
+        wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
     for name, value in wanted.items():
         if found.attrs.get(name) != value:
-            its = found.attrs.get(name)
-            raise ValueError(f"resume: was captured with {name} = {its!r}; must be {value!r}")
+            own = found.attrs.get(name)
+            raise ValueError(f"resume: was captured with {name} = {own!r}; must be {value!r}")
     points = found["sensor_grid"].values
-    if points.shape != place.points[0].shape or not np.allclose(points, place.points[0]):
+    if points.shape != setup.points[0].shape or not np.allclose(points, setup.points[0]):
         raise ValueError("resume: was captured at other points of the wall; must be at these")
 
 
-def _job(place: Place, name: str = "scene", axis: Any = None) -> Job:
-    """A single or confocal capture as a render."""
-    asked = Asked(name, spp=place.spp, seed=place.seed, sensor=place.sensor)
-    origin = _job_again, place.arguments
-    job = decide(place.plan(), place.integrator, place.scene, asked, origin, axis)
-    job.more, job.mend = place.more, MEND
+def _job(setup: CaptureSetup, name: str = "scene", axis: Any = None) -> Job:
+    """Make a single or confocal capture a render."""
+    asked = Asked(name, spp=setup.spp, seed=setup.seed, sensor=setup.sensor)
+    origin = _job_in_worker, setup.arguments
+    job = decide(setup.plan(), setup.integrator, setup.scene, asked, origin, axis)
+    job.more, job.mend = setup.more, WINDOW_SETTINGS
     return job
 
 
-def _job_again(axis: Any, **arguments: Any) -> Job:
-    """The same in a worker."""
-    return _job(place_of_capture(**arguments), axis=axis)
-
-
-def _tell_misses(on_wall: np.ndarray) -> None:
-    """Warn of pixels that do not look at the wall."""
-    missing = on_wall.size - int(on_wall.sum())
-    if missing:
-        warnings.warn(
-            f"sensor: {missing} of {on_wall.size} pixels do not look at the relay wall; they are "
-            "dark, and on_wall is false there",
-            stacklevel=3,
-        )
-
-
-def _laser_points_again(axis: Any, **arguments: Any) -> LaserPoints:
-    """The same in a worker."""
-    return LaserPoints(place_of_capture(**arguments), _laser_points_again)
+def _job_in_worker(axis: Any, **arguments: Any) -> Job:
+    """Prepare the same capture in a worker."""
+    return _job(prepare_capture(**arguments), axis=axis)
 
 
 @uncollected()
-def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
-    """The point that the laser of a single capture lights, and the wall's normal there."""
+def _laser_spot(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
+    """Trace the laser spot of a single capture, and the wall's normal there."""
     ray = mi.Ray3f(*axis(find_laser(scene)))
     si: Any = first_surface(scene, ray)
     if not is_on_relay_wall(si, wall)[0]:
-        raise ValueError("laser: does not light the relay wall; focus_laser turns it there")
+        raise ValueError("laser: does not light the relay wall; focus_laser aims it there")
     normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
     grid, normals = (np.array(v, dtype=np.float64).reshape(1, 1, 3) for v in (si.p, normal))
     return {"laser_grid": grid, "laser_normals": normals}

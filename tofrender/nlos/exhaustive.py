@@ -1,10 +1,9 @@
-"""Exhaustive captures: each point of the grid is lit in turn."""
+"""Exhaustive captures: a render for each laser spot of the grid."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -20,7 +19,7 @@ from ..runtime.checkpoints import Checkpoint, Kept, Within
 from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..runtime.versions import versions
 from .device.focus import focus_laser
-from .place import Place
+from .setup import CaptureSetup, prepare_capture
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -28,29 +27,31 @@ if TYPE_CHECKING:
 POINTS = "laser points"
 
 
-class LaserPoints:
-    """An exhaustive capture: a render for each laser point.
-
-    Args:
-        place: The capture.
-        again: Makes the same in a worker.
+class ExhaustiveCapture:
+    """An exhaustive capture, rendered in this process or by workers.
 
     Attributes:
-        film: A film of one render, empty.
-        lit: Rows and columns of the points that are on the wall.
+        film: An empty film of one render.
+        spots: Rows and columns of the grid's points that are on the wall.
+        recipe: All that the result depends on, for checkpoints.
+        origin: Function and arguments that make the capture again in a worker.
     """
 
-    def __init__(self, place: Place, again: Callable[..., LaserPoints]) -> None:
-        self.place = place
-        self.window = time_bins(place.camera.film()) or _no_bins(place.camera.film())
-        self.film = transient_film(place.camera.film(), *self.window)
-        points, _, on_wall = place.points
-        self.points = points
-        self.lit = [(int(row), int(column)) for row, column in np.argwhere(on_wall)]
-        made = {"seed": place.seed, "spp": place.spp, "variant": mi.variant(), **place.more}
+    def __init__(self, setup: CaptureSetup) -> None:
+        self.setup = setup
+        film = setup.camera.film()
+        window = time_bins(film)
+        if not window:
+            kind = film.class_name()
+            raise ValueError(f"film = {kind}: has no time bins; must be transient_hdr_film")
+        self.window, self.film = window, transient_film(film, *window)
+        self.points, _, on_wall = setup.points
+        self.spots = [(int(row), int(column)) for row, column in np.argwhere(on_wall)]
+        made = {"seed": setup.seed, "spp": setup.spp, "variant": mi.variant(), **setup.more}
         made |= {"film": str(self.film), "versions": versions()}
-        self.recipe = made_with(place.scene, place.camera, place.integrator, made)
-        self.origin = again, place.arguments
+        self.recipe = made_with(setup.scene, setup.camera, setup.integrator, made)
+        self.origin = _in_worker, setup.arguments
+        self.arrays: dict[str, np.ndarray] = {}
 
     def take(
         self,
@@ -60,50 +61,75 @@ class LaserPoints:
         stop: Stop | None = None,
         progress: bool = False,
     ) -> tuple[float, np.ndarray] | None:
-        """Render with one point lit: all energy, and bins (rows, columns, bins, C).
+        """Render with the laser on one point: all energy, and bins (rows, columns, bins, C).
 
-        None if it was stopped.
+        None if the render was stopped.
         """
-        place = self.place
-        focus_laser(place.scene, point=self.points[point])
-        film = transient_film(place.camera.film(), *self.window)
-        record = place.integrator.recording(film)
-        seed = (place.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
-        part, sampler = Part(kept=kept), best_sampler(place.spp)
+        setup = self.setup
+        focus_laser(setup.scene, point=self.points[point])
+        film = transient_film(setup.camera.film(), *self.window)
+        record = setup.integrator.recording(film)
+        seed = (setup.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
+        part, sampler = Part(kept=kept), best_sampler(setup.spp)
         done = run(
-            steps(place.plan(), record, place.camera, sampler, seed, part),
-            *(record, place.spp),
+            steps(setup.plan(), record, setup.camera, sampler, seed, part),
+            *(record, setup.spp),
             done=part.done,
             checkpoint=checkpoint,
             progress=progress,
             stop=stop,
         )
-        if done < place.spp:
+        if done < setup.spp:
             return None
         warn_not_finite(record.not_finite)
         steady, bins = film.take()
         return float(np.sum(steady, dtype=np.float64)), bins
 
-    def empty(self) -> dict[str, np.ndarray]:
-        """Bins, (laser rows, laser columns, rows, columns, bins, C), and energy of each point."""
-        lasers = self.points.shape[:2]
-        values = np.zeros((*lasers, *self.film.shape), np.float32)
-        return {"values": values, "energy": np.zeros(lasers)}
+    def _store(self, point: tuple[int, int], found: tuple[float, np.ndarray]) -> None:
+        self.arrays["energy"][point], self.arrays["values"][point] = found
 
-    def here(self, checkpoint: Checkpoint | None, progress: bool) -> tuple[np.ndarray, float]:
-        """Render with each point lit, in this process; as `_whole` gives it."""
-        spp, kept, done, arrays = self.place.spp, None, 0, self.empty()
-        whole = len(self.lit) * spp
+    def render(
+        self, client: Client | None, checkpoint: Checkpoint | None, progress: bool
+    ) -> tuple[np.ndarray, float]:
+        """Render with the laser on each point, by workers if there is a client.
+
+        Returns:
+            Bins (laser rows, laser columns, rows, columns, bins, C), and the fraction of the energy
+            that none of them holds.
+        """
+        lasers = self.points.shape[:2]
+        self.arrays["values"] = np.zeros((*lasers, *self.film.shape), np.float32)
+        self.arrays["energy"] = np.zeros(lasers)
+        if client is None:
+            self._render_here(checkpoint, progress)
+        else:
+            check_client(client)
+            collect_pieces(
+                partial(pieces_by_workers, client, self),
+                self.spots,
+                self._store,
+                self.arrays,
+                recipe=self.recipe,
+                unit=POINTS,
+                checkpoint=checkpoint,
+                progress=progress,
+            )
+        values, energy = self.arrays["values"], self.arrays["energy"]
+        inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
+        return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0
+
+    def _render_here(self, checkpoint: Checkpoint | None, progress: bool) -> None:
+        """Render point by point; a checkpoint also holds the film of the point under way."""
+        spp, kept, done, arrays = self.setup.spp, None, 0, self.arrays
+        whole = len(self.spots) * spp
         if checkpoint is not None:
             kept = checkpoint.begin(self.recipe, whole, "samples per pixel")
         if kept is not None:
             done = kept.done
             arrays |= {name: kept.arrays.pop(name) for name in arrays if name in kept.arrays}
-        with (
-            progress_bar(POINTS, len(self.lit), unit="point", enabled=progress) as bar,
-            deferred_stop() as stop,
-        ):
-            for number, point in enumerate(self.lit):
+        bar = progress_bar(POINTS, len(self.spots), unit="point", enabled=progress)
+        with bar, deferred_stop() as stop:
+            for number, point in enumerate(self.spots):
                 bar.update()
                 if done > (number + 1) * spp:  # Where equal, the film of this point was kept
                     continue
@@ -111,42 +137,13 @@ class LaserPoints:
                 state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
                 within = checkpoint and Within(checkpoint, number * spp, whole, arrays)
                 found = self.take(point, state, within, stop)
-                if found is None or (stop.requested and number + 1 < len(self.lit)):
+                if found is None or (stop.requested and number + 1 < len(self.spots)):
                     again = checkpoint.again if checkpoint else ""
-                    raise KeyboardInterrupt(interrupted(number, len(self.lit), POINTS, again))
-                (arrays["energy"][point], arrays["values"][point]), done = found, (number + 1) * spp
-        return _whole(arrays)
-
-    def by_workers(
-        self, client: Client, checkpoint: Checkpoint | None, progress: bool
-    ) -> tuple[np.ndarray, float]:
-        """Render with each point lit, by workers; as `_whole` gives it."""
-        check_client(client)
-        arrays = self.empty()
-
-        def place(point: tuple[int, int], found: tuple[float, np.ndarray]) -> None:
-            arrays["energy"][point], arrays["values"][point] = found
-
-        collect_pieces(
-            partial(pieces_by_workers, client, self),
-            self.lit,
-            place,
-            arrays,
-            recipe=self.recipe,
-            unit=POINTS,
-            checkpoint=checkpoint,
-            progress=progress,
-        )
-        return _whole(arrays)
+                    raise KeyboardInterrupt(interrupted(number, len(self.spots), POINTS, again))
+                self._store(point, found)
+                done = (number + 1) * spp
 
 
-def _whole(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, float]:
-    """All bins, and the fraction of the energy that none of them holds."""
-    values, energy = arrays["values"], arrays["energy"]
-    inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
-    return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0
-
-
-def _no_bins(film: mi.Film) -> NoReturn:
-    """Refuse a film without time bins."""
-    raise ValueError(f"film = {film.class_name()}: has no time bins; must be transient_hdr_film")
+def _in_worker(axis: Any, **arguments: Any) -> ExhaustiveCapture:
+    """Prepare the same capture in a worker."""
+    return ExhaustiveCapture(prepare_capture(**arguments))

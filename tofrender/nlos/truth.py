@@ -1,4 +1,4 @@
-"""The true depth of a hidden scene, to compare reconstructions with."""
+"""True depth of a hidden scene."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from .device.relay_wall import DEFAULT_ID, find_shapes
 if TYPE_CHECKING:
     import xarray as xr
 
-LAYERS = 256
-"""Other surfaces that a ray may pass on its way to a hidden one."""
+LAYERS = 256  # most surfaces that a ray passes on its way to a hidden one
 
 
 @uncollected()
@@ -29,17 +28,17 @@ def hidden_depth(
     *,
     hidden_shapes: Any = None,
 ) -> xr.DataArray:
-    """Distance of the nearest hidden surface from the relay wall.
+    """Trace the distance of the nearest hidden surface from the relay wall.
 
     Rays leave the wall along its normal, one for each (y, x) of a reconstruction or each pixel of a
     capture, and pass through everything that is not hidden.
 
     Args:
         scene: As for `capture`.
-        where: What `reconstruct` or `capture` returns.
-        hidden_shapes: What is hidden: a shape, its id, or a list of either. By default the shapes
-            whose ids start with "hidden"; if there are none, all but those whose ids start with
-            "relay_wall" or "occluder" and those with a sensor or a light.
+        where: A result of `reconstruct` or `capture`.
+        hidden_shapes: The hidden shapes: a shape, its id, or a list of either. By default the
+            shapes whose ids start with "hidden"; if there are none, all but those whose ids start
+            with "relay_wall" or "occluder" and those with a sensor or a light.
 
     Returns:
         (y, x) float64 [m], NaN where there is nothing.
@@ -62,23 +61,23 @@ def hidden_depth(
     origin, d = (mi.Point3f(v.reshape(-1, 3).T.copy()) for v in (points, normals))
     depth = np.full(points.shape[:2], np.nan).ravel()
     ray = mi.Ray3f(origin, mi.Vector3f(d))
-    left: Any = mi.Bool(True)
+    active: Any = mi.Bool(True)
     for _ in range(LAYERS):
-        si = scene.ray_intersect(ray, left)
-        found = is_on(si, hidden) & left
+        si = scene.ray_intersect(ray, active)
+        found = is_on(si, hidden) & active
         r = np.array(dr.dot(si.p - origin, d), dtype=np.float64)
         depth = np.where(np.array(found), r, depth)
-        left = left & si.is_valid() & ~found
-        if not dr.any(left):
+        active = active & si.is_valid() & ~found
+        if not dr.any(active):
             break
         ray = si.spawn_ray(ray.d)
-    shown = depth.reshape(points.shape[:2])
     coords = {axis: where[axis] for axis in ("y", "x")}
-    return xr.DataArray(shown, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
+    depth = depth.reshape(points.shape[:2])
+    return xr.DataArray(depth, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
 
 
 def _rays(where: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the wall and its normals there, both (rows, columns, 3)."""
+    """Return points of the wall and its normals there, both (rows, columns, 3)."""
     import xarray as xr
 
     names = set(where.data_vars) if isinstance(where, xr.Dataset) else set()
@@ -88,8 +87,9 @@ def _rays(where: Any) -> tuple[np.ndarray, np.ndarray]:
         points = where["frame_origin"].values + x[..., None] * along_x + y[..., None] * along_y
         return points, np.broadcast_to(along_z, points.shape)
     if {"sensor_grid", "sensor_normals"} <= names:
-        grid, normals = (where[f"sensor_{what}"].values for what in ("grid", "normals"))
-        return grid.astype(np.float64), normals.astype(np.float64)
+        return where["sensor_grid"].values.astype(float), where["sensor_normals"].values.astype(
+            float
+        )
     kind = type(where).__name__
     raise ValueError(f"where = {kind}: must be a result of reconstruct() or capture()")
 
@@ -98,14 +98,9 @@ def _hidden(scene: mi.Scene, given: Any) -> list[mi.Shape]:
     if given is not None:
         return find_shapes(scene, given, "hidden_shapes")
     shapes = scene.shapes()
-    known = [shape for shape in shapes if shape.id().startswith("hidden")]
-    if not known:
-        known = [
-            shape
-            for shape in shapes
-            if not shape.id().startswith((DEFAULT_ID, "occluder"))
-            and not (shape.is_sensor() or shape.is_emitter())
-        ]
+    others = [s for s in shapes if not s.id().startswith((DEFAULT_ID, "occluder"))]
+    others = [s for s in others if not (s.is_sensor() or s.is_emitter())]
+    known = [s for s in shapes if s.id().startswith("hidden")] or others
     if not known:
         raise ValueError("scene: has no hidden shapes; hidden_shapes must name one or more")
     return known

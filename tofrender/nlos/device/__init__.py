@@ -1,1 +1,1 @@
-"""What stands before a relay wall: laser, meter, projector; and what the wall is."""
+"""Devices in front of a relay wall: laser, capture meter, projector; and the wall itself."""

@@ -1,5 +1,4 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-"""Sensor plugin `nlos_capture_meter`: looks at a grid of points on a relay wall."""
+"""Sensor plugin `nlos_capture_meter`: measures a grid of points on a relay wall."""
 
 from __future__ import annotations
 
@@ -8,7 +7,6 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ...runtime import checks
 from ...runtime.backend import uncollected
@@ -16,23 +14,23 @@ from .laser import axis, find_laser
 
 
 class NLOSCaptureMeter(mi.Sensor):
-    """A sensor that looks at the wall it is a child of (plugin `nlos_capture_meter`).
+    """A sensor that measures the wall it is a child of (plugin `nlos_capture_meter`).
 
     Each pixel of its film looks at one point: the centre of the pixel's cell in the wall's uv
-    square, from `sensor_origin`. All samples of a pixel go the same way. A rectangle is the best
-    wall, since equal cells in uv are equal there.
+    square, from `sensor_origin`. A rectangle is the best wall, since equal cells in uv are equal
+    there.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `sensor_origin` | (0, 0, 0) | where the sensor is [m] |
-    | `laser_origin` | none | where the scene's laser is put [m] |
-    | `laser_lookat_pixel` | none | pixel that the laser is turned to; (0, 0) is a pixel's centre |
-    | `laser_lookat_3d` | none | or the point that it is turned to [m] |
+    | `sensor_origin` | (0, 0, 0) | position of the sensor [m] |
+    | `laser_origin` | none | position that the scene's laser is moved to [m] |
+    | `laser_lookat_pixel` | none | pixel that the laser is aimed at; (0, 0) is a pixel's centre |
+    | `laser_lookat_3d` | none | or the point that it is aimed at [m] |
     | `confocal` | none | sets `capture_type` of a `transient_nlos_path` that has none |
     | `original_film_width`, `original_film_height` | none | see below |
 
     With an original film, as tools give it that capture point by point, the film itself has one
-    pixel, which looks at what the laser looks at. `account_first_and_last_bounces` is accepted
+    pixel, which looks at the laser spot. `account_first_and_last_bounces` is accepted
     with a warning: the integrator has it.
 
     Example:
@@ -51,7 +49,7 @@ class NLOSCaptureMeter(mi.Sensor):
         self.origin = _point(props, "sensor_origin") or [0.0, 0.0, 0.0]
         self.laser_origin = _point(props, "laser_origin")
         pixel, point = (_point(props, f"laser_lookat_{what}") for what in ("pixel", "3d"))
-        if pixel is not None and pixel[:2] != [-1, -1]:  # Which stands for none
+        if pixel is not None and pixel[:2] != [-1, -1]:  # mitransient's default
             self.laser_target: Any = ("pixel", pixel[:2])
         else:
             self.laser_target = None if point is None else ("3d", point)
@@ -64,10 +62,10 @@ class NLOSCaptureMeter(mi.Sensor):
                 f"{legs} of nlos_capture_meter: has no effect; transient_nlos_path has it",
                 stacklevel=2,
             )
-        self.follows_laser = self._is_one_of_many(props)
+        self.follows_laser = self._is_one_pixel(props)
         self.laser_point: mi.Point3f | None = None
 
-    def _is_one_of_many(self, props: mi.Properties) -> bool:
+    def _is_one_pixel(self, props: mi.Properties) -> bool:
         """Whether the film is one pixel of an original one."""
         size = list(self.film().size())
         names = ("original_film_width", "original_film_height")
@@ -83,11 +81,11 @@ class NLOSCaptureMeter(mi.Sensor):
         return True
 
     def world_transform(self) -> mi.Transform4f:
-        """Moves the origin to the sensor; its axes are those of the world."""
+        """Translation to the sensor's origin, without a rotation."""
         return mi.Transform4f().translate(mi.Point3f(*self.origin))
 
     def targets(self, sample: mi.Point2f, active: mi.Bool | bool = True) -> mi.Point3f:
-        """Points of the wall that samples of the film's crop window, in [0, 1)^2, look at."""
+        """Points of the wall [m] for samples of the film's crop window in [0, 1)^2."""
         if self.laser_point is not None:
             return self.laser_point
         film = self.film()
@@ -97,24 +95,24 @@ class NLOSCaptureMeter(mi.Sensor):
         return self.get_shape().sample_position(0.0, (pixel + 0.5) / size, active).p
 
     def misplaced_aim(self) -> str:
-        """What is wrong with the pixel that the laser should look at, "" if nothing."""
-        kind, where = self.laser_target
+        """Error message for an aim at a pixel that the film does not have, "" if it has it."""
+        kind, target = self.laser_target
         size = list(self.film().size())
-        if kind == "3d" or all(-0.5 <= k <= n - 0.5 for k, n in zip(where, size, strict=True)):
+        if kind == "3d" or all(-0.5 <= k <= n - 0.5 for k, n in zip(target, size, strict=True)):
             return ""
-        return f"laser_lookat_pixel = {where}: must be a pixel of the film, which has {size}"
+        return f"laser_lookat_pixel = {target}: must be a pixel of the film, which has {size}"
 
     def aim(self) -> mi.Point3f:
-        """The point that the laser should look at."""
-        kind, where = self.laser_target
+        """Point that the laser is to be aimed at [m]."""
+        kind, target = self.laser_target
         if kind == "3d":
-            return mi.Point3f(*where)
-        uv = [(k + 0.5) / n for k, n in zip(where, self.film().size(), strict=True)]
+            return mi.Point3f(*target)
+        uv = [(k + 0.5) / n for k, n in zip(target, self.film().size(), strict=True)]
         return self.get_shape().sample_position(0.0, mi.Point2f(*uv), True).p
 
     @uncollected()
     def follow_laser(self, scene: mi.Scene) -> None:
-        """Look at what the laser looks at, if the film is one pixel of an original one."""
+        """Look at the laser spot, if the film is one pixel of an original one."""
         if self.follows_laser:
             from ...paths.surfaces import first_surface  # Editions have meters without paths
 
@@ -122,25 +120,21 @@ class NLOSCaptureMeter(mi.Sensor):
             self.laser_point = dr.select(si.is_valid(), si.p, mi.Point3f(*self.origin) + 1)
 
     def sample_ray(self, time, sample1, sample2, sample3, active=True):
-        """The ray from the sensor to the point of the wall that a film sample belongs to."""
+        """Sample the ray from the sensor to a film sample's point of the wall."""
         d = dr.normalize(self.targets(mi.Point2f(sample2), active) - mi.Point3f(*self.origin))
         wavelengths, weight = [], mi.Spectrum(1)
         if mi.is_spectral:
             wavelengths, weight = mi.sample_rgb_spectrum(mi.sample_shifted(sample1))
         return mi.RayDifferential3f(mi.Point3f(*self.origin), d, time, wavelengths), weight
 
-    def sample_ray_differential(self, time, sample1, sample2, sample3, active=True):
-        """As `sample_ray`; there is nothing next to a pixel's point."""
-        return self.sample_ray(time, sample1, sample2, sample3, active)
+    sample_ray_differential = sample_ray
 
     def to_string(self) -> str:
-        """Where it is, and its film."""
+        """Position and film."""
         return f"NLOSCaptureMeter[sensor_origin = {self.origin}, film = {self.film()}]"
 
 
 def _point(props: mi.Properties, name: str) -> list[float] | None:
-    """Three numbers, None if they are not given."""
+    """Read three numbers, None if they are not given."""
     value: Any = props.get(name, None)
-    if value is not None and np.shape(value) != (3,):
-        raise ValueError(f"{name} = {checks.shown(value)}: must be three numbers")
-    return None if value is None else [checks.metres(name, float(x)) for x in value]
+    return None if value is None else checks.place(name, value)

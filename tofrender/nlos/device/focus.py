@@ -1,4 +1,4 @@
-"""Turning the laser."""
+"""Aiming the laser at a point of the relay wall."""
 
 from __future__ import annotations
 
@@ -11,24 +11,19 @@ import numpy as np
 from ...paths.surfaces import first_surface
 from ...runtime import checks
 from ...runtime.backend import uncollected
-from .laser import find_laser, follow_meters, forget_meters, turn
+from .laser import aim_laser, apply_meters, discard_meter_aims, find_laser
 
 
 @uncollected()
 def focus_laser(
-    scene: mi.Scene,
-    *,
-    point: Any = None,
-    uv: Any = None,
-    pixel: Any = None,
-    sensor: int = 0,
+    scene: mi.Scene, *, point: Any = None, uv: Any = None, pixel: Any = None, sensor: int = 0
 ) -> np.ndarray:
-    """Turn the scene's laser to a point of the relay wall.
+    """Aim the scene's laser at a point of the relay wall.
 
     Args:
         scene: A scene with one emitter, a projector or spot.
         point: The point [m], or
-        uv: its place in the uv square of the shape that the sensor is a child of, or
+        uv: its coordinates in the uv square of the shape that the sensor is a child of, or
         pixel: (x, y) of the sensor's whole film, whatever its crop window; its centre is meant.
         sensor: Number of the sensor.
 
@@ -45,18 +40,17 @@ def focus_laser(
         >>> focus_laser(scene, pixel=(3, 0)).round(2).tolist()
         [0.75, -0.75, 0.0]
     """
-    given = {"point": point, "uv": uv, "pixel": pixel}
     if not isinstance(scene, mi.Scene):
         raise ValueError(
             f"scene = {checks.shown(scene)}: must be a loaded scene; load_scene loads one"
         )
-    named = [name for name, value in given.items() if value is not None]
-    if len(named) != 1:
-        shown = ", ".join(map(checks.shown, given.values()))
+    given = (point, uv, pixel)
+    if sum(value is not None for value in given) != 1:
+        shown = ", ".join(map(checks.shown, given))
         raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
     laser = find_laser(scene)
-    follow_meters(scene)
-    forget_meters(scene)
+    apply_meters(scene)
+    discard_meter_aims(scene)
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
     if pixel is not None:
@@ -68,10 +62,9 @@ def focus_laser(
             for axis, k, n in zip("xy", pixel, size, strict=True)
         )
         if camera.get_shape() is None:
-            # A camera's rays are asked for by their place in the crop window
-            crop, offset = film.crop_size(), film.crop_offset()
-            place = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
-            ray, _ = camera.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+            crop, offset = film.crop_size(), film.crop_offset()  # Rays are sampled in the window
+            sample = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
+            ray, _ = camera.sample_ray(0.0, 0.5, sample, mi.Point2f(0.5))
             si = first_surface(scene, mi.Ray3f(ray))
             if not dr.all(si.is_valid()):
                 raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
@@ -86,18 +79,18 @@ def focus_laser(
         target = _at_uv(camera, (u, v))
     else:
         target = mi.Point3f(*checks.place("point", point))
-    turn(laser, target)
+    aim_laser(laser, target)
     return np.array(target).ravel()
 
 
-def _require_two(name: str, value: Any, what: str) -> None:
+def _require_two(name: str, value: Any, rule: str) -> None:
     """Refuse anything but two values."""
     try:
         count = len(value)
     except TypeError:
         count = 0
     if count != 2:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be {what}")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be {rule}")
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:

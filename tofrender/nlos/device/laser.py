@@ -1,5 +1,4 @@
-# pyright: reportOperatorIssue=false, reportReturnType=false
-"""The laser of a scene: where it is, what it looks at, and turning it."""
+"""The laser of a scene: its position, its beam, and its aim."""
 
 from __future__ import annotations
 
@@ -12,17 +11,14 @@ import mitsuba as mi
 import numpy as np
 
 RAYS, CELLS = 32, 256
-"""Rays that say how wide a beam is, and cells of the rule that integrates it, on each side."""
+"""Rays that bound a beam, and cells of the midpoint rule that integrates it, on each side."""
 
 VISIBLE_NM = (460.0, 530.0, 590.0, 640.0)
 """Wavelengths at which spectral variants compare a beam's brightness."""
 
-GRAZING = 1e-4
-"""Cosine between a wall's normal and the laser below which the laser is in the wall's plane."""
-
 
 def find_laser(scene: mi.Scene) -> Any:
-    """The scene's one emitter.
+    """Return the scene's one emitter.
 
     Raises:
         ValueError: It has none, several, or one that is neither a projector nor a spot; one line.
@@ -36,16 +32,15 @@ def find_laser(scene: mi.Scene) -> Any:
 
 
 def axis(laser: Any) -> tuple[mi.Point3f, mi.Vector3f]:
-    """Where a laser is [m], and the unit vector along which it looks."""
+    """Position of a laser [m], and the unit vector along its optical axis."""
     pose = laser.world_transform()
     return pose @ mi.Point3f(0), dr.normalize(pose @ mi.Vector3f(0, 0, 1))
 
 
 def solid_angle(laser: Any) -> float:
-    """Solid angle that a beam of its axis' intensity would need for the laser's power [sr].
+    """Integrate I(w) / I(axis) over the directions of a laser's beam [sr].
 
-    The integral of I(w) / I(axis) dw over the directions in which the laser shines, by the midpoint
-    rule on a plane before it.
+    The midpoint rule on a plane before the laser, whose extent sampled rays bound.
 
     Raises:
         ValueError: The laser is dark along its axis; one line.
@@ -55,14 +50,6 @@ def solid_angle(laser: Any) -> float:
     rays, _ = laser.sample_ray(0.0, 0.5, u, u, True)
     origin, forward = axis(laser)
     frame = mi.Frame3f(forward)
-    local = frame.to_local(rays.d)
-    x, y = local.x / local.z, local.y / local.z
-    low, high = [dr.min(v) for v in (x, y)], [dr.max(v) for v in (x, y)]
-    margin = [0.05 * (h - a) for a, h in zip(low, high, strict=True)]
-    sides = (dr.arange(mi.Float, CELLS) + 0.5) / CELLS
-    s, t = dr.meshgrid(sides, sides)
-    spans = [h - a + 2 * m for a, h, m in zip(low, high, margin, strict=True)]
-    x, y = (a - m + v * w for a, m, v, w in zip(low, margin, (s, t), spans, strict=True))
 
     def intensity(d: mi.Vector3f) -> mi.Float:
         at: Any = dr.zeros(mi.SurfaceInteraction3f)
@@ -74,44 +61,52 @@ def solid_angle(laser: Any) -> float:
     on_axis = intensity(forward)
     if not on_axis[0] > 0:
         raise ValueError("laser: is dark along its axis; must shine where it looks")
-    d = mi.Vector3f(x, y, 1)
+    local = frame.to_local(rays.d)
+    sides = (dr.arange(mi.Float, CELLS) + 0.5) / CELLS
+    plane, extents = [], []
+    for along, unit in zip((local.x, local.y), dr.meshgrid(sides, sides), strict=True):
+        low, high = dr.min(along / local.z), dr.max(along / local.z)
+        margin = 0.05 * (high - low)
+        extents.append(high - low + 2 * margin)
+        plane.append(low - margin + unit * extents[-1])
+    d = mi.Vector3f(*plane, 1)
     cos = dr.rsqrt(dr.squared_norm(d))
-    cell = spans[0] * spans[1] / CELLS**2
+    cell = extents[0] * extents[1] / CELLS**2
     total = dr.sum(intensity(frame.to_world(d * cos)) * cos**3) * cell
     return float((total / on_axis)[0])
 
 
-def turn(laser: Any, target: Any, origin: Any = None) -> None:
-    """Let a laser, a projector or spot, look at a point [m]; with an origin, from there.
+def aim_laser(laser: Any, target: Any) -> None:
+    """Aim a laser, a projector or spot, at a point [m].
 
     Raises:
         ValueError: The point is the laser's own; one line.
     """
-    place, target = mi.Point3f(axis(laser)[0] if origin is None else origin), mi.Point3f(target)
-    if not dr.norm(target - place)[0] > 0:
+    origin, target = mi.Point3f(axis(laser)[0]), mi.Point3f(target)
+    if not dr.norm(target - origin)[0] > 0:
         raise ValueError(
             f"point = {np.array(target).ravel().tolist()}: must not be the laser's own"
         )
-    along = dr.normalize(target - place)
+    along = dr.normalize(target - origin)
     up = mi.Vector3f(0, 1, 0) if abs(along.y[0]) < 0.99 else mi.Vector3f(1, 0, 0)
-    _place(laser, mi.Transform4f().look_at(place, target, up))
+    _set_pose(laser, mi.Transform4f().look_at(origin, target, up))
 
 
-def follow_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Put the laser where an `nlos_capture_meter` of the scene says, the first time it is asked.
+def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
+    """Move and aim the laser as an `nlos_capture_meter` of the scene says, once.
 
-    Of a pixel that the film does not have, the meter keeps the word; `require_aim` tells it. A
-    `sensor` that looks from where the laser is then learns where that is.
+    An aim at a pixel that the film does not have stays with the meter, for `require_aim`. A
+    `sensor` that looks at the laser spot is then told where that is.
     """
     for meter in cast(Any, scene.sensors()):
         if getattr(meter, "laser_origin", None) is not None:
             laser, origin = find_laser(scene), meter.laser_origin
             matrix = np.array(laser.world_transform().matrix).reshape(4, 4)
             matrix[:3, 3] = origin
-            _place(laser, mi.Transform4f(matrix))
+            _set_pose(laser, mi.Transform4f(matrix))
             meter.laser_origin = None
         if getattr(meter, "laser_target", None) is not None and not meter.misplaced_aim():
-            turn(find_laser(scene), meter.aim())
+            aim_laser(find_laser(scene), meter.aim())
             meter.laser_target = None
     follow: Any = getattr(sensor, "follow_laser", None)
     if follow is not None:
@@ -119,39 +114,35 @@ def follow_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
 
 
 @contextmanager
-def kept_aim(laser: Any) -> Iterator[None]:
-    """Let a laser look afterwards where it looks now, whatever happens."""
+def restored_pose(laser: Any) -> Iterator[None]:
+    """Restore a laser's pose after the block, whatever happens."""
     pose = mi.Transform4f(laser.world_transform())
     try:
         yield
     finally:
-        _place(laser, pose)
+        _set_pose(laser, pose)
 
 
-def place_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
-    """Where a sensor or laser is [m], shape (3,)."""
+def position_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
+    """Position of a sensor or laser [m], shape (3,)."""
     return np.array(device.world_transform() @ mi.Point3f(0)).ravel()
 
 
-def forget_meters(scene: mi.Scene) -> None:
-    """From now on the laser looks where it is turned, whatever a meter says."""
+def discard_meter_aims(scene: mi.Scene) -> None:
+    """Let the laser stay where it is aimed from now on, whatever a meter says."""
     for meter in cast(Any, scene.sensors()):
         if hasattr(meter, "laser_target"):
             meter.laser_target = None
 
 
 def require_aim(scene: mi.Scene) -> None:
-    """Refuse a meter whose laser should look at a pixel that its film does not have.
-
-    Raises:
-        ValueError: One line with the pixel and those that there are.
-    """
+    """Refuse a meter whose laser is aimed at a pixel that its film does not have."""
     for meter in cast(Any, scene.sensors()):
         if getattr(meter, "laser_target", None) is not None:
             raise ValueError(meter.misplaced_aim())
 
 
-def _place(laser: Any, to_world: mi.Transform4f) -> None:
+def _set_pose(laser: Any, to_world: mi.Transform4f) -> None:
     parameters = mi.traverse(laser)
     parameters["to_world"] = to_world
     parameters.update()

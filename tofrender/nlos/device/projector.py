@@ -16,28 +16,27 @@ if TYPE_CHECKING:
     from ...signals.pulses import Pulse
 
 MAX_SPOTS = 65536
+LISTED = ("spot_positions", "spot_sigmas", "spot_intensities")
 SPACINGS = ("uniform", "random")
 PULSES = ("gaussian", "histogram")
 
 
 class ConfocalProjector(mi.Emitter):
-    """A laser projector with a pattern of Gaussian spots (plugin `confocal_projector`).
+    """Laser projector with a pattern of Gaussian spots (plugin `confocal_projector`).
 
     It is nested in a `transient_path` or `confocal_transient_path`, not part of the scene. The
-    pattern lives on a plane at unit distance whose part within the field of view is [-1, 1] x
+    pattern lies on a plane at unit distance whose part within the field of view is [-1, 1] x
     [-1, 1]: a direction (X, Y, 1) in the projector's frame is at (X, Y) / tan(fov / 2). A spot of
     power Phi at (x0, y0) has the radiant intensity
 
         I(w) = Phi / (2 pi sigma^2) exp(-((x-x0)^2 + (y-y0)^2) / (2 sigma^2))
                / (tan^2(fov/2) cos^3)   [W/sr]
 
-    where cos is between w and the projector's axis: dw = tan^2(fov/2) cos^3 dx dy. What falls
-    outside of the field of view is cut off.
+    where cos is between w and the projector's axis: dw = tan^2(fov/2) cos^3 dx dy. Light outside of
+    the field of view is cut off.
 
     The course's fork of mitransient takes `grid_intensity` as a density over the pattern's plane
-    instead of a power: its direct light is ours times tan^2(fov/2), 5.92 times darker in the scenes
-    `wall_box_...` and 12.6 times in `ourbox_confocal`. Its indirect light differs from that by
-    another factor, cos_out / (2 cos_in) at the lit point.
+    instead of a power, so that its light is darker.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -66,6 +65,8 @@ class ConfocalProjector(mi.Emitter):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        from scipy.special import ndtr  # The plugin is registered at import
+
         super().__init__(props)
         self.is_confocal = checks.boolean("is_confocal", props.get("is_confocal", True))
         fov = checks.number("fov", props.get("fov", 0.2), positive=True, unit="radians")
@@ -82,33 +83,30 @@ class ConfocalProjector(mi.Emitter):
         self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
         self._pulse_width_opl, self._histogram = _pulse(props)
         positions, sigmas, powers = _spots(props)
-        self._use(positions, sigmas, powers)
-
-    def _use(self, positions: np.ndarray, sigmas: np.ndarray, powers: np.ndarray) -> None:
-        """Take over the spots, and what sampling them needs."""
         self.power: list[float] = powers.sum(axis=0).tolist()
         brightness = powers.mean(axis=1)
         self.count = len(sigmas)
-        # Lists: kernels are made anew for memory that starts elsewhere, and NumPy's may anywhere
+        # Lists, since Dr.Jit compiles anew for each alignment of NumPy's memory
         self.positions = mi.Point2f(*(mi.Float(each.tolist()) for each in positions.T))
         self.sigmas = mi.Float(sigmas.tolist())
         self.colours = Colours(powers / brightness[:, None])
         self.cumulative = mi.Float((np.cumsum(brightness) / brightness.sum()).tolist())
-        self.shares = mi.Float((brightness / brightness.sum()).tolist())
+        self.fractions = mi.Float((brightness / brightness.sum()).tolist())
         self.total = float(brightness.sum())
-        inside = np.prod([_between(positions[:, k], sigmas) for k in (0, 1)], axis=0)
+        upper, lower = (ndtr((edge - positions) / sigmas[:, None]) for edge in (1, -1))
+        inside = np.prod(upper - lower, axis=1)  # Fraction of each Gaussian in the field of view
         self.inside = mi.Float(inside.tolist())
         dr.eval(self.positions, self.sigmas, self.cumulative, self.inside)
 
     @property
     def pulse(self) -> Pulse:
-        """The temporal profile of the light."""
+        """Temporal profile of the light."""
         from ...signals.pulses import GaussianPulse
 
         return GaussianPulse(self._pulse_width_opl) if self._histogram is None else self._histogram
 
     def axes(self, direction: Any, up: Any) -> mi.Frame3f:
-        """The projector's frame: y up, n along the axis, x as in Mitsuba's `look_at`."""
+        """Frame of the projector: t up, n along the axis, s as in Mitsuba's `look_at`."""
         if not self.is_confocal:
             to_world = mi.Transform4f(self.frame)
             s, t, n = (to_world @ mi.Vector3f(*axis) for axis in np.eye(3).tolist())
@@ -117,7 +115,7 @@ class ConfocalProjector(mi.Emitter):
         return mi.Frame3f(s, dr.cross(direction, s), direction)
 
     def origin(self, camera: Any) -> mi.Point3f:
-        """Where the projector is [m]."""
+        """Position of the projector [m]."""
         if self.is_confocal:
             return mi.Point3f(camera)
         return mi.Transform4f(self.frame) @ mi.Point3f(0)
@@ -125,21 +123,21 @@ class ConfocalProjector(mi.Emitter):
     def sample_beam(
         self, axes: mi.Frame3f, sampler: mi.Sampler, active: mi.Bool, wavelengths: Any = None
     ) -> tuple[mi.Vector3f, Any]:
-        """Sample a direction in proportion to the pattern, around a frame that `axes` has returned.
-
-        Wavelengths [nm] count in spectral variants.
+        """Sample a direction in proportion to the pattern, in a frame that `axes` has returned.
 
         Returns:
-            Unit vector, and the power that a sample stands for [W], 0 outside of the field of view.
+            Unit vector, and the sample's weight [W] at wavelengths [nm], 0 outside of the field of
+            view.
         """
+        # Choose a spot by its power
         xi, u = sampler.next_1d(), sampler.next_2d()
         index = mi.UInt32(0)
         if self.count > 1:
             index = dr.binary_search(
-                0,
-                self.count - 1,
-                lambda k: dr.gather(mi.Float, self.cumulative, k, active) <= xi,
+                0, self.count - 1, lambda k: dr.gather(mi.Float, self.cumulative, k, active) <= xi
             )
+
+        # Sample its Gaussian, again where that falls outside of the field of view
         centre = dr.gather(mi.Point2f, self.positions, index, active)
         sigma = dr.gather(mi.Float, self.sigmas, index, active)
         inside = dr.gather(mi.Float, self.inside, index, active)
@@ -150,13 +148,12 @@ class ConfocalProjector(mi.Emitter):
             p = dr.select(again, retry, p)
         # With k tries, a sample is inside with the probability 1 - (1 - inside)^k
         missed: Any = dr.power(1 - inside, self.tries)
-        found = 1 - missed
-        weight = dr.select(dr.all(dr.abs(p) <= 1), self.total * inside / found, 0)
+        weight = dr.select(dr.all(dr.abs(p) <= 1), self.total * inside / (1 - missed), 0)
         d = axes.to_world(dr.normalize(mi.Vector3f(p.x * self.tan, p.y * self.tan, 1)))
         return d, self.colours.at(index, wavelengths, active) * weight
 
     def intensity(self, axes: mi.Frame3f, direction: mi.Vector3f, wavelengths: Any = None) -> Any:
-        """Radiant intensity [W/sr] in a direction, at wavelengths as in `sample_beam`."""
+        """Radiant intensity [W/sr] in a direction, at wavelengths [nm]."""
         local = axes.to_local(direction)
         x, y = local.x / (local.z * self.tan), local.y / (local.z * self.tan)
         total = mi.UnpolarizedSpectrum(0)
@@ -164,63 +161,52 @@ class ConfocalProjector(mi.Emitter):
             centre = dr.gather(mi.Point2f, self.positions, k)
             sigma = dr.gather(mi.Float, self.sigmas, k)
             r2 = dr.square(x - centre.x) + dr.square(y - centre.y)
-            share = dr.gather(mi.Float, self.shares, k) * self.total
-            density = share * dr.exp(-r2 / (2 * sigma * sigma)) / (2 * dr.pi * sigma * sigma)
+            power = dr.gather(mi.Float, self.fractions, k) * self.total
+            density = power * dr.exp(-r2 / (2 * sigma * sigma)) / (2 * dr.pi * sigma * sigma)
             total += self.colours.at(mi.UInt32(k), wavelengths) * density
         seen = (local.z > 0) & (dr.abs(x) <= 1) & (dr.abs(y) <= 1)
         per_sr = 1 / (self.tan**2 * local.z**3)
         return dr.select(seen, total * per_sr, 0)
 
-    # Mitsuba asks every emitter that exists, in whatever scene; this one is dark to all others.
-
-    def eval(self, si, active=True):
-        """0: it has no surface."""
-        return mi.Spectrum(0)
+    # Mitsuba calls every emitter that exists, in whatever scene; this one is dark to all others.
 
     def sample_ray(self, time, sample1, sample2, sample3, active=True):
-        """Nothing."""
+        """No ray: only the integrator samples the projector."""
         return dr.zeros(mi.Ray3f), mi.Spectrum(0)
 
     def sample_direction(self, it, sample, active=True):
-        """Nothing."""
+        """No light for emitter sampling."""
         return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
 
-    def pdf_direction(self, it, ds, active=True):
-        """0."""
-        return mi.Float(0)
-
-    def eval_direction(self, it, ds, active=True):
-        """0."""
-        return mi.Spectrum(0)
-
     def sample_position(self, time, sample, active=True):
-        """Nothing."""
+        """No position."""
         return dr.zeros(mi.PositionSample3f), mi.Float(0)
 
-    def pdf_position(self, ps, active=True):
-        """0."""
+    def sample_wavelengths(self, si, sample, active=True):
+        """No light at the interaction's wavelengths."""
+        return si.wavelengths, mi.Spectrum(0)
+
+    def _no_light(self, *args: Any, **kwargs: Any) -> Any:
+        return mi.Spectrum(0)
+
+    def _no_density(self, *args: Any, **kwargs: Any) -> Any:
         return mi.Float(0)
 
-    def sample_wavelengths(self, si, sample, active=True):
-        """Nothing."""
-        return si.wavelengths, mi.Spectrum(0)
+    eval = eval_direction = _no_light
+    pdf_direction = pdf_position = _no_density
 
     def bbox(self):
         """Empty."""
         return mi.ScalarBoundingBox3f()
 
     def to_string(self) -> str:
-        """Kind, number of spots and power."""
+        """Kind, number of spots and power [W]."""
         kind = "confocal" if self.is_confocal else "fixed"
         return f"ConfocalProjector[{kind}, {self.count} spots, power = {self.power}]"
 
 
 def _pose(matrix: Any) -> np.ndarray:
-    """A finite matrix whose axes span space.
-
-    Raises:
-        ValueError: It is another; one line.
-    """
+    """Return a finite matrix whose axes span space."""
     pose = np.array(matrix, dtype=np.float64).reshape(4, 4)
     lengths = np.linalg.norm(pose[:3, :3], axis=0)
     spans = np.isfinite(pose).all() and lengths.min() > 0
@@ -230,15 +216,8 @@ def _pose(matrix: Any) -> np.ndarray:
     return pose
 
 
-def _between(x0: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Share of a Gaussian within [-1, 1]."""
-    edges = [(edge - x0) / (sigma * math.sqrt(2)) for edge in (1.0, -1.0)]
-    upper, lower = (np.vectorize(math.erf)(edge) for edge in edges)
-    return 0.5 * (upper - lower)
-
-
 def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
-    """Width of a Gaussian pulse [m], and the pulse of a histogram, which replaces it."""
+    """Read the width of a Gaussian pulse [m], and a histogram's pulse, which replaces it."""
     kind = checks.one_of("pulse_type", props.get("pulse_type", "gaussian"), PULSES)
     width = props.get("pulse_width_opl", 0.01)
     start: Any = props.get("pulse_start_opl", 0.0)
@@ -254,7 +233,7 @@ def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
 
 
 def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (n, 2), sigmas (n,) and powers (n, 3) of the spots."""
+    """Read positions (n, 2), standard deviations (n,) and powers (n, 3) of the spots."""
     listed = {name: props.get(name, None) for name in LISTED}
     given = [name for name, value in listed.items() if value is not None]
     grid = _grid(props)
@@ -277,9 +256,6 @@ def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if np.any(values <= 0):
             raise ValueError(f"{name} = {values.min():g}: must be above 0")
     return positions, sigmas, np.broadcast_to(powers, (n, 3)).copy()
-
-
-LISTED = ("spot_positions", "spot_sigmas", "spot_intensities")
 
 
 def _grid(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -306,7 +282,7 @@ def _grid(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def numbers(name: str, value: Any) -> np.ndarray:
-    """An array of finite numbers, from an array, or from text with commas or blanks."""
+    """Convert an array, or text with commas or blanks, to an array of finite numbers."""
     try:
         if isinstance(value, str):
             value = [float(x) for x in value.replace(",", " ").split()]

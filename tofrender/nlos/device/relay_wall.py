@@ -1,5 +1,4 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
-"""The relay wall of a scene: the surface that a device looks at to see around the corner."""
+"""The relay wall of a scene, and the points of it that a sensor's pixels look at."""
 
 from __future__ import annotations
 
@@ -8,18 +7,20 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
 from ...runtime.backend import uncollected
 
 DEFAULT_ID = "relay_wall"
+FLAT = 1e-4  # distance from a plane, over a wall's size, up to which the wall is flat
 
 
 def is_on_relay_wall(
     si: mi.SurfaceInteraction3f, relay_wall_shapes: mi.Shape | Sequence[mi.Shape]
 ) -> mi.Bool:
-    """Whether surface points are on the relay wall.
+    """Test whether surface points are on the relay wall.
 
     Args:
         si: Surface interactions, of any number.
@@ -29,7 +30,7 @@ def is_on_relay_wall(
         A mask, one entry for each interaction.
 
     Raises:
-        ValueError: One of them is something else; one line.
+        ValueError: An argument has another type; one line.
 
     Example:
         >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle"}})
@@ -48,7 +49,7 @@ def is_on_relay_wall(
 
 
 def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
-    """The shapes of a scene that are its relay wall.
+    """Find the shapes of a scene that are its relay wall.
 
     Mitsuba merges meshes of equal material when it loads a scene, and they lose their ids:
     `load_scene(..., optimize=False)` keeps them apart.
@@ -69,58 +70,48 @@ def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
     return find_shapes(scene, wall, "relay_wall")
 
 
-def find_shapes(scene: mi.Scene, wanted: Any, what: str) -> list[mi.Shape]:
-    """Shapes of a scene by themselves, by their ids, or a list of either; `what` is for messages.
+def find_shapes(scene: mi.Scene, wanted: Any, name: str) -> list[mi.Shape]:
+    """Find shapes of a scene by themselves, by their ids, or by a list of either.
 
     Raises:
-        ValueError: The scene has no such shape; one line with those that it has.
-
-    Example:
-        >>> scene = mi.load_dict({"type": "scene", "plate": {"type": "rectangle"}})
-        >>> find_shapes(scene, "plate", "hidden_shapes") == scene.shapes()
-        True
+        ValueError: The scene has no such shape; one line with `name` and the shapes that it has.
     """
-    names = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
-    if not names:
-        raise ValueError(f"{what} = []: must name at least one shape")
+    keys = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
+    if not keys:
+        raise ValueError(f"{name} = []: must name at least one shape")
     found: list[mi.Shape] = []
-    for each in names:
-        known = isinstance(each, str | mi.Shape)
-        matches = [s for s in scene.shapes() if known and each in (s, s.id())]
+    for key in keys:
+        known = isinstance(key, str | mi.Shape)
+        matches = [s for s in scene.shapes() if known and key in (s, s.id())]
         if not matches:
-            name = each.id() if isinstance(each, mi.Shape) else each
+            shown = checks.shown(key.id() if isinstance(key, mi.Shape) else key)
             raise ValueError(
-                f"{what} = {checks.shown(name)}: the scene has no such shape; must be "
-                f"one of {ids(scene)} (a load with optimize=False keeps meshes of equal material "
-                "apart)"
+                f"{name} = {shown}: the scene has no such shape; must be one of {ids(scene)} (a "
+                "load with optimize=False keeps meshes of equal material apart)"
             )
         found += [shape for shape in matches if shape not in found]
     return found
 
 
 def ids(scene: mi.Scene) -> str:
-    """The ids of a scene's shapes, for messages."""
+    """List the ids of a scene's shapes, for messages."""
     return ", ".join(repr(shape.id()) for shape in scene.shapes()) or "none"
 
 
-def parse_ids(what: str, value: Any) -> list[str] | None:
-    """Ids of shapes, separated by commas, as a plugin's parameter gives them; None stays.
-
-    Raises:
-        ValueError: It is no text; one line.
-    """
+def parse_ids(name: str, value: Any) -> list[str] | None:
+    """Split a plugin's parameter with ids of shapes at its commas; None stays None."""
     if value is None:
         return None
     if not isinstance(value, str):
         raise ValueError(
-            f"{what} = {checks.shown(value)}: must be ids of shapes, separated by commas"
+            f"{name} = {checks.shown(value)}: must be ids of shapes, separated by commas"
         )
     return [each.strip() for each in value.split(",")]
 
 
 @uncollected()
 def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """Rays through the centres of a sensor's pixels, row by row, and what they meet."""
+    """Trace rays through the centres of a sensor's pixels, row by row, to the first surface."""
     width, height = (int(n) for n in sensor.film().crop_size())
     x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
     centre = (mi.Point2f(x, y) + 0.5) / mi.ScalarPoint2f(width, height)
@@ -130,8 +121,68 @@ def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.Surface
 
 @uncollected()
 def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
-    """The shapes that the centres of a sensor's pixels look at; none without a sensor."""
+    """Find the shapes at the centres of a sensor's pixels; none without a sensor."""
     if sensor is None:
         return []
     _, si = first_hits(scene, sensor)
     return [s for s in scene.shapes() if dr.any(si.is_valid() & (si.shape == mi.ShapePtr(s)))]
+
+
+@uncollected()
+def wall_points(
+    scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the points of the wall, and normals there, at the centres of a sensor's pixels.
+
+    Returns:
+        Points [m] and unit normals on the sensor's side, both (height, width, 3) of its film's crop
+        window, and whether each pixel looks at the wall, (height, width). A pixel that does not
+        gets the point where it looks at the plane of a flat wall, else that of a pixel nearby.
+
+    Raises:
+        ValueError: No pixel looks at the wall; one line.
+    """
+    width, height = (int(n) for n in sensor.film().crop_size())
+    ray, si = first_hits(scene, sensor)
+    count = width * height
+    on_wall = np.broadcast_to(np.array(is_on_relay_wall(si, wall)), count)
+    if not on_wall.any():
+        names = ", ".join(repr(shape.id()) for shape in wall)
+        raise ValueError(
+            f"sensor: 0 of {count} pixels look at the relay wall, {names}; must be 1 or more"
+        )
+    normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
+    points, normals, origins, directions = (
+        np.broadcast_to(np.array(v, dtype=np.float64).reshape(3, -1).T, (count, 3))
+        for v in (si.p, normal, ray.o, ray.d)
+    )
+    if not on_wall.all():
+        points, normals = _continue_wall(points, normals, on_wall, origins, directions)
+    shape = (height, width, 3)
+    return points.reshape(shape), normals.reshape(shape), on_wall.reshape(height, width)
+
+
+def _continue_wall(
+    points: np.ndarray,
+    normals: np.ndarray,
+    on_wall: np.ndarray,
+    origins: np.ndarray,
+    directions: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Replace points and normals, all (n, 3), of pixels that are not `on_wall`."""
+    # Take those of the nearest pixel on the wall
+    index, known = np.arange(len(points)), np.flatnonzero(on_wall)
+    after = np.minimum(np.searchsorted(known, index), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    closer = np.abs(known[before] - index) < np.abs(known[after] - index)
+    near = np.where(closer, known[before], known[after])
+    points, normals, seen = points[near], normals[near], points[known]
+
+    # On a flat wall, intersect the rays with its plane
+    normal = normals[known[0]]
+    if np.abs((seen - seen[0]) @ normal).max() <= FLAT * max(np.ptp(seen, axis=0).max(), FLAT):
+        towards = directions @ normal
+        meets = ~on_wall & (towards < -1e-3)
+        r = ((seen[0] - origins) @ normal)[meets] / towards[meets]
+        points[meets] = origins[meets] + r[:, None] * directions[meets]
+    return points, normals

@@ -1,5 +1,4 @@
-# pyright: reportOperatorIssue=false, reportReturnType=false
-"""BSDF plugin `retroreflector`: a glossy lobe about the direction that light comes from."""
+"""BSDF plugin `retroreflector`: a glossy lobe about the direction of incidence."""
 
 from __future__ import annotations
 
@@ -11,17 +10,16 @@ import numpy as np
 
 from ...runtime import checks
 
-MAX_EXPONENT = 1e6
-"""A lobe of 1.4 mrad; directions in single precision hold no narrower one well."""
+MAX_EXPONENT = 1e6  # a lobe of 1.4 mrad, the narrowest that directions in single precision resolve
 
 
 class Retroreflector(mi.BSDF):
-    r"""A material that sends light back where it came from (plugin `retroreflector`).
+    r"""Glossy reflection back along the direction of incidence (plugin `retroreflector`).
 
         f(wi, wo) = ρ (n + 1) / (2π) max(0, wi · wo)^n / max(cos θi, cos θo)
 
-    for both directions above the surface, 0 otherwise: Phong's lobe, turned from the mirror
-    direction to `wi`. Over the whole sphere the lobe (n + 1) / (2π) (wi · wo)^n integrates to one.
+    for both directions above the surface, 0 otherwise: Phong's lobe about `wi` instead of the
+    mirror direction. Over the whole sphere the lobe (n + 1) / (2π) (wi · wo)^n integrates to one.
     The larger of both cosines takes the place of the cosine of foreshortening: f stays reciprocal,
     and the weight of a sample, ρ cos θo / max(cos θi, cos θo), is never above ρ. So the albedo is
     at most ρ at every angle: ρ (n + 1) / (n + 2) at normal incidence, and ρ / 2 at grazing
@@ -33,12 +31,12 @@ class Retroreflector(mi.BSDF):
     | `lobe_exponent` | 100 | n, above 0 and up to 10^6; the lobe is about sqrt(2/n) rad wide |
 
     Directions are sampled in proportion to the lobe. Those below the horizon get weight and density
-    0, and `pdf` is not scaled up for them: it integrates to the share that stays above.
+    0, and `pdf` is not scaled up for them: it integrates to the fraction above the horizon.
 
-    The back is black; wrap it in `twosided` to change that. Light leaves unpolarised.
+    The back is black; wrap it in `twosided` to change that. Reflected light is unpolarised.
 
-    The course fork of mitransient has a plugin of this name and these parameters. What the lobe is
-    divided by here conserves energy and keeps f reciprocal; brightness may differ from that plugin.
+    The course's fork of mitransient has a plugin of this name and these parameters, whose
+    brightness may differ.
 
     Sources: B. Phong, "Illumination for Computer Generated Pictures", CACM 18(6), 1975; the larger
     cosine: L. Neumann, A. Neumann and L. Szirmay-Kalos, "Compact Metallic Reflectance Models",
@@ -88,23 +86,15 @@ class Retroreflector(mi.BSDF):
         return record, mi.depolarizer(weight) & valid
 
     def eval(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        wo: mi.Vector3f,
-        active: mi.Bool | bool = True,
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any = True
     ) -> mi.Spectrum:
-        """The BSDF times cos θo."""
+        """BSDF times cos θo."""
         return self.eval_pdf(ctx, si, wo, active)[0]
 
     def pdf(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        wo: mi.Vector3f,
-        active: mi.Bool | bool = True,
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any = True
     ) -> mi.Float:
-        """Density of `wo` per steradian."""
+        """Probability density of sampling `wo` [1/sr]."""
         above = (mi.Frame3f.cos_theta(si.wi) > 0) & (mi.Frame3f.cos_theta(wo) > 0)
         if not ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0):
             above = mi.Bool(False)
@@ -116,19 +106,15 @@ class Retroreflector(mi.BSDF):
         return dr.select(active & above & (x < 1), density, 0)
 
     def eval_pdf(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        wo: mi.Vector3f,
-        active: mi.Bool | bool = True,
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        """The BSDF times cos θo, and the density of `wo`."""
+        """BSDF times cos θo, and the density of `wo`."""
         density = self.pdf(ctx, si, wo, active)
         value = self.reflectance.eval(si, active) * (density * _foreshortening(si.wi, wo))
         return mi.depolarizer(value) & (density > 0), density
 
     def traverse(self, callback: Any) -> None:
-        """Hand the reflectance and the exponent to `mi.traverse`."""
+        """Expose the reflectance and the exponent to `mi.traverse`."""
         callback.put("reflectance", self.reflectance, mi.ParamFlags.Differentiable)
         callback.put("lobe_exponent", self.lobe_exponent, mi.ParamFlags.NonDifferentiable)
 
@@ -138,7 +124,7 @@ class Retroreflector(mi.BSDF):
             _exponent(self.lobe_exponent[0])
 
     def to_string(self) -> str:
-        """A short description."""
+        """Exponent and reflectance."""
         return (
             f"Retroreflector[lobe_exponent = {self.lobe_exponent[0]:g}, "
             f"reflectance = {self.reflectance}]"
@@ -152,15 +138,14 @@ def _foreshortening(wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Float:
 
 
 def _exponent(value: Any) -> float:
-    """Return `value` as an exponent that single precision can hold."""
     return checks.number("lobe_exponent", value, positive=True, high=MAX_EXPONENT)
 
 
 def _in_unit_interval(texture: Any) -> Any:
-    """Return `texture` if it reflects between nothing and everything.
+    """Return `texture` if its values are in [0, 1].
 
-    Mitsuba refuses colours out of range itself. A texture is looked at in 256 x 256 points; not in
-    spectral variants, where Mitsuba's conversion to spectra keeps it in range.
+    A texture is tested at 256 x 256 points; not in spectral variants, where Mitsuba's conversion
+    to spectra keeps it in range.
     """
     if not texture.is_spatially_varying():
         found = [float(texture.max())]

@@ -1,1 +1,1 @@
-"""The integrators that see around a corner."""
+"""Integrators of non-line-of-sight scenes."""

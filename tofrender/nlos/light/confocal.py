@@ -1,5 +1,4 @@
-# pyright: reportArgumentType=false
-"""Integrator plugin `confocal_transient_path`: a scanned laser that lights what the camera sees."""
+"""Integrator plugin `confocal_transient_path`: a scanned laser that follows the camera rays."""
 
 from __future__ import annotations
 
@@ -13,8 +12,7 @@ import mitsuba as mi
 from ...films.contribution import Contribution
 from ...runtime import checks
 from ...signals.illuminants import white
-from .laser_in_media import require_clear_way
-from .laser_spot import Spot
+from .laser_spot import Spot, require_clear_way, trace_beam
 from .relay_wall_path import RelayWallPath
 from .scan import Scan
 
@@ -25,28 +23,28 @@ MAX_SIGMA = 0.75
 class ConfocalTransientIntegrator(RelayWallPath):
     """Laser and camera along the same ray (plugin `confocal_transient_path`).
 
-    Each camera ray is a laser beam, too: the point that it meets first is lit, and is the light of
-    all further vertices (`LaserSpot`). Light goes from laser to wall, to the hidden scene,
+    Each camera ray is a laser beam, too: its first surface point is the laser spot that all further
+    vertices connect to (`LaserSpot`). Light goes from laser to wall, to the hidden scene,
     to the same point of the wall, and back to the camera; for a small patch of area A at a distance
     r from the wall, which is at d,
 
         L = Phi rho_w^2 rho_h A cos_w^2 cos_h^2 / (pi^3 r^4)   at the length 2 d + 2 r.
 
     Paths leave the relay wall towards points of the hidden geometry, by area, as often as by the
-    wall's material (`Guided`). Takes the parameters of `RelayWallPath`, and
+    wall's material (`Guided`). Accepts the parameters of `RelayWallPath`, and
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | 8 | longest path in segments between camera and lit point |
+    | `max_depth` | 8 | longest path in segments between camera and laser spot |
     | `power` | 1.0 | power of the laser that arrives on the wall, Phi [W] |
     | `spot_sigma` | 0.0 | standard deviation of the beam in rad, below 0.75; 0 is a point |
     | `confocal_projector` | none | a nested emitter of that kind, instead of the two above |
 
     The assignment's text has a `max_depth` of 10 and a pulse of 0.03 m by default; here these are
-    8 segments to the lit point and no pulse.
+    8 segments and no pulse.
 
-    A point lit by a point has no finite radiance of its own: paths of a single bounce (laser, wall,
-    camera) are there with a spot of some width only.
+    A laser spot without a width has no finite radiance of its own: paths of a single bounce (laser,
+    wall, camera) need a spot of some width.
 
     Example:
         >>> integrator = mi.load_dict({"type": "confocal_transient_path", "power": 0.5})
@@ -77,40 +75,35 @@ class ConfocalTransientIntegrator(RelayWallPath):
         self.projector: Any = projector
 
     def scan(self, scene: mi.Scene, sensor: mi.Sensor | None, wall: list[mi.Shape]) -> Scan:
-        """As of the base; a beam of no width must have a clear way."""
+        """Describe the scan; a beam of no width must have a clear way."""
         if self.projector is None and sensor is not None:
             require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
         return super().scan(scene, sensor, wall)
 
     def laser(
-        self,
-        scan: Scan,
-        ray: mi.Ray3f,
-        origin: mi.Point3f,
-        sampler: mi.Sampler,
-        active: mi.Bool,
+        self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Any, Contribution | None]:
-        """The beam along a camera ray, or the projector's pattern around it."""
-        scene, projector = scan.scene, self.projector
+        """Shine the beam along a camera ray, or the projector's pattern around it."""
+        projector = self.projector
         if projector is None:
             power = self.power * white(ray.wavelengths)
 
             def single(sampler: mi.Sampler, active: mi.Bool) -> Spot:
-                return self.spot(scene, ray, origin, power, active)
+                return trace_beam(scan, ray, power, active, origin)
 
-            return self.lit_point(scan, scan.hold(single, single(sampler, active))), None
+            return self.laser_spot(scan, scan.reuse(single, single(sampler, active))), None
         axes, source = projector.axes(ray.d, mi.Vector3f(scan.up)), projector.origin(origin)
 
         def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
             d, power = projector.sample_beam(axes, sampler, active, ray.wavelengths)
             lit = active & dr.any(power > 0)
-            return self.spot(scene, mi.Ray3f(source, d, 0, ray.wavelengths), source, power, lit)
+            return trace_beam(scan, mi.Ray3f(source, d, 0, ray.wavelengths), power, lit, source)
 
         def irradiance(d: mi.Vector3f, r: mi.Float) -> Any:
             return projector.intensity(axes, d, ray.wavelengths) / (r * r)
 
-        seen = self.from_laser(scan, ray, origin, source, irradiance, sampler, active)
-        return self.lit_point(scan, beam), seen
+        seen = self.single_bounce(scan, ray, origin, source, irradiance, sampler, active)
+        return self.laser_spot(scan, beam), seen
 
     def require_mode(self, mode: str) -> None:
         """Refuse all modes but confocal, and a projector that does not follow the camera."""
@@ -131,7 +124,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
 
 
 def round_beam(sigma: float, power: float) -> Any:
-    """A projector with one spot of standard deviation `sigma` [rad], cut off at 8 of them."""
+    """Make a projector with one spot of standard deviation `sigma` [rad], cut off at 8 of them."""
     fov = min(16 * sigma, 3.0)
     return mi.load_dict(
         {
@@ -144,7 +137,7 @@ def round_beam(sigma: float, power: float) -> Any:
 
 
 def maker(plain: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
-    """Makes `transient_path` as scenes name it: a confocal one with a projector nested in it.
+    """Return the factory of `transient_path`: a confocal one with a projector nested in it.
 
     The classes are those of the active variant, whatever this module becomes in another one.
     """

@@ -1,77 +1,63 @@
-# pyright: reportArgumentType=false
-"""The light strategy of a scanned laser: the point of a wall that it lights."""
+"""Next-event estimation of laser spots: the point of a wall, or of fog, that a beam hits first."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ...paths.protocols import Endpoint
 from ...paths.records import BSDFSample, Connection, Path, Vertex
+from ...paths.scattering import Materials
 from ...paths.surfaces import first_surface, is_on
+from ...runtime.backend import uncollected
+from ...scenes.media import media_of, scatterer_on
+from ..device.relay_wall import first_hits
 
-SAME = 1e-10
-"""Squared distance of two points, over that to a third, below which they are one."""
+if TYPE_CHECKING:
+    from .scan import Scan
+
+COINCIDENT = 1e-10  # squared distance of two points, over that to a third, below which they are one
 
 
 @dataclass
 class Spot:
-    """Where a laser beam lands.
+    """Laser spot on a surface; one, or one for each lane."""
 
-    Attributes:
-        si: The lit surface point, `si.wi` towards the laser; one, or one for each lane.
-        power: Power that arrives there, the cosine included [W].
-        distance: Optical length from the laser to the point that counts in path lengths [m].
-        beam: The beam, one or one for each lane.
-        origin: Where the beam's length starts [m].
-    """
-
-    si: mi.SurfaceInteraction3f
-    power: Any
-    distance: mi.Float
+    si: mi.SurfaceInteraction3f  # si.wi points to the laser
+    power: Any  # power that arrives, the cosine included [W]
+    distance: mi.Float  # optical length from the laser that counts [m]
     beam: mi.Ray3f | None = None
-    origin: mi.Point3f | None = None
+    origin: mi.Point3f | None = None  # start of the beam's length [m]
 
-    @classmethod
-    def of_beam(
-        cls,
-        scene: mi.Scene,
-        ray: mi.Ray3f,
-        power: Any,
-        active: mi.Bool | bool = True,
-        origin: Any = None,
-    ) -> Spot:
-        """Follow a beam of a power [W] to the first surface; the power is 0 where there is none.
-
-        The distance counts from `origin`, by default from where the ray starts.
-        """
-        si = first_surface(scene, ray, active)
-        power = dr.select(si.is_valid(), power, 0)
-        origin = ray.o if origin is None else origin
-        return cls(si, power, dr.norm(si.p - origin), ray, origin)
-
-    def throws(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
-        """What the material makes of the beam in a direction: BSDF times cosine [1/sr]."""
+    def eval(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
+        """BSDF times cosine for light of the beam that leaves in a direction [1/sr]."""
         return self.si.bsdf().eval(mi.BSDFContext(), self.si, self.si.to_local(direction), active)
 
 
-Share = Callable[[Vertex, Path], mi.Float]
-"""Takes a vertex and its path, gives the share of its connection that counts."""
+Beam = Callable[[mi.Sampler, mi.Bool], Spot]
+
+
+def trace_beam(scan: Scan, ray: mi.Ray3f, power: Any, active: Any, origin: Any) -> Spot:
+    """Trace a beam of a power [W] to the first surface; the power is 0 where there is none.
+
+    The distance counts from `origin`, if the scan counts it.
+    """
+    si = first_surface(scan.scene, ray, active)
+    power = dr.select(si.is_valid(), power, 0)
+    distance = dr.norm(si.p - origin) if scan.counts_legs else mi.Float(0)
+    return Spot(si, power, distance, ray, origin)
 
 
 class LeftWall:
-    """History of paths: whether a vertex so far is off the relay wall, 0 or 1.
+    """History of paths: 1 if a vertex so far is off the relay wall, else 0."""
 
-    Args:
-        wall: Shapes of the relay wall.
-    """
-
-    def __init__(self, wall: Sequence[mi.Shape]) -> None:
-        self.wall = list(wall)
+    def __init__(self, wall: list[mi.Shape]) -> None:
+        self.wall = wall
 
     def start(self) -> mi.UInt32:
         """Return 0."""
@@ -88,78 +74,129 @@ class LeftWall:
         return path.history
 
 
+def counted(scan: Scan, path: Path, bounces: mi.UInt32, active: mi.Bool) -> mi.Bool:
+    """Lanes whose paths count: with a vertex off the wall, or of so many bounces."""
+    if scan.bounces >= 0:
+        active = active & (bounces == scan.bounces)
+    return active & (path.history != 0) if scan.hidden_only else active
+
+
 class LaserSpot(Endpoint):
-    """Connections to the lit point, a point light whose light has left the laser before.
+    """Connections to a laser spot, a point light with the material's reflection lobe.
 
     A laser of power Phi [W] that lands on p makes it a source of intensity
 
         I(w) = Phi f_p(w_laser, w) cos_p   [W/sr]
 
     so that a connection from y at the distance r receives I / r^2 and has the optical length
-    r + |p - laser|. Nothing else finds the light: rays that run into the lit wall see none.
+    r + |p - laser|. Rays that hit the spot by chance see no light.
 
     Args:
-        scene: The scene.
-        beam: Takes a sampler and the active lanes, gives the `Spot`. It is called for each
-            connection: a beam with a width lands on another point each time.
-        wall: Shapes of the relay wall; needed for `hidden_only`.
-        hidden_only: Whether only paths count that have met something else than the wall.
-        bounces: Count only paths of so many surface points, the lit one included; -1 means all.
-        share: What counts of a connection where another technique finds the same paths; by default
-            all.
-        hide_emitters: Whether the sensor looks through area lights.
+        scan: The scan.
+        beam: Returns the `Spot` for a sampler and active lanes. It is called for each connection: a
+            beam with a width lands on another point each time.
     """
 
-    def __init__(
-        self,
-        scene: mi.Scene,
-        beam: Callable[[mi.Sampler, mi.Bool], Spot],
-        wall: Sequence[mi.Shape] = (),
-        hidden_only: bool = False,
-        bounces: int = -1,
-        share: Share | None = None,
-        hide_emitters: bool = False,
-    ) -> None:
-        self.scene, self.hide_emitters = scene, hide_emitters
-        self.beam, self.bounces, self.share = beam, bounces, share
-        self.hidden_only = hidden_only
-        self.history = LeftWall(wall) if hidden_only else None
+    def __init__(self, scan: Scan, beam: Beam) -> None:
+        self.scan, self.beam, self.hide_emitters = scan, beam, scan.hide_emitters
+        self.history = LeftWall(scan.wall) if scan.hidden_only else None
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Connect to the lit point; the share of it that counts here."""
-        connection = self.lit(vertex, path, sampler, active)
-        if self.share is not None:
-            connection.weight *= self.share(vertex, path)
+        """Connect to the laser spot, with a MIS weight where corner connections compete."""
+        connection = self.unweighted(vertex, path, sampler, active)
+        if self.scan.mis_weight is not None:
+            connection.weight *= self.scan.mis_weight(vertex, path)
         return connection
 
     def source(self, sampler: mi.Sampler, active: mi.Bool) -> Spot:
-        """The point that is connected to."""
+        """Sample the laser spot."""
         return self.beam(sampler, active)
 
-    def lit(self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Connection:
-        """Connect to the lit point."""
-        if self.bounces >= 0:
-            active = active & (path.depth + 2 == self.bounces)
-        if self.hidden_only:
-            active = active & (path.history != 0)
+    def unweighted(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """Connect to the laser spot, without a MIS weight."""
+        active = counted(self.scan, path, path.depth + 2, active)
         spot = self.source(sampler, active)
-        lit = spot.si
-        to_spot = lit.p - vertex.si.p
+        to_spot = spot.si.p - vertex.si.p
         r2 = dr.squared_norm(to_spot)
         active = active & (r2 > 0) & dr.any(spot.power > 0)
         d = to_spot * dr.rsqrt(r2)
-        f = spot.throws(-d, active)
+        f = spot.eval(-d, active)
         weight = spot.power * mi.unpolarized_spectrum(f) / r2
         return Connection(
-            point=lit.p,
+            point=spot.si.p,
             direction=d,
             weight=dr.select(active, weight, 0),
             pdf=mi.Float(1),
             delta=mi.Bool(True),
             length=dr.sqrt(r2) + spot.distance,
             active=active & ~dr.all(weight == 0),
-            # A path that goes back to where it has come from has nothing in its way
-            unoccluded=dr.squared_norm(lit.p - path.prev.p) <= SAME * r2,
+            # Nothing blocks a path back to its previous vertex
+            unoccluded=dr.squared_norm(spot.si.p - path.prev.p) <= COINCIDENT * r2,
+        )
+
+
+@dataclass
+class FirstScattering(Spot):
+    """First scattering event of a beam, in a medium or on a surface."""
+
+    vertex: Any = None
+    scattering: Any = None
+
+    def eval(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
+        """Phase function, or BSDF times cosine [1/sr]."""
+        return self.scattering.eval_pdf(self.vertex, direction, active).f
+
+
+class LaserInMedia(LaserSpot):
+    """Connections to a beam's first scattering event, sampled anew each time.
+
+    The beam carries the power that would land in clear air. Its free-flight distance is sampled as
+    that of paths; light that scatters more than once before the wall is found by the camera's
+    paths, which connect to points of the beam from the media around it.
+    """
+
+    def __init__(self, scan: Scan, beam: Beam) -> None:
+        super().__init__(scan, beam)
+        self.scattering = scan.space.with_phase_functions(Materials(scan.scene))
+
+    def source(self, sampler: mi.Sampler, active: mi.Bool) -> FirstScattering:
+        """Trace the beam up to its first real vertex."""
+        space = self.scan.space
+        lands, nothing = self.beam(sampler, active), dr.zeros(mi.Float, dr.width(active))
+        ray = mi.Ray3f(lands.beam)
+        ray.o, ray.d = ray.o + nothing, ray.d + nothing  # One for each lane
+        path = Path.start(ray, lands.origin, active, medium=space.medium_at(ray))
+        path, vertex = space.next_vertex(path, sampler)
+        lit = vertex.valid & dr.any(lands.power > 0)
+        return FirstScattering(
+            si=vertex.si,
+            power=dr.select(lit, lands.power * path.β, 0),
+            distance=vertex.length if self.scan.counts_legs else mi.Float(0),
+            vertex=vertex,
+            scattering=self.scattering,
+        )
+
+
+@uncollected()
+def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
+    """Refuse fog between a laser's position [m] and the very points that the sensor looks at."""
+    if not media_of(scene, sensor):
+        return
+    ray, si = first_hits(scene, sensor)
+    around = sensor.get_medium()
+    lanes = dr.width(si.p)
+    start = dr.full(mi.MediumPtr, around, lanes) if around else dr.zeros(mi.MediumPtr, lanes)
+    found, there = scatterer_on(scene, ray, start, sensor)
+    if found is None:
+        back = si.spawn_ray_to(mi.Point3f(*laser.tolist()))
+        found, _ = scatterer_on(scene, back, there, sensor)
+    if found is not None:
+        raise ValueError(
+            f"{found.id() or 'medium'}: scatters the light of a laser that the sensor looks "
+            "along, or up to where it looks, which would be infinite; must only absorb there, "
+            "or be elsewhere, or the laser must have a spot_sigma or light a single point"
         )

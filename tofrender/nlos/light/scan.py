@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """Description and plan of a laser scan, whose laser spot may depend on each camera ray."""
 
 from __future__ import annotations
@@ -15,65 +14,47 @@ from ...integrators.plan import Plan
 from ...paths.camera import behind_emitters
 from ...paths.guided import Guided
 from ...paths.protocols import Space
-from ...paths.records import Limits
+from ...paths.records import Limits, Path
 from ...paths.scattering import Materials
-from .corner import CornerConnections, CornerShare
-from .laser_spot import Spot
-
-Beam = Callable[[mi.Sampler, mi.Bool], Spot]
+from .corner import CornerConnections, accumulate_corner
+from .laser_spot import Beam, Spot
 
 
 @dataclass
 class Scan:
-    """Description of a laser scan: its geometry, and how paths find the lit points.
-
-    Attributes:
-        scene: The scene.
-        space: What laser and paths go through.
-        wall: Shapes of the relay wall, empty if it is not known.
-        up: The camera's upward direction.
-        guided: The scattering that sends paths to hidden geometry, None without.
-        share: What walked paths leave to connections around the corner, None without those.
-        follows_camera: Whether the laser is turned to where each camera ray meets the scene.
-        solid_angle: Solid angle of the laser's beam [sr], if its lit point counts.
-        hide_emitters: Whether the sensor looks through the scene's area lights.
-        held: Whether a lit point that is the same for a whole path is found only once.
-        first_opl: Length before which light of a single bounce does not count [m].
-    """
+    """Description of a laser scan: its geometry, and which paths to the laser spots count."""
 
     scene: mi.Scene
-    space: Space
-    wall: list[mi.Shape]
-    up: list[float]
-    guided: Guided | None = None
-    share: CornerShare | None = None
-    follows_camera: bool = False
-    solid_angle: Any = math.nan
-    hide_emitters: bool = False
-    held: bool = True
-    first_opl: float = 0.0
+    space: Space  # with the media that laser and paths go through
+    wall: list[mi.Shape]  # relay wall, empty if it is not known
+    up: list[float]  # upward direction of the camera
+    guided: Guided | None  # scattering that sends paths to hidden geometry
+    hidden_only: bool  # count only paths with a vertex off the wall
+    bounces: int  # count only paths of so many surface points with the laser spot; -1: all
+    counts_legs: bool  # count the leg from the laser in lengths
+    hide_emitters: bool  # let the sensor look through area lights
+    mis_weight: Callable[..., mi.Float] | None = None  # of walked paths, if connections compete
+    follows_camera: bool = False  # aim the laser at the first surface of each camera ray
+    solid_angle: Any = math.nan  # of the laser's beam [sr], if its spot is seen
+    reuses_spot: bool = True  # trace a spot that is the same for a whole path only once
+    first_opl: float = 0.0  # length before which light of a single bounce does not count [m]
 
-    def hold(self, beam: Beam, spot: Spot) -> Beam:
-        """A beam that lands on the same point each time, given the first."""
-        return (lambda sampler, active: spot) if self.held else beam
+    def reuse(self, beam: Beam, spot: Spot) -> Beam:
+        """Beam that returns a spot that was traced already, unless derivatives need it anew."""
+        return (lambda sampler, active: spot) if self.reuses_spot else beam
 
 
 class ScanPlan(Plan):
-    """The plan of a scan: what is lit depends on each camera ray.
+    """Plan of a scan, whose endpoint depends on each camera ray.
 
-    Args:
-        scan: What is scanned.
-        light: Takes the scan, rays, their origins and the active lanes; gives what their paths
-            connect to, and what the camera sees of the lit point itself, if that does not find it.
-        limits: Which paths count.
-        counts_spot: Whether the lit point itself does.
+    `light` is `RelayWallPath.laser`; `counts_spot` says whether the laser spot itself counts.
     """
 
     def __init__(
         self, scan: Scan, light: Callable[..., Any], limits: Limits, counts_spot: bool
     ) -> None:
         scattering = scan.space.with_phase_functions(scan.guided or Materials(scan.scene))
-        endpoint: Any = None  # There is one when there are rays
+        endpoint: Any = None  # Made for the rays
         super().__init__(scan.scene, scan.space, endpoint, scattering, limits)
         self.scan, self.light, self.counts_spot = scan, light, counts_spot
 
@@ -87,22 +68,23 @@ class ScanPlan(Plan):
 
     def attached(self):
         """Plan for derivatives: the laser spot moves, and paths alone find its light."""
-        other = copy(self)
         if self.space.scatters:
             raise ValueError(
                 "medium: has no derivatives around the corner; must be left out of the scene"
             )
-        other.scan = replace(self.scan, share=None, held=False)
-        return other
+        return self._with(mis_weight=None, reuses_spot=False)
 
     def counting_from(self, first_opl: float) -> ScanPlan:
         """Plan that leaves out light of a single bounce arriving before `first_opl` [m]."""
+        return self._with(first_opl=first_opl)
+
+    def _with(self, **changes: Any) -> ScanPlan:
         other = copy(self)
-        other.scan = replace(self.scan, first_opl=first_opl)
+        other.scan = replace(self.scan, **changes)
         return other
 
     def illuminate(self, ray, origin, sampler, active):
-        """The lit point, and what the camera sees of it."""
+        """Make the endpoint of camera rays, and radiance of the laser spots that they hit."""
         ray = self._behind(ray)
         laser, seen = self.light(self.scan, ray, origin, sampler, active)
         if seen is None or not self.counts_spot:
@@ -112,13 +94,18 @@ class ScanPlan(Plan):
         return laser, [seen]
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Light around the corner, by connections."""
-        if self.scan.share is None:
+        """Accumulate light around the corner, by connections."""
+        guided = self.scan.guided
+        if self.scan.mis_weight is None or guided is None:
             return super().connect_camera(endpoint, ray, origin, sampler, measurement, active)
-        corner = CornerConnections(self.space, self.scan.share, endpoint)
-        start = self._behind(ray), origin, self.limits.camera_unwarp
-        return corner.add(*start, sampler, measurement, active)
+        ray = self._behind(ray)
+        start = Path.start(ray, origin, active, medium=self.space.medium_at_sensor(ray))
+        path, seen = self.space.next_vertex(start, sampler)
+        path.opl = mi.Float(0) if self.limits.camera_unwarp else seen.length
+        active = guided.sends(seen, active)
+        corner, shift = CornerConnections(self.space, guided, endpoint), sampler.next_2d()
+        return accumulate_corner(corner, seen, path, shift, sampler, measurement, active)
 
     def _behind(self, ray):
-        """The ray past area lights, if those are hidden."""
+        """Move rays past area lights, if those are hidden."""
         return behind_emitters(self.scan.scene, ray) if self.scan.hide_emitters else ray

@@ -1,17 +1,10 @@
-"""The hidden scene from a capture: five methods, volumes in metres, depth and its error."""
+"""Reconstruction of the hidden scene from a capture: five methods, depth and its error."""
 
-from __future__ import annotations
-
-from .depths import DepthError, depth_error, depth_map, max_projection
-from .methods import METHODS, reconstruct
-from .volume import VolumeGrid
-
-__all__ = [
-    "METHODS",
-    "DepthError",
-    "VolumeGrid",
-    "depth_error",
-    "depth_map",
-    "max_projection",
-    "reconstruct",
-]
+from .depths import (
+    DepthError as DepthError,
+    depth_error as depth_error,
+    depth_map as depth_map,
+    max_projection as max_projection,
+)
+from .methods import METHODS as METHODS, reconstruct as reconstruct
+from .volume import VolumeGrid as VolumeGrid

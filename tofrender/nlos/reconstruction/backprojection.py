@@ -2,8 +2,8 @@
 
     I(v) = 1/N sum over pairs (l, s) of w(v) H(l, s, |v - l| + |v - s|)
 
-over all N pairs of a lit point l and a point s that is looked at (in a confocal capture l = s:
-spheres instead of ellipsoids). Between bin centres, H is interpolated linearly.
+over all N pairs of a laser spot l and a sensor's point s (in a confocal capture l = s: spheres
+instead of ellipsoids). Between bin centres, H is interpolated linearly.
 A. Velten et al., Recovering three-dimensional shape around a corner using ultrafast time-of-flight
 imaging, Nature Communications 3 (2012).
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,6 @@ import mitsuba as mi
 import numpy as np
 
 from ...rendering.workers import check_client, shared_out
-from ...runtime import checks
 from ...runtime.backend import activate, require_vectorised
 from ...runtime.progress import progress_bar
 from .measured import Measured
@@ -30,13 +30,12 @@ if TYPE_CHECKING:
     from distributed import Client
 
 WEIGHTINGS = ("uniform", "r2")
-"""w = 1, or |v - l| |v - s|, which makes up for a part of the falloff with distance."""
+"""w = 1, or |v - l| |v - s|, which compensates a part of the falloff with distance."""
 
-PIECES = 4
-"""Ranges of voxels for each worker."""
+RANGES = 4  # ranges of voxels for each worker
 
 _PAIRS_A_STEP = 1 << 28
-"""Pairs of voxel and wall point that one kernel launch goes through: a fraction of a second."""
+"""Pairs of voxel and wall point in one kernel launch: a fraction of a second."""
 
 
 def backproject(
@@ -48,93 +47,94 @@ def backproject(
 ) -> np.ndarray:
     """Intensities (z, y, x) by backprojection with one of WEIGHTINGS, by workers if there are some.
 
-    The voxels are Dr.Jit's lanes, and a loop goes over the points that are looked at, so memory
-    holds the capture (of one on disk, some rows), the volume and nothing of the size of their
-    product.
+    Voxels are Dr.Jit's lanes, and a loop goes over the sensor's points, so memory holds the capture
+    (of one on disk, some rows) and the volume, but not their product.
     """
     require_vectorised()
-    checks.one_of("weighting", weighting, WEIGHTINGS)
     lasers, rows, columns, bins = measured.shape
-    points, blocks = rows * columns, measured.blocks()
-    most = max(measured.sensors[place].size // 3 for place in blocks)
+    blocks = measured.blocks()
+    most = max(measured.sensors[block].size // 3 for block in blocks)
     if most * (bins + 2) > np.iinfo(np.uint32).max:
         raise ValueError(f"capture of {most} x {bins} bins: must have less than 2^32 bins")
     voxels = math.prod(grid.shape)
-    step = max(1, _PAIRS_A_STEP // points)
-    slabs = [(first, min(step, voxels - first)) for first in range(0, voxels, step)]
-    result = np.zeros(voxels, np.float32)
-    if client is not None:
-        _by_workers(result, client, measured, grid, weighting, progress)
-        return (result / (lasers * points)).reshape(grid.shape)
-    total = lasers * len(blocks) * len(slabs)
-    with progress_bar("backprojection", total, unit="step", enabled=progress) as bar:
-        for index, place in itertools.product(range(lasers), blocks):
-            wall = _Wall(measured, index, place, weighting)
-            for first, count in slabs:
-                result[first : first + count] += wall.light_through(grid, first, count)
+    if client is None:
+        steps = lasers * len(blocks) * math.ceil(voxels / _voxels_a_step(measured))
+        with progress_bar("backprojection", steps, unit="step", enabled=progress) as bar:
+            result = _sum_light(measured, grid, weighting, (0, voxels), bar.update)
+    else:
+        result = np.zeros(voxels, np.float32)
+        count = min(RANGES * check_client(client), voxels)
+        ranges = list(itertools.pairwise(voxels * k // count for k in range(count + 1)))
+        everywhere: Any = client.scatter(measured, broadcast=True)
+        work = partial(_in_worker, mi.variant() or "", everywhere, grid, weighting)
+        with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
+            for (first, last), found in shared_out(client, work, ranges):
+                result[first:last] = found
                 bar.update()
-    return (result / (lasers * points)).reshape(grid.shape)
+    return (result / (lasers * rows * columns)).reshape(grid.shape)
 
 
-def _by_workers(
-    result: np.ndarray,
-    client: Client,
+def _voxels_a_step(measured: Measured) -> int:
+    """Number of voxels in one kernel launch."""
+    _, rows, columns, _ = measured.shape
+    return max(1, _PAIRS_A_STEP // (rows * columns))
+
+
+def _sum_light(
     measured: Measured,
     grid: VolumeGrid,
     weighting: str,
-    progress: bool,
-) -> None:
-    """Fill `result`, each worker a few ranges of voxels at a time."""
-    count = min(PIECES * check_client(client), result.size)
-    edges = [result.size * k // count for k in range(count + 1)]
-    ranges = list(itertools.pairwise(edges))
-    everywhere: Any = client.scatter(measured, broadcast=True)
-    work = partial(_light_in, mi.variant() or "", everywhere, grid, weighting)
-    with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
-        for (first, last), found in shared_out(client, work, ranges):
-            result[first:last] = found
-            bar.update()
-
-
-def _light_in(
-    variant: str, measured: Measured, grid: VolumeGrid, weighting: str, voxels: tuple[int, int]
+    voxels: tuple[int, int],
+    update: Callable[[], None],
 ) -> np.ndarray:
-    """The light through a range of voxels, in a worker."""
-    activate(variant)
+    """Sum the light through a range of voxels."""
     first, last = voxels
+    step = _voxels_a_step(measured)
     result = np.zeros(last - first, np.float32)
-    for index, place in itertools.product(range(measured.shape[0]), measured.blocks()):
-        wall = _Wall(measured, index, place, weighting)
-        result += wall.light_through(grid, first, last - first)
+    for index, block in itertools.product(range(measured.shape[0]), measured.blocks()):
+        wall = _Wall(measured, index, block, weighting)
+        for start in range(first, last, step):
+            count = min(step, last - start)
+            here = slice(start - first, start - first + count)
+            result[here] += wall.light_through(grid, start, count)
+            update()
     return result
 
 
-class _Wall:
-    """One lit point (or each point by itself), points that are looked at, and their bins."""
+def _in_worker(
+    variant: str, measured: Measured, grid: VolumeGrid, weighting: str, voxels: tuple[int, int]
+) -> np.ndarray:
+    """Sum the light through a range of voxels, in a worker."""
+    activate(variant)
+    return _sum_light(measured, grid, weighting, voxels, lambda: None)
 
-    def __init__(self, measured: Measured, index: int, place: tuple[slice, ...], weighting: str):
-        points = measured.sensors[place].reshape(-1, 3)
-        light = measured.light(index, place).reshape(len(points), -1)
+
+class _Wall:
+    """One laser spot (confocal: none), a block of sensor points, and their bins, for kernels."""
+
+    def __init__(self, measured: Measured, index: int, block: tuple[slice, ...], weighting: str):
+        points = measured.sensors[block].reshape(-1, 3)
+        light = measured.light(index, block).reshape(len(points), -1)
         self.count, bins = light.shape
         self.bins = mi.Float32(bins)
         self.row = mi.UInt32(bins + 2)
-        padded = np.zeros((self.count, bins + 2), np.float32)  # no light before and after
-        padded[:, 1:-1] = light
+        padded = np.pad(light, ((0, 0), (1, 1)))  # no light before and after
         self.light = mi.Float32(padded.reshape(-1))
         # Position in bins, from the centre of the first: (path - start) / width - 1/2
-        offset = (measured.legs[index][place].reshape(-1) - measured.start) / measured.width - 0.5
+        offset = (measured.legs[index][block].reshape(-1) - measured.start) / measured.width - 0.5
         columns = [*points.T, offset]
         self.points = [mi.Float32(np.ascontiguousarray(c, dtype=np.float32)) for c in columns]
         self.per_width = mi.Float32(1 / measured.width)
         self.confocal = measured.mode == "confocal"
         self.weighted = weighting == "r2"
-        self.laser = None if self.confocal else measured.lasers[index]
+        lasers = [] if self.confocal else measured.lasers[index]
+        self.laser = [dr.opaque(mi.Float32, float(coordinate)) for coordinate in lasers]
         dr.make_opaque(self.bins, self.row, self.per_width)
 
     def light_through(self, grid: VolumeGrid, first: int, count: int) -> np.ndarray:
-        """Sum over the points for `count` voxels from `first` on, x fastest."""
+        """Sum over the points, for `count` voxels from `first` on, x fastest."""
         voxel = _centres(grid, first, count)
-        to_laser = 0 if self.laser is None else _distance(voxel, _opaque(self.laser))
+        to_laser = 0 if self.confocal else _distance(voxel, self.laser)
 
         def add(index: Any, total: Any) -> Any:
             x, y, z, offset = (dr.gather(mi.Float32, array, index) for array in self.points)
@@ -162,24 +162,16 @@ class _Wall:
         return total.numpy()
 
 
-def _centres(grid: VolumeGrid, first: int, count: int) -> tuple[Any, Any, Any]:
-    """Centres of voxels [m]."""
+def _centres(grid: VolumeGrid, first: int, count: int) -> list[Any]:
+    """Centres (x, y, z) of `count` voxels from `first` on, x fastest [m]."""
     index = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first)
     _, ny, nx = grid.shape
     line = index // nx
+    lines = [mi.Float32(grid.centres(axis).astype(np.float32)) for axis in "xyz"]
     steps = (index - line * nx, line % ny, line // ny)
-    lows = _opaque([getattr(grid, axis)[0] + grid.step(axis) / 2 for axis in "xyz"])
-    sizes = _opaque([grid.step(axis) for axis in "xyz"])
-    voxel = tuple(
-        dr.fma(mi.Float32(n), size, low) for n, size, low in zip(steps, sizes, lows, strict=True)
-    )
-    dr.eval(voxel)
-    return voxel  # pyright: ignore[reportReturnType]
-
-
-def _opaque(numbers: Any) -> list[Any]:
-    """Numbers that the kernel reads, rather than being compiled for them."""
-    return [dr.opaque(mi.Float32, float(number)) for number in numbers]
+    voxels = [dr.gather(mi.Float32, each, n) for each, n in zip(lines, steps, strict=True)]
+    dr.eval(voxels)
+    return voxels
 
 
 def _distance(a: Any, b: Any) -> Any:
@@ -190,9 +182,9 @@ def _distance(a: Any, b: Any) -> Any:
 def sharpen(values: np.ndarray, grid: VolumeGrid) -> np.ndarray:
     """Minus the Laplacian of intensities (z, y, x) [m^-2], where it is above 0.
 
-    Backprojection blurs a surface over all that is equally far; the second derivative finds where
-    that adds up. All three axes count, so that surfaces of any orientation stand out alike; an
-    axis of one voxel does not.
+    Backprojection blurs a surface over all voxels at its distance; the second derivative finds
+    their sum's maximum. All three axes count, but for one of a single voxel, so that surfaces of
+    any orientation stand out alike.
     """
     result = np.zeros_like(values)
     for number, axis in enumerate("zyx"):

@@ -1,4 +1,4 @@
-"""What a volume shows: maximum projection, depth, and how far that is from the truth."""
+"""Maximum projection and depth map of a volume, and the error of the depth."""
 
 from __future__ import annotations
 
@@ -12,25 +12,19 @@ from ...runtime import checks
 if TYPE_CHECKING:
     import xarray as xr
 
-_AXES = ("z", "y", "x")
-
 
 def check_volume(volume: Any) -> np.ndarray:
-    """Intensities (z, y, x) of what `reconstruct` returns.
-
-    Raises:
-        ValueError: It is something else, or holds values that are not finite.
-    """
+    """Return the finite intensities (z, y, x) of a result of `reconstruct`."""
     import xarray as xr
 
     if not isinstance(volume, xr.Dataset) or volume.get("intensity", np.array(0)).ndim != 3:
         raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
-    if volume["intensity"].dims != _AXES:
-        raise ValueError(f"volume with axes {volume['intensity'].dims}: must be {_AXES}")
-    if not volume["intensity"].size:
-        shape = volume["intensity"].shape
-        raise ValueError(f"volume = Dataset with intensity {shape}: must have a voxel")
-    return checks.finite("volume: intensity", volume["intensity"].values)
+    intensity = volume["intensity"]
+    if intensity.dims != ("z", "y", "x"):
+        raise ValueError(f"volume with axes {intensity.dims}: must be ('z', 'y', 'x')")
+    if not intensity.size:
+        raise ValueError(f"volume = Dataset with intensity {intensity.shape}: must have a voxel")
+    return checks.finite("volume: intensity", intensity.values)
 
 
 def max_projection(volume: xr.Dataset) -> xr.DataArray:
@@ -44,15 +38,15 @@ def max_projection(volume: xr.Dataset) -> xr.DataArray:
 
 
 def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
-    """Distance from the wall of what is brightest behind each (y, x) [m].
+    """Depth of the brightest voxel behind each (y, x).
 
     Args:
         volume: A result of `reconstruct`.
-        threshold: Where the maximum along z is less than this part of the volume's maximum there
-            is nothing; in [0, 1].
+        threshold: Pixels whose maximum along z is less than this fraction of the volume's maximum
+            have no depth; in [0, 1].
 
     Returns:
-        (y, x) float64: z of the maximum, refined by the parabola through the voxels before and
+        (y, x) float64 [m]: z of the maximum, refined by the parabola through the voxels before and
         after it; NaN where there is nothing.
 
     Raises:
@@ -77,14 +71,14 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
         depth = depth + shift * (z[1] - z[0])
     brightest = values.max(axis=0)
     found = (brightest > 0) & (brightest >= threshold * values.max())
-    result = np.where(found, depth, np.nan)
+    depth = np.where(found, depth, np.nan)
     coords = {axis: volume[axis] for axis in ("y", "x")}
-    return xr.DataArray(result, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
+    return xr.DataArray(depth, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
 
 
 @dataclass(frozen=True)
 class DepthError:
-    """How a depth map differs from the true one.
+    """Differences between a depth map and the true one.
 
     Attributes:
         median: Median of the absolute difference [m], over pixels where both have a depth.
@@ -92,8 +86,8 @@ class DepthError:
         rms: Root of the mean squared difference [m].
         bias: Median of found less true depth [m].
         pixels: Number of pixels where both have a depth.
-        found: Part of the true pixels that have a depth, 0 to 1.
-        extra: Part of the pixels with a depth where in truth there is nothing, 0 to 1.
+        found: Fraction of the true pixels that have a depth.
+        extra: Fraction of the pixels with a depth where in truth there is nothing.
     """
 
     median: float
@@ -122,11 +116,10 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
 
     Example:
         >>> import xarray as xr
-        >>> z = [0.9, 1.0, 1.1]
         >>> values = np.zeros((3, 2, 2), np.float32)
         >>> values[1] = 1
-        >>> volume = xr.Dataset({"intensity": (("z", "y", "x"), values)}, {"z": z})
-        >>> volume = volume.assign_coords(y=[0, 1], x=[0, 1])
+        >>> coords = {"z": [0.9, 1.0, 1.1], "y": [0, 1], "x": [0, 1]}
+        >>> volume = xr.Dataset({"intensity": (("z", "y", "x"), values)}, coords)
         >>> round(depth_error(volume, np.full((2, 2), 1.02)).median, 3)
         0.02
     """

@@ -6,7 +6,7 @@ wall, Ψ(kx, ky, f), is the spectrum of the scene at time 0 after Stolt's change
 
     Φ(kx, ky, kz) = kz / f  Ψ(kx, ky, f = √(kx² + ky² + kz²)),      intensity = |φ(x, y, z)|².
 
-The amplitude of the wave is taken as √(H τ^p), p = 4 for diffuse surfaces, 2 for retroreflective.
+The amplitude of the wave is √(H τ^p), p = 4 for diffuse surfaces, 2 for retroreflective.
 D. Lindell, G. Wetzstein and M. O'Toole, Wave-based non-line-of-sight imaging using fast f-k
 migration, ACM Transactions on Graphics 38 (2019).
 """
@@ -17,18 +17,16 @@ import math
 
 import numpy as np
 
-from .fourier import Steps, fft, forward, require_memory
+from ...runtime.progress import Bar
+from .fourier import fft, forward, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, native_volume
 
 SURFACES = {"diffuse": 4, "retroreflective": 2}
 
 
-def fk_migration(measured: Measured, surface: str, steps: Steps) -> tuple[np.ndarray, VolumeGrid]:
-    """Intensities (z, y, x) on the migration's own grid.
-
-    `measured` is a confocal capture on a lattice, without legs; `surface` one of SURFACES.
-    """
+def fk_migration(measured: Measured, surface: str, bar: Bar) -> tuple[np.ndarray, VolumeGrid]:
+    """Intensities (z, y, x) of a confocal capture on a lattice, without legs, and their grid."""
     grid = native_volume(measured)
     lattice = measured.lattice
     assert lattice is not None
@@ -39,23 +37,20 @@ def fk_migration(measured: Measured, surface: str, steps: Steps) -> tuple[np.nda
     depth = grid.centres("z")
     light = np.maximum(measured.light(0), 0) * (depth ** SURFACES[surface]).astype(np.float32)
     spectrum = forward(np.sqrt(light, out=light), (*sides, lines))
-    steps.done()
+    bar.update()
     frequencies = fft.fftfreq(sides[0], lattice.dy), fft.fftfreq(sides[1], lattice.dx)
     _stolt(spectrum, frequencies, grid, lines)
-    steps.done()
+    bar.update()
     field = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[:rows]
     field = fft.ifft(field, axis=1, workers=-1)[:, :columns]
     field = fft.ifft(field, lines, axis=2, workers=-1, overwrite_x=True)[..., :bins]
-    steps.done()
+    bar.update()
     values = np.square(field.real) + np.square(field.imag)
     return np.ascontiguousarray(values.transpose(2, 0, 1)), grid
 
 
 def _padded_bins(measured: Measured, grid: VolumeGrid) -> int:
-    """Length of the transform along z.
-
-    Long enough that what is migrated to before the first voxel does not come back at the end.
-    """
+    """Length of the transform along z, which keeps light before the first voxel off the last."""
     low, high, bins = grid.z
     points = measured.sensors.reshape(-1, 3)
     across = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
@@ -70,7 +65,7 @@ def _stolt(
     """Change variables from f to kz, in place.
 
     The spectrum is interpolated linearly, which needs it to be smooth: the origin of time is moved
-    to the middle of the window for that, and what this turns the phases by is undone exactly.
+    to the middle of the window for that, and the phases of this shift are undone exactly.
     """
     low, high, bins = grid.z
     step = grid.step("z")

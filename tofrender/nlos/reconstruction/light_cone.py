@@ -1,12 +1,12 @@
-"""The light-cone transform: confocal light as a convolution that can be undone.
+"""Light-cone transform: confocal light as a convolution, inverted by a Wiener filter.
 
 With v = (opl / 2)² and u = z², light from a diffuse hidden scene of albedo ρ obeys
 
     v^(3/2) H(x', y', 2 √v) = ∫∫∫ ρ(x, y, √u) / (2 √u) δ((x' - x)² + (y' - y)² + u - v) dx dy du,
 
-a convolution in (x, y, v); retroreflective surfaces have v^(1/2). A Wiener filter inverts it. The
-grid is even in v and u, with as many bins as the capture, so that its steps of depth grow towards
-the wall as 1 / z: a surface is off by up to half of one, (z_high² - z_low²) / (4 z bins).
+a convolution in (x, y, v); retroreflective surfaces have v^(1/2). The grid is even in v and u, with
+as many bins as the capture, so that its steps of depth grow towards the wall as 1 / z: a surface is
+off by up to half of one, (z_high² - z_low²) / (4 z bins).
 M. O'Toole, D. Lindell and G. Wetzstein, Confocal non-line-of-sight imaging based on the light-cone
 transform, Nature 555 (2018).
 """
@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from .fourier import Steps, even_lags, fft, forward, inverse, require_memory
+from ...runtime.progress import Bar
+from .fourier import fft, forward, inverse, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
 
@@ -27,16 +28,12 @@ SURFACES = {"diffuse": 3, "retroreflective": 1}
 
 
 def light_cone_transform(
-    measured: Measured, surface: str, snr: float, steps: Steps
+    measured: Measured, surface: str, snr: float, bar: Bar
 ) -> tuple[np.ndarray, VolumeGrid]:
-    """Intensities (z, y, x) on the transform's own grid.
+    """Albedo >= 0 (z, y, x) of a confocal capture on a lattice, without legs, and its grid.
 
-    `measured` is a confocal capture on a lattice, without legs; `surface` one of SURFACES. `snr` is
-    the signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency of the
-    transform over that of the noise. Less is smoother.
-
-    Returns:
-        Albedo in arbitrary units, at least 0, and its voxels.
+    `snr` is the signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency
+    of the transform over that of the noise. Less is smoother.
     """
     grid = native_volume(measured)
     lattice = measured.lattice
@@ -49,9 +46,9 @@ def light_cone_transform(
 
     light = _to_squared_depth(measured.light(0), grid, low + width * np.arange(bins + 1), surface)
     spectrum = forward(light, (*sides, lines))
-    steps.done()
+    bar.update()
     kernel = _kernel_spectrum(lattice, rows, columns, bins, width)
-    steps.done()
+    bar.update()
     power = np.square(kernel.real) + np.square(kernel.imag)
     power += np.float32(power.mean(dtype=np.float64) / snr)
     np.conjugate(kernel, out=kernel)
@@ -59,16 +56,16 @@ def light_cone_transform(
     del power
     spectrum *= kernel
     del kernel
-    steps.done()
+    bar.update()
     found = inverse(spectrum, (rows, columns), lines)[..., :bins]
-    steps.done()
+    bar.update()
     return _to_depth(found, grid, low, width), grid
 
 
 def _to_squared_depth(
     light: np.ndarray, grid: VolumeGrid, edges: np.ndarray, surface: str
 ) -> np.ndarray:
-    """Mean over each bin of v of v^(p/2) H(2 √v), of light (rows, columns, bins)."""
+    """Average v^(p/2) H(2 √v) over each bin of v, of light (rows, columns, bins)."""
     bins = light.shape[-1]
     depth = np.sqrt(np.maximum(edges, 0))
     at = (depth - grid.z[0]) / grid.step("z")  # in bins of the capture
@@ -98,12 +95,13 @@ def _kernel_spectrum(lattice: Lattice, rows: int, columns: int, bins: int, width
     cone[row, column, cell] = 1 - late
     cone[row, column, cell + 1] = late
     lines = fft.rfft(cone, axis=2, workers=-1)
-    lines = lines[even_lags(rows)][:, even_lags(columns)]
+    mirrored = (np.r_[: count + 1, count - 1 : 0 : -1] for count in (rows, columns))
+    lines = lines[np.ix_(*mirrored)]  # Lags 0 ... count to those of a transform of 2 count
     return fft.fft2(lines, axes=(0, 1), workers=-1, overwrite_x=True)
 
 
 def _to_depth(found: np.ndarray, grid: VolumeGrid, low: float, width: float) -> np.ndarray:
-    """2 z ρ'(z²) at the voxels' depths, linear between bins of v, from (rows, columns, bins)."""
+    """Interpolate 2 z ρ'(z²) of (rows, columns, bins) at the voxels' depths, between bins of v."""
     depth = grid.centres("z")
     bins = found.shape[-1]
     at = np.clip((depth * depth - low) / width - 0.5, 0, bins - 1)

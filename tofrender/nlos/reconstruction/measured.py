@@ -1,10 +1,10 @@
-"""What the methods work on: light by wall points, in the frame of the wall."""
+"""Light by wall points, in the frame of the wall, as the reconstruction methods use it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,13 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class WallFrame:
-    """Axes of the wall: x along growing columns, y along growing rows, z into the hidden scene.
+    """Orthonormal frame of the wall: x along columns, y along rows, z into the hidden scene.
 
-    The axes are orthonormal. They may be left-handed, as they say where columns and rows run.
-
-    Attributes:
-        origin: Mean of the grid's corner points, world space [m], (3,).
-        axes: Unit vectors of x, y and z in world space, one a row, (3, 3).
+    Left-handed where columns and rows run so. `origin` is the mean of the grid's corner points in
+    world space [m], (3,); `axes` has x, y and z as rows, (3, 3).
     """
 
     origin: np.ndarray
@@ -32,7 +29,7 @@ class WallFrame:
 
     @classmethod
     def of(cls, points: np.ndarray, normals: np.ndarray) -> WallFrame:
-        """The frame of a grid of points and normals, both (rows, columns, 3)."""
+        """Fit the frame of a grid of points and normals, both (rows, columns, 3)."""
         origin = points[[0, 0, -1, -1], [0, -1, 0, -1]].mean(axis=0)
         z = normals.mean(axis=(0, 1))
         if not np.linalg.norm(z) > 0.1:
@@ -40,35 +37,28 @@ class WallFrame:
         z = z / np.linalg.norm(z)
         columns = (points[:, -1] - points[:, 0]).mean(axis=0)
         rows = (points[-1] - points[0]).mean(axis=0)
-        x = _across(columns, z)
+        x = _project(columns, z)
         if x is None:  # one column
-            across = _across(rows, z)
-            x = _any_across(z) if across is None else np.cross(across, z)
+            along = _project(rows, z)
+            x = _project(np.eye(3)[abs(z).argmin()], z) if along is None else np.cross(along, z)
         y = np.cross(z, x)
         return cls(origin, np.stack([x, -y if y @ rows < 0 else y, z]))
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Points of world space (..., 3) in the wall's frame [m]."""
+        """Transform points of world space (..., 3) to the wall's frame [m]."""
         return (points - self.origin) @ self.axes.T
 
 
-def _across(vector: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
-    """The unit vector along what of `vector` is normal to `normal`; None if that is nothing."""
+def _project(vector: np.ndarray, normal: np.ndarray) -> Any:
+    """Unit vector of the projection of `vector` on the plane of a normal; None if that is 0."""
     flat = vector - (vector @ normal) * normal
     length = np.linalg.norm(flat)
     return flat / length if length > 1e-6 else None
 
 
-def _any_across(normal: np.ndarray) -> np.ndarray:
-    axis = np.zeros(3)
-    axis[np.argmin(abs(normal))] = 1
-    flat = axis - (axis @ normal) * normal
-    return flat / np.linalg.norm(flat)
-
-
 @dataclass(frozen=True)
 class Lattice:
-    """Points of a wall that lie in one plane, evenly: column i, row j at (x0 + i dx, y0 + j dy)."""
+    """Even points in the plane of a wall: column i, row j at (x0 + i dx, y0 + j dy)."""
 
     x0: float
     dx: float
@@ -78,41 +68,28 @@ class Lattice:
 
 @dataclass(frozen=True)
 class Measured:
-    """A capture in the frame of its wall.
-
-    Attributes:
-        mode: "single", "confocal" or "exhaustive".
-        cube: What the sensor saw, (rows, columns, bins, channels), exhaustive (laser rows, laser
-            columns, rows, columns, bins, channels).
-        start: Where the first bin starts [m].
-        width: Width of a bin [m].
-        legs: What path lengths count outside the hidden scene [m], (lasers, rows, columns).
-        sensors: Points that are looked at [m], (rows, columns, 3).
-        lasers: Points that are lit [m], (lasers, 3); of a confocal capture as `sensors`.
-        frame: The wall's frame.
-        lattice: Where the sensor's points lie evenly in a plane, else None.
-    """
+    """A capture in the frame of its wall, with lengths in metres."""
 
     mode: str
-    cube: Cube
-    start: float
-    width: float
-    legs: np.ndarray
-    sensors: np.ndarray
-    lasers: np.ndarray
+    cube: Cube  # light (rows, columns, bins, channels), exhaustive with two laser axes before
+    start: float  # of the first bin
+    width: float  # of a bin
+    legs: np.ndarray  # first and last legs that path lengths count, (lasers, rows, columns)
+    sensors: np.ndarray  # points that the sensor looks at, (rows, columns, 3)
+    lasers: np.ndarray  # laser spots (lasers, 3); of a confocal capture as `sensors`
     frame: WallFrame
-    lattice: Lattice | None
+    lattice: Lattice | None  # None if the sensor's points are not even
 
     @classmethod
     def of(cls, capture: xr.Dataset) -> Measured:
-        """Take a checked capture."""
+        """Transform a checked capture."""
         mode = str(capture.attrs["mode"])
-        points, normals, lit = (
+        points, normals, spots = (
             capture[name].values.astype(np.float64)
             for name in ("sensor_grid", "sensor_normals", "laser_grid")
         )
         frame = WallFrame.of(points, normals)
-        sensors, lasers = frame(points), frame(lit)
+        sensors, lasers = frame(points), frame(spots)
         rows, columns = points.shape[:2]
         start, width = time_axis(capture)
         return cls(
@@ -134,20 +111,16 @@ class Measured:
         return math.prod(lasers), rows, columns, bins
 
     def blocks(self) -> list[tuple[slice, ...]]:
-        """Where the blocks of pixels are that `light` can read by themselves; one in memory."""
-        return [()] if self.cube.in_memory else self._lit_by(0).row_blocks()
+        """Blocks of pixels that `light` can read by themselves; one if all are in memory."""
+        return [()] if self.cube.in_memory else self._of_laser(0).row_blocks()
 
-    def light(self, laser: int, place: tuple[slice, ...] = ()) -> np.ndarray:
-        """Luminance per bin, (rows, columns, bins) float32, of some pixels or all.
-
-        Raises:
-            MemoryError: It does not fit; one line.
-        """
-        seen = self._lit_by(laser).view(place)
+    def light(self, laser: int, block: tuple[slice, ...] = ()) -> np.ndarray:
+        """Luminance per bin of a block, (rows, columns, bins) float32; MemoryError if too large."""
+        seen = self._of_laser(laser).view(block)
         return seen.luminance("capture").astype(np.float32, copy=False)
 
-    def _lit_by(self, laser: int) -> Cube:
-        """What the sensor saw of a laser, (rows, columns, bins, channels)."""
+    def _of_laser(self, laser: int) -> Cube:
+        """Light of one laser spot, (rows, columns, bins, channels)."""
         return self.cube.view(np.unravel_index(laser, self.cube.shape[:-4]))
 
     @property
@@ -164,7 +137,7 @@ class Measured:
 
 
 def _lattice(points: np.ndarray) -> Lattice | None:
-    """The lattice that points (rows, columns, 3) in the wall's frame lie on, None if on none."""
+    """Fit a lattice to points (rows, columns, 3) in the wall's frame, None if they are off it."""
     rows, columns = points.shape[:2]
     if rows < 2 or columns < 2:
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +11,13 @@ import numpy as np
 from ...rendering.cubes import Cube
 from ...rendering.workers import require_client
 from ...runtime import checks
+from ...runtime.progress import progress_bar
 from ..captures import check_capture, without_first_and_last_legs
-from . import fk, light_cone, phasor_field
 from .backprojection import WEIGHTINGS, backproject, sharpen
-from .fourier import Steps
+from .fk import fk_migration
+from .light_cone import SURFACES, light_cone_transform
 from .measured import Measured
+from .phasor_field import default_wavelength, phasor_field
 from .volume import VolumeGrid, default_volume, resample, volume_dataset
 
 if TYPE_CHECKING:
@@ -22,17 +25,17 @@ if TYPE_CHECKING:
     from distributed import Client
 
 METHODS = ("bp", "fbp", "lct", "fk", "phasor")
-SHARED = ("bp", "fbp")
-"""Those that workers can share."""
 
-_USED_BY = {
-    "weighting": ("bp", "fbp"),
-    "surface": ("lct", "fk"),
-    "snr": ("lct",),
-    "wavelength": ("phasor",),
-    "cycles": ("phasor",),
+_positive = partial(checks.number, positive=True)
+
+OPTIONS = {
+    "weighting": (("bp", "fbp"), "r2", partial(checks.one_of, allowed=WEIGHTINGS)),
+    "surface": (("lct", "fk"), "diffuse", partial(checks.one_of, allowed=SURFACES)),
+    "snr": (("lct",), 10.0, _positive),
+    "wavelength": (("phasor",), None, partial(_positive, unit="metres")),
+    "cycles": (("phasor",), 5.0, _positive),
 }
-_DEFAULTS = {"weighting": "r2", "surface": "diffuse", "snr": 10.0, "cycles": 5.0}
+"""Methods, default and check of each option."""
 
 
 def reconstruct(
@@ -58,8 +61,8 @@ def reconstruct(
     | `fk` | confocal, even plane grid | f-k migration: wave equation |
     | `phasor` | all captures, even plane sensor grid | phasor field, Rayleigh-Sommerfeld |
 
-    Path lengths start where `opl` says, and the first and last legs are taken off where the
-    capture counts them. Of colours, the luminance is used.
+    First and last legs are subtracted where the capture counts them. Of colours, the luminance is
+    used.
 
     Two methods err in depth by more than half a bin, by their nature:
 
@@ -72,26 +75,23 @@ def reconstruct(
       they are.
 
     Args:
-        capture: What `capture`, `make_capture` or `load_capture` returns.
+        capture: A result of `capture`, `make_capture` or `load_capture`.
         method: One of the above.
         volume: A `VolumeGrid`, or its axes ((x low, x high, count), y, z) [m] in the wall's frame:
             origin at the centre of the sensor's grid, x along growing columns, y along growing
             rows, z into the hidden scene. By default voxels lie opposite to the grid's points and
-            reach through the depths that the bins speak of, in steps of half a bin (`lct`, `fk`) or
-            of the longer one of half a bin and half the grid's spacing (the others). `lct` and `fk`
-            work on their own default; other voxels get its linear interpolation, or the mean of
-            what they cover where they are larger, and 0 outside of it.
+            cover the depths of the window, in steps of half a bin (`lct`, `fk`) or of the longer
+            one of half a bin and half the grid's spacing (the others). `lct` and `fk` work on their
+            own default and are resampled to others.
         weighting: bp, fbp: "r2" (the default) multiplies light by the product of the distances to
-            the lit point and to the point looked at, "uniform" takes it as it is.
-        surface: lct, fk: what falloff to undo, of "diffuse" (the default) or "retroreflective"
-            surfaces.
+            the laser spot and to the sensor's point, "uniform" does not.
+        surface: lct, fk: falloff to undo, of "diffuse" (the default) or "retroreflective" surfaces.
         snr: lct: signal-to-noise ratio that the Wiener filter assumes, above 0; 10 by default.
         wavelength: phasor: of the virtual pulse [m]; by default the larger one of four bins and
             twice the grid's spacing, four times if confocal.
         cycles: phasor: wavelengths in the virtual pulse, above 0; 5 by default.
-        client: bp, fbp: a `distributed.Client`, whose workers share the voxels. The others take
-            seconds in one process.
-        progress: Show a bar if it takes longer than two seconds.
+        client: bp, fbp: a `distributed.Client`, whose workers divide the voxels.
+        progress: Show a bar if it takes long.
 
     Returns:
         A Dataset: `intensity (z, y, x)` float32 >= 0 in arbitrary units, coordinates in metres, and
@@ -103,24 +103,10 @@ def reconstruct(
         MemoryError: It would not fit.
 
     Example:
-        >>> from tofrender.nlos import make_capture
-        >>> x, y = np.meshgrid(np.linspace(-1, 1, 16), np.linspace(-1, 1, 16))
-        >>> wall = np.stack([x, y, 0 * x], axis=-1)
-        >>> path = 2 * np.linalg.norm(wall - [0.3, -0.2, 1.0], axis=-1)
-        >>> opl = 1.9 + 0.02 * (np.arange(100) + 0.5)
-        >>> light = np.exp(-(((opl - path[..., None]) / 0.02) ** 2)) / path[..., None] ** 4
-        >>> capture = make_capture(
-        ...     light,
-        ...     mode="confocal",
-        ...     start_opl=1.9,
-        ...     bin_width_opl=0.02,
-        ...     sensor_grid=wall,
-        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
-        ... )
-        >>> found = reconstruct(capture, "lct")["intensity"]
-        >>> place = found.where(found == found.max(), drop=True)
-        >>> [round(float(place[axis][0]), 1) for axis in "xyz"]
-        [0.3, -0.2, 1.0]
+        >>> from tofrender import capture
+        >>> found = reconstruct(capture("nlos_patch", grid=(8, 8), spp=64), "fk")["intensity"]
+        >>> round(float(found["z"][found.argmax(...)["z"]]), 1)  # 1 m behind the wall
+        1.0
     """
     checks.one_of("method", method, METHODS)
     given = {
@@ -131,12 +117,12 @@ def reconstruct(
         "cycles": cycles,
     }
     options = _options(method, given)
-    if client is not None and method not in SHARED:
-        raise ValueError(
-            f"client = {checks.shown(client)}: must be None, as method = {method!r} is done in one "
-            "process"
-        )
     if client is not None:
+        if method not in ("bp", "fbp"):
+            raise ValueError(
+                f"client = {checks.shown(client)}: must be None, as method = {method!r} is done in "
+                "one process"
+            )
         require_client(client)
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
@@ -151,8 +137,8 @@ def reconstruct(
     else:
         grid = wanted or default_volume(measured)
         if method == "phasor":
-            options.setdefault("wavelength", phasor_field.default_wavelength(measured))
-            values = phasor_field.phasor_field(measured, grid, **options, progress=progress)
+            options.setdefault("wavelength", default_wavelength(measured))
+            values = phasor_field(measured, grid, **options, progress=progress)
         else:
             values = backproject(measured, grid, **options, progress=progress, client=client)
             values = sharpen(values, grid) if method == "fbp" else values
@@ -163,24 +149,18 @@ def reconstruct(
 
 
 def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Checked options of the method, with defaults."""
-    options = {k: v for k, v in _DEFAULTS.items() if method in _USED_BY[k]}
-    for name, value in given.items():
-        if value is None:
-            continue
-        if method not in _USED_BY[name]:
-            allowed = " and ".join(_USED_BY[name])
-            raise ValueError(
-                f"{name} = {checks.shown(value)}: must be None, as it is for {allowed} only"
-            )
-        options[name] = value
-    if "weighting" in options:
-        checks.one_of("weighting", options["weighting"], WEIGHTINGS)
-    if "surface" in options:
-        checks.one_of("surface", options["surface"], light_cone.SURFACES)
-    for name, unit in (("snr", ""), ("cycles", ""), ("wavelength", "metres")):
-        if name in options:
-            options[name] = checks.number(name, options[name], unit=unit, positive=True)
+    """Check the options of a method, and fill in defaults."""
+    options = {}
+    for name, (methods, default, check) in OPTIONS.items():
+        value = given[name]
+        if method not in methods:
+            if value is not None:
+                allowed = " and ".join(methods)
+                raise ValueError(
+                    f"{name} = {checks.shown(value)}: must be None, as it is for {allowed} only"
+                )
+        elif value is not None or default is not None:
+            options[name] = check(name, default if value is None else value)
     return options
 
 
@@ -202,7 +182,7 @@ def _check_method(method: str, measured: Measured) -> None:
 def _in_frequencies(
     method: str, capture: xr.Dataset, measured: Measured, options: dict[str, Any], progress: bool
 ) -> tuple[np.ndarray, VolumeGrid]:
-    """What lct and fk find: they need the same time axis in all pixels, from 0 or later on."""
+    """Run lct or fk, which need the same time axis in all pixels, from 0 or later on."""
     if measured.legs.any():
         capture = without_first_and_last_legs(capture)
         measured = Measured.of(capture)
@@ -211,7 +191,6 @@ def _in_frequencies(
         start = measured.start + early * measured.width
         later = measured.cube.view(np.s_[..., early:, :])
         measured = replace(measured, start=start, cube=later)
-    with Steps(method, 4 if method == "lct" else 3, progress) as steps:
-        if method == "lct":
-            return light_cone.light_cone_transform(measured, steps=steps, **options)
-        return fk.fk_migration(measured, steps=steps, **options)
+    run, steps = (light_cone_transform, 4) if method == "lct" else (fk_migration, 3)
+    with progress_bar(method, steps, unit="step", enabled=progress) as bar:
+        return run(measured, bar=bar, **options)

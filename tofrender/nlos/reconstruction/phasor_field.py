@@ -1,4 +1,4 @@
-"""Phasor fields: the wall as the lens of a camera that looks at the hidden scene.
+"""Phasor fields: the wall as the lens of a virtual camera that looks at the hidden scene.
 
 A virtual pulse of wavelength λ lights the scene. Each of its frequencies is a phasor field at the
 wall, F(s, k) = sum of H exp(i k opl), which Rayleigh-Sommerfeld diffraction carries to the voxels:
@@ -25,15 +25,18 @@ from typing import Any
 
 import numpy as np
 
-from .fourier import Steps, fft, require_memory
-from .measured import Lattice, Measured
+from ...runtime.progress import progress_bar
+from .fourier import fft, require_memory
+from .measured import Measured
 from .volume import VolumeGrid, resample
+
+_CHUNK = 1 << 22  # complex numbers of the kernels in memory at a time
 
 
 def default_wavelength(measured: Measured) -> float:
-    """The shortest wavelength that the capture can carry [m].
+    """Shortest wavelength that the capture samples [m].
 
-    The phase may turn by half a cycle from one point of the wall to the next: twice the spacing,
+    The phase may change by half a cycle from one point of the wall to the next: twice the spacing,
     in a confocal capture, where distances are doubled, four times; and never below four bins.
     """
     times = 4 if measured.mode == "confocal" else 2
@@ -43,25 +46,24 @@ def default_wavelength(measured: Measured) -> float:
 def phasor_field(
     measured: Measured, grid: VolumeGrid, wavelength: float, cycles: float, progress: bool = True
 ) -> np.ndarray:
-    """Intensities (z, y, x) of a capture on a lattice.
+    """Intensities (z, y, x) of a capture on a lattice, with a pulse of `cycles` wavelengths [m].
 
-    The virtual pulse has `cycles` wavelengths [m]. The field is computed at the depths of the
-    voxels, on points of the wall's lattice that reach as far as they do, and interpolated along x
-    and y.
+    The field is computed at the depths of the voxels, on points opposite to the wall's lattice that
+    reach as far as they do, and interpolated along x and y.
     """
-    window = _Window.of(measured, grid)
+    window = _Window(measured, grid)
     sigma = cycles * wavelength / 6  # of the pulse [m]
     depths = grid.centres("z")
     wavenumbers, weights = _pulse(measured, window, depths[0], wavelength, sigma)
     require_memory("phasor", (measured.shape[0], len(wavenumbers), *window.padded), copies=2)
     spectra = _fields_at_the_wall(measured, wavenumbers, weights, window)
     planes = np.empty((len(depths), *window.shape), np.float32)
-    with Steps("phasor field", len(planes), progress) as steps:
+    with progress_bar("phasor field", len(planes), unit="step", enabled=progress) as bar:
         for index, z in enumerate(depths):
             field = _diffract(measured, window, spectra, wavenumbers, z, 3 * sigma)
             planes[index] = np.square(field.real) + np.square(field.imag)
-            steps.done()
-    return resample(planes, window.grid(grid), grid)
+            bar.update()
+    return resample(planes, VolumeGrid(window.x.voxels, window.y.voxels, grid.z), grid)
 
 
 def _pulse(
@@ -69,10 +71,10 @@ def _pulse(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wavenumbers [rad/m] and weights of the virtual pulse.
 
-    They are so close that the pulse, which repeats after 2π / their distance, meets no bin twice.
+    Their distance is so small that the pulse, which repeats after 2π over it, meets no bin twice.
     """
     shortest, longest = measured.path_range()
-    first_legs = [np.ptp(window.distance(laser, nearest)) for laser in _lit(measured)]
+    first_legs = [np.ptp(window.distance(laser, nearest)) for laser in _laser_spots(measured)]
     step = 2 * math.pi / (longest - shortest + max(first_legs, default=0.0) + 6 * sigma)
     centre = 2 * math.pi / wavelength
     low = max(1, math.ceil((centre - 3 / sigma) / step))
@@ -85,22 +87,22 @@ def _pulse(
     return wavenumbers, np.exp(-(((wavenumbers - centre) * sigma) ** 2) / 2)
 
 
-def _lit(measured: Measured) -> np.ndarray:
-    """The lit points with a phase of their own, (lasers, 3): none in a confocal capture."""
+def _laser_spots(measured: Measured) -> np.ndarray:
+    """Laser spots with a phase of their own, (lasers, 3): none in a confocal capture."""
     return np.zeros((0, 3)) if measured.mode == "confocal" else measured.lasers
 
 
 def _fields_at_the_wall(
     measured: Measured, wavenumbers: np.ndarray, weights: np.ndarray, window: _Window
 ) -> np.ndarray:
-    """Spectra over the wall of P(k) F(l, s, k), (lasers, wavenumbers, padded rows, columns)."""
+    """Transform P(k) F(l, s, k) over the wall, (lasers, wavenumbers, padded rows, columns)."""
     lasers, rows, columns, bins = measured.shape
     opl = measured.start + (np.arange(bins) + 0.5) * measured.width
-    turns: Any = np.exp(1j * np.outer(opl, wavenumbers)) * weights
-    turns = np.concatenate([turns.real, turns.imag], axis=1).astype(np.float32)
+    waves: Any = np.exp(1j * np.outer(opl, wavenumbers)) * weights
+    waves = np.concatenate([waves.real, waves.imag], axis=1).astype(np.float32)
     spectra = np.empty((lasers, len(wavenumbers), *window.padded), np.complex64)
     for index in range(lasers):
-        parts: Any = measured.light(index).reshape(-1, bins) @ turns
+        parts: Any = measured.light(index).reshape(-1, bins) @ waves
         field = (parts[:, : len(wavenumbers)] + 1j * parts[:, len(wavenumbers) :]).T
         field = field.reshape(-1, rows, columns)
         if measured.legs.any():
@@ -119,13 +121,13 @@ def _diffract(
     z: float,
     reach: float,
 ) -> Any:
-    """The field at depth z, (rows, columns) of the window, summed over frequencies and lasers.
+    """Sum the field at depth z over frequencies and lasers, (rows, columns) of the window.
 
-    Ways that no light of the capture can have gone, nor its pulse, which reaches so far [m], are
-    left out. Without them, few frequencies are enough.
+    Paths longer or shorter than those of the window by more than the `reach` of the pulse [m] are
+    left out, so that few frequencies are enough.
     """
     shortest, longest = measured.path_range()
-    to_lasers = [window.distance(laser, z) for laser in _lit(measured)]
+    to_lasers = [window.distance(laser, z) for laser in _laser_spots(measured)]
     last_leg = window.lags(z)
     path = last_leg * (1 if to_lasers else 2)
     nearest, farthest = (f([f(d) for d in to_lasers] or [0.0]) for f in (np.min, np.max))
@@ -134,104 +136,90 @@ def _diffract(
     chunk = max(1, _CHUNK // math.prod(window.padded))
     for first in range(0, len(wavenumbers), chunk):
         some = wavenumbers[first : first + chunk]
-        kernels = fft.fft2(_turning(path, some, possible), workers=-1, overwrite_x=True)
+        kernels = fft.fft2(_phase_factors(path, some, possible), workers=-1, overwrite_x=True)
         for index, spectrum in enumerate(spectra[:, first : first + chunk]):
             if not to_lasers:
                 total += np.einsum("kyx,kyx->yx", spectrum, kernels)
                 continue
             fields = fft.ifft2(spectrum * kernels, workers=-1, overwrite_x=True)
-            turns = _turning(to_lasers[index], some, np.ones(window.shape))
-            total += np.einsum("kyx,kyx->yx", window.of_padded(fields), turns)
-    return total if to_lasers else window.of_padded(fft.ifft2(total, workers=-1))
+            factors = _phase_factors(to_lasers[index], some, np.ones(window.shape))
+            total += np.einsum("kyx,kyx->yx", window.crop(fields), factors)
+    return total if to_lasers else window.crop(fft.ifft2(total, workers=-1))
 
 
-_CHUNK = 1 << 22
-"""Complex numbers of the kernels that are held at a time."""
-
-
-def _turning(path: np.ndarray, wavenumbers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """For evenly spaced k, amplitude e^(-ik path): (k, *path.shape), each from the one before."""
+def _phase_factors(path: np.ndarray, wavenumbers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Compute amplitude e^(-ik path) for even steps of k, (k, *path.shape), by products."""
     step = wavenumbers[1] - wavenumbers[0] if len(wavenumbers) > 1 else 0.0
-    turn = np.exp(-1j * step * path).astype(np.complex64)
+    factor = np.exp(-1j * step * path).astype(np.complex64)
     result = np.empty((len(wavenumbers), *path.shape), np.complex64)
     result[0] = amplitude * np.exp(-1j * wavenumbers[0] * path)
     for index in range(1, len(wavenumbers)):
-        np.multiply(result[index - 1], turn, out=result[index])
+        np.multiply(result[index - 1], factor, out=result[index])
     return result
 
 
 @dataclass(frozen=True)
-class _Window:
-    """Points opposite to the wall's lattice where fields are computed, as indices on it.
+class _Axis:
+    """Rows or columns of the wall's lattice, and of a window of it opposite to the voxels."""
 
-    Attributes:
-        lattice: The wall's.
-        counts: Rows and columns of the wall's points.
-        first: Row and column of the window's first point, on the lattice.
-        shape: Rows and columns of the window.
-        padded: Rows and columns of the transforms.
-    """
-
-    lattice: Lattice
-    counts: tuple[int, int]
-    first: tuple[int, int]
-    shape: tuple[int, int]
-    padded: tuple[int, int]
+    zero: float  # coordinate of the lattice's point 0 [m]
+    step: float  # distance of neighbouring points [m]
+    count: int  # number of the wall's points
+    first: int  # index of the window's first point on the lattice
+    size: int  # number of the window's points
+    padded: int  # length of the transforms
 
     @classmethod
-    def of(cls, measured: Measured, grid: VolumeGrid) -> _Window:
-        """The window that holds all voxels."""
+    def of(cls, zero: float, step: float, count: int, centres: np.ndarray) -> _Axis:
+        """Make the window that holds voxels of some centres [m]."""
+        low, high = (centres[[0, -1]] - zero) / step
+        first = math.floor(low + 1e-6)
+        size = math.ceil(high - 1e-6) - first + 1
+        return cls(zero, step, count, first, size, fft.next_fast_len(count + size - 1))
+
+    @property
+    def points(self) -> np.ndarray:
+        """Coordinates of the window's points [m]."""
+        return self.zero + self.step * (self.first + np.arange(self.size))
+
+    @property
+    def voxels(self) -> tuple[float, float, int]:
+        """Axis of a volume with one voxel around each of the window's points."""
+        return self.points[0] - self.step / 2, self.points[-1] + self.step / 2, self.size
+
+    @property
+    def lags(self) -> np.ndarray:
+        """Differences of window point n and wall point m, by n - m [m].
+
+        From first - (count - 1) up, so that index count - 1 + n of a product of transforms is the
+        sum over the wall at the window's point n.
+        """
+        return self.step * (self.first - (self.count - 1) + np.arange(self.padded))
+
+
+class _Window:
+    """Points opposite to the wall's lattice where fields are computed."""
+
+    def __init__(self, measured: Measured, grid: VolumeGrid) -> None:
         lattice = measured.lattice
         assert lattice is not None
-        counts, first, shape, padded = measured.sensors.shape[:2], [], [], []
-        for axis, count, zero, step in zip(
-            "yx", counts, (lattice.y0, lattice.x0), (lattice.dy, lattice.dx), strict=True
-        ):
-            low, high = (grid.centres(axis)[[0, -1]] - zero) / step
-            first.append(math.floor(low + 1e-6))
-            shape.append(math.ceil(high - 1e-6) - first[-1] + 1)
-            padded.append(fft.next_fast_len(count + shape[-1] - 1))
-        return cls(lattice, counts, tuple(first), tuple(shape), tuple(padded))
-
-    def _axes(self) -> list[np.ndarray]:
-        """Coordinates y and x of the window's points [m]."""
-        zeros, steps = (self.lattice.y0, self.lattice.x0), (self.lattice.dy, self.lattice.dx)
-        return [
-            zero + step * (first + np.arange(size))
-            for zero, step, first, size in zip(zeros, steps, self.first, self.shape, strict=True)
-        ]
-
-    def grid(self, wanted: VolumeGrid) -> VolumeGrid:
-        """The window as voxels around its points, with the wanted depths."""
-        axes = []
-        for points, step in zip(self._axes(), (self.lattice.dy, self.lattice.dx), strict=True):
-            axes.append((points[0] - step / 2, points[-1] + step / 2, len(points)))
-        return VolumeGrid(axes[1], axes[0], wanted.z)
+        rows, columns = measured.sensors.shape[:2]
+        self.y = _Axis.of(lattice.y0, lattice.dy, rows, grid.centres("y"))
+        self.x = _Axis.of(lattice.x0, lattice.dx, columns, grid.centres("x"))
+        self.shape = self.y.size, self.x.size
+        self.padded = self.y.padded, self.x.padded
 
     def distance(self, point: np.ndarray, z: float) -> np.ndarray:
-        """From the window's points at depth z to a point [m]."""
-        y, x = self._axes()
-        return np.sqrt((y[:, None] - point[1]) ** 2 + (x - point[0]) ** 2 + (z - point[2]) ** 2)
+        """Distances of the window's points at depth z from a point [m]."""
+        y, x = self.y.points[:, None] - point[1], self.x.points - point[0]
+        return np.sqrt(y**2 + x**2 + (z - point[2]) ** 2)
 
     def lags(self, z: float) -> np.ndarray:
-        """Distances of window point n at depth z from wall point m, by n - m [m].
+        """Distances of the window's points at depth z from the wall's, by differences [m]."""
+        y, x = self.y.lags[:, None], self.x.lags
+        return np.sqrt(y**2 + x * x + z * z)
 
-        Lags run from first - (count - 1) up, so that index count - 1 + n of a product of transforms
-        is the sum over the wall at the window's point n.
-        """
-        y, x = (
-            step * (first - (count - 1) + np.arange(size))
-            for step, first, count, size in zip(
-                (self.lattice.dy, self.lattice.dx),
-                self.first,
-                self.counts,
-                self.padded,
-                strict=True,
-            )
-        )
-        return np.sqrt(y[:, None] ** 2 + x * x + z * z)
-
-    def of_padded(self, fields: np.ndarray) -> np.ndarray:
-        """The window's part of padded planes (..., rows, columns)."""
-        (rows, columns), (height, width) = self.counts, self.shape
-        return fields[..., rows - 1 : rows - 1 + height, columns - 1 : columns - 1 + width]
+    def crop(self, fields: np.ndarray) -> np.ndarray:
+        """Crop padded planes (..., rows, columns) to the window."""
+        rows, columns = (slice(a.count - 1, a.count - 1 + a.size) for a in (self.y, self.x))
+        return fields[..., rows, columns]

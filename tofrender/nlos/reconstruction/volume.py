@@ -1,4 +1,4 @@
-"""Volumes of voxels in front of the wall, and the Dataset of what was found in them."""
+"""Volumes of voxels in front of the wall, and the Dataset of their intensities."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class VolumeGrid:
 
     @classmethod
     def of(cls, value: Any) -> VolumeGrid:
-        """Take a grid, or its three axes (low, high, count) in a sequence."""
+        """Convert three axes (low, high, count); a grid is returned as it is."""
         if isinstance(value, cls):
             return value
         try:
@@ -60,7 +60,7 @@ class VolumeGrid:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Voxels along (z, y, x), as the result has them."""
+        """Numbers of voxels along (z, y, x)."""
         return self.z[2], self.y[2], self.x[2]
 
     def step(self, axis: str) -> float:
@@ -89,19 +89,19 @@ def _axis(name: str, value: Any) -> tuple[float, float, int]:
 
 
 def default_volume(measured: Measured) -> VolumeGrid:
-    """The volume that a capture speaks of.
+    """Volume that the window's light can come from.
 
-    Voxels lie opposite to the wall's grid, one for each of its points. Along z they reach from
-    where the shortest paths of the window can come from to half the longest one, in steps of the
-    longer one of half a bin and half the grid's spacing.
+    Voxels lie opposite to the wall's grid, one for each of its points. Along z they reach from the
+    least depth of the window's shortest paths to half the longest one, in steps of the longer one
+    of half a bin and half the grid's spacing.
     """
     shortest, longest = measured.path_range()
-    if longest <= 0:
-        raise ValueError(
-            f"capture: its bins end {-longest:g} m before light can come back; must hold later ones"
-        )
     z_high = longest / 2
-    z_low = math.sqrt(max(0.0, max(0.0, shortest) ** 2 - _farthest_pair(measured) ** 2)) / 2
+    farthest = 0.0  # From a laser spot to a point that the sensor looks at
+    if measured.mode != "confocal":
+        points = measured.sensors.reshape(-1, 3)
+        farthest = max(np.linalg.norm(points - spot, axis=1).max() for spot in measured.lasers)
+    z_low = math.sqrt(max(0.0, max(0.0, shortest) ** 2 - farthest**2)) / 2
     step = max(measured.width / 2, measured.spacing / 2)
     count = max(1, min(round((z_high - z_low) / step), checks.MAX_SIZE))
     return VolumeGrid(*_lateral(measured), z=(z_low, z_high, count))
@@ -115,15 +115,8 @@ def native_volume(measured: Measured) -> VolumeGrid:
     return VolumeGrid(*_lateral(measured), z=(low, low + bins * measured.width / 2, bins))
 
 
-def _farthest_pair(measured: Measured) -> float:
-    """Largest distance of a lit point from a point looked at [m], 0 in a confocal capture."""
-    if measured.mode == "confocal":
-        return 0.0
-    sensors = measured.sensors.reshape(-1, 3)
-    return max(float(np.linalg.norm(sensors - laser, axis=1).max()) for laser in measured.lasers)
-
-
 def _lateral(measured: Measured) -> list[tuple[float, float, int]]:
+    """Axes x and y with one voxel for each of the wall's points."""
     points, axes = measured.sensors, []
     for coordinate, count in ((0, points.shape[1]), (1, points.shape[0])):
         values = points[..., coordinate]
@@ -134,10 +127,10 @@ def _lateral(measured: Measured) -> list[tuple[float, float, int]]:
 
 
 def resample(values: np.ndarray, given: VolumeGrid, wanted: VolumeGrid) -> np.ndarray:
-    """Values (z, y, x) on another grid of voxels; 0 outside of the given ones.
+    """Resample values (z, y, x) on another grid of voxels; 0 outside of the given ones.
 
-    Along each axis, between centres of the given voxels values are interpolated linearly; voxels
-    that are larger than the given ones take the mean of what they cover.
+    Each axis is interpolated linearly between centres; voxels larger than the given ones average
+    those that they cover.
     """
     if given == wanted:
         return values
@@ -148,7 +141,7 @@ def resample(values: np.ndarray, given: VolumeGrid, wanted: VolumeGrid) -> np.nd
 
 
 def _weights(given: VolumeGrid, wanted: VolumeGrid, axis: str) -> np.ndarray:
-    """(wanted voxels, given voxels) along one axis."""
+    """Weights (wanted voxels, given voxels) along one axis."""
     old, new = given.step(axis), wanted.step(axis)
     distance = wanted.centres(axis)[:, None] - given.centres(axis)
     if new <= old * (1 + 1e-9):
@@ -165,7 +158,7 @@ def _weights(given: VolumeGrid, wanted: VolumeGrid, axis: str) -> np.ndarray:
 def volume_dataset(
     values: np.ndarray, grid: VolumeGrid, frame: WallFrame, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
-    """The Dataset of intensities (z, y, x)."""
+    """Make the Dataset of intensities (z, y, x)."""
     import xarray as xr
 
     names = {"z": "distance from the wall", "y": "along the wall's rows", "x": "along its columns"}
@@ -175,11 +168,8 @@ def volume_dataset(
             "frame_origin": (("xyz",), frame.origin),
             "frame_axes": (("axis", "xyz"), frame.axes),
         },
-        coords={
-            **{axis: grid.centres(axis) for axis in names},
-            "xyz": ["x", "y", "z"],
-            "axis": ["x", "y", "z"],
-        },
+        coords={axis: grid.centres(axis) for axis in names}
+        | {"xyz": ["x", "y", "z"], "axis": ["x", "y", "z"]},
         attrs=attrs,
     )
     for axis, name in names.items():

@@ -1,4 +1,4 @@
-"""What a capture needs, loaded and checked: scene, sensor, wall and its points."""
+"""Loading and checking of all that a capture needs: scene, sensor, relay wall and its points."""
 
 from __future__ import annotations
 
@@ -17,71 +17,50 @@ from ..runtime import checks, memory
 from ..scenes.checking import check_scene
 from ..scenes.fingerprint import shape_digest
 from ..scenes.loading import load_scene, require_sensor
-from .device.laser import follow_meters
-from .device.relay_wall import DEFAULT_ID as WALL, find_shapes, ids, seen_shapes
-from .device.wall_points import wall_points
+from .device.laser import apply_meters
+from .device.relay_wall import DEFAULT_ID, find_shapes, ids, seen_shapes, wall_points
 
-COPIES = 2
-"""Times that a capture's light is in memory at the end."""
+COPIES = 2  # of a capture's light in memory at the end
 
 
 @dataclass
-class Place:
-    """A capture, decided.
-
-    Attributes:
-        scene: The scene.
-        camera: The sensor, `sensor` its number.
-        integrator: The scene's.
-        wall: The relay wall.
-        mode: What is lit.
-        points: Points of the wall, normals there, and which pixels look at it.
-        spp: Samples per pixel.
-        seed: Seed of the random numbers.
-        arguments: What it was made of, for workers.
-    """
+class CaptureSetup:
+    """A loaded and checked capture."""
 
     scene: mi.Scene
     camera: Any
-    sensor: int
+    sensor: int  # number of the camera
     integrator: Any
     wall: list[mi.Shape]
     mode: str
-    points: tuple[np.ndarray, np.ndarray, np.ndarray]
+    points: tuple[np.ndarray, np.ndarray, np.ndarray]  # as `wall_points` returns them
     spp: int
     seed: int
-    arguments: dict[str, Any]
+    arguments: dict[str, Any]  # of `prepare_capture`, for workers
 
     @property
     def more(self) -> dict[str, Any]:
-        """What a result depends on besides scene, sensor and integrator."""
+        """Entries of a checkpoint's fingerprint besides scene, sensor and integrator."""
         wall = [f"{shape.id()} {shape_digest(shape)[:8]}" for shape in self.wall]
         return {"mode": self.mode, "relay_wall": wall}
 
     def plan(self) -> Any:
-        """What is done with the rays of the sensor; the lit point may arrive before the window."""
-        parts = self.scene, self.camera, self.wall, self.mode
-        plan, film = self.integrator.capture_plan(*parts), windowed_film(self.camera.film())
+        """Plan of the render; the laser spot itself may be seen before the window."""
+        plan = self.integrator.capture_plan(self.scene, self.camera, self.wall, self.mode)
+        film = windowed_film(self.camera.film())
         profile = seen_pulse(film, self.integrator.exposure())
         late = 0.0 if profile is None else profile.support[1]
         return plan.counting_from(film.start_opl - late)
 
 
-def place_of_capture(
+def prepare_capture(
     scene: Any, *, mode: str, grid: Any, spp: int | None, seed: int, sensor: Any, wall: Any
-) -> Place:
+) -> CaptureSetup:
     """Load and check all that a capture needs."""
-    arguments = {
-        "scene": scene,
-        "mode": mode,
-        "grid": grid,
-        "spp": spp,
-        "seed": seed,
-        "sensor": sensor,
-        "wall": wall,
-    }
+    arguments: dict[str, Any] = {"scene": scene, "mode": mode, "grid": grid, "spp": spp}
+    arguments |= {"seed": seed, "sensor": sensor, "wall": wall}
     if not isinstance(scene, mi.Scene):
-        scene = load_scene(scene, optimize=False, **_size(grid))
+        scene = load_scene(scene, optimize=False, **_film_size(grid))
     elif grid is not None:
         raise ValueError(
             f"grid = {checks.shown(grid)}: must be None for a loaded scene, whose film has its "
@@ -91,25 +70,30 @@ def place_of_capture(
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
     check_scene(scene, camera, media=True)
-    integrator = _integrator(scene)
+    integrator: Any = scene.integrator()
+    kind = type(integrator).__name__.replace("NoneType", "none")
+    if not hasattr(integrator, "capture_plan"):
+        raise ValueError(
+            f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
+        )
     integrator.require_mode(mode)
     if is_user_defined(integrator):
         raise TypeError(
-            f"integrator = {type(integrator).__name__}: has a sample of its own, which tells no "
-            "path lengths; must have none for a capture"
+            f"integrator = {kind}: has a sample of its own, which tells no path lengths; must "
+            "have none for a capture"
         )
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
     _require_memory(mode, camera.film())
-    follow_meters(scene, camera)
-    shapes = _wall(scene, integrator, camera, wall)
+    apply_meters(scene, camera)
+    shapes = _find_wall(scene, integrator, camera, wall)
     points = wall_points(scene, camera, shapes)
     found = scene, camera, number, integrator, shapes
-    return Place(*found, mode, points, samples, seed, arguments)
+    return CaptureSetup(*found, mode, points, samples, seed, arguments)
 
 
-def _size(grid: Any) -> dict[str, Any]:
-    """Settings for a film of this size."""
+def _film_size(grid: Any) -> dict[str, Any]:
+    """Settings for a film of the grid's width and height."""
     if grid is None:
         return {}
     try:
@@ -118,29 +102,14 @@ def _size(grid: Any) -> dict[str, Any]:
         raise ValueError(
             f"grid = {checks.shown(grid)}: must be a width and a height, for example (64, 64)"
         ) from None
+    sides = {"width": width, "height": height}
     return {
-        name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)
-        for name, n in (("width", width), ("height", height))
+        name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE) for name, n in sides.items()
     }
 
 
-def _integrator(scene: mi.Scene) -> Any:
-    """The scene's integrator, if it can capture."""
-    integrator: Any = scene.integrator()
-    if not hasattr(integrator, "capture_plan"):
-        kind = "none" if integrator is None else type(integrator).__name__
-        raise ValueError(
-            f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
-        )
-    return integrator
-
-
 def _require_memory(mode: str, film: mi.Film) -> None:
-    """Refuse a capture that does not fit into memory.
-
-    Raises:
-        MemoryError: One line that says what would fit.
-    """
+    """Refuse a capture that does not fit into memory, with a size that would."""
     shape = developed_shape(film)
     if shape is None:
         return
@@ -158,9 +127,11 @@ def _require_memory(mode: str, film: mi.Film) -> None:
     )
 
 
-def _wall(scene: mi.Scene, integrator: Any, camera: mi.Sensor, given: Any) -> list[mi.Shape]:
-    """The relay wall, as `capture` describes it."""
-    wall = integrator.wall(scene, camera) if given is None else find_shapes(scene, given, WALL)
+def _find_wall(scene: mi.Scene, integrator: Any, camera: Any, given: Any) -> list[mi.Shape]:
+    """Find the relay wall by argument, integrator, name or view, as `capture` documents."""
+    wall = (
+        integrator.wall(scene, camera) if given is None else find_shapes(scene, given, DEFAULT_ID)
+    )
     if not wall:
         wall = seen_shapes(scene, camera)
         if len(wall) != 1:
