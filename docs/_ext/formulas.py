@@ -8,7 +8,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
-from tofrender.course.formulas import mathml
+from tofrender.course.pages import mathml
 
 logger = logging.getLogger(__name__)
 

@@ -39,7 +39,7 @@ def assignment(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def grader(assignment):
-    with grading.opened(assignment, time_limit_s=40, memory_gib=MEMORY_GIB) as grader:
+    with grading.open_grader(assignment, time_limit_s=40, memory_gib=MEMORY_GIB) as grader:
         yield grader
 
 
@@ -242,7 +242,7 @@ CONFINED = {
     "writes and kills outside": (OUTSIDE + ADD, "PermissionError: [Errno 1]"),
     "right after them": (ADD, ""),
 }
-if sandbox.landlock_version() >= 6 and sandbox.keeps_files():
+if sandbox.landlock_version() >= 6 and sandbox.protects_files():
     HOSTILE |= CONFINED
 SLOW = {
     "recursion": ("def add(a, b):\n    return @NAME@(a, b)\n", "RecursionError"),
@@ -281,7 +281,7 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
         text = text.replace("@TOP@", str(tmp_path)).replace("@PACKAGE@", str(PACKAGE))
         files[f"p{number}.py"] = text
     student = tiny_assignment.write(tmp_path / "class" / "student", files)
-    with grading.opened(find(staff), time_limit_s=400, memory_gib=MEMORY_GIB) as grader:
+    with grading.open_grader(find(staff), time_limit_s=400, memory_gib=MEMORY_GIB) as grader:
         content = graded(grader, student, tmp_path)
     wrong = [
         f"{name}: {test['score']}, {test['output']}"
@@ -300,7 +300,7 @@ def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home):
     files = {f"p{k}.py": f"def add{k}(a, b):\n    while True: pass\n" for k in range(14)}
     student = tiny_assignment.write(tmp_path / "class" / "student", files)
     limit_s = 5.0
-    with grading.opened(find(staff), time_limit_s=limit_s, memory_gib=MEMORY_GIB) as grader:
+    with grading.open_grader(find(staff), time_limit_s=limit_s, memory_gib=MEMORY_GIB) as grader:
         content = graded(grader, student, tmp_path)
     assert content["execution_time"] < limit_s + grading.BEYOND_S + 10
     assert content["score"] == 0
@@ -441,8 +441,8 @@ def test_what_was_given_need_not_come_back(tmp_path):
     given = {"starter/given.py": "X = 1\n", "starter/other.py": "X = 2\n"}
     staff = tiny_assignment.sums(tmp_path / "a0", given)
     mine = tiny_assignment.write(tmp_path / "ana", {"p0.py": "", "other.py": "X = 3\n"})
-    with grading.opened(staff) as grader:
-        taken = grader.take(mine).folder
+    with grading.open_grader(staff) as grader:
+        taken = grader.extract(mine).folder
         assert (taken / "given.py").read_text() == "X = 1\n"
         assert (taken / "other.py").read_text() == "X = 3\n"
         assert sorted(path.name for path in taken.iterdir()) == ["given.py", "other.py", "p0.py"]
@@ -455,7 +455,7 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
     zipped(folder / "ben.zip", {"add.py": ADD0})
     (folder / "notes.txt").write_text("no submission")
     out, said = folder / "results", []
-    with grading.opened(tiny_assignment.sums(tmp_path / "a0")) as grader:
+    with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         ana, ben = before = grade_class(grader, folder, out, said.append)
         assert list(ana) == ["submission", "total", "a0.p0", "reason"]
         assert (ana["submission"], ana["total"], ana["reason"]) == ("'=ana", "1", "")
@@ -500,7 +500,7 @@ def test_a_class_uses_constant_memory(tmp_path, home):
     for number in range(10):
         tiny_assignment.write(tmp_path / "class" / f"{number:02}", {"p0.py": ADD0})
     used, rss = [], lambda _: used.append(psutil.Process().memory_info().rss)
-    with grading.opened(tiny_assignment.sums(tmp_path / "a0")) as grader:
+    with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         table = grade_class(grader, tmp_path / "class", tmp_path / "out", rss)
     assert [row["total"] for row in table] == ["1"] * 10
     assert used[-1] - used[2] < 7 * 120e3
@@ -550,7 +550,7 @@ def test_run_sees_what_hides(tmp_path, what, reason):
 
 def test_environment_keeps_no_secrets(monkeypatch, tmp_path):
     monkeypatch.setenv("SECRET_TOKEN", "x")
-    environment = grading._environment(tmp_path, tmp_path)
+    environment = grading._environment(tmp_path / "home", tmp_path, tmp_path)
     assert "SECRET_TOKEN" not in environment
     assert environment["HOME"] == str(tmp_path / "home")
 

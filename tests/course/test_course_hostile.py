@@ -189,7 +189,7 @@ def test_texts_of_any_length_are_cut_before_they_are_sent(name, tmp_path):
 @pytest.mark.parametrize("name", REPLIES)
 def test_reply_of_any_kind_is_a_reason_of_one_line(name, tmp_path):
     with closing(Worker(tmp_path, None)) as asked, pytest.raises(NoAnswer) as error:
-        asked._taken(REPLIES[name])
+        asked._answer_in(REPLIES[name])
     assert len(str(error.value)) < MAX_REASON + 10
     assert "\n" not in str(error.value)
     assert sum(map(len, asked.used)) <= 100_000
@@ -325,7 +325,7 @@ from tofrender.course.grade import grading
 
 top = Path(sys.argv[1])
 limits = [resource.getrlimit(number) for number in range(16)]
-with grading.opened(find(top / "a0"), memory_gib=1) as grader:
+with grading.open_grader(find(top / "a0"), memory_gib=1) as grader:
     grade_class(grader, top / "class", top / "out", jobs=2)
 assert limits == [resource.getrlimit(number) for number in range(16)]
 status = open("/proc/self/status").read()  # ru_maxrss would be that of who has started this

@@ -132,7 +132,7 @@ def test_missing_file_printed_output_and_what_hides(assignment, tmp_path):
         with pytest.raises(NoAnswer, match="ValueError: no"):
             asked.ask("wrap", {"frequency_hz": 1.0}, 3)
         wait_for(is_asleep)
-        wait_for(lambda: "here" in asked.output)  # it comes on another way than the answer
+        wait_for(lambda: "here" in asked._running.output())  # beside the answer
     assert not asked._scratch.exists()
     assert not is_asleep()
 
@@ -145,13 +145,13 @@ def test_questions_do_not_fill_the_disk(assignment, tmp_path, monkeypatch):
         running = asked._running
         monkeypatch.setattr(processes, "MAX_WRITTEN", 4 << 20)
         monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)
-        assert running.excess(None, asked._place) == ""
+        assert running.excess(None, asked._folder) == ""
         for _ in range(5):
             np.testing.assert_array_equal(asked.ask("density", question, 10), first)
         disk.free = -(1 << 30)
-        assert running.excess(None, asked._place) == ""
+        assert running.excess(None, asked._folder) == ""
         assert asked._running is running
-        assert [path.name for path in asked._place.glob("*/*.npz")] == []
+        assert [path.name for path in asked._folder.glob("*/*.npz")] == []
 
 
 def test_helpers_of_a_submission_may_be_called_as_the_judges(assignment, tmp_path):
@@ -192,7 +192,7 @@ def test_students_line_is_named_along_all_causes(tmp_path):
 
 
 def test_theirs_knows_the_rubrics_names_only(assignment):
-    theirs = worker.Theirs(rubric.read(assignment), None)
+    theirs = worker.SubmittedNames(rubric.read(assignment), None)
     assert theirs.GaussianPulse(0.1).width_opl == 0.1
     with pytest.raises(AttributeError, match="no problem of the rubric has this name"):
         _ = theirs.Nothing

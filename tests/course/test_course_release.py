@@ -18,13 +18,12 @@ from helpers.processes import says
 
 import tofrender
 from tofrender.cli import app as cli
-from tofrender.course import assignments, edition, material, mutants, notebooks, rubric
+from tofrender.course import assignments, edition, material, mutants, notebooks, rubric, toml
 from tofrender.course.author import contracts, leaks, structure, verify
 from tofrender.course.author.release import release
-from tofrender.course.dependents import dependents
 from tofrender.course.judge import running, worker
-from tofrender.course.student import cells, submit
-from tofrender.course.student.start import start
+from tofrender.course.student import cells, folders
+from tofrender.course.student.folders import start
 from tofrender.runtime import withheld
 
 
@@ -181,13 +180,13 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
 
 
 def test_dependents():
-    found = dependents(["tofrender.rendering.arrivals"])
+    found = edition.dependents(["tofrender.rendering.arrivals"])
     directly = {name for name, why in found.items() if why == "tofrender.rendering.arrivals"}
     assert directly == {"tofrender.rendering.job", "tofrender.rendering.window"}
     assert {"tofrender.rendering.renderer", "tofrender.nlos.capturing"} <= set(found)
-    assert set(dependents(["tofrender.rendering.job"])) <= set(found)
-    assert dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}
-    with_pulses = set(dependents(["tofrender.signals.pulses"]))
+    assert set(edition.dependents(["tofrender.rendering.job"])) <= set(found)
+    assert edition.dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}
+    with_pulses = set(edition.dependents(["tofrender.signals.pulses"]))
     assert "tofrender.integrators.path_tracer" in with_pulses
     others = {"tofrender", "tofrender.films.transient", "tofrender.paths.endpoints"}
     assert not others & with_pulses
@@ -211,7 +210,7 @@ def test_toml_is_read_as_it_was_written():
         "assignment": {"id": 'a"0\\', "number": 3, "bonus": True, "list": ["é", "b"], "e": []},
         "problem": [{"title": "1", "tests": [{"id": "x", "points": 0.5}]}, {"tests": []}],
     }
-    assert tomllib.loads(material.toml(content)) == content
+    assert tomllib.loads(toml.text(content)) == content
 
 
 def test_handout_names_only_problems(tiny):
@@ -266,7 +265,7 @@ def student(tiny, tmp_path) -> Path:
 def test_archive(tiny, student, tmp_path):
     (student / "notes.txt").write_text("mine")
     (student / "pulse.py").write_text("# mine\n")
-    handed = submit.pack(tiny, student, tmp_path / "my-a0.zip")
+    handed = folders.pack(tiny, student, tmp_path / "my-a0.zip")
     assert handed.files == ("notebook.ipynb", "pulse.py", "wrapping.py")
     assert handed.missing == ("deliverables/*",)
     assert handed.unchanged == ("wrapping.py",)
@@ -275,12 +274,12 @@ def test_archive(tiny, student, tmp_path):
         assert archive.read("pulse.py") == b"# mine\n"
     first = handed.archive.read_bytes()
     os.utime(student / "pulse.py", (1e9, 1e9))
-    assert submit.pack(tiny, student, tmp_path / "my-a0.zip").archive.read_bytes() == first
+    assert folders.pack(tiny, student, tmp_path / "my-a0.zip").archive.read_bytes() == first
 
 
 def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     (student / "wrapping.py").unlink()
-    assert submit.check(tiny, student)[1] == ["deliverables/*", "wrapping.py"]
+    assert folders.check(tiny, student)[1] == ["deliverables/*", "wrapping.py"]
     (student / "wrapping.py").symlink_to("/etc/hostname")
     status, _, said = run("submit", tiny.folder, student)
     assert status == 2
@@ -290,13 +289,13 @@ def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     (tmp_path / "elsewhere" / "x.npz").write_text("")
     (student / "deliverables").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(ValueError, match=r"deliverables.*: is a link"):
-        submit.check(tiny, student)
+        folders.check(tiny, student)
     assert run("submit", tiny.folder, tmp_path / "none")[2].endswith(
         "none: does not exist; must be one that `start` has made\n"
     )
     (tmp_path / "bare").mkdir()
     with pytest.raises(ValueError, match=r"has made; has no pulse\.py"):
-        submit.check(tiny, tmp_path / "bare")
+        folders.check(tiny, tmp_path / "bare")
     assert not list(tmp_path.glob("*.zip"))
 
 
@@ -366,7 +365,7 @@ def test_new_code_is_used_at_once(tmp_path, monkeypatch):
 
 def test_notebook_needs_its_files(tiny, tmp_path):
     with pytest.raises(ValueError, match=r"\[solution\] pulse\.py: .* does not exist"):
-        notebooks.build((tiny.folder / "notebook.py").read_text(), tmp_path)
+        notebooks.write((tiny.folder / "notebook.py").read_text(), tmp_path, tmp_path / "x.ipynb")
 
 
 def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
@@ -512,7 +511,7 @@ def test_assignments_hold_together(name):
         ('mutants = ["quarter"]', 'mutants = ["no_half"]', "no_half fails none of its tests"),
         ('problem = "a0.range"', 'problem = "a0.ring"', "the rubric has no problem a0.ring"),
         ("[[remark]]", "[[word]]", "[[word]]: must be [[contract]] or [[remark]]"),
-        ("[[contract]]", "[[remark]]", "must have exactly problem, says"),
+        ("[[contract]]", "[[remark]]", "'tests' is unknown; must be one of problem, says"),
         ("[[contract]]", "[[contract", "contracts.toml: is not TOML"),
     ],
 )
@@ -550,7 +549,7 @@ def test_a_stub_whose_test_is_skipped_is_told(tiny, tmp_path, monkeypatch):
     tests = tiny.rubric.problem_of
     skipped = {name: running.Outcome("skipped") for name in tests}
     monkeypatch.setattr(running, "run", lambda *_, **__: skipped)
-    work = verify._Work(tiny, tmp_path, 1, (), None, print)
+    work = verify._Checks(tiny, tmp_path, 1, (), None, print)
     vars(work)["_edition"] = tmp_path
     check = verify.Check("starter")
     work.starter(check)

@@ -223,7 +223,7 @@ def test_jobs_give_the_same_points_sooner(tmp_path):
     tiny_assignment.write(tmp_path / "class" / "wrong", {"p0.py": "def add0(a, b): return a"})
     took, tables = {}, {}
     for jobs in (1, 4):
-        with grading.opened(tiny_assignment.sums(tmp_path / "a0")) as grader:
+        with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
             begin = time.monotonic()
             out = tmp_path / f"out{jobs}"
             tables[jobs] = grade_class(grader, tmp_path / "class", out, jobs=jobs)
@@ -241,7 +241,7 @@ def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
     def broken(wishes, **more):
         return "{" if str(wishes.get("out")).endswith("/a.json") else one(wishes, **more)
 
-    with grading.opened(tiny_assignment.sums(tmp_path / "a0")) as grader:
+    with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         monkeypatch.setattr(classes.json, "dumps", broken)
         table = grade_class(grader, tmp_path / "class", tmp_path / "out", said.append)
     assert [row["total"] for row in table] == ["0", "1"]
@@ -283,14 +283,14 @@ def check_add(add):
 
 
 @pytest.mark.skipif(
-    sandbox.landlock_version() < 6 or not sandbox.keeps_files(),
+    sandbox.landlock_version() < 6 or not sandbox.protects_files(),
     reason="this machine protects from less",
 )
 def test_a_students_test_is_kept_in_as_all_submissions_are(staff, tmp_path):
     student = tiny_assignment.write(tmp_path / "student", RIGHT | {"check.py": TRIES})
-    with grading.opened(staff) as grader:
+    with grading.open_grader(staff) as grader:
         other = tiny_assignment.write(grader.scratch / "submission-other", {"check.py": "1"})
-        grading.show(other)
+        grading.make_readable(other)
         results = grader.grade(student, tmp_path / "results.json")
     check = results.grades["test_check_staff.py::test_share"]
     assert check.passed, check.reason

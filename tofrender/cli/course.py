@@ -101,7 +101,7 @@ def start(
     """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
     from tofrender.course import assignments
     from tofrender.course.notebooks import NOTEBOOK
-    from tofrender.course.student.start import start as make
+    from tofrender.course.student.folders import start as make
 
     found = assignments.find(assignment)
     made = make(found, folder)
@@ -129,17 +129,17 @@ def submit(
     Failed tests do not keep you from handing in.
     """
     from tofrender.course import assignments
-    from tofrender.course.student import submit as submitting
+    from tofrender.course.student import folders
 
     found = assignments.find(assignment)
-    submitting.check(found, folder)
+    folders.check(found, folder)
     folder = folder.resolve()
     say("Running the public tests ...")
     try:
-        _table(found.rubric, submitting.run_public_tests(found, folder))
+        _table(found.rubric, folders.run_public_tests(found, folder))
     except RuntimeError as error:  # no reason not to hand in
         note(f"warning: {error}")
-    handed = submitting.pack(found, folder, folder.with_name(f"{folder.name}.zip"))
+    handed = folders.pack(found, folder, folder.with_name(f"{folder.name}.zip"))
     for name in handed.missing:
         note(f"warning: {name} is missing")
     for name in handed.unchanged:

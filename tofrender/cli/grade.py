@@ -104,7 +104,8 @@ def grade(
     try:
         if seed is None and submission is None and not found.rubric.seed:
             seed = classes.seed_of_before(out)  # those that are graded stay as they are
-        with grading.opened(found, seed or 0, time_limit_s=time_limit, memory_gib=memory) as grader:
+        limits = {"time_limit_s": time_limit, "memory_gib": memory}
+        with grading.open_grader(found, seed or 0, **limits) as grader:
             if submission is not None:
                 _grade_one(grader, submission, out)
                 return

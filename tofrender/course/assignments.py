@@ -1,4 +1,4 @@
-"""Where assignments are: in a checkout's `assignments/`, or inside the student edition."""
+"""Assignments: folders in a checkout's `assignments/`, or inside the student edition."""
 
 from __future__ import annotations
 
@@ -11,30 +11,23 @@ from ..runtime import checks
 from . import rubric as rubrics
 
 PACKAGE = Path(__file__).parents[1]
-FOLDERS = (PACKAGE.parent / "assignments", PACKAGE / "course" / "material")
-"""Folders that hold assignments: all of each, or what students get."""
-
-STAFF_TEST = "*_staff.py"
+MATERIAL = PACKAGE / "course" / "material"  # of a student edition: the released assignment
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """An assignment's folder.
-
-    Attributes:
-        folder: What holds `rubric.toml`.
-    """
+    """Folder of an assignment, which holds `rubric.toml`."""
 
     folder: Path
 
     @cached_property
     def rubric(self) -> rubrics.Rubric:
-        """Its problems and points."""
+        """Problems and points."""
         return rubrics.read(self.folder)
 
     @property
     def name(self) -> str:
-        """The folder's name: "a2_time_of_flight"."""
+        """Name of the folder: "a2_time_of_flight"."""
         return self.folder.name
 
     @property
@@ -49,64 +42,41 @@ class Assignment:
 
     @property
     def given(self) -> list[str]:
-        """Names of the files beside the stubs that no problem asks for, which students build on."""
-        asked = {problem.file for problem in self.rubric.problems}
-        return sorted({path.name for path in self.starter.glob("*.py")} - asked)
+        """Names of files beside the stubs that belong to no problem; students build on them."""
+        stubs = {problem.file for problem in self.rubric.problems}
+        return sorted({path.name for path in self.starter.glob("*.py")} - stubs)
 
     def require_tests(self) -> None:
-        """Refuse to grade with the tests that students have.
-
-        Raises:
-            ValueError: It is what students get; one line.
-        """
+        """Raise ValueError for released material, which lacks the staff's tests."""
         released = any(problem.other_points for problem in self.rubric.problems)
-        if released or self.folder.is_relative_to(FOLDERS[1]):
+        if released or self.folder.is_relative_to(MATERIAL):
             raise ValueError(
                 f"{self.folder}: has the students' tests only; grading needs the course's "
                 "checkout, not the student edition"
             )
 
-    def require_staff(self, what: str) -> None:
-        """Refuse what needs the solutions.
-
-        Args:
-            what: What is refused.
-
-        Raises:
-            ValueError: There are none; one line.
-        """
+    def require_staff(self, command: str) -> None:
+        """Raise ValueError if there are no solutions, which a command needs."""
         if not self.solutions.is_dir():
             raise ValueError(
-                f"{self.folder}: has no solutions/; {what} needs the course's checkout, "
+                f"{self.folder}: has no solutions/; {command} needs the course's checkout, "
                 "not the student edition"
             )
 
 
 def known() -> dict[str, Assignment]:
-    """All assignments by their id, in the order of their folders."""
-    found = {}
-    for parent in reversed(FOLDERS):
-        for path in sorted(parent.glob("*/rubric.toml")):
-            assignment = Assignment(path.parent)
-            found[assignment.rubric.id] = assignment
-    return dict(sorted(found.items()))
+    """All assignments by id."""
+    folders = (MATERIAL, PACKAGE.parent / "assignments")
+    every = (Assignment(path.parent) for top in folders for path in top.glob("*/rubric.toml"))
+    return dict(sorted({assignment.rubric.id: assignment for assignment in every}.items()))
 
 
 def find(name: str | Path) -> Assignment:
-    """The assignment of this id, or in this folder.
-
-    Args:
-        name: "a2", or the path of a folder with `rubric.toml`.
-
-    Raises:
-        ValueError: There is none; says which there are.
-    """
-    is_id = Path(name).name == str(name)  # even where a student has called a folder so
-    assignments = known() if is_id else {}
-    if str(name) not in assignments:
-        if os.path.isfile(Path(name) / "rubric.toml"):
-            return Assignment(Path(name).resolve())
-        assignments = known()
-        there = ", ".join(assignments) or "none; run this in a checkout, or in a student edition"
-        raise ValueError(f"ASSIGNMENT = {str(name)[: checks.LONGEST]}: must be one of {there}")
-    return assignments[str(name)]
+    """Assignment of this id ("a2"), or in this folder with a `rubric.toml`; else ValueError."""
+    # An id, even where a student has called a folder so
+    if Path(name).name == str(name) and (found := known().get(str(name))):
+        return found
+    if os.path.isfile(Path(name) / "rubric.toml"):
+        return Assignment(Path(name).resolve())
+    there = ", ".join(known()) or "none; run this in a checkout, or in a student edition"
+    raise ValueError(f"ASSIGNMENT = {str(name)[: checks.LONGEST]}: must be one of {there}")

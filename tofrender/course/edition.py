@@ -1,31 +1,26 @@
-"""The student edition: this package without the modules that students write themselves.
+"""Student edition: this package without the modules that students write themselves.
 
 Whole modules are left out, so nothing has to be cut from a file.
 """
 
 from __future__ import annotations
 
+import ast
 import json
 import shutil
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from . import material
 from .assignments import PACKAGE, Assignment
-from .dependents import dependents, is_in
 from .rubric import Rubric
 
 
 def copy(assignment: Assignment, folder: Path) -> None:
-    """Write the edition, unchecked.
+    """Write the edition, unchecked, into a new or empty folder that a `PYTHONPATH` can name."""
+    from tofrender import __version__
 
-    Args:
-        assignment: The whole assignment.
-        folder: A new or empty folder, which is what a `PYTHONPATH` needs.
-
-    Raises:
-        ValueError: The rubric withholds a module that does not exist, or keeps one that needs it.
-    """
     rubric = assignment.rubric
     modules = withheld(rubric)
     skipped = set(map(path_of, modules))
@@ -41,16 +36,21 @@ def copy(assignment: Assignment, folder: Path) -> None:
     names = {name: problem.id for name, problem in rubric.home_of.items()}
     text = json.dumps({"modules": modules, "names": names}, indent=1)
     (package / "runtime" / "withheld.json").write_text(text + "\n", encoding="utf-8")
-    _mark_version(package / "__init__.py", rubric)
-    place = package / "course" / "material" / assignment.name
-    place.mkdir(parents=True)
-    material.write(assignment, place)
+    init = package / "__init__.py"
+    before, after = (f'__version__ = "{text}"' for text in (__version__, version(rubric)))
+    text = init.read_text(encoding="utf-8")
+    if before not in text:
+        raise ValueError(f"{init.name}: has no line {before}")
+    init.write_text(text.replace(before, after), encoding="utf-8")
+    released = package / "course" / "material" / assignment.name
+    released.mkdir(parents=True)
+    material.write(assignment, released)
     # where no student's folder is: a submission may import them, too
-    material.write_scenes(place / material.SCENES, folder / material.SCENES, ["__init__.py"])
+    material.write_scenes(released / material.SCENES, folder / material.SCENES, ["__init__.py"])
 
 
 def of_grading(assignment: Assignment, folder: Path) -> None:
-    """Write the edition that submissions see; arguments as for `copy`.
+    """Write the edition that submissions import.
 
     In a student edition, where an autograder runs, that is this package itself.
     """
@@ -64,45 +64,31 @@ def of_grading(assignment: Assignment, folder: Path) -> None:
 
 
 def version(rubric: Rubric) -> str:
-    """The edition's own version, "0.1.0+a2"."""
+    """Version of the edition: "0.1.0+a2"."""
     from tofrender import __version__
 
     return f"{__version__}+{rubric.id}"
 
 
-def _mark_version(init: Path, rubric: Rubric) -> None:
-    new = version(rubric)
-    before, after = (f'__version__ = "{text}"' for text in (new.partition("+")[0], new))
-    text = init.read_text(encoding="utf-8")
-    if before not in text:
-        raise ValueError(f"{init.name}: has no line {before}")
-    init.write_text(text.replace(before, after), encoding="utf-8")
-
-
 def withheld(rubric: Rubric) -> dict[str, str | None]:
-    """The modules that an edition does without, with the problem that each solves.
+    """Modules that an edition lacks, with the problem that each solves.
 
     Those that the rubric chooses, and with them all that cannot be imported without one of them.
-
-    Raises:
-        ValueError: One of the rubric's does not exist, or one that it keeps needs one of them.
+    ValueError if one does not exist, or one that the rubric keeps needs one of them.
     """
     modules = chosen(rubric)
     needing = dependents(modules)
-    for kept in rubric.keeps:
-        path_of(kept)
-        if kept in needing:
-            raise ValueError(f"rubric.toml: keeps {kept}, which needs {needing[kept]}")
+    for name in rubric.keeps:
+        path_of(name)
+        if name in needing:
+            raise ValueError(f"rubric.toml: keeps {name}, which needs {needing[name]}")
     return modules | dict.fromkeys(needing)
 
 
 def chosen(rubric: Rubric) -> dict[str, str | None]:
-    """The modules and packages that the rubric withholds, with the problem that each solves.
+    """Modules and packages that the rubric withholds, with the problem that each solves.
 
     A package of which it keeps a module stands for the others in it.
-
-    Raises:
-        ValueError: One does not exist.
     """
     return {
         part: problem
@@ -112,8 +98,8 @@ def chosen(rubric: Rubric) -> dict[str, str | None]:
 
 
 def _parts(module: str, path: Path, keeps: Collection[str]) -> Iterator[str]:
-    """What of a module or package is not kept."""
-    if not any(is_in(kept, [module]) for kept in keeps):
+    """Modules of a module or package that are not kept."""
+    if not any(is_in(name, [module]) for name in keeps):
         yield module
     elif module not in keeps:
         for inner in sorted((PACKAGE / path).iterdir()):
@@ -123,7 +109,7 @@ def _parts(module: str, path: Path, keeps: Collection[str]) -> Iterator[str]:
 
 
 def path_of(module: str) -> Path:
-    """Where a module or package of the rubric is, from the package's folder."""
+    """Path of a module or package in the package's folder; ValueError if there is none."""
     head, *parts = module.split(".")
     path = Path(*parts)
     if head == "tofrender" and parts:
@@ -132,3 +118,65 @@ def path_of(module: str) -> Path:
         if (PACKAGE / path).with_suffix(".py").is_file():
             return path.with_suffix(".py")
     raise ValueError(f"rubric.toml: module {module}: does not exist in the package")
+
+
+def dependents(withheld: Collection[str]) -> dict[str, str]:
+    """Modules that import a withheld one as soon as they are imported, and which one.
+
+    Imports inside functions and for type checkers do not count. The one that a module needs is
+    withheld, or another of this list.
+
+    Example:
+        >>> dependents(["tofrender.rendering.arrivals"])["tofrender.rendering.job"]
+        'tofrender.rendering.arrivals'
+    """
+    needs = {_module(path): set(_imports(path)) for path in sorted(PACKAGE.rglob("*.py"))}
+    found: dict[str, str] = {}
+    grew = True
+    while grew:
+        grew = False
+        gone = {*withheld, *found}
+        for module in needs:
+            cause = next((need for need in sorted(needs[module]) if is_in(need, gone)), None)
+            if cause is not None and not is_in(module, gone):
+                found[module], grew = cause, True
+    return dict(sorted(found.items()))
+
+
+def is_in(module: str, packages: Collection[str]) -> bool:
+    """Whether a module is one of these modules and packages, or inside one."""
+    return any(module == package or module.startswith(f"{package}.") for package in packages)
+
+
+def _module(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts).removesuffix(".__init__")
+
+
+def _imports(path: Path) -> Iterator[str]:
+    """Modules of the package that a file imports when it runs."""
+    package = _module(path).split(".")
+    if path.name != "__init__.py":
+        package = package[:-1]
+    for node in _at_import(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+            continue
+        above = package[: len(package) + 1 - node.level] if node.level else []
+        base = ".".join([*above, *(node.module or "").split(".")]).strip(".")
+        yield base
+        for alias in node.names:
+            with suppress(ValueError):  # no module of this package
+                path_of(f"{base}.{alias.name}")
+                yield f"{base}.{alias.name}"
+
+
+def _at_import(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Import statements that run with the module."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import | ast.ImportFrom):
+            yield child
+        elif isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            yield from (n for part in child.orelse for n in _at_import(part))
+        elif not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield from _at_import(child)

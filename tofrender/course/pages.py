@@ -1,4 +1,4 @@
-"""Markdown that people read in a browser, too."""
+"""Markdown, and pages of HTML with formulas in MathML: no script, no font, no network."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-
-from .formulas import mathml
 
 STYLE = """
 body { max-width: 50rem; margin: 2rem auto; padding: 0 1rem; line-height: 1.5;
@@ -33,31 +31,21 @@ _SPECIAL = re.compile(r"([\\`*_\[\]<>|~&$])")
 
 
 def write(folder: Path, name: str, text: str) -> None:
-    """Write `NAME.md` and `NAME.html` into a folder.
-
-    Args:
-        folder: It exists.
-        name: Name of both files.
-        text: Markdown; HTML in it stays text.
-    """
+    """Write `NAME.md` and `NAME.html` into a folder; HTML in the text stays text."""
     (folder / f"{name}.md").write_text(text, encoding="utf-8")
     (folder / f"{name}.html").write_text(page(text), encoding="utf-8")
 
 
 def page(text: str) -> str:
-    """A whole page of HTML that needs no network.
+    """Page of HTML that needs no network, from Markdown whose first line is the title.
 
-    Args:
-        text: Markdown whose first line is its title; HTML in it stays text.
-
-    Raises:
-        ValueError: A formula cannot be read; one line.
+    HTML in it stays text. ValueError in one line if a formula cannot be read.
     """
     from markdown_it import MarkdownIt
 
     reader = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
-    kept, formulas = _without_formulas(text)
-    body = reader.render(kept)
+    marked, formulas = _without_formulas(text)
+    body = reader.render(marked)
     for mark, formula in formulas.items():
         body = body.replace(mark, formula)
     first = text.lstrip().partition("\n")[0].lstrip("# ")
@@ -71,7 +59,7 @@ def page(text: str) -> str:
 
 
 def _without_formulas(text: str) -> tuple[str, dict[str, str]]:
-    """The text with marks that Markdown leaves alone, and the formulas that they stand for."""
+    """Text with marks that Markdown leaves alone, and the formulas they stand for."""
     formulas: dict[str, str] = {}
 
     def keep(found: re.Match[str]) -> str:
@@ -90,7 +78,7 @@ def _without_formulas(text: str) -> tuple[str, dict[str, str]]:
 
 
 def plain(text: str) -> str:
-    r"""Text that Markdown shows as it is, in one line.
+    r"""One line of text, escaped so that Markdown shows it literally.
 
     Example:
         >>> plain("a*b*\n<c>")
@@ -100,13 +88,46 @@ def plain(text: str) -> str:
 
 
 def verbatim(text: str) -> str:
-    """A block that shows text as it is, whatever is in it."""
+    """Markdown block that shows text literally."""
     longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
     fence = "`" * max(3, longest + 1)
     return f"{fence}text\n{text}\n{fence}"
 
 
 def table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A table of Markdown cells."""
+    """Markdown table."""
     rows = [header, ["---"] * len(header), *lines]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+# Patterns of TeX that docutils reads otherwise or not at all, and their replacements
+REPLACED = (
+    (r"\\dots\b", r"\\ldots"),
+    (r"\\[Bb]ig[lrm]?\b", ""),
+    (r"°", r"^{\\circ}"),
+    (r"\\frac(\d)", r"\\frac{\1}"),
+    (r"(\\frac\{[^{}]*\})(\d)", r"\1{\2}"),
+    (r"([\^_]|\\sqrt)(\d)", r"\1{\2}"),
+)
+
+
+def mathml(formula: str, *, block: bool = False) -> str:
+    r"""A formula of TeX as a `<math>` element, whose alternative text is the TeX.
+
+    `block` puts it on a line of its own. ValueError in one line if docutils cannot read it.
+
+    Example:
+        >>> mathml(r"\sigma^2")[:40]
+        '<math alttext="\\sigma^2" xmlns="http://w'
+    """
+    from docutils.utils.math import MathError, latex2mathml
+
+    text = formula
+    for pattern, instead in REPLACED:
+        text = re.sub(pattern, instead, text)
+    try:
+        made = latex2mathml.tex2mathml(text, as_block=block)
+    except MathError as error:
+        raise ValueError(f"formula {' '.join(formula.split())!r}: {error}") from None
+    spoken = html.escape(" ".join(formula.split()), quote=True)
+    return made.replace("<math ", f'<math alttext="{spoken}" ', 1)

@@ -1,1 +1,1 @@
-"""What an assignment's authors do: check that all of it holds, and release it to students."""
+"""Tools of an assignment's authors: check all of it, and release it to students."""

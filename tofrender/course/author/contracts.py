@@ -1,4 +1,4 @@
-"""Whether each sentence of a contract has a test that fails when it is broken.
+"""Check that each sentence of a contract has a test that fails when it is broken.
 
 `contracts.toml` of an assignment's folder, which students do not get, is the table::
 
@@ -13,95 +13,63 @@
     says = ["The radius is that of the unit disk."]
 
 Each sentence of the docstrings in a problem's stub, and of the paragraphs of its section in the
-handout that start with `*Contract.*` or `**Write**`, must be in it. What is quoted need not be all
-of the sentence.
+handout that start with `*Contract.*` or `**Write**`, must be in it. A part of a sentence is enough.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
-from .. import material, mutants
+from .. import material, mutants, toml
 from ..assignments import Assignment
 from ..rubric import Problem
 
 FILE_NAME = "contracts.toml"
-DEMANDING = ("*Contract.*", "**Write**")
-"""What paragraphs of the handout start with that ask for something."""
-MISTAKES = "*Common mistakes.*"
-"""Where they stop to do so."""
-
-
+DEMANDING = re.compile(r"\s*(\*Contract\.\*|\*\*Write\*\*)")  # starts paragraphs of the handout
+MISTAKES = "*Common mistakes.*"  # ends their part that demands something
 END_OF_SENTENCE = re.compile(r"(?<=[.;!?])\s+(?=[A-Z`\[(*$0-9]|and |or )")
 HEADS = "(Args|Returns|Raises|Attributes|Example|Yields):"
 
 
 @dataclass(frozen=True)
 class Contract:
-    """A sentence that a solution has to keep.
-
-    Attributes:
-        problem: The problem.
-        says: The sentence, or a part of it.
-        tests: Tests that fail when it is broken.
-        mutants: Wrong solutions that break it.
-    """
+    """A sentence that a solution has to keep."""
 
     problem: str
-    says: str
-    tests: tuple[str, ...]
-    mutants: tuple[str, ...]
+    says: str  # the sentence, or a part of it
+    tests: tuple[str, ...]  # tests that fail when it is broken
+    mutants: tuple[str, ...]  # wrong solutions that break it
 
 
 @dataclass(frozen=True)
 class Remark:
-    """Sentences that ask for nothing that a test could find broken.
-
-    Attributes:
-        problem: The problem.
-        says: The sentences, or parts of them.
-    """
+    """Sentences that ask for nothing that a test could find broken."""
 
     problem: str
     says: tuple[str, ...]
 
 
 def read(assignment: Assignment) -> tuple[list[Contract], list[Remark]]:
-    """The table of an assignment.
-
-    Raises:
-        ValueError: `contracts.toml` is missing, or not as it should be; one line.
-    """
-    path = assignment.folder / FILE_NAME
-    if not path.is_file():
-        raise ValueError(f"{FILE_NAME}: is missing")
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{FILE_NAME}: is not TOML: {error}") from None
+    """Contracts and remarks of an assignment; ValueError if the file is missing or wrong."""
+    content = toml.read(assignment.folder / FILE_NAME, FILE_NAME)
     for name in content.keys() - {"contract", "remark"}:
         raise ValueError(f"{FILE_NAME}: [[{name}]]: must be [[contract]] or [[remark]]")
-    contracts = [_made(Contract, each) for each in content.get("contract", [])]
-    return contracts, [_made(Remark, each) for each in content.get("remark", [])]
 
+    def entries(name: str, kind: type) -> list:
+        tables = content.get(name, [])
+        return [toml.make(kind, t, f"{FILE_NAME}: {t.get('says')!r:.80}") for t in tables]
 
-def _made(kind: type, entry: dict[str, Any]) -> Any:
-    if entry.keys() != kind.__dataclass_fields__.keys():
-        fields = ", ".join(kind.__dataclass_fields__)
-        raise ValueError(f"{FILE_NAME}: {entry.get('says')!r:.80}: must have exactly {fields}")
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in entry.items()})
+    return entries("contract", Contract), entries("remark", Remark)
 
 
 def check(assignment: Assignment) -> Iterator[str]:
-    """What is missing or wrong in the table, a line each."""
+    """Faults of the table, a line each."""
     try:
         contracts, remarks = read(assignment)
-        those = {mutant.id: mutant for mutant in mutants.read(assignment)}
+        known = {mutant.id: mutant for mutant in mutants.read(assignment)}
     except ValueError as error:
         yield str(error)
         return
@@ -114,11 +82,13 @@ def check(assignment: Assignment) -> Iterator[str]:
         explained = [each for each in remarks if each.problem == problem.id]
         yield from _sentences(assignment, problem, own, explained)
         for contract in own:
-            yield from _kept(contract, problem, those)
+            yield from _unproved(contract, problem, known)
 
 
-def _kept(contract: Contract, problem: Problem, those: dict[str, mutants.Mutant]) -> Iterator[str]:
-    """Whether tests of the problem find it broken, as mutants show."""
+def _unproved(
+    contract: Contract, problem: Problem, known: dict[str, mutants.Mutant]
+) -> Iterator[str]:
+    """Faults of a contract: its tests must exist, and its mutants must fail one of them."""
     where = f"{FILE_NAME}: {_shown(contract)}"
     tests = {test.id for test in problem.tests}
     if not contract.tests or not contract.mutants:
@@ -127,40 +97,36 @@ def _kept(contract: Contract, problem: Problem, those: dict[str, mutants.Mutant]
         if name not in tests:
             yield f"{where}: {problem.id} has no test {name}"
     for name in contract.mutants:
-        if name not in those:
+        if name not in known:
             yield f"{where}: there is no mutant {name}"
-        elif not set(contract.tests) & set(those[name].fails):
+        elif not set(contract.tests) & set(known[name].fails):
             yield f"{where}: {name} fails none of its tests"
 
 
 def _sentences(
     assignment: Assignment, problem: Problem, contracts: list[Contract], remarks: list[Remark]
 ) -> Iterator[str]:
-    """Whether the sentences of a problem are in the table, and those of the table in the texts."""
-    said = {plain(contract.says): contract for contract in contracts}
-    said |= {plain(text): remark for remark in remarks for text in remark.says}
-    texts = [_handout(assignment, problem), *_docstrings(assignment, problem)]
-    texts = [plain(text) for text in texts]
-    for quoted, entry in said.items():
-        if not any(quoted in text for text in texts):
-            yield f"{FILE_NAME}: {_shown(entry)}: no text of {problem.id} says {quoted!r:.80}"
-    for text in _demands(assignment, problem):
-        for sentence in sentences(text):
-            if not any(quoted in sentence or sentence in quoted for quoted in said):
-                yield f"{FILE_NAME}: {problem.id}: no test and no remark for {sentence!r:.200}"
+    """Sentences of a problem that the table lacks, and those of the table in no text."""
+    quoted = {plain(contract.says): contract for contract in contracts}
+    quoted |= {plain(text): remark for remark in remarks for text in remark.says}
+    handout, docstrings = _handout(assignment, problem), _docstrings(assignment, problem)
+    texts = list(map(plain, (handout, *docstrings)))
+    for part, entry in quoted.items():
+        if not any(part in text for text in texts):
+            yield f"{FILE_NAME}: {_shown(entry)}: no text of {problem.id} says {part!r:.80}"
+    demands = [p.partition(MISTAKES)[0] for p in _paragraphs(handout) if DEMANDING.match(p)]
+    demands += [paragraph for text in docstrings for paragraph in _paragraphs(text)]
+    for sentence in (sentence for text in demands for sentence in sentences(text)):
+        if not any(part in sentence or sentence in part for part in quoted):
+            yield f"{FILE_NAME}: {problem.id}: no test and no remark for {sentence!r:.200}"
 
 
-def _demands(assignment: Assignment, problem: Problem) -> Iterator[str]:
-    """The texts whose sentences have to be in the table."""
-    for paragraph in re.split(r"\n\s*\n", _handout(assignment, problem)):
-        if paragraph.strip().startswith(DEMANDING):
-            yield paragraph.partition(MISTAKES)[0]
-    for docstring in _docstrings(assignment, problem):
-        yield from re.split(r"\n\s*\n", docstring)
+def _paragraphs(text: str) -> list[str]:
+    return re.split(r"\n\s*\n", text)
 
 
 def _handout(assignment: Assignment, problem: Problem) -> str:
-    """A problem's section of the handout: to the next problem, or the next heading."""
+    """Section of a problem in the handout: to the next problem, or the next heading."""
     text = (assignment.folder / "README.md").read_text(encoding="utf-8")
     parts = material.BLOCK.split(text)
     after = dict(zip(parts[1::2], parts[2::2], strict=True))
@@ -168,20 +134,19 @@ def _handout(assignment: Assignment, problem: Problem) -> str:
 
 
 def _docstrings(assignment: Assignment, problem: Problem) -> list[str]:
-    """The docstrings of a problem's stub."""
+    """Docstrings of a problem's stub."""
     path = assignment.starter / problem.file
     if not problem.file or not path.is_file():
         return []
-    found = [
-        ast.get_docstring(node)
+    return [
+        ast.get_docstring(node) or ""
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
     ]
-    return [text for text in found if text]
 
 
 def sentences(text: str) -> list[str]:
-    r"""The sentences of a paragraph, with single spaces; lines of lists and tables begin new ones.
+    r"""Sentences of a text, with single spaces; lines of lists and tables begin new ones.
 
     Example:
         >>> sentences("One is e.g.\n  here. Args:\n    x: Two; `three`.\n\n| a | b |")
@@ -194,11 +159,8 @@ def sentences(text: str) -> list[str]:
             lines.append(line.strip())
         else:
             lines[-1] += f" {line.strip()}"
-    found = []
-    for line in lines:
-        found += map(plain, END_OF_SENTENCE.split(line))
-    found = [re.sub(rf"\s*{HEADS}$", "", part) for part in found]
-    return [part for part in found if re.search(r"\w", part)]
+    found = (plain(part) for line in lines for part in END_OF_SENTENCE.split(line))
+    return [part for text in found if re.search(r"\w", part := re.sub(rf"\s*{HEADS}$", "", text))]
 
 
 def plain(text: str) -> str:

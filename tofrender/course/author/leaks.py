@@ -1,7 +1,7 @@
-"""What an edition must not give away, and whether all the rest of it works.
+"""Check that an edition gives nothing away, and that the rest of it works.
 
 Each withheld name must say which problem it is, no function of a withheld module may be anywhere
-in what students get, and all else must work.
+in the released material, and all else must work.
 """
 
 from __future__ import annotations
@@ -18,55 +18,45 @@ from typing import Any
 
 from ..assignments import PACKAGE, Assignment
 from ..edition import chosen, path_of, withheld
+from ..rubric import STAFF_TEST
 
-LEAST_NODES = 25
-"""Syntax nodes from which on a function's body is one that only its author would write."""
+LEAST_NODES = 25  # syntax nodes from which on a function's body identifies its source
 
 _PUBLIC_NAME = re.compile(r"\btofrender\.([A-Za-z]\w*)\b(?!\.\w)")
-
 _SMOKE_TEST = Path(__file__).with_name("smoke_test.py")
 
 
 def leaks(assignment: Assignment, folder: Path) -> list[str]:
-    """Functions and files of withheld modules and solutions that are in an edition all the same.
+    """Withheld functions and files that are in an edition all the same, a line each.
 
-    What the stubs have is given on purpose; that they solve nothing is for their tests to say.
-
-    Args:
-        assignment: The whole assignment.
-        folder: The edition, or all that students get.
-
-    Returns:
-        A line for each: where it is, and what it is from.
+    Functions of the stubs are given on purpose.
     """
+    modules = {module: path_of(module) for module in chosen(assignment.rubric)}
+    sources = sorted(assignment.solutions.glob("*.py"))
+    for path in modules.values():
+        path = PACKAGE / path
+        sources += sorted(path.rglob("*.py")) if path.is_dir() else [path]
     given = {body for file in assignment.starter.glob("*.py") for _, body in _bodies(file)}
-    secret = {}
-    for source in _secret_files(assignment):
-        for name, body in _bodies(source):
-            if body not in given:
-                secret.setdefault(body, f"{name} of {source.parent.name}/{source.name}")
+    secret = {
+        body: f"{name} of {source.parent.name}/{source.name}"
+        for source in sources
+        for name, body in _bodies(source)
+        if body not in given
+    }
     reasons = []
-    for module in chosen(assignment.rubric):
-        path = folder / "tofrender" / path_of(module)
-        if path.exists():
-            reasons.append(f"{path.relative_to(folder)}: {module} is withheld")
+    for module, path in modules.items():
+        path = "tofrender" / path
+        if (folder / path).exists():
+            reasons.append(f"{path}: {module} is withheld")
     for file in sorted(folder.rglob("*.py")):
         for name, body in _bodies(file):
             if body in secret:
                 where = file.relative_to(folder)
                 reasons.append(f"{where}: {name} is {secret[body]}, which is withheld")
-    for pattern in ("mutants.toml", "*_staff.py", "solutions", "*.pyc"):
+    for pattern in ("mutants.toml", STAFF_TEST, "solutions", "*.pyc"):
         found = sorted(folder.rglob(pattern))
         reasons += [f"{path.relative_to(folder)}: is the staff's" for path in found]
     return reasons
-
-
-def _secret_files(assignment: Assignment) -> Iterator[Path]:
-    """Python files of which no function may be in what students get."""
-    for module in chosen(assignment.rubric):
-        path = PACKAGE / path_of(module)
-        yield from sorted(path.rglob("*.py")) if path.is_dir() else [path]
-    yield from sorted(assignment.solutions.glob("*.py"))
 
 
 def _bodies(path: Path) -> Iterator[tuple[str, str]]:
@@ -84,26 +74,18 @@ def _bodies(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
-    """Import an edition in a process of its own, and say what is wrong with it.
-
-    Args:
-        assignment: The assignment that it is for.
-        folder: The edition.
-
-    Returns:
-        A line for each: a withheld name that is there or does not say its problem, a module that
-        cannot be imported, a name that handout or notebook use and that is not there, a part that
-        does not work.
-    """
+    """Import an edition in a process of its own; a line for each fault, see `smoke_test.py`."""
     rubric = assignment.rubric
-    question: dict[str, Any] = {
+    files = (assignment.folder / name for name in ("README.md", "notebook.py"))
+    text = "\n".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
+    expected: dict[str, Any] = {
         "modules": withheld(rubric),
         "names": [[p.reference, name, p.id] for p in rubric.problems for name in p.names],
-        "used": sorted(_used(assignment) - rubric.home_of.keys()),
+        "used": sorted(set(_PUBLIC_NAME.findall(text)) - rubric.home_of.keys()),
         "assignment": rubric.id,
     }
     result = subprocess.run(
-        [sys.executable, "-P", str(_SMOKE_TEST), json.dumps(question)],
+        [sys.executable, "-P", str(_SMOKE_TEST), json.dumps(expected)],
         env=os.environ | {"PYTHONPATH": str(folder.resolve()), "PYTHONDONTWRITEBYTECODE": "1"},
         cwd=folder,
         capture_output=True,
@@ -115,10 +97,3 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
     except (IndexError, ValueError, KeyError, TypeError):
         last = (result.stderr.strip() or f"status {result.returncode}").splitlines()[-1]
         return [f"the edition cannot be tried: {last}"]
-
-
-def _used(assignment: Assignment) -> set[str]:
-    """Names of the package that handout and notebook use, as `tofrender.NAME`."""
-    files = (assignment.folder / name for name in ("README.md", "notebook.py"))
-    text = "\n".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
-    return set(_PUBLIC_NAME.findall(text))

@@ -1,4 +1,4 @@
-"""Run inside a student edition: what of it is there that should not be, and what does not work.
+"""Run inside a student edition: find withheld names that are there, and parts that do not work.
 
     PYTHONPATH=EDITION python -P smoke_test.py '{"modules": {...}, "names": [...], ...}'
 
@@ -21,51 +21,23 @@ from typing import Any
 NOT_PART = "is not part of the student edition"
 
 
-def main(question: dict[str, Any]) -> list[str]:
-    """All reasons against the edition."""
+def main(expected: dict[str, Any]) -> list[str]:
+    """Import all of the edition and try its parts; all reasons against it."""
     import tofrender
 
     home = Path.cwd().resolve() / "tofrender"
     if Path(tofrender.__file__).resolve().parent != home:
         return [f"tofrender was imported from {tofrender.__file__}, not from the edition"]
     reasons = []
-    for module in question["modules"]:
-        reasons += _refused(f"import {module}", module, None)
-    for module, name, problem in question["names"]:
-        reasons += _refused(f"from {module} import {name}", f"{module}.{name}", problem)
-    reasons += _all_there(question["used"])
-    return [*reasons, *_all_import(question["modules"]), *_parts(question)]
-
-
-def _refused(statement: str, what: str, problem: str | None) -> Iterator[str]:
-    """What is wrong with the error of an import statement: it must say whose it is to write."""
-    try:
-        exec(statement, {})
-    except ImportError as error:
-        said = str(error)
-        if "is yours to write: problem " not in said and NOT_PART not in said:
-            yield f"{what}: is missing, but not because it is withheld: {said}"
-        elif problem is not None and f"problem {problem}" not in said:
-            yield f"{what}: says {said!r}, must name problem {problem}"
-    else:
-        yield f"{what}: can be imported, must be withheld"
-
-
-def _all_there(names: list[str]) -> Iterator[str]:
-    """A public name that the assignment's text uses, and that needs what is withheld."""
-    import tofrender
-
-    for name in names:
+    for module in expected["modules"]:
+        reasons += _not_withheld(f"import {module}", module, "")
+    for module, name, problem in expected["names"]:
+        reasons += _not_withheld(f"from {module} import {name}", f"{module}.{name}", problem)
+    for name in expected["used"]:
         try:
             getattr(tofrender, name)
         except (AttributeError, ImportError) as error:
-            yield f"tofrender.{name}: handout or notebook use it: {error}"
-
-
-def _all_import(withheld: dict) -> Iterator[str]:
-    """A module that is there, but needs one that is withheld."""
-    import tofrender
-
+            reasons.append(f"tofrender.{name}: handout or notebook use it: {error}")
     for module in pkgutil.walk_packages(tofrender.__path__, "tofrender.", onerror=lambda _: None):
         if module.name.endswith("__main__") or module.name.startswith("tofrender.course.material"):
             continue
@@ -73,23 +45,34 @@ def _all_import(withheld: dict) -> Iterator[str]:
             importlib.import_module(module.name)
         except Exception as error:
             advice = "; withhold it, too" if isinstance(error, ImportError) else ""
-            yield f"{module.name}: cannot be imported: {error}{advice}"
-
-
-def _parts(question: dict) -> Iterator[str]:
-    """A part of the package that does not work: scenes, films, files, pictures, the command."""
-    for what, look in (
+            reasons.append(f"{module.name}: cannot be imported: {error}{advice}")
+    for part, check in (
         ("a scene", _scenes),
         ("the film", _film),
         ("files", _files),
         ("pictures", _pictures),
         ("the command", _command),
-        ("the assignment", lambda: _assignment(question["assignment"])),
+        ("the assignment", lambda: _assignment(expected["assignment"])),
     ):
         try:
-            look()
+            check()
         except Exception as error:
-            yield f"{what}: does not work: {type(error).__name__}: {error}"
+            reasons.append(f"{part}: does not work: {type(error).__name__}: {error}")
+    return reasons
+
+
+def _not_withheld(statement: str, name: str, problem: str) -> Iterator[str]:
+    """Faults of an import statement, which must raise an error that names the problem."""
+    try:
+        exec(statement, {})
+    except ImportError as error:
+        text = str(error)
+        if "is yours to write: problem " not in text and NOT_PART not in text:
+            yield f"{name}: is missing, but not because it is withheld: {text}"
+        elif problem and f"problem {problem}" not in text:
+            yield f"{name}: says {text!r}, must name problem {problem}"
+    else:
+        yield f"{name}: can be imported, must be withheld"
 
 
 def _scenes() -> None:

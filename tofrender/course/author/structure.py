@@ -1,4 +1,4 @@
-"""Whether an assignment's parts agree: rubric, tests, handout, stubs, solutions and mutants."""
+"""Check that an assignment's parts agree: rubric, tests, handout, stubs, solutions and mutants."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from .. import material, mutants, notebooks
-from ..assignments import STAFF_TEST, Assignment
+from ..assignments import Assignment
 from ..judge import running
-from ..rubric import Rubric
+from ..judge.forbidden import imported
+from ..rubric import STAFF_TEST
 from . import contracts
 
 POINTS_IN_TEXT = re.compile(
@@ -26,11 +27,7 @@ LEAST_MUTANTS = 2
 
 
 def check(assignment: Assignment) -> Iterator[str]:
-    """What does not hold together, a line each.
-
-    Args:
-        assignment: The whole assignment.
-    """
+    """Faults of an assignment, a line each."""
     yield from _files(assignment)
     yield from _handout(assignment)
     yield from _tests(assignment)
@@ -39,28 +36,8 @@ def check(assignment: Assignment) -> Iterator[str]:
     yield from contracts.check(assignment)
 
 
-def needed(rubric: Rubric, problem: str) -> set[str]:
-    """The problems whose code a problem uses, directly or not, itself included."""
-    needs = {each.id: each.needs for each in rubric.problems}
-    found, new = set(), [problem]
-    while new:
-        name = new.pop()
-        if name not in found:
-            found.add(name)
-            new += needs[name]
-    return found
-
-
 def collect(folder: Path, package: Path | None = None) -> dict[str, list[str]]:
-    """The tests of an assignment's folder, each with its markers.
-
-    Args:
-        folder: Holds `pytest.ini`, `rubric.toml` and `tests/`.
-        package: Folder of the package that pytest uses; None for this one.
-
-    Raises:
-        RuntimeError: pytest cannot collect them.
-    """
+    """Tests of an assignment's folder, each with its markers; RuntimeError if pytest fails."""
     with tempfile.TemporaryDirectory() as scratch:
         target = Path(scratch) / "collected.json"
         result = running.pytest(folder, ["--collect-only", f"--collected={target}"], package)
@@ -69,15 +46,13 @@ def collect(folder: Path, package: Path | None = None) -> dict[str, list[str]]:
         return json.loads(target.read_text(encoding="utf-8"))
 
 
-# ------------------------------------------------------------------------------------- parts
-
-
 def _files(assignment: Assignment) -> Iterator[str]:
-    """Stubs and solutions of each problem, what they import, and whether they are handed in."""
+    """Check stubs and solutions of each problem, their imports, and that they are handed in."""
     rubric = assignment.rubric
     stubs = {path.name for path in assignment.starter.glob("*.py")}
     solutions = {path.name for path in assignment.solutions.glob("*.py")}
     problems = [problem for problem in rubric.problems if problem.file]
+    stems = {Path(problem.file).stem for problem in problems}
     for problem in problems:
         for kind, names in (("starter", stubs), ("solutions", solutions)):
             if problem.file not in names:
@@ -86,28 +61,24 @@ def _files(assignment: Assignment) -> Iterator[str]:
             yield f"rubric.toml: submit does not cover {problem.file} (problem {problem.id})"
         if not any(other.names for other in problems if other.file == problem.file):
             yield f"rubric.toml: problem {problem.id}: no problem names what {problem.file} defines"
-    for name in sorted(solutions - {problem.file for problem in problems}):
-        yield f"solutions/{name}: is no problem's file; what is given belongs in starter/ alone"
-    for problem in problems:
         if problem.file in stubs and problem.id not in _read(assignment.starter / problem.file):
             yield f"starter/{problem.file}: does not name its problem {problem.id}"
         if problem.other_points:
             yield f"rubric.toml: problem {problem.id}: other_points is for released rubrics"
-    stems = {Path(problem.file).stem for problem in problems}
-    for problem in problems:
-        path = assignment.solutions / problem.file
-        allowed = needed(rubric, problem.id)
-        for module in _imported(path) & stems if path.is_file() else ():
+        text = _read(assignment.solutions / problem.file) if problem.file in solutions else ""
+        for module in stems.intersection(imported(ast.parse(text))):
             owners = {p.id for p in problems if Path(p.file).stem == module}
-            if not owners & allowed:
+            if not owners & rubric.needed(problem.id):
                 yield f"solutions/{problem.file}: imports {module}, not in needs of {problem.id}"
+    for name in sorted(solutions - {problem.file for problem in problems}):
+        yield f"solutions/{name}: is no problem's file; what is given belongs in starter/ alone"
     for name in ("exercises.md", "solutions/exercises.md", "README.md", "pytest.ini"):
         if not (assignment.folder / name).is_file():
             yield f"{name}: is missing"
 
 
 def _handout(assignment: Assignment) -> Iterator[str]:
-    """Each problem has its block, and no text states points."""
+    """Check that each problem has its block, and no text states points."""
     readme = assignment.folder / "README.md"
     if not readme.is_file():
         return
@@ -132,27 +103,27 @@ def _handout(assignment: Assignment) -> Iterator[str]:
 
 
 def _tests(assignment: Assignment) -> Iterator[str]:
-    """The rubric has every test and no other; markers and visibilities agree."""
-    rubric = assignment.rubric
+    """Check that the rubric has every test and no other; markers and visibilities agree."""
+    problems = assignment.rubric.problems
     found = collect(assignment.folder)
-    graded = {test.id: test for problem in rubric.problems for test in problem.tests}
+    graded = {test.id: (test, problem) for problem in problems for test in problem.tests}
     for name in sorted(graded.keys() - found.keys()):
         yield f"rubric.toml: {name}: there is no such test"
     for name in sorted(found.keys() - graded.keys()):
         yield f"{name}: is in no problem of the rubric"
-    markers = {problem.marker for problem in rubric.problems}
+    markers = {problem.marker for problem in problems}
     for name in sorted(found.keys() & graded.keys()):
-        has, wanted = markers & set(found[name]), rubric.problem_of[name].marker
-        if has != {wanted}:
-            yield f"{name}: has the markers {sorted(has)}, must have {wanted}"
-        is_staff = Path(name.partition("::")[0]).match(STAFF_TEST)
-        if bool(is_staff) == (graded[name].visibility == "visible"):
-            kind = "visible" if is_staff else graded[name].visibility
-            yield f"{name}: is {kind}; visible tests must not be in {STAFF_TEST}, all others must"
+        test, problem = graded[name]
+        has = markers & set(found[name])
+        if has != {problem.marker}:
+            yield f"{name}: has the markers {sorted(has)}, must have {problem.marker}"
+        if test.is_staff == (test.visibility == "visible"):
+            text = f"visible tests must not be in {STAFF_TEST}, all others must"
+            yield f"{name}: is {test.visibility}; {text}"
 
 
 def _notebook(assignment: Assignment) -> Iterator[str]:
-    """Its solution cells are the problems' files."""
+    """Check that the solution cells are the problems' files."""
     path = assignment.folder / "notebook.py"
     if not path.is_file():
         yield "notebook.py: is missing"
@@ -166,24 +137,24 @@ def _notebook(assignment: Assignment) -> Iterator[str]:
 
 
 def _mutants(assignment: Assignment) -> Iterator[str]:
-    """There are enough, and each fits its file and the rubric."""
+    """Check that there are enough mutants, and each fits its file and the rubric."""
     rubric = assignment.rubric
     try:
-        those = mutants.read(assignment)
+        known = mutants.read(assignment)
     except ValueError as error:
         yield str(error)
         return
-    tests = rubric.problem_of
-    count = Counter(mutant.problem for mutant in those)
-    for problem in rubric.problems:
-        if count[problem.id] < LEAST_MUTANTS:
-            yield f"mutants.toml: {problem.id} has {count[problem.id]}, must have {LEAST_MUTANTS}"
-    for mutant in those:
+    count = Counter(mutant.problem for mutant in known)
+    ids = [problem.id for problem in rubric.problems]
+    for name in ids:
+        if count[name] < LEAST_MUTANTS:
+            yield f"mutants.toml: {name} has {count[name]}, must have {LEAST_MUTANTS}"
+    for mutant in known:
         where = f"mutants.toml: {mutant.id}"
-        if mutant.problem not in {problem.id for problem in rubric.problems}:
+        if mutant.problem not in ids:
             yield f"{where}: the rubric has no problem {mutant.problem}"
         for name in mutant.fails:
-            if name not in tests:
+            if name not in rubric.problem_of:
                 yield f"{where}: the rubric has no test {name}"
         if not mutant.fails:
             yield f"{where}: fails no test"
@@ -193,17 +164,6 @@ def _mutants(assignment: Assignment) -> Iterator[str]:
             mutants.apply(assignment, mutant)
         except ValueError as error:
             yield str(error)
-
-
-def _imported(path: Path) -> set[str]:
-    """First names of the modules that a file imports, wherever in it."""
-    names = set()
-    for node in ast.walk(ast.parse(_read(path))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names.add(node.module.partition(".")[0])
-    return names
 
 
 def _read(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""A new term: the public tests ask for other numbers than last year's answers have."""
+"""New terms: other numbers for the public tests than last year's answers have."""
 
 from __future__ import annotations
 
@@ -15,17 +15,10 @@ _HEAD = re.compile(r"^\[assignment\] *\n", re.MULTILINE)
 
 
 def new_term(assignment: Assignment, term: int | None = None) -> tuple[int, int]:
-    """Write another `term` into the rubric of an assignment; all of the rest stays as it is.
+    """Write another `term` into the rubric; returns the one before, and the new one.
 
-    Args:
-        assignment: The whole assignment.
-        term: What to write, 0 for the numbers that the tests were written with; None draws one.
-
-    Returns:
-        The term before, and the new one.
-
-    Raises:
-        ValueError: There are no solutions, or the rubric has no `[assignment]`; one line.
+    0 stands for the numbers that the tests were written with; None draws a term. ValueError if
+    there are no solutions, or the rubric has no `[assignment]`.
     """
     assignment.require_staff("new-term")
     path = assignment.folder / FILE_NAME

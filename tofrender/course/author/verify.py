@@ -1,9 +1,9 @@
-"""What must hold of an assignment before anybody gets it.
+"""Checks of an assignment before its release.
 
 | check | holds if |
 |---|---|
 | structure | rubric, tests, markers, handout, stubs, solutions, notebook and mutants agree |
-| edition | nothing withheld is in what students get, and all else of it works |
+| edition | nothing withheld is in the released material, and all else of it works |
 | starter | the stubs get no point, and none of them crashes |
 | reference | the package itself gets all points; its notebook runs |
 | solutions | independent right solutions get all points, under every seed; their notebook runs |
@@ -15,20 +15,25 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import textwrap
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from ...runtime import checks
-from .. import edition, mutants
-from ..assignments import PACKAGE, STAFF_TEST, Assignment
+from .. import edition, mutants, notebooks
+from ..assignments import PACKAGE, Assignment
 from ..judge import running
 from ..material import points_text
-from ..student.start import start
-from . import leaks, structure, trying
+from ..mutants import Mutant
+from ..notebooks import NOTEBOOK
+from ..rubric import STAFF_TEST
+from ..student.folders import start
+from . import leaks, structure
 
 CHECKS = ("structure", "edition", "starter", "reference", "solutions", "mutants")
 CRASHES = ("the process crashed", "ended itself", "no answer within", "used more than")
@@ -36,23 +41,16 @@ CRASHES = ("the process crashed", "ended itself", "no answer within", "used more
 
 @dataclass
 class Check:
-    """What came of a check.
+    """Result of a check."""
 
-    Attributes:
-        name: One of `CHECKS`.
-        reasons: Why it does not hold, a line each; none if it does.
-        detail: What was looked at.
-        seconds: How long it took [s].
-    """
-
-    name: str
-    reasons: list[str] = field(default_factory=list)
-    detail: str = ""
+    name: str  # of `CHECKS`
+    reasons: list[str] = field(default_factory=list)  # why it does not hold, a line each
+    detail: str = ""  # the parts that were checked
     seconds: float = 0.0
 
     @property
     def ok(self) -> bool:
-        """Whether it holds."""
+        """Whether the check holds."""
         return not self.reasons
 
 
@@ -64,27 +62,24 @@ def verify(
     wrong: int | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Check]:
-    """Check an assignment; see the table above.
+    """Run checks of an assignment and yield each when it is done; see the table above.
 
-    Args:
-        assignment: The whole assignment.
-        seeds: Seeds under which right solutions must pass the tests that draw random numbers.
-        only: Some of `CHECKS`, and ids of mutants; all if empty.
-        wrong: How many wrong solutions are tried, evenly spread over the file; None for all.
-        say: Gets a line about what happens now.
-
-    Yields:
-        The checks, as they come.
-
-    Raises:
-        ValueError: There are no solutions, or `only` names what does not exist.
+    Right solutions must pass tests that draw random numbers under all `seeds`. `only` has some of
+    `CHECKS`, and ids of mutants; `wrong` is the number of mutants to try, evenly spread. ValueError
+    if there are no solutions, or `only` names something unknown.
     """
     assignment.require_staff("verify")
-    chosen = _choose(assignment, only)
+    chosen = set(only).intersection(CHECKS)
+    if ids := set(only) - chosen:
+        known = {mutant.id for mutant in mutants.read(assignment)}
+        for name in sorted(ids - known):
+            text = f"must be one of {', '.join(CHECKS)}, or the id of a mutant"
+            raise ValueError(f"--only = {name[: checks.LONGEST]}: {text}")
+        chosen.add("mutants")
     with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
-        work = _Work(assignment, Path(folder), seeds, only, wrong, say)
+        work = _Checks(assignment, Path(folder), seeds, only, wrong, say)
         for name in CHECKS:
-            if name in chosen:
+            if name in chosen or not chosen:
                 say(name)
                 check, begin = Check(name), time.monotonic()
                 try:
@@ -95,23 +90,9 @@ def verify(
                 yield check
 
 
-def _choose(assignment: Assignment, only: Collection[str]) -> set[str]:
-    chosen = {name for name in only if name in CHECKS}
-    others = set(only) - chosen
-    if others:
-        known = {mutant.id for mutant in mutants.read(assignment)}
-        for name in sorted(others - known):
-            raise ValueError(
-                f"--only = {name[: checks.LONGEST]}: must be one of {', '.join(CHECKS)}, or the id "
-                "of a mutant"
-            )
-        chosen.add("mutants")
-    return chosen or set(CHECKS)
-
-
 @dataclass
-class _Work:
-    """The checks, and what several of them need: the edition and the right solutions' folder."""
+class _Checks:
+    """Implementation of the checks, with the edition and the right solutions that they share."""
 
     assignment: Assignment
     folder: Path
@@ -127,14 +108,18 @@ class _Work:
 
     @cached_property
     def _right(self) -> Path:
-        """The independent solutions, with what their notebook has written."""
+        """Folder of the independent solutions, with the files their notebook has written."""
         self.say("solutions: running the notebook")
         target = self.folder / "right"
         shutil.copytree(self.assignment.solutions, target, dirs_exist_ok=True)
         for name in self.assignment.given:
             shutil.copy(self.assignment.starter / name, target)
-        trying.solve_notebook(self.assignment, target, self._edition)
+        self._solve_notebook(target, self._edition)
         return target
+
+    def _run(self, submission: Path, **options: Any) -> dict[str, running.Outcome]:
+        folder, edition = self.assignment.folder, self._edition
+        return running.run(folder, submission=submission, edition=edition, **options)
 
     @staticmethod
     def _not_passed(tests: Iterable[str], outcomes: dict[str, running.Outcome]) -> Iterator[str]:
@@ -145,13 +130,11 @@ class _Work:
                 yield f"{name}: did not run"
             elif outcome.outcome != "passed":
                 several = f" ({len(outcome.texts)} of {outcome.cases} cases)"
-                text = trying.one_line(outcome.texts[0] if outcome.texts else "")
+                text = _one_line(outcome.texts[0] if outcome.texts else "")
                 yield f"{name}: {outcome.outcome}{several * (outcome.cases > 1)}: {text}"
 
-    # ------------------------------------------------------------------------------ checks
-
     def structure(self, check: Check) -> None:
-        """Parts agree."""
+        """Check that the parts agree."""
         check.reasons += structure.check(self.assignment)
         rubric = self.assignment.rubric
         count = sum(len(problem.tests) for problem in rubric.problems)
@@ -162,7 +145,7 @@ class _Work:
         )
 
     def edition(self, check: Check) -> None:
-        """Nothing leaks, the rest works, and a student can start with it."""
+        """Check that nothing leaks, the rest works, and a student can start with it."""
         folder = self._edition
         check.reasons += leaks.leaks(self.assignment, folder)
         check.reasons += leaks.smoke_test(self.assignment, folder)
@@ -178,24 +161,22 @@ class _Work:
         ]
 
     def starter(self, check: Check) -> None:
-        """No points, no crash."""
-        outcomes = running.run(
-            self.assignment.folder, submission=self.assignment.starter, edition=self._edition
-        )
+        """Check that stubs get no points and do not crash."""
+        outcomes = self._run(self.assignment.starter)
         for name, problem in self.assignment.rubric.problem_of.items():
             outcome = outcomes.get(name)
             if outcome is None or outcome.outcome != "failed":
-                said = outcome.outcome if outcome else "did not run"
-                check.reasons.append(f"{name}: {said}, must fail ({problem.id})")
+                state = outcome.outcome if outcome else "did not run"
+                check.reasons.append(f"{name}: {state}, must fail ({problem.id})")
                 continue
             for text in outcome.texts:
                 crash = next((crash for crash in CRASHES if crash in text), None)
                 if crash or not ("not written yet" in text or "is missing" in text):
-                    check.reasons.append(f"{name}: {trying.one_line(text)}")
+                    check.reasons.append(f"{name}: {_one_line(text)}")
         check.detail = f"{len(outcomes)} tests fail"
 
     def reference(self, check: Check) -> None:
-        """All points for the package, whose files are made by the solved notebook."""
+        """Check that the package, with its solved notebook, gets all points."""
         outcomes = running.run(self.assignment.folder)
         files = [name for name, outcome in outcomes.items() if outcome.outcome == "skipped"]
         if files:
@@ -208,19 +189,17 @@ class _Work:
                 if problem.names:  # others share the file of one that has some
                     with (folder / problem.file).open("a", encoding="utf-8") as file:
                         file.write(f"from {problem.reference} import {', '.join(problem.names)}\n")
-            trying.solve_notebook(self.assignment, folder, PACKAGE.parent)
+            self._solve_notebook(folder, PACKAGE.parent)
             outcomes |= running.run(self.assignment.folder, tests=files, submission=folder)
         check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
         check.detail = f"{len(outcomes)} tests, {len(files)} of them of the notebook's results"
 
     def solutions(self, check: Check) -> None:
-        """All points for independent solutions, under every seed."""
+        """Check that independent solutions get all points, under every seed."""
         right = self._right
-        outcomes = running.run(self.assignment.folder, submission=right, edition=self._edition)
+        outcomes = self._run(right)
         check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
-        check.reasons += self._uses(outcomes)
-        check.reasons += self._is_slow(outcomes)
-        check.reasons += self._is_known(outcomes)
+        check.reasons += self._faults_of_tests(outcomes)
         check.detail = f"{len(outcomes)} tests"
         noisy = sorted(name for name, outcome in outcomes.items() if outcome.seeded)
         if self.seeds > 1 and noisy:
@@ -230,74 +209,86 @@ class _Work:
             check.detail += f", {len(noisy)} of them under {self.seeds} seeds"
 
     def _repeat(self, tests: list[str], right: Path) -> dict[str, running.Outcome]:
-        """Tests under many seeds, in as many processes as there are cores."""
+        """Run tests under many seeds, in as many processes as there are cores."""
         parts = [part for k in range(_cores()) if (part := tests[k :: _cores()])]
-
-        def run(part: list[str]) -> dict[str, running.Outcome]:
-            return running.run(
-                self.assignment.folder,
-                tests=part,
-                submission=right,
-                edition=self._edition,
-                seeds=self.seeds,
-            )
-
         found: dict[str, running.Outcome] = {}
         with ThreadPoolExecutor(len(parts)) as pool:
-            for outcomes in pool.map(run, parts):
-                found |= outcomes
+            runs = [pool.submit(self._run, right, tests=p, seeds=self.seeds) for p in parts]
+            for run in runs:
+                found |= run.result()
         return found
 
-    def _uses(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
-        """Tests that use the code of problems that theirs does not need."""
+    def _faults_of_tests(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
+        """Problems whose needs, time or random numbers are not as they must be."""
         rubric = self.assignment.rubric
-        for name, problem in rubric.problem_of.items():
-            used = outcomes[name].uses if name in outcomes else frozenset()
-            owners = {rubric.home_of[each].id for each in used if each in rubric.home_of}
-            for other in sorted(owners - structure.needed(rubric, problem.id)):
-                yield f"{name}: uses {other}, which {problem.id} does not need in rubric.toml"
-
-    def _is_known(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
-        """Problems whose answers could be a table, since no test that students lack draws any."""
-        for problem in self.assignment.rubric.problems:
-            staffs = [
-                t.id for t in problem.tests if Path(t.id.partition("::")[0]).match(STAFF_TEST)
-            ]
-            drawn = any(outcomes[name].seeded for name in staffs if name in outcomes)
+        for problem in rubric.problems:
+            ran = [(test, outcomes[test.id]) for test in problem.tests if test.id in outcomes]
+            for test, outcome in ran:
+                owners = {rubric.home_of[name].id for name in outcome.uses & rubric.home_of.keys()}
+                text = f"which {problem.id} does not need in rubric.toml"
+                for other in sorted(owners - rubric.needed(problem.id)):
+                    yield f"{test.id}: uses {other}, {text}"
+            seconds = sum(outcome.seconds for _, outcome in ran)
+            if seconds > 3 * problem.takes_s + 10:
+                yield f"{problem.id}: takes {seconds:.0f} s, takes_s says {problem.takes_s:g}"
+            # Otherwise a table of answers would pass
+            drawn = any(test.is_staff and outcome.seeded for test, outcome in ran)
             if problem.file and not drawn:
                 yield f"{problem.id}: must have a test in {STAFF_TEST} that draws what it asks for"
 
-    def _is_slow(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
-        """Problems that take far longer than students are told."""
-        for problem in self.assignment.rubric.problems:
-            seconds = sum(outcomes[t.id].seconds for t in problem.tests if t.id in outcomes)
-            if seconds > 3 * problem.takes_s + 10:
-                yield f"{problem.id}: takes {seconds:.0f} s, takes_s says {problem.takes_s:g}"
-
     def mutants(self, check: Check) -> None:
-        """Each wrong solution fails exactly its tests."""
-        those = mutants.read(self.assignment)
-        named = [mutant for mutant in those if mutant.id in self.only]
-        whole = len(those)
-        if not named and self.wrong is not None and self.wrong < whole:
-            those = [those[k * whole // self.wrong] for k in range(self.wrong)]
-        those = named or those
-        right, package = self._right, self._edition
-        (self.folder / "mutants").mkdir()
-
-        def judge(mutant: mutants.Mutant) -> list[str]:
-            folder = self.folder / "mutants" / mutant.id
-            return trying.judge(self.assignment, mutant, right, folder, package)
-
+        """Check that each wrong solution fails exactly its tests."""
+        every = mutants.read(self.assignment)
+        chosen = [mutant for mutant in every if mutant.id in self.only]
+        if not chosen:
+            count = min(len(every), self.wrong or len(every))
+            chosen = [every[k * len(every) // count] for k in range(count)]
+        _ = self._right  # made once, before there are threads
         with ThreadPoolExecutor(_cores()) as pool:
-            runs = [pool.submit(judge, mutant) for mutant in those]
+            runs = {pool.submit(self._judge_mutant, mutant): mutant for mutant in chosen}
             for done, run in enumerate(as_completed(runs), 1):
-                check.reasons += run.result()
-                self.say(f"mutants: {done} of {len(those)}")
+                check.reasons += [f"{runs[run].id}: {text}" for text in run.result()]
+                self.say(f"mutants: {done} of {len(chosen)}")
         check.reasons.sort()
-        part = f" of {whole}" * (len(those) < whole)
-        check.detail = f"{len(those)}{part} wrong solutions"
+        part = f" of {len(every)}" * (len(chosen) < len(every))
+        check.detail = f"{len(chosen)}{part} wrong solutions"
+
+    def _judge_mutant(self, mutant: Mutant) -> list[str]:
+        """Run the tests on a mutant; a line for each deviation from `mutants.toml`."""
+        rubric, folder = self.assignment.rubric, self.folder / "mutants" / mutant.id
+        tests = mutants.affected(rubric, mutant)
+        try:
+            shutil.copytree(self._right, folder)
+            text = mutants.apply(self.assignment, mutant)
+            (folder / mutant.file).write_text(text, encoding="utf-8")
+            if any(p.id == mutant.problem and not p.file for p in rubric.problems):
+                self._solve_notebook(folder, self._edition)  # which writes the mistake
+            outcomes = self._run(folder, tests=tests)
+        except (RuntimeError, ValueError) as error:
+            return [str(error)]
+        failed = {n for n in tests if n not in outcomes or outcomes[n].outcome != "passed"}
+        texts = {name: " ".join(outcomes[name].texts) for name in failed & outcomes.keys()}
+        expected = set(mutant.fails)
+        reasons = [f"{n} passes, must fail ({mutant.why})" for n in sorted(expected - failed)]
+        for name in sorted(failed - expected):
+            reasons.append(f"{name} fails, must pass: {_one_line(texts.get(name, ''))}")
+        if not any(mutant.says in text for text in texts.values()):
+            found = _one_line(" ".join(texts.values())) or "nothing"
+            reasons.append(f"no failure says {mutant.says!r}; they say {found}")
+        return reasons
+
+    def _solve_notebook(self, folder: Path, package: Path) -> None:
+        """Run the notebook in a folder of solutions, whose own `notebook.py` has precedence."""
+        own = folder / "notebook.py"
+        path = own if own.is_file() else self.assignment.folder / "notebook.py"
+        if path.is_file():
+            notebooks.write(path.read_text(encoding="utf-8"), folder, folder / NOTEBOOK)
+            notebooks.execute(folder / NOTEBOOK, PYTHONPATH=str(package))
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _one_line(text: str) -> str:
+    return textwrap.shorten(text, 300, placeholder=" ...")

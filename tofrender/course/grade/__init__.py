@@ -1,1 +1,1 @@
-"""Grading what students hand in: points, reasons and results files (`tofrender grade`)."""
+"""Grading of submissions: points, reasons and results files (`tofrender grade`)."""

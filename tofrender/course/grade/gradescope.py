@@ -1,4 +1,4 @@
-"""An autograder for Gradescope: a zip that sets itself up and grades what is handed in.
+"""Autograder for Gradescope: a zip that sets itself up and grades submissions.
 
 It holds the student edition and the staff's tests, so no solution of the assignment's code lies
 where submissions run, but for that of a problem whose task is to test it.
@@ -14,9 +14,9 @@ from pathlib import Path
 from ...runtime.atomic import replacing
 from .. import edition
 from ..assignments import PACKAGE, Assignment
+from ..student.folders import add_file
 from .grading import MEMORY_GIB, TIME_LIMIT_S, drawn_seed, judging_files
 
-LONG_AGO = (1980, 1, 1, 0, 0, 0)
 SETUP = """#!/usr/bin/env bash
 # Run once, as root, when Gradescope makes the container.
 set -euo pipefail
@@ -37,7 +37,7 @@ exec .venv/bin/python -m tofrender grade {folder} --submission "$root/submission
   --seed {seed}
 """
 CHECKOUT = (".ci/setup", ".ci/requirements.txt", "pyproject.toml", "README.md", "LICENSE")
-"""What of the checkout the set-up needs."""
+"""Files of the checkout that the set-up needs."""
 
 
 def write(
@@ -48,20 +48,10 @@ def write(
     memory_gib: float = MEMORY_GIB,
     seed: int = 0,
 ) -> list[str]:
-    """Write the zip, whole or not at all.
+    """Write the zip, whole or not at all; returns the names of the files in it.
 
-    Args:
-        assignment: The whole assignment.
-        path: File to write.
-        time_limit_s: Longest time for a submission [s]; Gradescope's own has to be longer.
-        memory_gib: Most memory of a submission [GiB].
-        seed: Seed of the staff's tests, the same for the whole class; as in `grading.opened`.
-
-    Returns:
-        Names of the files in it.
-
-    Raises:
-        ValueError: This is not the course's checkout; one line.
+    The seed of the staff's tests is the same for the whole class. Gradescope's own time limit has
+    to be longer than `time_limit_s`. ValueError if this is not the course's checkout.
     """
     assignment.require_staff("gradescope")
     missing = [name for name in CHECKOUT if not (PACKAGE.parent / name).is_file()]
@@ -75,14 +65,14 @@ def write(
         edition.copy(assignment, Path(scratch))
         with zipfile.ZipFile(temporary, "x", zipfile.ZIP_DEFLATED) as archive:
             for name, text in scripts.items():
-                _put(archive, name, text.encode(), 0o755)
+                add_file(archive, name, text.encode(), 0o755)
             for name, file in _files(assignment, Path(scratch), folder):
-                _put(archive, name, file.read_bytes(), 0o644)
+                add_file(archive, name, file.read_bytes())
             return archive.namelist()
 
 
 def _files(assignment: Assignment, edition: Path, folder: str) -> Iterator[tuple[str, Path]]:
-    """Names in the zip, and the files that they are."""
+    """Names in the zip, and the files they come from."""
     for name in CHECKOUT:
         yield f"course/{name}", PACKAGE.parent / name
     for file in sorted([*(edition / "tofrender").rglob("*"), edition / "scenes" / "__init__.py"]):
@@ -90,11 +80,3 @@ def _files(assignment: Assignment, edition: Path, folder: str) -> Iterator[tuple
             yield f"course/{file.relative_to(edition).as_posix()}", file
     for file in judging_files(assignment):
         yield f"course/{folder}/{file.relative_to(assignment.folder).as_posix()}", file
-
-
-def _put(archive: zipfile.ZipFile, name: str, content: bytes, mode: int) -> None:
-    information = zipfile.ZipInfo(name, LONG_AGO)
-    information.compress_type = zipfile.ZIP_DEFLATED
-    information.create_system = 3
-    information.external_attr = (0o100000 | mode) << 16
-    archive.writestr(information, content)

@@ -1,4 +1,4 @@
-"""How a class did, in Markdown and HTML: which tests fail, what failures look like, which separate.
+"""Overview of a class, in Markdown and HTML: failing tests, likely mistakes, item discrimination.
 
 A failure **looks like** a wrong solution of `mutants.toml` if it fails the same tests of its
 problem, or most of them with that mutant's words. An item **separates** if those who pass it have
@@ -8,12 +8,10 @@ tests. Above 0.3 is good; below 0 the test, or the text, deserves a look.
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,63 +19,40 @@ from .. import mutants, pages
 from ..assignments import Assignment
 from ..material import points_text
 from ..mutants import Mutant
-from ..rubric import Problem, Rubric
+from ..rubric import Problem, Rubric, name_of
 from .classes import Class
-from .feedback import name_of
 from .standing import Standing
 
 NAME = "overview"
 NO_ANSWER = ("not written yet", "is missing", "not judged")
-"""Words of a failure of what was not handed in, which looks like no mistake."""
-LIKE = 0.5
-"""Share of the tests of both that two sets of failures have in common, to be alike."""
-SHOWN = 12
-"""Names of members that a line shows."""
+"""Words of a failure without an answer, which looks like no mistake."""
+LIKE = 0.5  # fraction of the tests of both that two alike sets of failures have in common
+SHOWN = 12  # names of members in a line
 
 
 @dataclass(frozen=True)
 class Work:
-    """What the tests said of a member's work.
+    """Test results of a member's submission."""
 
-    Attributes:
-        who: The member's name.
-        scores: Points of each test, by its id.
-        failures: Texts of the tests that failed, by their ids.
-    """
-
-    who: str
-    scores: Mapping[str, float]
-    failures: Mapping[str, str]
+    who: str  # name of the member
+    scores: Mapping[str, float]  # points of each test, by its id
+    failures: Mapping[str, str]  # texts of failed tests, by their ids
 
 
 def write(class_: Class, folder: Path) -> None:
     """Write `overview.md` and `overview.html` into a folder, which exists."""
     works = []
     for member in class_.members:
-        if member.submission is not None:
-            text = class_.results(member).read_text(encoding="utf-8")
-            works.append(_work(member.name, json.loads(text)["tests"]))
+        if tests := class_.tests(member):
+            scores = {name: float(test["score"]) for name, test in tests.items()}
+            failed = {n: test["output"] for n, test in tests.items() if test["status"] != "passed"}
+            works.append(Work(member.name, scores, failed))
     standings = [class_.standing(member) for member in class_.members]
     pages.write(folder, NAME, page(class_.grader.assignment, standings, works))
 
 
-def _work(who: str, tests: Iterable[Mapping[str, Any]]) -> Work:
-    ids = {test["extra_data"]["test"]: test for test in tests}
-    return Work(
-        who,
-        {name: float(test["score"]) for name, test in ids.items()},
-        {name: test["output"] for name, test in ids.items() if test["status"] != "passed"},
-    )
-
-
 def page(assignment: Assignment, standings: Sequence[Standing], works: Sequence[Work]) -> str:
-    """The overview, as Markdown.
-
-    Args:
-        assignment: With its mutants, if it has them.
-        standings: What each of the class gets.
-        works: What the tests said of those who handed in.
-    """
+    """Overview as Markdown, from the points of all members and the tests of all submissions."""
     rubric = assignment.rubric
     totals = np.array([each.total for each in standings] or [0.0])
     parts = [
@@ -101,16 +76,10 @@ def _problems(rubric: Rubric, standings: Sequence[Standing]) -> str:
     lines = []
     for problem in rubric.problems:
         got = np.array([each.points(problem) for each in standings] or [0.0])
-        share = got.mean() / problem.points if problem.points else 1.0
-        lines.append(
-            [
-                pages.plain(problem.title),
-                points_text(problem.points) + " bonus" * problem.bonus,
-                f"{100 * share:.0f} %",
-                str(int((got >= problem.points).sum())),
-                str(int((got == 0).sum())),
-            ]
-        )
+        mean = 100 * got.mean() / problem.points if problem.points else 100.0
+        most = points_text(problem.points) + " bonus" * problem.bonus
+        counts = [str((got >= problem.points).sum()), str((got == 0).sum())]
+        lines.append([pages.plain(problem.title), most, f"{mean:.0f} %", *counts])
     return pages.table(["problem", "points", "mean", "all points", "none"], lines)
 
 
@@ -121,21 +90,21 @@ def _tests(rubric: Rubric, works: Sequence[Work]) -> str:
     lines = []
     for name, r in zip(ids, separates, strict=True):
         failed = sum(name in work.failures for work in works)
-        share = f" ({100 * failed / len(works):.0f} %)" if works else ""
-        said = "" if np.isnan(r) else f"{r:+.2f}" + " **!**" * bool(r < 0)
-        lines.append([rubric.problem_of[name].id, f"`{name_of(name)}`", f"{failed}{share}", said])
+        percent = f" ({100 * failed / len(works):.0f} %)" if works else ""
+        text = "" if np.isnan(r) else f"{r:+.2f}" + " **!**" * bool(r < 0)
+        lines.append([rubric.problem_of[name].id, f"`{name_of(name)}`", f"{failed}{percent}", text])
     return pages.table(["problem", "test", "failed", "r"], lines)
 
 
 def separation(scores: np.ndarray) -> np.ndarray:
-    """How well each item separates: its correlation with the sum of all others.
+    """Item-rest correlation of each item.
 
     Args:
         scores: Points of each member and item, shape (members, items).
 
     Returns:
         Pearson's r of shape (items,), which is the point-biserial one for items that are all or
-        nothing; NaN where all members have the same.
+        nothing; NaN where all members have equal points.
 
     Example:
         >>> separation(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0], [0, 0, 1.0]])).round(2)
@@ -149,11 +118,8 @@ def separation(scores: np.ndarray) -> np.ndarray:
     return found
 
 
-# ------------------------------------------------------------------------------- mistakes
-
-
 def _mistakes(assignment: Assignment, works: Sequence[Work]) -> list[str]:
-    """For each problem, the mutants that failures look like, and those that look like none."""
+    """Tables of the mutants that failures of each problem look like."""
     known = mutants.read(assignment) if (assignment.folder / "mutants.toml").is_file() else []
     parts = []
     for problem in assignment.rubric.problems:
@@ -189,21 +155,15 @@ def _mistakes(assignment: Assignment, works: Sequence[Work]) -> list[str]:
 
 
 def failures_of(work: Work, problem: Problem) -> dict[str, str]:
-    """Texts of a problem's tests that failed although there was an answer."""
-    those = {t.id: work.failures[t.id] for t in problem.tests if t.id in work.failures}
-    return {n: text for n, text in those.items() if not any(no in text for no in NO_ANSWER)}
+    """Texts of a problem's failed tests that had an answer."""
+    texts = {t.id: work.failures[t.id] for t in problem.tests if t.id in work.failures}
+    return {n: text for n, text in texts.items() if not any(no in text for no in NO_ANSWER)}
 
 
 def looks_like(
     failures: Mapping[str, str], problem: Problem, known: Iterable[Mutant]
 ) -> Mutant | None:
-    """The mutant of a problem whose failures are most like these, None if none is like them.
-
-    Args:
-        failures: Texts of the problem's tests that failed, by their ids.
-        problem: The problem.
-        known: All mutants.
-    """
+    """Mutant of a problem whose failures are most like these, by test id; None if none is."""
     own = {test.id for test in problem.tests}
     text = "\n".join(failures.values())
     best, most = None, 0.0

@@ -1,4 +1,4 @@
-"""What grading finds out: points and reasons for each test, as Gradescope's JSON and as CSV."""
+"""Results of grading: points and reasons for each test, as Gradescope's JSON."""
 
 from __future__ import annotations
 
@@ -11,66 +11,48 @@ from typing import Any
 
 from ...runtime.atomic import replacing
 from ..judge.expect import PICTURE
-from ..rubric import MAX_SEED, GradedTest, Problem, Rubric
+from ..rubric import MAX_SEED, GradedTest, Problem, Rubric, name_of
 
-KEPT_TEXT = 6000
-"""Characters of a test's text that are kept."""
+KEPT_TEXT = 6000  # characters of a test's text
 
 
 @dataclass
 class Grade:
-    """What one test of a submission gave.
+    """Result of one test of a submission."""
 
-    Attributes:
-        passed: Whether all its cases passed, which gives all its points.
-        reason: Why not, as a student reads it.
-        seconds: How long it took [s].
-        share: Share of the points that it gives all the same.
-        pictures: Names of pictures of what was expected and what came.
-    """
-
-    passed: bool = False
-    reason: str = "not judged"
+    passed: bool = False  # in all its cases, which gives all its points
+    reason: str = "not judged"  # why not, as a student reads it
     seconds: float = 0.0
-    share: float = 0.0
-    pictures: tuple[str, ...] = ()
+    share: float = 0.0  # fraction of the points that a failed test gives
+    pictures: tuple[str, ...] = ()  # file names of pictures of expected and actual values
 
 
 @dataclass
 class Results:
-    """What a submission gets; nothing at first.
-
-    Attributes:
-        rubric: The assignment's problems and points.
-        grades: By test id; a test without one gives nothing.
-        remarks: What concerns the submission as a whole.
-        seconds: How long grading took [s].
-        fingerprint: Stands for the tests and the rubric that were used.
-        complete: Whether grading has ended.
-        seed: Seed of the staff's tests.
-        missing_protections: What the grading machine could not keep the submission from.
-    """
+    """Results of a submission; no points at first."""
 
     rubric: Rubric
+    # by test id; a test without one gives nothing
     grades: dict[str, Grade] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-    fingerprint: str = ""
-    complete: bool = False
-    seed: int = 0
+    remarks: list[str] = field(default_factory=list)  # about the submission as a whole
+    seconds: float = 0.0  # duration of grading [s]
+    fingerprint: str = ""  # hash of the tests and the rubric
+    complete: bool = False  # whether grading has ended
+    seed: int = 0  # of the staff's tests
+    # see `sandbox.missing_protections`
     missing_protections: list[str] = field(default_factory=list)
 
     def grade(self, test: GradedTest) -> Grade:
-        """The grade of a test."""
+        """Grade of a test."""
         return self.grades.get(test.id, Grade())
 
     def points(self, test: GradedTest) -> float:
-        """What a test gives: all its points, none, or the share that it awards."""
+        """Points of a test: all, none, or the fraction that it awards."""
         grade = self.grade(test)
         return test.points if grade.passed else round(test.points * grade.share, 2)
 
     def problem_points(self, problem: Problem) -> float:
-        """What all tests of a problem give."""
+        """Points of all tests of a problem."""
         return math.fsum(map(self.points, problem.tests))
 
     @property
@@ -79,16 +61,17 @@ class Results:
         return math.fsum(map(self.problem_points, self.rubric.problems))
 
     def summary(self) -> str:
-        """The problems that lost points, with the reason of the first test that did."""
+        """Problems that lost points, with the reason of the first test that did."""
         reasons = list(self.remarks)
         for problem in self.rubric.problems:
             lost = [test for test in problem.tests if not self.grade(test).passed]
             if lost and not problem.bonus:
-                reasons.append(f"{problem.id}: {_first_lines(self.grade(lost[0]).reason)}")
+                text = " ".join(printable(self.grade(lost[0]).reason, 300).split())
+                reasons.append(f"{problem.id}: {text}")
         return "; ".join(dict.fromkeys(reasons))
 
     def gradescope(self) -> dict[str, Any]:
-        """The content of `results.json`.
+        """Content of `results.json`.
 
         A bonus test has no maximum of its own there, so that the maximum stays the rubric's.
         """
@@ -99,11 +82,7 @@ class Results:
             "output": "\n".join(self.remarks),
             "visibility": "visible",
             "stdout_visibility": "hidden",
-            "tests": [
-                self._entry(problem, test)
-                for problem in self.rubric.problems
-                for test in problem.tests
-            ],
+            "tests": [self._entry(problem, test) for problem in problems for test in problem.tests],
             "extra_data": {
                 "assignment": self.rubric.id,
                 "max_score": self.rubric.points,
@@ -119,7 +98,7 @@ class Results:
     def _entry(self, problem: Problem, test: GradedTest) -> dict[str, Any]:
         grade = self.grade(test)
         return {
-            "name": f"{problem.id}: {test.id.partition('::')[2] or test.id}",
+            "name": f"{problem.id}: {name_of(test.id)}",
             "score": self.points(test),
             "max_score": 0.0 if problem.bonus else test.points,
             "status": "passed" if grade.passed else "failed",
@@ -140,40 +119,35 @@ class Results:
             temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def seed_of(path: Path) -> int:
-    """The seed of the staff's tests in what `Results.write` has written; 0 if there is none."""
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Content of a results file and its extra data; empty if it is none."""
     try:
-        seed = json.loads(path.read_text(encoding="utf-8"))["extra_data"]["seed"]
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return content, dict(content["extra_data"])
     except (OSError, ValueError, KeyError, TypeError):
-        return 0
+        return {}, {}
+
+
+def seed_of(path: Path) -> int:
+    """Seed of the staff's tests in a results file; 0 if there is none."""
+    seed = _read(path)[1].get("seed")
     return seed if isinstance(seed, int) and 0 <= seed <= MAX_SEED else 0
 
 
 def finished(path: Path, rubric: Rubric, fingerprint: str) -> dict[str, Any] | None:
-    """What `Results.write` has written, if that grading had ended and was of the same tests."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        extra = content["extra_data"]
-        same = (extra["assignment"], extra["fingerprint"]) == (rubric.id, fingerprint)
-        return content if extra["complete"] and same else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    """Content of a results file, if that grading had ended and was of the same tests."""
+    content, extra = _read(path)
+    same = (extra.get("assignment"), extra.get("fingerprint")) == (rubric.id, fingerprint)
+    return content if extra.get("complete") and same else None
 
 
 def grades_of(
     problem: Problem, lines: Sequence[Mapping[str, Any]], ended: bool, reason: str
 ) -> dict[str, Grade]:
-    """The grades of a problem's tests, from the judge's report.
+    """Grades of a problem's tests by id, from the judge's report.
 
-    Args:
-        problem: The problem that was judged.
-        lines: The judge's report, a line for each case of a test, in the order of their end.
-        ended: Whether the judge came to its end. If not, cases of the last test may be missing.
-        reason: Why it did not, and so why a test has no line.
-
-    Returns:
-        A `Grade` for each test of the problem, by its id. Passed are tests all of whose cases
-        were judged and passed.
+    It has a line for each case of a test, in the order of their end. If the judge was `ended`
+    early, for this `reason`, cases of the last test may be missing.
     """
     grades = {}
     for test in problem.tests:
@@ -182,14 +156,13 @@ def grades_of(
         seconds = math.fsum(line["seconds"] for line in cases)
         cut = not ended and bool(lines) and lines[-1]["id"] == test.id
         if failed:
-            text = "\n\n".join(_case(line) for line in failed[:3])
-            text, names = _without_pictures(text)
-            pictures = tuple(f"{problem.marker}-{name}" for name in names)
+            text, names = split("\n\n".join(_case(line) for line in failed[:3]), PICTURE)
+            pictures = tuple(f"{problem.marker}-{Path(name).name}" for name in names)
             share = 0.0 if cut else min(float(line["share"]) for line in cases)
             grades[test.id] = Grade(False, text, seconds, share, pictures)
         elif not cases or cut:
-            why = reason or "not judged: the test did not run"
-            grades[test.id] = Grade(False, why, seconds)
+            text = reason or "not judged: the test did not run"
+            grades[test.id] = Grade(False, text, seconds)
         else:
             grades[test.id] = Grade(True, "", seconds)
     return grades
@@ -207,17 +180,13 @@ def printable(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[:half]} [...] {text[-half:]}"
 
 
-def _without_pictures(text: str) -> tuple[str, tuple[str, ...]]:
-    """A test's text without the places of its pictures, and the names of these."""
+def split(text: str, start: str) -> tuple[str, list[str]]:
+    """Text without the lines that start so, and the different rests of these."""
     lines = text.split("\n")
-    found = tuple(Path(line[len(PICTURE) :]).name for line in lines if line.startswith(PICTURE))
-    return "\n".join(line for line in lines if not line.startswith(PICTURE)), found
+    found = dict.fromkeys(line[len(start) :] for line in lines if line.startswith(start))
+    return "\n".join(line for line in lines if not line.startswith(start)), list(found)
 
 
 def _case(line: Mapping[str, Any]) -> str:
-    text = line["text"] or ("skipped" if line["outcome"] == "skipped" else "failed")
+    text = line["text"] or line["outcome"]
     return f"case {line['case']}: {text}" if line["case"] else text
-
-
-def _first_lines(text: str) -> str:
-    return " ".join(printable(text, 300).split())

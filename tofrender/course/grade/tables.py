@@ -4,44 +4,34 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Collection, Iterable, Sequence
+import itertools
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ...runtime import checks
 from ...runtime.atomic import replacing
+from ..material import points_text
 from .results import printable
 
 MAX_BYTES = 16 << 20
 MAX_ROWS = 20_000
-MAX_TEXT = 200
-"""Characters of an id or a name."""
+MAX_TEXT = 200  # characters of an id or a name
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a table.
+    """A row of a table."""
 
-    Attributes:
-        where: The table and the line, for messages.
-        cells: Text of each column, without blanks at its ends.
-    """
-
-    where: str
-    cells: dict[str, str]
+    where: str  # table and line, for messages
+    cells: dict[str, str]  # text of each column, stripped
 
 
 def read(option: str, path: Path, required: Collection[str], known: Collection[str]) -> list[Row]:
-    """Read a table with a header; commas or semicolons stand between its cells.
+    """Read a table in UTF-8 with a header, separated by commas or semicolons.
 
-    Args:
-        option: What names the file, for messages.
-        path: The file, in UTF-8.
-        required: Columns that must be there.
-        known: All columns that may be.
-
-    Raises:
-        ValueError: It is not such a table; one line.
+    `option` names the file in messages. ValueError in one line unless it is such a table with all
+    `required` columns and none but the `known`.
     """
     path = checks.path(option, path)
     where = f"{option} = {path}"
@@ -66,9 +56,8 @@ def read(option: str, path: Path, required: Collection[str], known: Collection[s
         if header.count(name) > 1:
             raise ValueError(f"{where}: column {_short(name)} is there more than once")
         if name not in known:
-            raise ValueError(
-                f"{where}: column {_short(name)} is unknown; must be one of {', '.join(known)}"
-            )
+            text = f"is unknown; must be one of {', '.join(known)}"
+            raise ValueError(f"{where}: column {_short(name)} {text}")
     for name in required:
         if name not in header:
             raise ValueError(f"{where}: has no column {name!r}")
@@ -76,30 +65,23 @@ def read(option: str, path: Path, required: Collection[str], known: Collection[s
         raise ValueError(f"{where}: has more than {MAX_ROWS} lines")
     rows = []
     for number, cells in enumerate(lines[1:], 2):
-        if any(cell.strip() for cell in cells):
-            if len(cells) > len(header):
-                raise ValueError(
-                    f"{where}: line {number}: has {len(cells)} cells, must have {len(header)}"
-                )
-            cells = [cell.strip() for cell in cells] + [""] * (len(header) - len(cells))
-            rows.append(Row(f"{where}: line {number}", dict(zip(header, cells, strict=True))))
+        line = f"{where}: line {number}"
+        if len(cells) > len(header) and any(map(str.strip, cells)):
+            raise ValueError(f"{line}: has {len(cells)} cells, must have {len(header)}")
+        if any(map(str.strip, cells)):
+            cells = map(str.strip, cells)
+            rows.append(Row(line, dict(itertools.zip_longest(header, cells, fillvalue=""))))
     return rows
 
 
 def by_id(rows: Iterable[Row]) -> dict[str, Row]:
-    """Rows by their ids.
-
-    Raises:
-        ValueError: One has none, an odd one, or that of another; one line.
-    """
+    """Rows by their ids; ValueError if one has none, an odd one, or that of another."""
     found: dict[str, Row] = {}
     for row in rows:
         name = row.cells["id"]
         if not name or not name.isprintable() or len(name) > MAX_TEXT:
-            raise ValueError(
-                f"{row.where}: id = {_short(name)}: must be 1 to {MAX_TEXT} characters that can be "
-                "printed"
-            )
+            text = f"must be 1 to {MAX_TEXT} characters that can be printed"
+            raise ValueError(f"{row.where}: id = {_short(name)}: {text}")
         if name in found:
             raise ValueError(f"{row.where}: id {_short(name)} is there more than once")
         found[name] = row
@@ -107,16 +89,7 @@ def by_id(rows: Iterable[Row]) -> dict[str, Row]:
 
 
 def number(row: Row, column: str, high: float | None = None) -> float | None:
-    """The number in a cell, None if it is empty.
-
-    Args:
-        row: Its row.
-        column: Its column.
-        high: Largest that is allowed; 0 is the least.
-
-    Raises:
-        ValueError: It holds something else; one line.
-    """
+    """Number in a cell from 0 to `high`, None if it is empty; else ValueError."""
     text = row.cells.get(column, "")
     if not text:
         return None
@@ -130,15 +103,18 @@ def number(row: Row, column: str, high: float | None = None) -> float | None:
     return value
 
 
-def write(path: Path, lines: Iterable[Sequence[str]]) -> None:
-    """Write a table, whole or not at all."""
+def write(path: Path, rows: Sequence[Mapping[str, str | float | None]]) -> None:
+    """Write a table with the keys of its rows as header, whole or not at all."""
+    lines = [[*rows[0]], *(map(_cell, row.values()) for row in rows)]
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(lines)
 
 
-def cell(text: str) -> str:
-    """Text that no spreadsheet takes for a formula."""
-    text = " ".join(printable(text, 2000).split())
+def _cell(value: str | float | None) -> str:
+    """Text of a cell, which no spreadsheet takes for a formula."""
+    if not isinstance(value, str):
+        return "" if value is None else points_text(value)
+    text = " ".join(printable(value, 2000).split())
     return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text
 
 

@@ -1,4 +1,4 @@
-"""Extract what an assignment asks for from a submission, a folder or a zip; nothing else."""
+"""Extract the files that an assignment asks for from a submission, a folder or a zip."""
 
 from __future__ import annotations
 
@@ -13,53 +13,31 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO
 
-MAX_BYTES = 512 << 20
-"""Most bytes of all files together, as they really are."""
+MAX_BYTES = 512 << 20  # of all files together, as they really are
 MAX_FILES = 2000
 MAX_NAME = 250  # with its folders [bytes]
 MAX_DIRECTORY = 1 << 20  # of a zip: what it says of its files [bytes]
-NEVER = (
-    "conftest.py",
-    "pytest.ini",
-    ".pytest.ini",
-    "pyproject.toml",
-    "setup.cfg",
-    "tox.ini",
-    "rubric.toml",
-    "results.json",
-    "sitecustomize.py",
-    "usercustomize.py",
-)
-"""Names of files that are the judge's business, in any folder.
-
-All others may be a student's helpers, also `probes.py`, which the tests have, too: neither meets
-the other.
-"""
-
+# Names of files that configure the judge, in no folder of a submission. All others may be helpers,
+# also `probes.py`, which the tests have, too: neither meets the other.
+NEVER = {
+    *("conftest.py", "pytest.ini", ".pytest.ini", "pyproject.toml", "setup.cfg", "tox.ini"),
+    *("rubric.toml", "results.json", "sitecustomize.py", "usercustomize.py"),
+}
 BROKEN = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
 Opener = Callable[[], IO[bytes]]
 
 
 class BadSubmission(ValueError):
-    """A submission cannot be taken; one line for the student."""
+    """A submission cannot be extracted; one line for the student."""
 
 
 def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
-    """Copy what is asked for from a submission into a new folder.
+    """Copy matching files of a submission into a new folder; returns their names, sorted.
 
-    A single folder at the top is looked through, if nothing outside matches.
-
-    Args:
-        source: Folder or zip. Links in a folder are passed over, a zip with links is refused.
-        patterns: Patterns of names such as "*.py" and "deliverables/*", where `*` stays in its
-            folder.
-        target: Folder to make.
-
-    Returns:
-        Names of the files, sorted.
-
-    Raises:
-        BadSubmission: Too many or too large files, or a zip that is broken or dangerous.
+    A single folder at the top is looked through, if nothing outside matches. Links in a folder are
+    passed over, a zip with links is refused. In patterns such as "*.py" and "deliverables/*", `*`
+    stays in its folder. `BadSubmission` for too many or too large files, or a zip that is broken or
+    dangerous.
 
     Example:
         >>> import tempfile
@@ -68,12 +46,12 @@ def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
         >>> extract(top, ["*.py"], top / "taken")
         ['pulse.py']
     """
-    with _opened(source, 1 + max(len(pattern.split("/")) for pattern in patterns)) as files:
-        chosen = {name: name for name in files if is_asked_for(name, patterns)}
+    with _open_files(source, 1 + max(len(pattern.split("/")) for pattern in patterns)) as files:
+        chosen = {name: name for name in files if matches(name, patterns)}
         if not chosen:
             inner = {name: name.partition("/")[2] for name in files if not name.startswith(".")}
             if len({name.partition("/")[0] for name in inner}) == 1:
-                chosen = {name: it for name, it in inner.items() if is_asked_for(it, patterns)}
+                chosen = {name: it for name, it in inner.items() if matches(it, patterns)}
         if len(chosen) > MAX_FILES:
             raise BadSubmission(f"has {len(chosen)} files, more than {MAX_FILES}")
         folders = {str(up) for name in chosen.values() for up in PurePosixPath(name).parents}
@@ -93,33 +71,24 @@ def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
     return sorted(chosen.values())
 
 
-def is_asked_for(name: str, patterns: Iterable[str]) -> bool:
-    """Whether a file is one that a submission consists of.
-
-    Args:
-        name: Path inside the submission, with `/`.
-        patterns: As for `extract`.
+def matches(name: str, patterns: Iterable[str]) -> bool:
+    """Whether a file, by its path inside the submission with `/`, matches a pattern.
 
     Example:
-        >>> is_asked_for("deliverables/a.png", ["deliverables/*"])
-        True
-        >>> is_asked_for("deliverables/old/a.png", ["deliverables/*"])
-        False
-        >>> is_asked_for("conftest.py", ["*.py"])
-        False
+        >>> names = ["deliverables/a.png", "deliverables/old/a.png", "conftest.py"]
+        >>> [matches(name, ["deliverables/*", "*.py"]) for name in names]
+        [True, False, False]
     """
     parts = name.split("/")
-    if any(fnmatch.fnmatchcase(parts[-1].lower(), never) for never in NEVER):
-        return False
-    return any(
-        len(parts) == len(wanted) and all(map(fnmatch.fnmatchcase, parts, wanted))
-        for wanted in (pattern.split("/") for pattern in patterns)
+    return parts[-1].lower() not in NEVER and any(
+        len(parts) == len(pattern) and all(map(fnmatch.fnmatchcase, parts, pattern))
+        for pattern in (each.split("/") for each in patterns)
     )
 
 
 @contextmanager
-def _opened(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
-    """Names of all files down to `depth`, each with what opens it."""
+def _open_files(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
+    """Names of all files down to `depth`, each with a function that opens it."""
     if source.is_dir():
         with _readable():
             found = dict(_files_of(source, depth))
@@ -141,7 +110,7 @@ def _chunks(opener: Opener) -> Iterator[bytes]:
 
 @contextmanager
 def _readable() -> Iterator[None]:
-    """Blame the submission for what goes wrong when it is read, but not for a disk that is full."""
+    """Blame the submission for errors when it is read, but not for a disk that is full."""
     try:
         yield
     except BadSubmission:
@@ -151,7 +120,7 @@ def _readable() -> Iterator[None]:
 
 
 class _CarefulFile(io.FileIO):
-    """A file of which nobody reads much at a time, as a zip with a huge directory asks for."""
+    """File that reads little at a time, against zips that claim a huge directory."""
 
     def read(self, size: int = -1, /) -> bytes:
         if size < 0 or size > MAX_DIRECTORY:
@@ -163,7 +132,7 @@ class _CarefulFile(io.FileIO):
 
 
 def _entries_of(archive: zipfile.ZipFile) -> dict[str, Opener]:
-    """The files of a zip, if none of its entries is suspicious."""
+    """Files of a zip; BadSubmission if any of its entries is suspicious."""
     entries = archive.infolist()
     if len(entries) > MAX_FILES:
         raise BadSubmission(f"has {len(entries)} entries, more than {MAX_FILES}")
@@ -189,7 +158,7 @@ def _entries_of(archive: zipfile.ZipFile) -> dict[str, Opener]:
 
 
 def _files_of(source: Path, depth: int) -> Iterator[tuple[str, Opener]]:
-    """The regular files of a folder, without those behind links."""
+    """Regular files of a folder, without those behind links."""
     for folder, folders, names in os.walk(source):
         inside = Path(folder).relative_to(source)
         if len(inside.parts) + 1 >= depth:

@@ -1,10 +1,14 @@
-"""Comparisons of the graded tests: a failure says what was expected, what came, and a hint.
+"""Comparisons of the graded tests: a failure shows expected and actual values, and a hint.
 
     expect.close(area, 1.0, "integral of the density", hint="is 1/(σ√2π) in front?")
 
 The statistical ones share one chance of a false alarm, `ALPHA`, for a whole assignment; each gets
 its part by Šidák's rule, from the number of comparisons that the rubric states. A failure of
 arrays leaves a picture in the folder that the judge has chosen.
+
+Of all comparisons: `came` is the submission's answer, `wanted` the right one, `what` names the
+quantity, `hint` the usual cause of a difference, `ratios` hints for answers that are right but
+for a factor; `x` and `x_label` are the abscissae of a one-dimensional array, for text and picture.
 """
 
 from __future__ import annotations
@@ -14,26 +18,22 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+from scipy.special import chdtrc
 
 from ...sampling.statistics import p_values, smallest_allowed
 from . import factors
 from .factors import Ratios
 
-ALPHA = 1e-3
-"""Chance that a right submission fails anywhere in an assignment."""
-PICTURE = "  picture:  "
-"""What the line of a failure starts with that names its picture."""
-FACTOR = "  which is: "
-"""What the line starts with that says by which factor all of an answer is off."""
-HINT = "  hint:     "
-"""What the line starts with that names the usual cause."""
+ALPHA = 1e-3  # chance that a right submission fails anywhere in an assignment
+PICTURE = "  picture:  "  # begin of the line of a failure that names its picture
+FACTOR = "  which is: "  # begin of the line that says by which factor an answer is off
+HINT = "  hint:     "  # begin of the line that names the usual cause
 
 
 class Failure(AssertionError):
-    """What was expected did not come; the text is for the student.
+    """A comparison failed; the text is for the student.
 
-    Attributes:
-        share: Share of the test's points that there is for it all the same.
+    `share` is the fraction of the test's points that it still gives.
     """
 
     def __init__(self, text: str, share: float = 0.0) -> None:
@@ -42,29 +42,17 @@ class Failure(AssertionError):
 
 
 class _Settings:
-    """What the judge sets: the share of each comparison, and where pictures go."""
+    """Settings of the judge: number of comparisons, folder of pictures, current test."""
 
     comparisons = 100
     pictures: Path | None = None
     test = "test"
 
 
-def configure(
-    *,
-    comparisons: int | None = None,
-    pictures: Path | None = None,
-    test: str | None = None,
-) -> None:
-    """Set the number of comparisons, the folder of pictures, the name of the test that runs."""
-    if comparisons is not None:
-        _Settings.comparisons = comparisons
-    if pictures is not None:
-        _Settings.pictures = pictures
-    if test is not None:
-        _Settings.test = test
-
-
-# ------------------------------------------------------------------------------ exact
+def configure(**settings: Any) -> None:
+    """Set `comparisons` (their number), `pictures` (their folder) or `test` (that runs now)."""
+    for name, value in settings.items():
+        setattr(_Settings, name, value)
 
 
 def close(
@@ -79,21 +67,9 @@ def close(
     x: Any = None,
     x_label: str = "",
 ) -> None:
-    """Numbers or arrays agree to `atol + rtol |wanted|`, element by element.
+    """Numbers or arrays agree to `atol + rtol |wanted|`, element by element; else `Failure`.
 
-    Args:
-        came: What the submission answered.
-        wanted: What is right, of a shape that broadcasts to that of `came`.
-        what: What it is, for the text.
-        rtol: Largest relative difference.
-        atol: Largest difference where `wanted` is 0, in its units.
-        hint: The usual cause of a difference.
-        ratios: Hints for answers that are right but for a factor.
-        x: Abscissae of a one-dimensional array, for the text and the picture.
-        x_label: What they are, with the unit.
-
-    Raises:
-        Failure: They do not agree.
+    `wanted` is a number, or has the shape of `came`.
     """
     __tracebackhide__ = True
     came, wanted = _numbers(came, what, hint), np.asarray(wanted, np.float64)
@@ -102,21 +78,17 @@ def close(
     finite(came, what, hint=hint)
     wanted = np.broadcast_to(wanted, came.shape)
     excess = np.abs(came - wanted) - (atol + rtol * np.abs(wanted))
+
+    def agrees(other: np.ndarray) -> bool:
+        return bool(np.all(np.abs(came - other) <= atol + rtol * np.abs(other)))
+
     if not np.all(excess <= 0):
-        factor = factors.find(
-            wanted,
-            lambda other: bool(np.all(np.abs(came - other) <= atol + rtol * np.abs(other))),
-            ratios,
-        )
+        factor = factors.find(wanted, agrees, ratios)
         _fail_at(int(np.argmax(excess)), came, wanted, what, hint, x, x_label, factor)
 
 
 def finite(came: Any, what: str, *, hint: str = "") -> None:
-    """No NaN and no infinity.
-
-    Raises:
-        Failure: There is one; says how many and where the first is.
-    """
+    """No NaN and no infinity; else `Failure`, which says how many and where the first is."""
     __tracebackhide__ = True
     came = _numbers(came, what, hint)
     bad = ~np.isfinite(came)
@@ -127,11 +99,7 @@ def finite(came: Any, what: str, *, hint: str = "") -> None:
 
 
 def shape(came: Any, wanted: tuple[int, ...], what: str, *, hint: str = "") -> None:
-    """An array of this shape.
-
-    Raises:
-        Failure: It has another.
-    """
+    """An array of this shape; else `Failure`."""
     __tracebackhide__ = True
     came = _numbers(came, what, hint)
     if came.shape != tuple(wanted):
@@ -139,17 +107,10 @@ def shape(came: Any, wanted: tuple[int, ...], what: str, *, hint: str = "") -> N
 
 
 def true(condition: Any, what: str, *, hint: str = "") -> None:
-    """A condition holds; `what` says what was expected, and what came.
-
-    Raises:
-        Failure: It does not.
-    """
+    """A condition holds; else `Failure` with `what` as its text."""
     __tracebackhide__ = True
     if not bool(condition):
         raise Failure("\n".join([what, *_hint(hint)]))
-
-
-# ------------------------------------------------------------------------------ with noise
 
 
 def estimate(
@@ -165,18 +126,8 @@ def estimate(
 ) -> None:
     """Independent estimates have the mean `wanted` (Student's t-test, element by element).
 
-    Args:
-        samples: Estimates of shape (seeds, ...), eight seeds or more.
-        wanted: Exact mean, of a shape that broadcasts to (...).
-        what: What it is.
-        hint: The usual cause of a difference.
-        ratios: Hints for answers that are right but for a factor.
-        rounding: Relative difference that single precision explains.
-        x: Abscissae of one-dimensional estimates.
-        x_label: What they are, with the unit.
-
-    Raises:
-        Failure: The means differ by more than the noise explains, or are not finite.
+    `samples` has the shape (seeds, ...) with eight seeds or more, `wanted` one that broadcasts to
+    (...); `rounding` is the relative difference that single precision explains.
     """
     __tracebackhide__ = True
     samples = _numbers(samples, what, hint)
@@ -196,11 +147,7 @@ def same(
     x: Any = None,
     x_label: str = "",
 ) -> None:
-    """Two sets of independent estimates have the same mean (Welch's t-test); as `estimate`.
-
-    Raises:
-        Failure: The means differ by more than the noise explains, or are not finite.
-    """
+    """Two sets of independent estimates have equal means (Welch's t-test); see `estimate`."""
     __tracebackhide__ = True
     samples_a, samples_b = (_numbers(s, what, hint) for s in (samples_a, samples_b))
     finite(samples_a, what, hint=hint)
@@ -213,15 +160,8 @@ def same(
 def noise(samples: Any, most: float, what: str, *, hint: str = "") -> None:
     """Independent estimates do not scatter more than those of a good solution do.
 
-    Args:
-        samples: Estimates of shape (n, ...), n >= 2.
-        most: Largest standard deviation, in their units: the root of the mean variance of all
-            elements. Leave room above that of right solutions for the scatter of few estimates.
-        what: What it is.
-        hint: The usual cause of too much of it.
-
-    Raises:
-        Failure: They scatter more, or are not finite.
+    `samples` has the shape (n, ...), n >= 2. `most` is the largest standard deviation, in their
+    units: the root of the mean variance of all elements. Allow for the scatter of few estimates.
     """
     __tracebackhide__ = True
     samples = _numbers(samples, what, hint)
@@ -242,21 +182,10 @@ def histogram(
 ) -> None:
     """Counts of samples follow the probabilities of their bins (Pearson's chi-square test).
 
-    Args:
-        counts: Samples in each bin; bins that expect fewer than five are pooled.
-        probabilities: Chance of each bin, of the same shape. What is missing to 1 is the chance
-            of falling into no bin.
-        what: What was sampled.
-        hint: The usual cause of a difference.
-        x: Centres of one-dimensional bins.
-        x_label: What they are, with the unit.
-
-    Raises:
-        Failure: The counts do not follow, or fall where the probability is 0.
+    Bins that expect fewer than five samples are pooled. The probabilities may sum to less than 1:
+    the remainder is the chance of falling into no bin.
     """
     __tracebackhide__ = True
-    import mitsuba as mi
-
     counts, probabilities = _numbers(counts, what, hint), np.asarray(probabilities, np.float64)
     shape(counts, probabilities.shape, what, hint=hint)
     finite(counts, what, hint=hint)
@@ -268,33 +197,27 @@ def histogram(
     if impossible:
         _fail(what, "no samples where the density is 0", f"{impossible:.0f} of {total:.0f}", hint)
     few = expected < 5
-    observed_cells = np.append(counts[~few], counts[few].sum())
-    expected_cells = np.append(expected[~few], expected[few].sum())
-    used = expected_cells > 0
-    observed_cells, expected_cells = observed_cells[used], expected_cells[used]
-    chi2 = float(((observed_cells - expected_cells) ** 2 / expected_cells).sum())
-    freedom = used.sum() - 1
-    p = 1 - mi.math_py.rlgamma(freedom / 2, chi2 / 2) if freedom > 0 else 1.0
+    pooled, of = (np.append(n[~few], n[few].sum()) for n in (counts, expected))
+    pooled, of = pooled[of > 0], of[of > 0]
+    chi2, freedom = float(((pooled - of) ** 2 / of).sum()), of.size - 1
+    p = chdtrc(freedom, chi2) if freedom > 0 else 1.0
     if not p >= smallest_allowed(ALPHA, _Settings.comparisons):
         worst = int(np.argmax(np.where(few, 0, (counts - expected) ** 2 / np.maximum(expected, 1))))
         text = f" (chi² = {chi2:.0f} of {freedom} degrees of freedom; the worst bin is shown)"
         _fail_at(worst, counts, expected, what + text, hint, x, x_label)
 
 
-# ------------------------------------------------------------------------------ texts
-
-
 def _judge(samples, reference, what, hint, ratios, rounding, x, x_label) -> None:
-    """Fail if the mean of samples is not the reference: values, or samples of their own."""
+    """Fail if the mean of samples differs from the reference: values, or other samples."""
     __tracebackhide__ = True
     least = smallest_allowed(smallest_allowed(ALPHA, _Settings.comparisons), samples[0].size)
     p = p_values(samples, reference, rounding=rounding)
+
+    def agrees(other: np.ndarray) -> bool:
+        return bool(p_values(samples, other, rounding=rounding).min() >= least)
+
     if not p.min() >= least:
-        factor = factors.find(
-            reference,
-            lambda other: bool(p_values(samples, other, rounding=rounding).min() >= least),
-            ratios,
-        )
+        factor = factors.find(reference, agrees, ratios)
         shown = reference if reference.ndim < samples.ndim else reference.mean(0)
         error = samples.std(axis=0, ddof=1) / len(samples) ** 0.5
         worst = int(np.argmin(p))
@@ -303,7 +226,7 @@ def _judge(samples, reference, what, hint, ratios, rounding, x, x_label) -> None
 
 
 def _numbers(value: Any, what: str, hint: str) -> np.ndarray:
-    """The value as an array of numbers, if it is one and not empty."""
+    """Value as a non-empty array of numbers, else `Failure`."""
     __tracebackhide__ = True
     try:
         numbers = np.asarray(value, np.float64)
@@ -323,12 +246,13 @@ def _fail_at(index, came, wanted, what, hint, x, x_label, factor=None) -> None:
     elif came.ndim:
         where = f" at {[int(i) for i in np.unravel_index(index, came.shape)]}"
     picture = _picture(came, wanted, what, x, x_label)
-    expected, seen = wanted.reshape(-1)[index], came.reshape(-1)[index]
-    ratio = f" ({seen / expected:.4g} times that)" if expected else ""
-    text, share = _number(seen) + ratio, 0.0
+    expected, actual = wanted.reshape(-1)[index], came.reshape(-1)[index]
+    ratio = f" ({actual / expected:.4g} times that)" if expected else ""
+    text, share = _number(actual) + ratio, 0.0
     if factor is not None:
-        text, share = f"{text}\n{FACTOR}{factor.name} times what is right, everywhere", factor.share
-        hint = factor.hint or hint
+        name, own_hint, share = factor
+        text += f"\n{FACTOR}{name} times what is right, everywhere"
+        hint = own_hint or hint
     _fail(what + where, _number(expected), text, hint, picture, share)
 
 
@@ -349,32 +273,28 @@ def _number(value: Any) -> str:
 
 
 def _picture(came, wanted, what, x, x_label) -> Path | None:
-    """Draw what was expected and what came; None for numbers, or if nobody wants pictures."""
+    """Plot expected and actual values; None for numbers, or without a folder for pictures."""
     if _Settings.pictures is None or came.ndim == 0 or came.size < 3 or came.ndim > 3:
         return None
     from matplotlib.figure import Figure
 
+    figure = Figure(figsize=(6 if came.ndim == 1 else 8, 3.5), layout="constrained")
+    curves = {"expected": wanted, "came": came}
     if came.ndim == 1:
-        figure = Figure(figsize=(6, 3.5), layout="constrained")
         axes = figure.subplots()
         axis = np.arange(came.size) if x is None else np.asarray(x).reshape(-1)
-        axes.plot(axis, wanted, label="expected", lw=2)
-        axes.plot(axis, came, label="came", lw=1)
+        for (name, values), width in zip(curves.items(), (2, 1), strict=True):
+            axes.plot(axis, values, label=name, lw=width)
         axes.set(xlabel=x_label)
         axes.legend()
     else:
-        figure = Figure(figsize=(8, 3.5), layout="constrained")
-        low, high = float(wanted.min()), float(wanted.max())
-        for axes, image, name in zip(
-            figure.subplots(1, 2), (wanted, came), ("expected", "came"), strict=True
-        ):
-            flat = image.mean(-1) if image.ndim == 3 else image
-            mappable = axes.imshow(flat, vmin=low, vmax=high)
+        limits = {"vmin": float(wanted.min()), "vmax": float(wanted.max())}
+        for (name, values), axes in zip(curves.items(), figure.subplots(1, 2), strict=True):
+            image = axes.imshow(values.mean(-1) if values.ndim == 3 else values, **limits)
             axes.set_title(name)
-        figure.colorbar(mappable, ax=figure.axes)
+        figure.colorbar(image, ax=figure.axes)
     figure.suptitle(what, fontsize="small", wrap=True)
     _Settings.pictures.mkdir(parents=True, exist_ok=True)
-    name = re.sub(r"[^\w-]+", "_", _Settings.test)
-    path = _Settings.pictures / f"{name}.png"
+    path = _Settings.pictures / (re.sub(r"[^\w-]+", "_", _Settings.test) + ".png")
     figure.savefig(path)
     return path

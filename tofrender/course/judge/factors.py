@@ -1,4 +1,4 @@
-"""Answers that are right but for one factor: which it is, and what is usually forgotten then.
+"""Answers that are right but for one factor: find it, and name the usual mistake.
 
     ratios = {"π": "divide by 4π²", "1/cos": Ratio(1 / cos, "the cosine is missing")}
     expect.close(came, wanted, "radiance", ratios=ratios)
@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-SHARE = 0.5
-"""Share of a test's points for an answer that is right but for a constant of `FACTORS`."""
-LEAST = 3
-"""Different numbers that are off by the same rational factor, for it to be one mistake."""
+SHARE = 0.5  # fraction of a test's points for such an answer
+LEAST = 3  # different numbers that are off by the same rational factor, for it to be one mistake
+# Constants that are forgotten, or counted twice
 FACTORS = {
     "-1": -1.0,
     **{"2": 2.0, "1/2": 0.5, "4": 4.0, "1/4": 0.25},
@@ -26,51 +25,27 @@ FACTORS = {
     **{"2π": 2 * np.pi, "1/2π": 0.5 / np.pi, "4π": 4 * np.pi, "1/4π": 0.25 / np.pi},
     **{"π/2": np.pi / 2, "2/π": 2 / np.pi, "√2": 2**0.5, "1/√2": 2**-0.5},
 }
-"""Constants that are forgotten, or counted twice."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """A factor that a known mistake brings about.
+    """Factor that a known mistake brings about."""
 
-    Attributes:
-        values: The factor, element by element.
-        hint: The mistake.
-    """
-
-    values: Any
-    hint: str
+    values: Any  # the factor, element by element
+    hint: str  # the mistake
 
 
 Ratios = Mapping[str, str | Ratio]
 """Hints by a name of `FACTORS`, or by a name of its own with a `Ratio`."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """The factor between what came and what is right.
+def find(
+    wanted: np.ndarray, agrees: Callable[[Any], bool], ratios: Ratios | None
+) -> tuple[str, str, float] | None:
+    """Only factor with which `wanted` is the answer, None if there is none, or several.
 
-    Attributes:
-        name: Its name.
-        hint: What is usually forgotten then, "" if nothing is known.
-        share: Share of the test's points that is left.
-    """
-
-    name: str
-    hint: str
-    share: float
-
-
-def find(wanted: np.ndarray, agrees: Callable[[Any], bool], ratios: Ratios | None) -> Found | None:
-    """The one factor with which `wanted` is what came.
-
-    Args:
-        wanted: What is right.
-        agrees: Whether what came agrees with an array instead.
-        ratios: Hints, and further factors.
-
-    Returns:
-        None if none does, or several do, so that the answer does not tell which.
+    `agrees` says whether the answer agrees with an array. Returned are the factor's name, a hint
+    or "", and the fraction of the points that is left.
     """
     ratios = ratios or {}
     own = {name: each.values for name, each in ratios.items() if isinstance(each, Ratio)}
@@ -83,4 +58,4 @@ def find(wanted: np.ndarray, agrees: Callable[[Any], bool], ratios: Ratios | Non
     # 2 may be chance in one number, π is not
     sure = any(sign in name for sign in "π√") or np.unique(wanted[wanted != 0]).size >= LEAST
     share = SHARE if sure and name not in own else 0.0
-    return Found(name, hint.hint if isinstance(hint, Ratio) else hint, share)
+    return name, hint.hint if isinstance(hint, Ratio) else hint, share

@@ -1,16 +1,16 @@
-"""What a handout does not allow, found in a submission's text.
+"""Features that a handout does not allow, found in a submission's text.
 
-`forbids` in the rubric, for an assignment or for one problem, names what has to be written by hand:
+`forbids` in the rubric, for an assignment or for one problem, names parts to be written by hand:
 
-| word | what is not allowed |
+| word | not allowed |
 |---|---|
 | `warps` | `mi.warp` |
-| `integrators` | Mitsuba's integrators: as plugins, and what is in `mi.ad.integrators` |
+| `integrators` | Mitsuba's integrators: as plugins, and those in `mi.ad.integrators` |
 | `light sampling` | Mitsuba's sampling of emitters and shapes, and its densities |
 
-This reads the problem's file and those of the same folder that it imports. Methods that these
-define may have the names of Mitsuba's. A name that is put together when the program runs is not
-seen here; `mi.warp` refuses then, too (`guard`).
+This reads the problem's file and those of its folder that it imports. Methods that these define
+may have the names of Mitsuba's. A name that is put together when the program runs is not seen
+here; `mi.warp` refuses then, too (`guard`).
 """
 
 from __future__ import annotations
@@ -36,12 +36,7 @@ MITSUBA = ("mi", "mitsuba")
 
 @cache
 def find(path: Path, words: frozenset[str]) -> str:
-    """The first use of what is not allowed: "tent.py, line 8: mi.warp", "" if there is none.
-
-    Args:
-        path: A problem's file.
-        words: What is not allowed, of `rubric.FORBIDDEN`.
-    """
+    """First use of a feature of `words`: "tent.py, line 8: mi.warp", "" if there is none."""
     files = list(_files(path)) if words else []
     nodes = [(file, node) for file, tree in files for node in ast.walk(tree)]
     own = {node.name for _, node in nodes if isinstance(node, ast.FunctionDef)}
@@ -54,22 +49,21 @@ def find(path: Path, words: frozenset[str]) -> str:
 
 def _files(path: Path) -> Iterator[tuple[Path, ast.Module]]:
     """A file, and those of its folder that it imports, directly or not."""
-    to_do, seen = [path], {path}
-    while to_do:
-        file = to_do.pop()
+    files = [path]
+    for file in files:
         try:
             tree = ast.parse(file.read_bytes())
         except (SyntaxError, ValueError, OSError, RecursionError):
             continue  # importing it says why
         yield file, tree
-        for name in _imported(tree):
+        for name in imported(tree):
             other = path.parent / f"{name}.py"
-            if other not in seen and other.is_file():
-                seen.add(other)
-                to_do.append(other)
+            if other not in files and other.is_file():
+                files.append(other)
 
 
-def _imported(tree: ast.Module) -> Iterator[str]:
+def imported(tree: ast.Module) -> Iterator[str]:
+    """First names of the modules that a file imports, wherever in it."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)
@@ -79,12 +73,9 @@ def _imported(tree: ast.Module) -> Iterator[str]:
 
 
 def _forbidden(node: ast.AST, words: frozenset[str], own: set[str]) -> str:
-    """What a node of the program uses that is not allowed, "" if nothing.
+    """Forbidden feature that a syntax node uses, "" if none.
 
-    Args:
-        node: The node.
-        words: What is not allowed.
-        own: Names of functions and methods that the submission defines.
+    `own` has the functions and methods that the submission defines.
     """
     if "warps" in words and (_imports(node, "mitsuba.warp") or _names(node, "warp", of=MITSUBA)):
         return "mi.warp"
@@ -102,7 +93,7 @@ def _forbidden(node: ast.AST, words: frozenset[str], own: set[str]) -> str:
 
 
 def _imports(node: ast.AST, module: str) -> bool:
-    """Whether a statement imports a module, or something of it."""
+    """Whether a statement imports a module, or a name from it."""
     if isinstance(node, ast.Import):
         return any(f"{alias.name}.".startswith(f"{module}.") for alias in node.names)
     if isinstance(node, ast.ImportFrom) and node.module:
@@ -113,13 +104,7 @@ def _imports(node: ast.AST, module: str) -> bool:
 
 
 def _names(node: ast.AST, name: str, of: tuple[str, ...] = ()) -> bool:
-    """Whether an expression asks for an attribute: `x.name`, `getattr(x, "name")`.
-
-    Args:
-        node: The expression.
-        name: The attribute.
-        of: Names of what is asked for it; of anything if empty.
-    """
+    """Whether an expression is an attribute, of names `of` if given: `x.name`, or by `getattr`."""
     if isinstance(node, ast.Attribute):
         base = node.value.id if isinstance(node.value, ast.Name) else ""
         return node.attr == name and (not of or base in of)
@@ -133,7 +118,7 @@ def _names(node: ast.AST, name: str, of: tuple[str, ...] = ()) -> bool:
 
 
 def _plugin(node: ast.AST) -> str:
-    """The type that a dict for `mi.load_dict` asks for, "" for any other expression."""
+    """Type in a dict for `mi.load_dict`, "" for any other expression."""
     if isinstance(node, ast.Dict):
         for key, value in zip(node.keys, node.values, strict=True):
             if isinstance(key, ast.Constant) and key.value == "type":
@@ -145,30 +130,21 @@ def _plugin(node: ast.AST) -> str:
     return ""
 
 
-# ------------------------------------------------------------------------------ when it runs
-
-
 class Forbidden(Exception):
-    """A submission has used what is not allowed; one line."""
+    """A submission has used a forbidden feature; one line."""
 
 
 def guard(folder: Path) -> None:
-    """Let `mi.warp` refuse whatever is called from a file of a folder."""
+    """Let `mi.warp` refuse calls from files of a folder."""
     import mitsuba as mi
 
-    mi.warp = sys.modules["mitsuba.warp"] = _Guarded(mi.warp, folder)
+    warp = mi.warp
 
+    def attribute(name: str) -> Any:
+        if sys._getframe(1).f_code.co_filename.startswith(str(folder)):
+            raise Forbidden(f"{warp.__name__}.{name} is not allowed in this assignment")
+        return getattr(warp, name)
 
-class _Guarded(ModuleType):
-    """A module that gives nothing to the files of a folder."""
-
-    def __init__(self, module: ModuleType, folder: Path) -> None:
-        super().__init__(module.__name__)
-        self.__dict__["_those"] = (module, str(folder))
-
-    def __getattr__(self, name: str) -> Any:
-        module, folder = self.__dict__["_those"]
-        caller = sys._getframe(1)
-        if caller.f_code.co_filename.startswith(folder):
-            raise Forbidden(f"{self.__name__}.{name} is not allowed in this assignment")
-        return getattr(module, name)
+    guarded = ModuleType(warp.__name__)
+    vars(guarded)["__getattr__"] = attribute
+    mi.warp = sys.modules["mitsuba.warp"] = guarded

@@ -1,4 +1,4 @@
-"""Numbers that the public tests ask for: other ones in each term, the same for all students.
+"""Numbers of the public tests: other ones in each term, equal for all students.
 
     inputs = Inputs(__file__)  # in a file of an assignment's tests/
     WIDTH = inputs.number("width", 0.05, low=0.04, high=0.08)
@@ -18,33 +18,19 @@ from .. import rubric
 
 
 class Inputs:
-    """The numbers of one assignment.
-
-    Args:
-        file: A file of its folder `tests/`.
-    """
+    """Numbers of one assignment, by a file of its folder `tests/`."""
 
     def __init__(self, file: str) -> None:
         self._term = rubric.read(Path(file).resolve().parents[1]).term
 
     def number(self, name: str, first: float, *, low: float, high: float) -> float:
-        """A number of a range.
-
-        Args:
-            name: What it is; equal names give equal numbers.
-            first: The number of term 0.
-            low: Least one.
-            high: Largest one.
-
-        Returns:
-            `first`, or a number from `low` to `high` of four digits.
-        """
+        """Number from `low` to `high` of four digits; `first` in term 0."""
         if self._term == 0:
             return first
         return float(f"{self._generator(name).uniform(low, high):.4g}")
 
     def integer(self, name: str, first: int, *, low: int, high: int) -> int:
-        """As `number`, but an integer."""
+        """Integer from `low` to `high`; `first` in term 0."""
         if self._term == 0:
             return first
         return int(self._generator(name).integers(low, high, endpoint=True))
@@ -54,12 +40,7 @@ class Inputs:
 
 
 def seed_of(term: int) -> int:
-    """What a term adds to the seeds of all tests, 0 for term 0.
-
-    Example:
-        >>> seed_of(0), seed_of(1) != seed_of(2)
-        (0, True)
-    """
+    """Offset of a term to the seeds of all tests, 0 for term 0."""
     return _drawn(str(term)) % (1 << 30) if term else 0
 
 

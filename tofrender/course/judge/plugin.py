@@ -1,19 +1,8 @@
-"""The pytest plugin of the assignments: `pytest -p tofrender.course.judge.plugin`.
+"""pytest plugin of the assignments: `pytest -p tofrender.course.judge.plugin`.
 
 It reads `rubric.toml` beside the tests, makes a marker of each problem, and offers the fixture
-`submission`. Each failed test says in a few lines what was expected and what came.
-
-| option | meaning |
-|---|---|
-| `--submission=DIR` | what is judged; by default the ini file's `submission`, else the package |
-| `--seed N` | seed from which the tests derive theirs |
-| `--secret FILE` | holds the seed of the staff's tests; read and removed before any runs |
-| `--seeds N` | repeat every test under N seeds |
-| `--report FILE` | append a JSON line a test, as it ends |
-| `--collected FILE` | write which tests there are, with their markers |
-| `--edition DIR` | folder whose `tofrender` the submission sees |
-| `--memory-gib N`, `--confine`, `--uid N` | limits of the submission's processes |
-| `--pictures DIR` | where pictures of failures go; by default to the student's `failures/` |
+`submission`. Each failed test shows expected and actual values in a few lines. `pytest --help`
+lists the options: the judged folder, seeds, report, limits of the submission's processes.
 """
 
 from __future__ import annotations
@@ -28,79 +17,61 @@ import numpy as np
 import pytest
 
 from .. import rubric
-from ..assignments import STAFF_TEST, Assignment
+from ..assignments import Assignment
 from . import expect, inputs, wire
 from .client import Limits, NoAnswer, Worker, shortened
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKER = pytest.StashKey[Worker]()
 SECRET = pytest.StashKey[int]()
-ASKED = pytest.StashKey["Submission"]()
-MAX_DELIVERED = 1 << 30
-"""Most bytes of the arrays in a file that was handed in."""
+SUBMISSION = pytest.StashKey["Submission"]()
+MAX_DELIVERED = 1 << 30  # bytes of the arrays in a file that was handed in
 
 
 class Submission:
-    """What a test asks: the fixture `submission`.
+    """The fixture `submission`: asks the judged submission for answers."""
 
-    Attributes:
-        assignment: Whose test it is.
-        problem: The problem that the test judges, None if it is of none.
-        is_seeded: Whether the test has asked for its seed.
-        uses: The submission's names that the probes have used.
-        share: Share of the test's points that it gives although it fails.
-    """
-
-    def __init__(
-        self,
-        worker: Worker,
-        folder: Path | None,
-        assignment: Assignment,
-        problem: rubric.Problem | None,
-        seed: int,
-        name: str = "",
-    ) -> None:
-        self._worker, self._folder, self._seed, self._name = worker, folder, seed, name
-        self.assignment, self.problem = assignment, problem
-        self._timeout_s = problem.timeout_s if problem else 60.0
-        self.is_seeded, self.uses, self.share = False, set[str](), 0.0
+    def __init__(self, request: pytest.FixtureRequest) -> None:
+        config = request.config
+        self._worker, self._folder = config.stash[WORKER], _folder(config)
+        self.assignment, self.problem = Assignment(config.rootpath), _problem(request.node)
+        self._name = request.node.name
+        self._seed = int(config.getoption("--seed") or 0) + 1_000_003 * getattr(request, "param", 0)
+        self._seed += inputs.seed_of(config.stash[RUBRIC].term)
+        if request.path.match(rubric.STAFF_TEST):
+            self._seed += config.stash[SECRET]
+        self.is_seeded = False  # whether the test has used its seed
+        self.uses: set[str] = set()  # names of the submission that the probes have used
+        self.share = 0.0  # fraction of the points that the test gives although it fails
 
     def award(self, share: float) -> None:
-        """Give a share of the test's points, from 0 to 1, even if the test fails after this."""
+        """Give a fraction of the test's points, even if the test fails after this."""
         self.share = min(1.0, max(0.0, float(share)))
 
     @property
     def seed(self) -> int:
-        """Seed from which a test derives its own; nobody knows it before the staff's tests run."""
+        """Seed from which a test derives its own; unknown before the staff's tests run."""
         self.is_seeded = True
         return self._seed
 
     @property
     def random(self) -> np.random.Generator:
-        """Draws what a test asks for; another one in each test and under each seed."""
+        """Random numbers of a test; others in each test and under each seed."""
         return np.random.default_rng([self.seed, *self._name.encode()])
 
     def ask(self, probe: str, **arguments: Any) -> Any:
-        """What a probe of `tests/probes.py` returns for this submission.
+        """Result of a probe of `tests/probes.py` for this submission.
 
-        Args:
-            probe: The probe's name.
-            arguments: Its arguments: numbers, texts, arrays, or lists and dicts of them.
-
-        Raises:
-            NoAnswer: The submission failed; says how.
+        Arguments are numbers, texts, arrays, or lists and dicts of them. `NoAnswer` if it failed.
         """
         __tracebackhide__ = True
-        answer = self._worker.ask(probe, arguments, self._timeout_s)
+        timeout_s = self.problem.timeout_s if self.problem else 60.0
+        answer = self._worker.ask(probe, arguments, timeout_s)
         self.uses |= self._worker.used
         return answer
 
     def path(self, name: str) -> Path:
-        """A file that was handed in.
-
-        Raises:
-            Failure: It is missing.
-        """
+        """Path of a file that was handed in; `Failure` if it is missing."""
         __tracebackhide__ = True
         if self._folder is None:
             pytest.skip(f"{name} is a file, which the package itself does not hand in")
@@ -109,15 +80,11 @@ class Submission:
         return path
 
     def arrays(self, name: str) -> dict[str, np.ndarray]:
-        """The arrays of an npz file that was handed in.
-
-        Raises:
-            Failure: It is missing, or holds something else.
-        """
+        """Arrays of an npz file that was handed in; `Failure` if it holds something else."""
         __tracebackhide__ = True
         path = self.path(name)
         try:
-            with wire.opened(path, MAX_DELIVERED) as file:
+            with wire.open_untrusted(path, MAX_DELIVERED) as file:
                 return wire.arrays_of(file, MAX_DELIVERED)
         except (OSError, ValueError, EOFError, AttributeError, KeyError, BadZipFile) as error:
             raise expect.Failure(f"{name} is not an npz file of arrays: {error}") from None
@@ -127,27 +94,14 @@ class Submission:
 
 @pytest.fixture
 def submission(request: pytest.FixtureRequest) -> Submission:
-    """The submission that is judged."""
-    config = request.config
-    seed = int(config.getoption("--seed") or 0) + getattr(request, "param", 0) * 1_000_003
-    seed += inputs.seed_of(config.stash[RUBRIC].term)
-    if request.path.match(STAFF_TEST):
-        seed += config.stash[SECRET]
-    assignment, problem, name = (
-        Assignment(config.rootpath),
-        _problem(request.node),
-        request.node.name,
-    )
-    asked = Submission(config.stash[WORKER], _folder(config), assignment, problem, seed, name)
-    request.node.stash[ASKED] = asked
-    return asked
-
-
-# ------------------------------------------------------------------------------ pytest's hooks
+    """The judged submission."""
+    expect.configure(test=request.node.name)  # after which pictures of a failure are called
+    request.node.stash[SUBMISSION] = Submission(request)
+    return request.node.stash[SUBMISSION]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options of the table above."""
+    """Add the judge's options."""
     group = parser.getgroup("tofrender", "judging a submission")
     group.addoption("--submission", metavar="DIR", help="folder of the files to judge")
     group.addoption("--seed", type=int, default=0, metavar="N", help="seed of the tests")
@@ -178,23 +132,28 @@ def pytest_configure(config: pytest.Config) -> None:
             f"--submission {folder}: pytest has taken it for the folder of the tests; "
             "write --submission=DIR"
         )
-    config.stash[RUBRIC], config.stash[SECRET] = assignment, _taken(config.getoption("--secret"))
+    config.stash[RUBRIC] = assignment
     for problem in assignment.problems:
         config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
-    pictures = folder / "failures" if config.getini("submission") and folder else None
-    drawn = config.getoption("--pictures")
-    if drawn:
-        pictures = Path(drawn).resolve()
-    expect.configure(comparisons=assignment.comparisons, pictures=pictures)
-    memory, edition = config.getoption("--memory-gib"), config.getoption("--edition")
-    written = (config.getoption("--report"), drawn)
+    names = ("secret", "report", "edition", "pictures")
+    secret, report, edition, pictures = (
+        Path(path).resolve() if (path := config.getoption(f"--{name}")) else None for name in names
+    )
+    config.stash[SECRET] = 0
+    if secret is not None:  # not an argument, since all users can read a command's
+        config.stash[SECRET] = int(secret.read_text(encoding="utf-8"))
+        secret.unlink()
+    memory = config.getoption("--memory-gib")
     limits = Limits(
         memory and int(memory * 2**30),
         bool(config.getoption("--confine")),
         config.getoption("--uid"),
-        hidden=tuple(str(Path(path).resolve()) for path in written if path),
+        hidden=tuple(map(str, filter(None, (report, pictures)))),
     )
-    config.stash[WORKER] = Worker(root, folder, edition and Path(edition).resolve(), limits)
+    config.stash[WORKER] = Worker(root, folder, edition, limits)
+    if pictures is None and folder and config.getini("submission"):
+        pictures = folder / "failures"
+    expect.configure(comparisons=assignment.comparisons, pictures=pictures)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
@@ -204,7 +163,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Repeat each test under the seeds that were asked for."""
+    """Repeat each test under `--seeds` seeds."""
     seeds = int(metafunc.config.getoption("--seeds") or 1)
     if seeds > 1 and "submission" in metafunc.fixturenames:
         ids = [f"seed{k}" for k in range(seeds)]
@@ -212,59 +171,52 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Write what `--collected` asks for: a list of markers for each test's id."""
-    target = session.config.getoption("--collected")
-    if target:
-        tests: dict[str, set[str]] = {}
+    """Write `--collected`: a list of markers for each test's id."""
+    if target := session.config.getoption("--collected"):
+        tests: dict[str, list[str]] = {}
         for item in session.items:
-            marks = {mark.name for mark in item.iter_markers()}
-            tests.setdefault(rubric_id(item.nodeid), set()).update(marks)
-        text = json.dumps({name: sorted(marks) for name, marks in tests.items()})
-        Path(target).write_text(text, encoding="utf-8")
-
-
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Name the pictures of a failure after the test."""
-    expect.configure(test=item.name)
+            tests.setdefault(rubric_id(item.nodeid), []).extend(m.name for m in item.iter_markers())
+        Path(target).write_text(json.dumps(tests), encoding="utf-8")
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo
 ) -> Iterator[None] | pytest.TestReport:
-    """Show what was expected and what came instead of a traceback.
+    """Show expected and actual values instead of a traceback.
 
-    When students are graded, nothing shows the source of a test: neither what an answer of another
-    kind than expected brings about.
+    When students are graded, nothing shows the source of a test, nor an error in the test itself
+    after an answer of an unexpected type.
     """
     report = yield
     if call.excinfo is None or not report.failed:
         return report
-    said = call.excinfo.errisinstance((expect.Failure, NoAnswer))
-    if said or item.config.getoption("--confine"):
-        asked = item.stash.get(ASKED, None)
-        if asked is not None and isinstance(call.excinfo.value, expect.Failure):
-            asked.award(max(asked.share, call.excinfo.value.share))
-        text = shortened(str(call.excinfo.value)) if said else _unread(item, call.excinfo)
-        problem = _problem(item)
-        where = f"problem {problem.id}, {problem.file}" if problem else ""
-        about = (getattr(item, "function", item).__doc__ or "").strip().split("\n")[0]
-        report.longrepr = "\n".join(filter(None, [where.rstrip(", "), about, text]))
+    error = call.excinfo.value
+    if isinstance(error, expect.Failure | NoAnswer):
+        text = shortened(str(error))
+    elif item.config.getoption("--confine"):
+        frames = call.excinfo.traceback
+        lines = [frame.lineno + 1 for frame in frames if Path(frame.path) == item.path]
+        where = f" in line {lines[-1]} of the test" if lines else ""
+        kind = call.excinfo.typename
+        text = f"the answer is of another kind than was asked for ({kind}{where})"
+    else:
+        return report
+    submission = item.stash.get(SUBMISSION, None)
+    if submission is not None and isinstance(error, expect.Failure):
+        submission.award(max(submission.share, error.share))
+    problem = _problem(item)
+    where = f"problem {problem.id}, {problem.file}" if problem else ""
+    about = (getattr(item, "function", item).__doc__ or "").strip().split("\n")[0]
+    report.longrepr = "\n".join(filter(None, [where.rstrip(", "), about, text]))
     return report
-
-
-def _unread(item: pytest.Item, error: pytest.ExceptionInfo) -> str:
-    """What a student reads when a test could make nothing of the answer."""
-    lines = [entry.lineno + 1 for entry in error.traceback if Path(entry.path) == item.path]
-    where = f" in line {lines[-1]} of the test" if lines else ""
-    return f"the answer is of another kind than was asked for ({error.typename}{where})"
 
 
 _reports: list[pytest.TestReport] = []  # of the test that runs
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Collect what `--report` writes."""
+    """Collect the reports of a test for `--report`."""
     _reports.append(report)
 
 
@@ -277,16 +229,17 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
     if target:
         bad = [r for r in _reports if r.failed]
         skipped = any(r.skipped for r in _reports)
-        asked = item.stash.get(ASKED, None)
+        submission = item.stash.get(SUBMISSION, None)
+        share = submission.share if bad and submission else float(not (bad or skipped))
         line = {
             "id": rubric_id(item.nodeid),
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
             "text": shortened(str(bad[0].longrepr)) if bad else "",
-            "share": asked.share if bad and asked is not None else float(not (bad or skipped)),
+            "share": share,
             "seconds": sum(r.duration for r in _reports),
-            "seeded": asked is not None and asked.is_seeded,
-            "uses": sorted(asked.uses) if asked is not None else [],
+            "seeded": submission is not None and submission.is_seeded,
+            "uses": sorted(submission.uses) if submission is not None else [],
         }
         with open(target, "a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
@@ -294,7 +247,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
 
 
 def rubric_id(nodeid: str) -> str:
-    """A test's id in the rubric: its file's name and its function's, without a case.
+    """Id of a test in the rubric: its file's name and its function's, without a case.
 
     Example:
         >>> rubric_id("tests/test_pulse.py::test_area[0.1-seed3]")
@@ -304,23 +257,14 @@ def rubric_id(nodeid: str) -> str:
     return f"{Path(path).name}::{function.partition('[')[0]}"
 
 
-def _taken(path: str | None) -> int:
-    """The number in a file, which is gone then: a command's arguments can be read by all."""
-    if path is None:
-        return 0
-    text = Path(path).read_text(encoding="utf-8")
-    Path(path).unlink()
-    return int(text)
-
-
 def _problem(item: Any) -> rubric.Problem | None:
-    """The problem that a test's marker names."""
+    """Problem that a test's marker names."""
     problems = item.config.stash[RUBRIC].problems
     return next((p for p in problems if item.get_closest_marker(p.marker)), None)
 
 
 def _folder(config: pytest.Config) -> Path | None:
-    """The folder that is judged, None for the package itself."""
+    """Folder that is judged, None for the package itself."""
     option, line = config.getoption("--submission"), config.getini("submission")
     if option:
         return (config.invocation_params.dir / option).resolve()

@@ -1,8 +1,8 @@
-"""Run commands that may misbehave: with limited memory, for a limited time, leaving nothing.
+"""Run untrusted commands with limited memory and time, and end all their children.
 
-What a command starts is found even if it hides in a session of its own and outlives its parent:
-this process adopts orphans (`PR_SET_CHILD_SUBREAPER`, Linux), so that all stays below it in the
-tree. Nothing that is not below it is ever ended.
+A child is found even if it hides in a session of its own and outlives its parent: this process
+adopts orphans (`PR_SET_CHILD_SUBREAPER`, Linux), so that all stays below it in the tree. Nothing
+that is not below it is ever ended.
 """
 
 from __future__ import annotations
@@ -24,26 +24,18 @@ import psutil
 from . import sandbox
 
 KEPT_OUTPUT = 20_000
-MAX_PROCESSES = 200
-"""Most processes that a command may have at a time."""
-MAX_WRITTEN = 4 << 30
-"""Most bytes of files that a command may leave in a folder that is watched."""
+MAX_PROCESSES = 200  # of a command at a time
+MAX_WRITTEN = 4 << 30  # bytes of files that a command may leave in a watched folder
 LOOK_EVERY_S = 0.2
 END_WITHIN_S = 20.0
 SET_CHILD_SUBREAPER = 36
 
 
 class Supervised:
-    """A command and all that it starts: what they print, what they use, and their end.
+    """A command and all its children: their output, resources and end.
 
-    When it ends, only what is below this process now stays, and what is in this one's session,
+    When it ends, only processes that are below this one now stay, and those of this one's session,
     which a command started here cannot join; so run one at a time.
-
-    Args:
-        command: Program and arguments.
-        cwd: Working folder.
-        env: Environment.
-        stdin: As for `subprocess.Popen`.
     """
 
     def __init__(
@@ -73,28 +65,19 @@ class Supervised:
         self._reader.start()
 
     def _drain(self) -> None:
-        """Read what is printed until nobody can print any more, and keep the end of it."""
+        """Read the output until nobody can print any more, and keep the end of it."""
         assert self.process.stdout is not None
         with self.process.stdout as pipe:
             while chunk := pipe.read(1 << 16):
                 self._printed = (self._printed + chunk)[-KEPT_OUTPUT:]
 
     def output(self, wait_s: float = 0.0) -> str:
-        """The last that was printed.
-
-        Args:
-            wait_s: Longest time to wait for the end of it [s].
-        """
+        """Last output; waits up to `wait_s` seconds for the end of it."""
         self._reader.join(wait_s)
         return self._printed.decode(errors="replace")
 
     def excess(self, memory_bytes: int | None, folder: Path | None = None) -> str:
-        """What is used too much of, "" if nothing.
-
-        Args:
-            memory_bytes: Most memory of all processes together [bytes]; None for any.
-            folder: Where they write.
-        """
+        """Limit that is exceeded, "" if none: disk in `folder`, processes, memory together."""
         if folder is not None and self._fills(folder):
             return f"wrote more than {MAX_WRITTEN >> 30} GiB"
         below = self._below()
@@ -118,10 +101,9 @@ class Supervised:
         return False
 
     def end(self) -> None:
-        """End all of it, what is started meanwhile too.
+        """End all processes, those started meanwhile too.
 
-        Raises:
-            RuntimeError: Some are still there after `END_WITHIN_S`.
+        RuntimeError if some are still there after `END_WITHIN_S`.
         """
         deadline = time.monotonic() + END_WITHIN_S
         if hasattr(os, "killpg") and self.process.poll() is None:
@@ -142,7 +124,7 @@ class Supervised:
             time.sleep(0.005)
 
     def _below(self) -> list[psutil.Process]:
-        """All processes below this one, but for those that were there and what is below them."""
+        """All processes below this one, but for earlier ones and those below them."""
         children = psutil.Process().children(recursive=True)
         parents: dict[int, int] = {}
         for child in children:
@@ -160,7 +142,7 @@ class Supervised:
 
 
 def _size(folder: Path) -> int:
-    """What the files of a folder take on the disk [bytes]."""
+    """Size of a folder's files on the disk [bytes]."""
     used = 0
     for inside, _, names in os.walk(folder):
         for name in names:
@@ -177,7 +159,7 @@ def _is_in_this_session(pid: int) -> bool:
 
 
 def _memory(processes: list[psutil.Process], kind: str) -> int:
-    """Memory of processes together [bytes]; "rss" is quick, "pss" counts once what is shared."""
+    """Memory of processes together [bytes]; "rss" is quick, "pss" counts shared memory once."""
     used = 0
     for process in processes:
         with suppress(psutil.NoSuchProcess):
@@ -191,18 +173,11 @@ def _memory(processes: list[psutil.Process], kind: str) -> int:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended.
+    """End of a command."""
 
-    Attributes:
-        reason: Why it was ended, "" if it ended by itself.
-        status: Exit status, negative for a signal.
-        output: The last that it and its children printed.
-        seconds: How long it ran [s].
-    """
-
-    reason: str
-    status: int
-    output: str
+    reason: str  # why it was ended, "" if it ended by itself
+    status: int  # exit status, negative for a signal
+    output: str  # last output of it and its children
     seconds: float
 
 
@@ -214,23 +189,11 @@ def run(
     cwd: str | os.PathLike,
     env: dict[str, str],
 ) -> Ended:
-    """Run a command and end all that it has started, whatever happens.
-
-    Args:
-        command: Program and arguments.
-        timeout_s: Longest time [s].
-        memory_bytes: Most memory of everything that it starts together [bytes].
-        cwd: Working folder.
-        env: Environment.
+    """Run a command and end all its children, whatever happens.
 
     Example:
-        >>> ended = run(
-        ...     ["sh", "-c", "sleep 9 & echo started"],
-        ...     timeout_s=5,
-        ...     memory_bytes=1 << 30,
-        ...     cwd=".",
-        ...     env=dict(os.environ),
-        ... )
+        >>> command = ["sh", "-c", "sleep 9 & echo started"]
+        >>> ended = run(command, timeout_s=5, memory_bytes=1 << 30, cwd=".", env=dict(os.environ))
         >>> ended.status, ended.output.split(), ended.seconds < 5
         (0, ['started'], True)
     """

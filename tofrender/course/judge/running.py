@@ -1,4 +1,4 @@
-"""Running an assignment's tests in a pytest of their own, and reading its report."""
+"""Run an assignment's tests in a pytest of their own, and read its report."""
 
 from __future__ import annotations
 
@@ -17,36 +17,24 @@ from typing import Any
 from ..assignments import PACKAGE
 from ..rubric import Rubric
 
-MAX_REPORT = 64 << 20
-"""Most bytes of a report that are read."""
+MAX_REPORT = 64 << 20  # bytes of a report that are read
 OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
 QUICKLY = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
 """Options of pytest with which it starts no Mitsuba and leaves no files."""
-REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}
-"""What every line of a report says."""
+REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}  # keys of every line of a report
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a test, over all its cases and seeds.
+    """Outcome of a test, over all its cases and seeds."""
 
-    Attributes:
-        outcome: "passed", "failed", or "skipped" if all its cases were.
-        texts: What the cases said that failed.
-        share: Share of its points that it gives: that of its worst case.
-        seconds: How long all its cases took.
-        cases: How many there were.
-        seeded: Whether the test draws random numbers.
-        uses: The submission's names that it has used.
-    """
-
-    outcome: str
-    texts: tuple[str, ...] = ()
-    share: float = 0.0
-    seconds: float = 0.0
+    outcome: str  # "passed", "failed", or "skipped" if all cases were
+    texts: tuple[str, ...] = ()  # of the cases that failed
+    share: float = 0.0  # fraction of its points: that of its worst case
+    seconds: float = 0.0  # of all cases
     cases: int = 1
-    seeded: bool = False
-    uses: frozenset[str] = frozenset()
+    seeded: bool = False  # whether the test draws random numbers
+    uses: frozenset[str] = frozenset()  # names of the submission that it has used
 
 
 def run(
@@ -58,21 +46,11 @@ def run(
     seeds: int = 1,
     more: Sequence[str] = (),
 ) -> dict[str, Outcome]:
-    """Run tests of an assignment's folder.
+    """Run tests of an assignment's folder; the outcomes by the tests' ids.
 
-    Args:
-        folder: Holds `pytest.ini`, `rubric.toml` and `tests/`.
-        tests: Ids of the rubric; None for all.
-        submission: What is judged; None for what `pytest.ini` says, or the package.
-        edition: Folder of the package that tests and submission see; None for this one.
-        seeds: How often each test is repeated, each time under another seed.
-        more: Further options of pytest, which may choose no test.
-
-    Returns:
-        The outcomes by the tests' ids.
-
-    Raises:
-        RuntimeError: pytest itself failed; the end of what it said.
+    The submission is the folder in `pytest.ini`, or the package, unless given; `edition` the folder
+    of the package that tests and submission import. `more` are options of pytest, which may choose
+    no test. RuntimeError if pytest itself fails.
     """
     with tempfile.TemporaryDirectory() as scratch:
         report = Path(scratch) / "report.jsonl"
@@ -87,7 +65,7 @@ def run(
 
 
 def read_report(path: Path) -> list[dict[str, Any]]:
-    """The whole lines of a judge's report, one a case of a test; none if there is no report."""
+    """Whole lines of a judge's report, one a case of a test; none if there is no report."""
     if not path.is_file():
         return []
     lines = []
@@ -100,16 +78,16 @@ def read_report(path: Path) -> list[dict[str, Any]]:
 
 
 def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, Outcome]:
-    """The outcomes of tests from those of their cases: one that fails fails its test."""
+    """Outcomes of tests from those of their cases: one that fails fails its test."""
     cases: dict[str, list[dict]] = {}
     for line in lines:
         cases.setdefault(line["id"], []).append(line)
-    return {name: _outcome_of(those) for name, those in cases.items()}
+    return {name: _outcome_of(lines) for name, lines in cases.items()}
 
 
 def _outcome_of(cases: list[dict]) -> Outcome:
-    said = [case["outcome"] for case in cases]
-    outcome = next((o for o in ("failed", "passed") if o in said), "skipped")
+    outcomes = [case["outcome"] for case in cases]
+    outcome = next((o for o in ("failed", "passed") if o in outcomes), "skipped")
     texts = tuple(case["text"] for case in cases if case["outcome"] == "failed")
     return Outcome(
         outcome,
@@ -123,7 +101,7 @@ def _outcome_of(cases: list[dict]) -> Outcome:
 
 
 def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
-    """The points of each problem: those of its tests that passed, and shares of others."""
+    """Points of each problem: those of its tests that passed, and fractions of others."""
     return {
         problem.id: math.fsum(
             test.points * outcomes[test.id].share for test in problem.tests if test.id in outcomes
@@ -150,6 +128,6 @@ def pytest(
 
 
 def last_lines(result: subprocess.CompletedProcess, count: int = 3) -> str:
-    """The end of what a process said."""
+    """End of a process's output."""
     lines = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
     return " | ".join(lines[-count:]) or f"exit status {result.returncode}"

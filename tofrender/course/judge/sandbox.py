@@ -1,8 +1,7 @@
 """Confine a process: it may read, but change nothing except below the folders that it is given.
 
 Either a process confines itself with `confine`, or this file, which needs nothing but the standard
-library and its neighbour `system_calls`, stands between the one that asks and the command that
-takes its place::
+library and its neighbour `system_calls`, runs first and then executes the command::
 
     python -I -S sandbox.py '{"writable": ["scratch"]}' python student.py
 
@@ -10,11 +9,11 @@ takes its place::
 |---|---|
 | Landlock (kernel 5.13 and newer, 6.12 for all) | files, TCP, signals to processes outside |
 | a filter of system calls (x86_64, aarch64) | sockets, modes and times, shared memory, limits |
-| another user, if root starts it | what belongs to others |
+| another user, if root starts it | files of others |
 | namespaces, where allowed | a network, objects of System V and queues, once more |
 | `setrlimit` | huge files, endless memory, core files |
 
-Elsewhere nothing is refused: `missing_protections` says what.
+Elsewhere nothing is refused: `missing_protections` lists it.
 """
 
 from __future__ import annotations
@@ -26,9 +25,8 @@ import os
 import stat
 import struct
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 
 try:
     from . import system_calls
@@ -37,8 +35,7 @@ except ImportError:  # run as a file, by `command`
     system_calls = importlib.import_module("system_calls")
 
 GIB = 1 << 30
-MAX_FILE = 2 * GIB
-"""Largest file that a confined process may write [bytes]."""
+MAX_FILE = 2 * GIB  # largest file that a confined process may write [bytes]
 
 EXECUTE, WRITE_FILE, READ_FILE = 1 << 0, 1 << 1, 1 << 2
 TREE = 0b1_1111_1111 << 4  # removing and making: folders, files, devices, sockets, pipes, links
@@ -55,13 +52,11 @@ SIGKILL = 9
 NEWIPC, NEWUSER, NEWNET = 0x08000000, 0x10000000, 0x40000000
 CHOWN, DAC_OVERRIDE, READ_ALL, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE = 0, 1, 2, 5, 6, 7, 8, 19
 KEPT = {DAC_OVERRIDE, READ_ALL}
-"""Capabilities of root that stay: reading what belongs to others. Landlock still refuses."""
+"""Capabilities of root that stay: reading others' files. Landlock still refuses."""
 KEPT_BY_JUDGE = KEPT | {CHOWN, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE}
-"""With what it takes to start a submission as another user, to measure it and to end it."""
-SPARE_USERS = range(61184, 65520)
-"""Where a user is looked for that nobody is; systemd's dynamic users are there too."""
-MAX_TASKS = 4096
-"""Most threads of a user of its own."""
+"""Also those to start a submission as another user, to measure it and to end it."""
+SPARE_USERS = range(61184, 65520)  # range of unused users; systemd's dynamic users are there too
+MAX_TASKS = 4096  # threads of a user of its own
 DEVICES = ("null", "zero", "full", "random", "urandom")
 
 
@@ -74,7 +69,7 @@ def confine(
     reads_all: bool = False,
     judge: bool = False,
 ) -> None:
-    """Confine this process and all that it starts, for good.
+    """Confine this process and all its children, for good.
 
     Call it before there are threads: those that exist stay as they are. The process ends with the
     thread that started it.
@@ -82,19 +77,13 @@ def confine(
     Args:
         writable: Files and folders that exist; below them everything is allowed.
         hidden: Files and folders whose content cannot be read. Their names can.
-        readable: What can be read nevertheless below hidden folders, but for what is hidden there.
+        readable: Exceptions inside hidden folders, but for hidden paths there.
         memory_bytes: Memory that somebody else watches [bytes]. The address space is limited to a
             multiple of it, since Dr.Jit crashes on the real limit and threads reserve much more
             than they use.
-        uid: User to become, who gets what is writable. Only root can.
-        reads_all: Whether this user keeps root's right to read what belongs to others.
+        uid: User to become, who gets all that is writable. Only root can.
+        reads_all: Whether this user keeps root's right to read others' files.
         judge: Whether it starts, confines and ends a submission in turn.
-
-    Example:
-        A process that has confined itself cannot write into its working folder::
-
-            confine([os.environ["TMPDIR"], os.devnull])
-            open("note.txt", "w")  # PermissionError
     """
     if not sys.platform.startswith("linux"):
         return
@@ -121,16 +110,11 @@ def confine(
         system_calls.restrict(judge)
 
 
-def command(wanted: dict, arguments: Sequence[str]) -> list[str]:
-    """The command that runs `arguments` confined.
-
-    Args:
-        wanted: Arguments of `confine`.
-        arguments: Program and arguments. Its environment and working folder stay.
-    """
+def command(confinement: dict, arguments: Sequence[str]) -> list[str]:
+    """Command that runs `arguments` confined; `confinement` holds the arguments of `confine`."""
     if not sys.platform.startswith("linux"):
         return list(arguments)
-    return [sys.executable, "-I", "-S", __file__, json.dumps(wanted), *arguments]
+    return [sys.executable, "-I", "-S", __file__, json.dumps(confinement), *arguments]
 
 
 def landlock_version() -> int:
@@ -144,7 +128,7 @@ def landlock_version() -> int:
 
 
 def missing_protections() -> list[str]:
-    """What this machine cannot keep a submission from; empty where everything holds."""
+    """Actions of a submission that this machine cannot prevent; empty if none."""
     version = landlock_version()
     needs = {
         1: "writing to other files of the user, reading the reference solution",
@@ -152,33 +136,30 @@ def missing_protections() -> list[str]:
         4: "TCP connections",
         6: "signals to other processes of the user",
     }
-    missing = [what for since, what in needs.items() if version < since]
+    missing = [actions for since, actions in needs.items() if version < since]
     if not system_calls.available():
         missing.append(
             "changing modes and times of the user's files, sockets, shared memory that stays, "
             "limits of the user's processes"
         )
     if hasattr(os, "geteuid") and os.geteuid() == 0:
+        reading = "reading what only root can read, since"
         with own_user() as uid:
-            may_be_another = uid is not None
-        if not may_be_another:
-            missing.append("reading what only root can read, since root may not be another user")
-        elif closed := closed_to_others():
-            missing.append(
-                f"reading what only root can read, since Python needs {closed}, which other users "
-                "cannot enter"
-            )
+            if uid is None:
+                missing.append(f"{reading} root may not be another user")
+            elif closed := closed_to_others():
+                missing.append(f"{reading} Python needs {closed}, which other users cannot enter")
     return missing
 
 
-def keeps_files() -> bool:
-    """Whether no submission can change files of others, neither what they hold nor their modes."""
+def protects_files() -> bool:
+    """Whether no submission can change content or modes of others' files."""
     return landlock_version() >= 3 and system_calls.available()
 
 
 @contextmanager
 def own_user() -> Iterator[int | None]:
-    """A user that nobody is, for one submission at a time; None if this may not become another.
+    """An unused user, for one submission at a time; None if this may not become another.
 
     A socket without a file marks the user as taken, for all graders of the machine; it ends with
     this process, however that ends.
@@ -190,51 +171,51 @@ def own_user() -> Iterator[int | None]:
     import socket
 
     with socket.socket(socket.AF_UNIX) as mark:
-        yield next((uid for uid in users if _is_marked(mark, uid)), None)
-
-
-def _is_marked(mark: Any, uid: int) -> bool:
-    """Whether the mark is on a user now, which nobody else had marked."""
-    try:
-        mark.bind(f"\0tofrender-user-{uid}")
-    except OSError:
-        return False
-    return True
+        for uid in users:
+            with suppress(OSError):  # another grader has marked it
+                mark.bind(f"\0tofrender-user-{uid}")
+                break
+        else:
+            uid = None
+        yield uid
 
 
 def spare_users() -> list[int]:
-    """Users that nobody is, in no order, if this is root who may become one of them."""
+    """Unused users, in random order, if this is root who may become one of them."""
     if not sys.platform.startswith("linux") or os.geteuid() != 0:
         return []
-    rights = [
-        CHOWN,
-        DAC_OVERRIDE,
-        KILL,
-        SETGID,
-        SETUID,
-        *([READ_ALL] if closed_to_others() else []),
-    ]
+    rights = [CHOWN, DAC_OVERRIDE, KILL, SETGID, SETUID]
+    rights += [READ_ALL] if closed_to_others() else []
     needed = sum(1 << right for right in rights)
-    if _status("CapEff", base=16) & needed != needed:
+    effective = [line.split()[1] for line in _lines_of("status") if line.startswith("CapEff")]
+    if not effective or int(effective[0], 16) & needed != needed:
         return []
     import pwd
     from random import SystemRandom
 
     known = {entry.pw_uid for entry in pwd.getpwall()}
-    for name in os.listdir("/proc"):
-        if name.isdigit():
-            try:
-                known.add(os.stat(f"/proc/{name}").st_uid)
-            except OSError:
-                continue
-    mapped = _mapped()
-    free = [uid for uid in SPARE_USERS if uid not in known and mapped(uid)]
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        with suppress(OSError):
+            known.add(os.stat(f"/proc/{name}").st_uid)
+    # Few users exist in the namespace of a container
+    maps = [[tuple(map(int, line.split())) for line in _lines_of(f"{k}id_map")] for k in "ug"]
+    free = [
+        uid
+        for uid in SPARE_USERS
+        if uid not in known
+        and all(any(first <= uid < first + count for first, _, count in spans) for spans in maps)
+    ]
     SystemRandom().shuffle(free)
     return free
 
 
+def _lines_of(name: str) -> list[str]:
+    with open(f"/proc/self/{name}", encoding="ascii", errors="replace") as file:
+        return file.readlines()
+
+
 def closed_to_others() -> str:
-    """A folder that Python needs and that users but this one cannot enter, "" if there is none."""
+    """Folder that Python needs and that other users cannot enter, "" if there is none."""
     import tempfile
 
     needed = {sys.executable, *python_folders(), tempfile.gettempdir()}
@@ -247,7 +228,7 @@ def closed_to_others() -> str:
 
 
 def python_folders() -> list[str]:
-    """Where Python, what is installed for it and LLVM lie."""
+    """Folders of Python, its packages and LLVM."""
     import site
 
     found = {sys.prefix, sys.base_prefix, sys.exec_prefix, *site.getsitepackages()}
@@ -257,7 +238,7 @@ def python_folders() -> list[str]:
 
 
 def home() -> list[str]:
-    """The user's home, which holds what is private, if it is one."""
+    """Home of the user, which holds private files, if there is one."""
     try:
         import pwd
 
@@ -267,25 +248,8 @@ def home() -> list[str]:
     return [path] if path != "/" and os.path.isdir(path) else []
 
 
-def _status(name: str, base: int = 10) -> int:
-    """A number of /proc/self/status."""
-    with open("/proc/self/status", encoding="ascii", errors="replace") as lines:
-        return next((int(each.split()[1], base) for each in lines if each.startswith(name)), 0)
-
-
-def _mapped() -> Callable[[int], bool]:
-    """What says whether a user exists for this kernel's namespace, as few do in containers."""
-    maps = []
-    for name in ("uid_map", "gid_map"):
-        with open(f"/proc/self/{name}", encoding="ascii") as lines:
-            maps.append([tuple(map(int, line.split())) for line in lines])
-    return lambda uid: all(
-        any(first <= uid < first + count for first, _, count in spans) for spans in maps
-    )
-
-
 def _limit(memory_bytes: int | None, uid: int | None) -> None:
-    """Leave no core files, write no huge ones, reserve no endless memory."""
+    """Limit core files, file size, address space and threads."""
     import resource
 
     tasks = resource.RLIM_INFINITY if uid is None else MAX_TASKS  # which are counted by user
@@ -300,9 +264,6 @@ def _limit(memory_bytes: int | None, uid: int | None) -> None:
         if hard != resource.RLIM_INFINITY:
             bound = hard if bound == resource.RLIM_INFINITY else min(bound, hard)
         resource.setrlimit(number, (bound, bound))
-
-
-# --------------------------------------------------------------------------------- Landlock
 
 
 def _restrict(writable: Iterable[str], hidden: Iterable[str], readable: Iterable[str]) -> None:
@@ -321,11 +282,7 @@ def _restrict(writable: Iterable[str], hidden: Iterable[str], readable: Iterable
 
 
 def everything_but(hidden: Iterable[str], readable: Iterable[str] = ()) -> Iterator[str]:
-    """Yield the largest folders, and files, that together hold all but `hidden`.
-
-    Args:
-        hidden: What is left out.
-        readable: What is not, although it lies in a hidden folder.
+    """Yield the largest folders, and files, that hold all but `hidden`, unless `readable` inside.
 
     Example:
         >>> list(everything_but([]))
@@ -365,12 +322,9 @@ def _allow(rules: int, path: str, rights: int) -> None:
         return
     if not os.path.isdir(path):
         rights &= FILE_RIGHTS
-    try:
+    with suppress(OSError):  # a file system that knows no rules stays forbidden
         _syscall(ADD_RULE, rules, 1, struct.pack("=Qi", rights, fd), 0)
-    except OSError:
-        pass  # a file system that knows no rules stays forbidden
-    finally:
-        os.close(fd)
+    os.close(fd)
 
 
 def _syscall(number: int, *arguments) -> int:
@@ -379,9 +333,6 @@ def _syscall(number: int, *arguments) -> int:
     if result < 0:
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
     return result
-
-
-# --------------------------------------------------------------------------- users, namespaces
 
 
 def _become(uid: int, reads_all: bool) -> None:
@@ -401,7 +352,7 @@ def _become(uid: int, reads_all: bool) -> None:
 
 
 def _leave_the_network() -> None:
-    """Take an empty network and no objects of System V, if the kernel lets this user."""
+    """Enter an empty network and IPC namespace, if the kernel lets this user."""
     if os.geteuid() == 0:
         ctypes.CDLL(None).unshare(NEWNET | NEWIPC)
         return
@@ -413,16 +364,13 @@ def _leave_the_network() -> None:
 
 
 def _unshare_as_user() -> bool:
-    """Whether it has worked."""
+    """Enter namespaces as an ordinary user; whether it has worked."""
     uid, gid = os.getuid(), os.getgid()
     if ctypes.CDLL(None).unshare(NEWUSER | NEWNET | NEWIPC) != 0:
         return False
+    maps = {"setgroups": "deny", "uid_map": f"{uid} {uid} 1", "gid_map": f"{gid} {gid} 1"}
     try:
-        for name, text in (
-            ("setgroups", "deny"),
-            ("uid_map", f"{uid} {uid} 1"),
-            ("gid_map", f"{gid} {gid} 1"),
-        ):
+        for name, text in maps.items():
             with open(f"/proc/self/{name}", "w", encoding="ascii") as file:
                 file.write(text)
     except OSError:

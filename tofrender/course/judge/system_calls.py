@@ -1,10 +1,10 @@
-"""Which system calls a submission may make: a filter that the kernel runs (seccomp-BPF).
+"""System calls that a submission may make: a filter that the kernel runs (seccomp-BPF).
 
-What is not in the tables below is refused with EPERM. Among that are all sockets; modes, owners,
-times and attributes of files; shared memory, semaphores and queues of System V and POSIX; other
-processes' limits, memory and signals; mounts, namespaces, keys, io_uring, BPF. Nothing ends a
-process, so a refusal is an exception on the student's own line. What is newer than the tables
-answers ENOSYS, after which C libraries take the older way; so does `clone3`, whose arguments no
+Calls that are not in the tables below are refused with EPERM. Among them are all sockets; modes,
+owners, times and attributes of files; shared memory, semaphores and queues of System V and POSIX;
+other processes' limits, memory and signals; mounts, namespaces, keys, io_uring, BPF. Nothing ends
+a process, so a refusal is an exception on the student's own line. Calls newer than the tables
+answer ENOSYS, after which C libraries take the older way; so does `clone3`, whose arguments no
 filter sees.
 
 This file needs nothing but the standard library, see `sandbox`.
@@ -19,6 +19,7 @@ import struct
 import sys
 from collections.abc import Iterable, Sequence
 
+# Name and number on x86_64 and on aarch64; `-` where there is none
 ALLOWED = """
 -- Files, which Landlock guards
 read 0 63, write 1 64, readv 19 65, writev 20 66, pread64 17 67, pwrite64 18 68, preadv 295 69,
@@ -57,24 +58,22 @@ time 201 -, poll 7 -, ppoll 271 73, select 23 -, pselect6 270 72, epoll_create 2
 epoll_create1 291 20, epoll_ctl 233 21, epoll_wait 232 -, epoll_pwait 281 22, eventfd 284 -,
 eventfd2 290 19, getrandom 318 278
 """
-"""Name and number on x86_64 and on aarch64; `-` where there is none."""
 
-LOOKED_AT = """
+# Allowed with some arguments, see `_conditions`
+CONDITIONAL = """
 clone 56 220, fcntl 72 25, ioctl 16 29, kill 62 129, prctl 157 167, prlimit64 302 261,
 sched_setaffinity 203 122, tgkill 234 131
 """
-"""Allowed with some arguments, see `_conditions`."""
 
-ALSO_THE_JUDGE = """
+# Also allowed to the judge, which confines and ends a submission
+FOR_THE_JUDGE = """
 kill 62 129, tgkill 234 131, prctl 157 167, capset 126 91, chmod 90 -, fchmod 91 52,
 fchmodat 268 53, chown 92 -, fchown 93 55, fchownat 260 54, landlock_create_ruleset 444 444,
 landlock_add_rule 445 445, landlock_restrict_self 446 446, seccomp 317 277, setgid 106 144,
 setgroups 116 159, setpgid 109 154, setresgid 119 149, setresuid 117 147, setuid 105 146
 """
-"""What confines and ends a submission, besides."""
 
-NEWEST = 450
-"""The last number that the tables know of."""
+NEWEST = 450  # last number that the tables know of
 CLONE3 = 435
 INSTALL = {"x86_64": 317, "aarch64": 277}  # the number of seccomp itself
 ARCHITECTURE = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}  # AUDIT_ARCH_*
@@ -91,8 +90,7 @@ LOAD, IF_EQUAL, IF_ABOVE, IF_ANY_BIT, RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
 ALLOW, REFUSE = 0x7FFF0000, 0x00050000
 
 FILTER, SPEC_ALLOW, IS_THERE = 1, 1 << 2, 2  # of seccomp; speed as without a filter
-Condition = tuple[int, int, Sequence[int]]
-"""Word of the arguments, comparison, and with what."""
+Condition = tuple[int, int, Sequence[int]]  # word of the arguments, comparison, and its values
 
 
 def available() -> bool:
@@ -106,15 +104,10 @@ def available() -> bool:
 
 
 def restrict(judge: bool = False) -> None:
-    """Filter the calls of this process and of all that it starts, for good.
+    """Filter the calls of this process and of all its children, for good.
 
-    It needs `PR_SET_NO_NEW_PRIVS` before.
-
-    Args:
-        judge: Allow what confines and ends others, too.
-
-    Raises:
-        OSError: The kernel refuses.
+    It needs `PR_SET_NO_NEW_PRIVS` before. `judge` also allows to confine and end others. OSError if
+    the kernel refuses.
     """
     machine = os.uname().machine
     code = program(machine, os.getpid(), judge)
@@ -126,16 +119,10 @@ def restrict(judge: bool = False) -> None:
 
 
 def program(machine: str, own: int, judge: bool) -> bytes:
-    """The filter, 8 bytes an instruction.
-
-    Args:
-        machine: As `os.uname` names it.
-        own: Number of the process, which it may end.
-        judge: As for `restrict`.
-    """
+    """Filter for a machine of `os.uname`, 8 bytes an instruction; the process may end `own`."""
     allowed = _numbers(ALLOWED, machine)
     if judge:
-        allowed |= _numbers(ALSO_THE_JUDGE, machine)
+        allowed |= _numbers(FOR_THE_JUDGE, machine)
     code = [
         _step(LOAD, ARCHITECTURE_AT),
         *_unless([ARCHITECTURE[machine]]),
@@ -148,7 +135,7 @@ def program(machine: str, own: int, judge: bool) -> bytes:
     for number in allowed.values():
         code += [_step(IF_EQUAL, number, 0, 1), _step(RETURN, ALLOW)]
     conditions = _conditions(own, judge)
-    for name, number in _numbers(LOOKED_AT, machine).items():
+    for name, number in _numbers(CONDITIONAL, machine).items():
         if name not in allowed:
             checks = [step for each in conditions[name] for step in _check(*each)]
             code += [_step(IF_EQUAL, number, 0, len(checks) + 1), *checks, _step(RETURN, ALLOW)]
@@ -156,7 +143,7 @@ def program(machine: str, own: int, judge: bool) -> bytes:
 
 
 def _conditions(own: int, judge: bool) -> dict[str, list[Condition]]:
-    """What the arguments of `LOOKED_AT` must be, all of it."""
+    """Required arguments of the calls in `CONDITIONAL`."""
     low, high = (lambda k: 2 * k), (lambda k: 2 * k + 1)
     no_new_limit = [(low(2), IF_EQUAL, [0]), (high(2), IF_EQUAL, [0])]
     return {
@@ -180,7 +167,7 @@ def _check(word: int, comparison: int, values: Sequence[int]) -> list[bytes]:
 
 
 def _unless(values: Iterable[int]) -> list[bytes]:
-    """Refuse unless what was loaded equals one of the values."""
+    """Refuse unless the loaded word equals one of the values."""
     values = list(values)
     equal = [_step(IF_EQUAL, value, len(values) - k, 0) for k, value in enumerate(values)]
     return [*equal, _step(RETURN, REFUSE | EPERM)]
@@ -192,7 +179,7 @@ def _step(code: int, value: int, if_true: int = 0, if_false: int = 0) -> bytes:
 
 
 def _numbers(table: str, machine: str) -> dict[str, int]:
-    """A table's numbers on a machine, by name."""
+    """Numbers of a table on a machine, by name."""
     column = {"x86_64": 2, "aarch64": 3}[machine]
     found = re.finditer(r"(\w+) (\d+|-) (\d+|-)", table)
     return {each[1]: int(each[column]) for each in found if each[column] != "-"}

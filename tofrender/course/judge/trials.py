@@ -2,7 +2,7 @@
 
 In the rubric, `tests_of = "a2.gaussian_pulse"` makes a problem one. Its file defines one function,
 which gets a solution of that other problem and raises if it is wrong. The right solution is that of
-`solutions/`, the wrong ones are those of `mutants.toml`; the points are the share of wrong ones
+`solutions/`, the wrong ones are those of `mutants.toml`; the points are the fraction of wrong ones
 that the student's test finds, and none unless right ones pass::
 
     def test_share(submission):  # in a staff's test
@@ -13,13 +13,11 @@ that the student's test finds, and none unless right ones pass::
         made = trials.load(name, text).GaussianPulse(width_opl=0.05)
         return trials.verdict(theirs.check_pulse, made)
 
-What the student's code says of these solutions goes to nobody, since it may be their text.
+Nobody gets the messages of the student's test, since they may quote these solutions.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -34,6 +32,7 @@ from ..assignments import Assignment
 from ..rubric import Problem
 from .client import NoAnswer
 from .expect import Failure, true
+from .worker import load_file
 
 if TYPE_CHECKING:
     from .plugin import Submission
@@ -43,102 +42,73 @@ PASSES, FAILS, UNWRITTEN = "passes", "fails", "unwritten"
 
 @dataclass(frozen=True)
 class Solution:
-    """A solution that a student's test gets to see.
-
-    Attributes:
-        name: A name for it.
-        text: Its file.
-        why: What is wrong with it, "" if it is right.
-    """
+    """A solution that a student's test is tried on."""
 
     name: str
-    text: str
-    why: str = ""
-
-
-# ------------------------------------------------------------------------------ for tests
+    text: str  # of its file
+    why: str = ""  # the mistake, "" if it is right
 
 
 def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
-    """The right solution and the wrong ones that a problem's file has to tell apart.
-
-    Args:
-        assignment: With its solutions and mutants.
-        problem: One with `tests_of`.
-    """
+    """Right solution and wrong ones that a problem's file has to tell apart."""
     other = next(p for p in assignment.rubric.problems if p.id == problem.tests_of)
     right = (assignment.solutions / other.file).read_text(encoding="utf-8")
-    return [
-        Solution("right", right),
-        *(
-            Solution(mutant.id, mutants.apply(assignment, mutant), mutant.why)
-            for mutant in mutants.read(assignment)
-            if (mutant.problem, mutant.file) == (other.id, other.file)
-            and problem.id not in mutant.unseen_by
-        ),
+    wrong = [
+        mutant
+        for mutant in mutants.read(assignment)
+        if (mutant.problem, mutant.file) == (other.id, other.file)
+        and problem.id not in mutant.unseen_by
     ]
+    edited = [Solution(m.id, mutants.apply(assignment, m), m.why) for m in wrong]
+    return [Solution("right", right), *edited]
 
 
 def share_found(submission: Submission, probe: str, more: Iterable[Solution] = ()) -> None:
-    """Give the share of the wrong solutions that the student's test finds.
+    """Award the fraction of the wrong solutions that the student's test finds; else `Failure`.
 
-    Args:
-        submission: Holds the student's test.
-        probe: A probe that gets `name` and `text` of a solution, and returns a `verdict`.
-        more: Solutions besides those of `solutions/` and `mutants.toml`.
-
-    Raises:
-        Failure: It does not find all of them, or a right one fails it.
+    The probe gets `name` and `text` of a solution, and returns a `verdict`. Solutions are those of
+    `solutions/` and `mutants.toml`, and `more`.
     """
     __tracebackhide__ = True
     problem = submission.problem
     assert problem is not None
-    submission.ask("defines", name=problem.names[0])  # before it can say anything of ours
-    those = [*solutions(submission.assignment, problem), *more]
-    said = {}
-    for number in np.random.default_rng(submission.seed).permutation(len(those)):
-        each = those[number]
+    submission.ask("defines", name=problem.names[0])  # before it can quote a solution
+    tried = [*solutions(submission.assignment, problem), *more]
+    fails = {}
+    for number in np.random.default_rng(submission.seed).permutation(len(tried)):
+        solution = tried[number]
         try:
-            said[each] = submission.ask(probe, name=f"solution_{number}", text=each.text)["is"]
+            result = submission.ask(probe, name=f"solution_{number}", text=solution.text)["is"]
         except NoAnswer:
             raise Failure("your test has to end, and to leave the process running") from None
-        true(said[each] != UNWRITTEN, f"not written yet: {problem.names[0]}")
-    right = [each for each in those if not each.why]
-    failed = sum(said[each] == FAILS for each in right)
+        true(result != UNWRITTEN, f"not written yet: {problem.names[0]}")
+        fails[solution] = result == FAILS
+    failed = [fails[solution] for solution in tried if not solution.why]
     true(
-        not failed,
-        f"{failed} of {len(right)} right solutions fail your test",
+        not any(failed),
+        f"{sum(failed)} of {len(failed)} right solutions fail your test",
         hint="what it asks for must hold for every right solution, to single precision",
     )
-    wrong = [each for each in those if each.why]
-    missed = [each for each in wrong if said[each] != FAILS]
+    wrong = [solution for solution in tried if solution.why]
+    missed = [solution.why for solution in wrong if not fails[solution]]
     submission.award(1 - len(missed) / len(wrong))
     true(
         not missed,
         f"your test finds {len(wrong) - len(missed)} of {len(wrong)} wrong solutions",
-        hint="it does not notice: " + " ".join(each.why for each in missed[:3]),
+        hint="it does not notice: " + " ".join(missed[:3]),
     )
 
 
-# ------------------------------------------------------------------------------ for probes
-
-
 def load(name: str, text: str) -> ModuleType:
-    """A module with this text; its file is gone when this returns."""
+    """Module with this text; its file is gone when this returns."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, f"{name}.py")
         path.write_text(text, encoding="utf-8")
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return module
+        return load_file(path)
 
 
 def verdict(check: Callable[..., Any], *arguments: Any) -> dict[str, str]:
-    """What a student's test says of something, and its text: any exception is a failure."""
+    """Result of a student's test, and its message: any exception is a failure."""
     try:
         check(*arguments)
     except NotImplementedError:

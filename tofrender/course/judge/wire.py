@@ -1,8 +1,8 @@
-"""What goes over the wire between judge and worker: data, never objects.
+"""Data between judge and worker: plain values, never objects.
 
 A value is a number, text, boolean, None, an array, or a list or dict of values. It travels as an
 npz archive: the structure as JSON, with the number of an array in each array's place. Files appear
-whole, because they are renamed into place. What is read has a limit, whoever wrote it.
+whole, because they are renamed into place. Reading has a size limit, whoever wrote the file.
 """
 
 from __future__ import annotations
@@ -10,28 +10,39 @@ from __future__ import annotations
 import json
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-MAX_BYTES = 256 << 20
-"""Most bytes of a value, as it travels and as it is taken apart."""
-MAX_STRUCTURE = 16 << 20
-"""Most bytes of all that is not an array."""
+MAX_BYTES = 256 << 20  # of a value, as it travels and as it is taken apart
+MAX_STRUCTURE = 16 << 20  # bytes of all that is not an array
 _ARRAY = "__array__"
-KINDS = "biufcU"
-"""What arrays may hold: NumPy's letters for numbers and texts."""
+KINDS = "biufcU"  # of arrays: NumPy's letters for numbers and texts
 
 
-def write(path: Path, value: Any) -> None:
-    """Write a value.
+def write(path: Path, value: Any, convert: Callable[[Any], Any] = lambda part: part) -> None:
+    """Write a value; TypeError in one line with the type of a part that cannot be sent.
 
-    Raises:
-        TypeError: It holds what is none of the above; one line with its type.
+    `convert` makes arrays of parts of other types.
     """
     arrays: dict[str, Any] = {}
-    structure = json.dumps(_take_apart(value, arrays)).encode()
+
+    def add_array(part: Any) -> dict[str, str]:
+        array = convert(part)
+        if not isinstance(array, np.ndarray | np.generic):
+            raise TypeError(
+                f"a {type(part).__name__} cannot be sent; must be a number, text, None, an array, "
+                "or a list or dict of them"
+            )
+        if array.dtype.kind not in KINDS:
+            raise TypeError(f"an array of {array.dtype} cannot be sent; must be one of numbers")
+        name = f"a{len(arrays)}"
+        arrays[name] = array
+        return {_ARRAY: name}
+
+    structure = json.dumps(value, default=add_array).encode()
     temporary = path.with_name(f"{path.name}.part")
     with temporary.open("wb") as file:
         np.savez(file, structure=np.frombuffer(structure, np.uint8), **arrays)
@@ -39,35 +50,27 @@ def write(path: Path, value: Any) -> None:
 
 
 def read(path: Path, most: int = MAX_BYTES) -> Any:
-    """Read a value.
-
-    Args:
-        path: The file.
-        most: Its largest size, and that of its arrays together [bytes].
-
-    Raises:
-        ValueError: The file is not what `write` writes.
-    """
+    """Read a value of at most `most` bytes; ValueError if it was not written by `write`."""
     try:
-        with opened(path, most) as file:
+        with open_untrusted(path, most) as file:
             content = arrays_of(file, most)
         structure = content.pop("structure")
         if structure.nbytes > MAX_STRUCTURE:
             raise ValueError(f"its texts have {structure.nbytes} bytes, more than {MAX_STRUCTURE}")
-        return _put_together(json.loads(structure.tobytes()), content)
+
+        def insert_array(part: dict[str, Any]) -> Any:
+            array = content[part[_ARRAY]] if set(part) == {_ARRAY} else part
+            return array[()] if isinstance(array, np.ndarray) and not array.shape else array
+
+        return json.loads(structure.tobytes(), object_hook=insert_array)
     except Exception as error:  # a hostile file raises whatever its readers can raise
         raise ValueError(f"{path.name}: is not an answer: {str(error)[:200]}") from None
 
 
-def opened(path: Path, most: int = MAX_BYTES) -> IO[bytes]:
-    """Open a file that somebody else has written, and may still write.
+def open_untrusted(path: Path, most: int = MAX_BYTES) -> IO[bytes]:
+    """Open a file of an untrusted writer, who may still write it.
 
-    Args:
-        path: The file.
-        most: Its largest size [bytes].
-
-    Raises:
-        ValueError: It is no regular file, or larger.
+    ValueError if it is no regular file, or has more than `most` bytes.
     """
     careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     fd = os.open(path, os.O_RDONLY | careful | getattr(os, "O_BINARY", 0))
@@ -81,14 +84,9 @@ def opened(path: Path, most: int = MAX_BYTES) -> IO[bytes]:
 
 
 def arrays_of(file: IO[bytes], most: int = MAX_BYTES) -> dict[str, np.ndarray]:
-    """The arrays of an npz file.
+    """Arrays of an npz file, together of at most `most` bytes.
 
-    Args:
-        file: The file.
-        most: Their largest size together [bytes].
-
-    Raises:
-        ValueError: They are larger, or not of numbers and texts. Damage raises anything.
+    ValueError if they are larger, or not of numbers and texts. Damage raises anything.
     """
     with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
         assert archive.zip is not None
@@ -100,35 +98,3 @@ def arrays_of(file: IO[bytes], most: int = MAX_BYTES) -> dict[str, np.ndarray]:
         if not isinstance(array, np.ndarray) or array.dtype.kind not in KINDS:
             raise ValueError(f"{name[:50]!a} is no array of numbers or texts")
     return content
-
-
-def _take_apart(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, np.generic):
-        value = np.asarray(value)
-    if isinstance(value, np.ndarray):
-        if value.dtype.kind not in KINDS:
-            raise TypeError(f"an array of {value.dtype} cannot be sent; must be one of numbers")
-        name = f"a{len(arrays)}"
-        arrays[name] = value
-        return {_ARRAY: name}
-    if isinstance(value, dict):
-        return {str(key): _take_apart(item, arrays) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_take_apart(item, arrays) for item in value]
-    raise TypeError(
-        f"a {type(value).__name__} cannot be sent; must be a number, text, None, an array, or a "
-        "list or dict of them"
-    )
-
-
-def _put_together(structure: Any, arrays: dict[str, np.ndarray]) -> Any:
-    if isinstance(structure, dict):
-        if set(structure) == {_ARRAY}:
-            array = arrays[structure[_ARRAY]]
-            return array if array.shape else array[()]
-        return {key: _put_together(item, arrays) for key, item in structure.items()}
-    if isinstance(structure, list):
-        return [_put_together(item, arrays) for item in structure]
-    return structure

@@ -1,7 +1,4 @@
-"""What a student uses: `tofrender start` and `submit`, and the notebook's `%%solution` cells.
-
-%load_ext tofrender.course.student
-"""
+"""Commands `tofrender start` and `submit`, and cells: `%load_ext tofrender.course.student`."""
 
 from .cells import load_ipython_extension
 

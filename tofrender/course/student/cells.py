@@ -1,14 +1,14 @@
-"""The notebook's cells that are files, `%%solution pulse.py`, and test them, `%%test pulse.py`.
+"""Notebook cells that are files, `%%solution pulse.py`, and test them, `%%test pulse.py`.
 
-Running the first writes the file, and what has been imported from it is imported anew. A file that
-an editor has changed since is kept as a numbered backup. The second runs the public tests of its
-problems.
+Running the first writes the file, and reloads the modules imported from it. A file that an editor
+has changed since is kept as a numbered backup. The second runs the public tests of its problems.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib
+import itertools
 import json
 import re
 import shlex
@@ -22,7 +22,7 @@ from .. import rubric as rubrics
 from ..judge import running
 
 RECORD = ".tofrender-cells.json"
-"""File beside the notebook: what the cells last wrote, as a hash of each file."""
+"""File beside the notebook: hashes of the files as cells last wrote them."""
 
 FILE_NAME = re.compile(r"[A-Za-z_]\w*\.py")
 
@@ -31,7 +31,7 @@ def load_ipython_extension(shell: Any) -> None:
     """Offer `%%solution FILE` and `%%test FILE`."""
 
     def solution(line: str, cell: str) -> None:
-        """Write the cell to FILE, and import anew what was imported from it."""
+        """Write the cell to FILE, and reload the modules imported from it."""
         if not FILE_NAME.fullmatch(line.strip()):
             raise ValueError(f"%%solution {line}: must be followed by a file name like pulse.py")
         path = Path.cwd() / line.strip()
@@ -52,81 +52,66 @@ def load_ipython_extension(shell: Any) -> None:
 
 
 def save(path: Path, cell: str) -> str:
-    """Write a cell's text to its file; nothing that others wrote there is lost.
+    """Write a cell's text to its file and return a message; nothing that others wrote is lost.
 
     A cell that has not changed since it was written leaves a file alone that has: an editor is as
     good a place to work in, and running the whole notebook must not bring the stubs back.
-
-    Returns:
-        What was done, for the student.
     """
-    text = cell.rstrip() + "\n"
+    name, new = path.name, (cell.rstrip() + "\n").encode()
     written = _read_record(path.parent)
-    said = f"wrote {path.name}"
+    message = f"wrote {name}"
     if path.is_file():
-        there = path.read_bytes()
-        if there == text.encode():
-            said = f"{path.name} is as this cell has it"
-        elif _hash(there) != written.get(path.name):
-            if written.get(path.name) == _hash(text.encode()):
+        old = path.read_bytes()
+        if old == new:
+            message = f"{name} is as this cell has it"
+        elif _hash(old) != written.get(name):
+            if written.get(name) == _hash(new):
                 return (
-                    f"{path.name} stays as it is: it was changed outside of this cell, which has "
+                    f"{name} stays as it is: it was changed outside of this cell, which has "
                     "nothing new. (Delete the file to write the cell's text again.)"
                 )
-            backup = _backup_name(path)
-            backup.write_bytes(there)
-            said = (
-                f"wrote {path.name}. It had been changed outside of this cell: "
-                f"what it held is now in {backup.name}"
-            )
+            numbered = (path.with_name(f"{name}.{number}") for number in itertools.count(1))
+            backup = next(each for each in numbered if not each.exists())
+            backup.write_bytes(old)
+            message += ". It had been changed outside of this cell: "
+            message += f"what it held is now in {backup.name}"
     with replacing(path) as temporary:
-        temporary.write_bytes(text.encode())
-    _write_record(path.parent, written | {path.name: _hash(text.encode())})
-    return said
+        temporary.write_bytes(new)
+    _write_record(path.parent, written | {name: _hash(new)})
+    return message
 
 
 def run_tests(folder: Path, name: str, options: str = "") -> str:
-    """Run the public tests of a file's problems, and say what came.
+    """Run the public tests of a file's problems, and return their outcomes as text.
 
-    Args:
-        folder: A student's folder.
-        name: A file like pulse.py, or a problem like a2.gaussian_pulse; "" for all.
-        options: Options of pytest, a line each; lines that start with # are passed over.
-
-    Raises:
-        ValueError: There is no such file or problem; one line.
+    `name` is a file like pulse.py, or a problem like a2.gaussian_pulse; "" stands for all.
+    `options` are those of pytest, a line each; lines that start with # are passed over.
     """
     if not (folder / "tests").is_dir():
         return f"{folder} has no tests"
-    assignment = rubrics.read(folder)
-    those = [p for p in assignment.problems if name in ("", p.file, p.id, p.marker)]
-    if not those:
-        known = dict.fromkeys(p.file for p in assignment.problems if p.file)
+    rubric = rubrics.read(folder)
+    markers = [p.marker for p in rubric.problems if name in ("", p.file, p.id, p.marker)]
+    if not markers:
+        known = dict.fromkeys(p.file for p in rubric.problems if p.file)
         raise ValueError(f"%%test {name}: must be one of {', '.join(known)}, or a problem's id")
     words = [w for line in options.splitlines() if line[:1] != "#" for w in shlex.split(line)]
-    marked = ["-m", " or ".join(problem.marker for problem in those)]
-    outcomes = running.run(folder, submission=folder, more=[*marked, *words])
+    outcomes = running.run(folder, submission=folder, more=["-m", " or ".join(markers), *words])
     lines = []
     for test, outcome in outcomes.items():
-        lines.append(f"{outcome.outcome}  {test.partition('::')[2]}  {outcome.seconds:.1f} s")
+        lines.append(f"{outcome.outcome}  {rubrics.name_of(test)}  {outcome.seconds:.1f} s")
         lines += [f"    {line}" for text in outcome.texts[:2] for line in text.splitlines()]
     return "\n".join(lines or ["no tests were chosen"])
 
 
 def remember(folder: Path, names: list[str]) -> None:
-    """Take a folder's files for those that the cells last wrote."""
+    """Record a folder's files as last written by the cells."""
     _write_record(folder, {name: _hash((folder / name).read_bytes()) for name in names})
 
 
 def refresh(path: Path, namespace: dict[str, Any]) -> None:
-    """Import anew the modules of a file's folder if the file's was imported.
+    """Reload all modules of a file's folder if the file's was imported, since they use each other.
 
-    All of them, since they use each other. Names of `namespace` that came from them are bound to
-    what the new ones have.
-
-    Args:
-        path: A file that was written.
-        namespace: The variables of the notebook.
+    Names of `namespace`, the notebook's variables, that came from them are bound to the new ones.
     """
     importlib.invalidate_caches()
     if path.stem not in sys.modules:
@@ -152,14 +137,6 @@ def refresh(path: Path, namespace: dict[str, Any]) -> None:
             namespace[variable] = getattr(new[name], attribute, value)
         elif isinstance(value, ModuleType) and old.get(value.__name__) is value:
             namespace[variable] = new[value.__name__]
-
-
-def _backup_name(path: Path) -> Path:
-    """The first free of pulse.py.1, pulse.py.2 ...; no pattern for Python files takes them."""
-    number = 1
-    while (backup := path.with_name(f"{path.name}.{number}")).exists():
-        number += 1
-    return backup
 
 
 def _read_record(folder: Path) -> dict[str, str]:

@@ -1,0 +1,140 @@
+"""Folders of students: made by `start`, checked and packed by `submit`."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...runtime import checks
+from ...runtime.atomic import replacing
+from .. import material, notebooks
+from ..assignments import Assignment
+from ..judge import running
+from ..notebooks import NOTEBOOK
+from . import cells
+
+MAX_BYTES = 100 << 20  # of the files that are handed in
+
+
+def start(assignment: Assignment, folder: Path) -> Path:
+    """Make a student's folder, whole or not at all; FileExistsError if it is not empty."""
+    folder = Path(folder)
+    if folder.resolve() == Path.cwd():
+        raise FileExistsError(f"{folder}: is the current folder; must be one inside it")
+    if folder.is_symlink() or folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
+        raise FileExistsError(f"{folder}: is not empty; must be a new folder, or an empty one")
+    with replacing(folder, folder=True) as inside:
+        material.write(assignment, inside)
+        _flatten(inside)
+    return folder
+
+
+def stubs(assignment: Assignment) -> dict[str, bytes]:
+    """Files that a student starts from, with their content."""
+    with tempfile.TemporaryDirectory() as scratch:
+        inside = Path(scratch)
+        material.write(assignment, inside)
+        _flatten(inside)
+        names = [p.name for p in assignment.starter.glob("*.py")] + [NOTEBOOK]
+        return {name: (inside / name).read_bytes() for name in names if (inside / name).is_file()}
+
+
+def _flatten(folder: Path) -> None:
+    """Turn released material into a folder to work in."""
+    source = folder / "notebook.py"
+    starter = folder / "starter"
+    if source.is_file():
+        text = source.read_text(encoding="utf-8")
+        notebooks.write(text, starter, folder / NOTEBOOK)
+        source.unlink()
+    for file in sorted(starter.iterdir()):
+        file.rename(folder / file.name)
+    shutil.rmtree(starter)
+    cells.remember(folder, [file.name for file in folder.glob("*.py")])
+    settings = folder / "pytest.ini"
+    text = settings.read_text(encoding="utf-8").rstrip()
+    settings.write_text(f"{text}\nsubmission = .\n", encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A packed submission."""
+
+    archive: Path
+    files: tuple[str, ...]  # in the archive
+    missing: tuple[str, ...]  # files or patterns that were asked for
+    unchanged: tuple[str, ...]  # files that are still stubs
+
+
+def check(assignment: Assignment, folder: Path) -> tuple[dict[str, Path], list[str]]:
+    """Files that `submit` asks for by their names, and those that are missing.
+
+    ValueError in one line if the folder does not exist, or holds a link or too much.
+    """
+    folder = checks.path("FOLDER", folder)
+    if not folder.is_dir():
+        raise ValueError(f"FOLDER = {folder}: does not exist; must be one that `start` has made")
+    files: dict[str, Path] = {}
+    missing = []
+    for pattern in assignment.rubric.submit:
+        found = [path for path in sorted(folder.glob(pattern)) if not path.name.startswith(".")]
+        for path in found:
+            if path.resolve() != folder.resolve() / path.relative_to(folder):
+                raise ValueError(f"{path}: is a link; must be the file itself")
+        files |= {path.relative_to(folder).as_posix(): path for path in found if path.is_file()}
+        if not any(path.is_file() for path in found):
+            missing.append(pattern)
+    expected = list(dict.fromkeys(p.file for p in assignment.rubric.problems if p.file))
+    missing += [name for name in expected if name not in files]
+    total = sum(path.stat().st_size for path in files.values())
+    if total > MAX_BYTES:
+        raise ValueError(
+            f"FOLDER = {folder}: {total >> 20} MiB to hand in, must be {MAX_BYTES >> 20} or less"
+        )
+    if not any(name in files for name in expected):
+        raise ValueError(
+            f"FOLDER = {folder}: must be one that `tofrender start {assignment.rubric.id}` has "
+            f"made; has no {', '.join(expected)}"
+        )
+    return dict(sorted(files.items())), missing
+
+
+def unchanged(assignment: Assignment, folder: Path) -> list[str]:
+    """Files of the problems that are still stubs; given ones may be."""
+    given = {NOTEBOOK, *assignment.given}
+    stub = {name: text for name, text in stubs(assignment).items() if name not in given}
+    there = [name for name in stub if (folder / name).is_file()]
+    return [name for name in there if (folder / name).read_bytes() == stub[name]]
+
+
+def run_public_tests(assignment: Assignment, folder: Path) -> dict[str, running.Outcome]:
+    """Run the assignment's own public tests on a student's folder."""
+    tests = [
+        test.id
+        for problem in assignment.rubric.problems
+        for test in problem.tests
+        if test.visibility == "visible"
+        and (assignment.folder / "tests" / test.id.partition("::")[0]).is_file()
+    ]
+    return running.run(assignment.folder, tests=tests, submission=folder)
+
+
+def pack(assignment: Assignment, folder: Path, archive: Path) -> Packed:
+    """Write the archive, whole or not at all; ValueError if files are unfit to be packed."""
+    files, missing = check(assignment, folder)
+    with replacing(archive) as temporary, zipfile.ZipFile(temporary, "x") as target:
+        for name, path in files.items():
+            add_file(target, name, path.read_bytes())
+    return Packed(archive, tuple(files), tuple(missing), tuple(unchanged(assignment, folder)))
+
+
+def add_file(archive: zipfile.ZipFile, name: str, content: bytes, mode: int = 0o644) -> None:
+    """Add a file without a time of its own, so that equal content gives equal archives."""
+    entry = zipfile.ZipInfo(name)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    entry.create_system = 3  # Unix, which has modes
+    entry.external_attr = (0o100000 | mode) << 16
+    archive.writestr(entry, content)

@@ -1,0 +1,67 @@
+"""TOML files of an assignment: read, checked against dataclasses, and written."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def read(path: Path, name: object = "") -> dict[str, Any]:
+    """Content of a file, called `name` or by its path in errors; ValueError if it is no TOML."""
+    name = name or path
+    if not path.is_file():
+        raise ValueError(f"{name}: is missing")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{name}: is not TOML: {error}") from None
+
+
+def make(kind: type, table: Mapping[str, Any], where: str) -> Any:
+    """Dataclass instance from a table, whose lists become tuples; ValueError if keys differ."""
+    known = kind.__dataclass_fields__
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where}: {key!r} is unknown; must be one of {', '.join(known)}")
+    try:
+        return kind(**{key: _tuples(value) for key, value in table.items()})
+    except TypeError as error:
+        raise ValueError(f"{where}: {str(error).split('__init__() ')[-1]}") from None
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def text(content: Mapping[str, Any]) -> str:
+    """TOML text of tables and arrays of tables.
+
+    Example:
+        >>> print(text({"problem": [{"id": "a0", "tests": [{"points": 2}]}]}))
+        [[problem]]
+        id = "a0"
+        tests = [
+          { points = 2 },
+        ]
+        <BLANKLINE>
+    """
+    lines = []
+    for name, value in content.items():
+        for table in value if isinstance(value, list) else [value]:
+            lines.append(f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
+            lines += [f"{key} = {_value(entry)}" for key, entry in table.items()]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + " }"
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        return "[\n" + "".join(f"  {_value(entry)},\n" for entry in value) + "]"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return json.dumps(value)  # JSON's texts, numbers and booleans are TOML's too
