@@ -1,5 +1,7 @@
 """Every test starts under `llvm_ad_rgb` and leaves no other variant behind."""
 
+import math
+
 import mitsuba as mi
 import pytest
 from helpers import browser
@@ -7,6 +9,8 @@ from helpers import browser
 import tofrender  # Picks the variant and registers the plugins
 
 VARIANT = "llvm_ad_rgb"
+
+tofrender.integrators.passes.STEP_S = math.inf  # Steps are as many on a slow machine
 
 
 def pytest_collection_modifyitems(items):

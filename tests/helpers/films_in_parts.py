@@ -1,6 +1,5 @@
 """What the tests of tiles, streams, workers and error bars share: small scenes, comparisons."""
 
-import math
 import os
 import signal
 import subprocess
@@ -47,7 +46,6 @@ def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
     for name, value in {
         "STEP_SAMPLES": 2 * pixels,
         "FIRST_SAMPLES": 2 * pixels,
-        "STEP_S": math.inf,
         "LANES": {"llvm": 2 * pixels, "cuda": 2 * pixels},
         "PRIVATE_LANES": 1,
     }.items():
