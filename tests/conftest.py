@@ -1,41 +1,23 @@
 """Every test starts under `llvm_ad_rgb` and leaves no other variant behind."""
 
+import math
+
 import mitsuba as mi
 import pytest
-from helpers import browser, durations, selection, workers
+from helpers import browser
 
 import tofrender  # Picks the variant and registers the plugins
 
 VARIANT = "llvm_ad_rgb"
 
-
-def pytest_addoption(parser):
-    durations.pytest_addoption(parser)
-    selection.pytest_addoption(parser)
-    parser.addoption(
-        "--all-inputs",
-        action="store_true",
-        help="try all of tests/inputs, not a sample",
-    )
+tofrender.integrators.passes.STEP_S = math.inf  # Steps are as many on a slow machine
 
 
-pytest_configure = durations.pytest_configure
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config, items):
-    """Select; run tests of pages in a browser once more if they fail: a machine may be busy."""
-    selection.pytest_collection_modifyitems(config, items)
+def pytest_collection_modifyitems(items):
+    """Run tests of pages in a browser once more if they fail: a machine may be busy."""
     for item in filter(lambda each: isinstance(each, pytest.Function), items):
         if any(each is browser or each is browser.page for each in vars(item.module).values()):
             item.add_marker(pytest.mark.flaky(reruns=1))
-
-
-pytest_testnodedown = selection.pytest_testnodedown
-pytest_unconfigure = selection.pytest_unconfigure
-pytest_sessionstart = workers.pytest_sessionstart
-pytest_collection_finish = workers.pytest_collection_finish
-pytest_xdist_auto_num_workers = workers.pytest_xdist_auto_num_workers
 
 
 @pytest.fixture(autouse=True)

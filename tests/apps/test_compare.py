@@ -54,7 +54,6 @@ def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
     assert capsys.readouterr().err.startswith("error: picture = 'a.exr': must be a file")
 
 
-@pytest.mark.timeout(180)
 def test_the_divider():
     with browser.page_of("compare", "sphere_light_medium", dark=True) as there:
         there.get_by_text("Root mean square difference").wait_for()

@@ -4,12 +4,8 @@ import json
 import os
 import secrets
 import signal
-import socket
 import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -37,13 +33,11 @@ FIND = "[...document.querySelectorAll('*')].find((each) => each.explorer).explor
 def lab(folder: Path):
     """The address of a JupyterLab of this folder; it ends with the block, and its port is free."""
     pytest.importorskip("jupyterlab")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    address, log, token = f"http://127.0.0.1:{port}", folder / "lab.log", secrets.token_hex(16)
+    log, token = folder / "lab.log", secrets.token_hex(16)
     own = {f"JUPYTER_{name}_DIR": str(folder / name) for name in ("CONFIG", "DATA", "RUNTIME")}
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    options = [f"--ServerApp.port={port}", f"--IdentityProvider.token={token}"]
-    options += ["--ServerApp.ip=127.0.0.1", "--ServerApp.port_retries=0"]
+    options = ["--ServerApp.port=0", f"--IdentityProvider.token={token}"]
+    options += ["--ServerApp.ip=127.0.0.1"]
     options += [f"--ServerApp.root_dir={folder}", "--expose-app-in-browser"]
     with log.open("wb") as opened:
         server = subprocess.Popen(
@@ -54,18 +48,19 @@ def lab(folder: Path):
             stderr=opened,
             start_new_session=True,
         )
+    told = folder / "RUNTIME" / f"jpserver-{server.pid}.json"
+
+    def is_up() -> bool:
+        assert server.poll() is None, log.read_text()
+        return told.exists() and told.read_text().endswith("}")
+
     try:
-        for _ in range(300):
-            try:
-                urllib.request.urlopen(f"{address}/api?token={token}", timeout=5).close()
-                break
-            except (urllib.error.URLError, OSError):
-                assert server.poll() is None, log.read_text()
-                time.sleep(0.2)
-        yield address, token
+        wait_for(is_up)
+        port = json.loads(told.read_text())["port"]
+        yield f"http://127.0.0.1:{port}", token
     finally:
         server.send_signal(signal.SIGTERM)
-        server.wait(30)
+        server.wait()
     wait_for(lambda: is_free(port))
 
 
@@ -73,12 +68,9 @@ def wait_for_kernel(page) -> None:
     """Until it has been idle for two seconds: it is so for a moment before it connects."""
     told = "document.querySelector('.jp-Notebook-ExecutionIndicator')?.dataset.status"
     idle = 0
-    for _ in range(600):
-        idle = idle + 1 if page.evaluate(f"window.jupyterapp && {told}") == "idle" else 0
-        if idle == 20:
-            return
+    while idle < 20:
         page.wait_for_timeout(100)
-    raise AssertionError("the kernel is not idle")
+        idle = idle + 1 if page.evaluate(f"window.jupyterapp && {told}") == "idle" else 0
 
 
 @pytest.mark.parametrize("dark", [False, True])
@@ -95,12 +87,11 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
     size = {"width": 1400, "height": 1100}
     with lab(tmp_path) as (address, token), browser.page(viewport=size) as page:
         page.goto(f"{address}/lab/tree/look.ipynb?token={token}")
-        page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=90_000)
+        page.wait_for_selector(".jp-Notebook .jp-Cell")
         wait_for_kernel(page)
         page.errors.clear()
         page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
-        page.wait_for_selector(".tof-explorer canvas.tof-picture", timeout=60_000)
-        page.wait_for_timeout(500)
+        page.wait_for_selector(".tof-explorer canvas.tof-picture")
         assert page.locator(".tof-explorer h2").inner_text() == "In a notebook"
         assert page.locator(".tof-explorer.dark").count() == dark
         page.locator(".tof-explorer canvas.tof-picture").scroll_into_view_if_needed()
@@ -108,7 +99,7 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         x, y = 7, 11
         page.mouse.click(*place(page, x, y))
         page.keyboard.press("Escape")
-        page.wait_for_timeout(200)
+        page.wait_for_function(f"{FIND}.state().curves.length")
         state = page.evaluate(f"{FIND}.state()")
         (curve,) = state["curves"]
         assert (curve["x"], curve["y"]) == (x, y)
@@ -118,8 +109,7 @@ def test_the_widget_in_jupyterlab(tmp_path, dark):
         before = state["bin"]
         page.locator(".tof-explorer").get_by_label("Time", exact=True).focus()
         page.keyboard.press("ArrowRight")
-        page.wait_for_timeout(200)
-        assert page.evaluate(f"{FIND}.state().bin") == before + 1
+        page.wait_for_function(f"{FIND}.state().bin === {before + 1}")
         if folder := os.environ.get("TOFRENDER_SCREENSHOTS"):
             page.screenshot(path=f"{folder}/lab_{'dark' if dark else 'light'}.png")
         closed = OF_A_CLOSED_BAR

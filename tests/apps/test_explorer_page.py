@@ -44,7 +44,7 @@ def opened(folder, contents, **options):
     path.write_text(page_of(contents), encoding="utf-8")
     with browser.page(offline=True, **options) as page:
         page.goto(path.as_uri())
-        page.wait_for_selector(".tof-explorer canvas.plot", timeout=20_000)
+        page.wait_for_selector(".tof-explorer canvas.plot")
         settle(page)
         yield page
         assert page.errors == []

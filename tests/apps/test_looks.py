@@ -15,7 +15,6 @@ from PIL import Image
 from test_explorer_page import contents_of, moving, opened as report
 from test_warptest_page import drawn
 
-pytestmark = pytest.mark.timeout(180)
 LOOKS = Path(__file__).with_name("looks")
 SIZE, SMALL = (1280, 800), (64, 40)
 MOST, SHARE = 0.09, 0.02

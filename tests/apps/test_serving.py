@@ -21,7 +21,7 @@ from tofrender.cli.app import main
 def fetch(url: str, **headers: str) -> tuple[int, str]:
     try:
         asked = urllib.request.Request(url, headers=headers)
-        with urllib.request.urlopen(asked, timeout=20) as got:
+        with urllib.request.urlopen(asked) as got:
             return got.status, got.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
@@ -40,7 +40,7 @@ def is_open(url: str, *, origin: str | None = None) -> bool:
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
         f"Sec-WebSocket-Protocol: bokeh, {generate_jwt_token(generate_session_id())}",
     ]
-    with socket.create_connection((host, port), timeout=20) as there:
+    with socket.create_connection((host, port)) as there:
         there.sendall("\r\n".join([*lines, "", ""]).encode())
         return b" 101 " in there.recv(4096).split(b"\r\n")[0]
 

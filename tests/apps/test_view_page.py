@@ -11,8 +11,6 @@ from helpers.made_dataset import make_dataset
 import tofrender
 from tofrender import io
 
-pytestmark = pytest.mark.timeout(180)
-
 FIND = browser.found("each.explorer", "each.explorer")
 RANGE = """([title, value]) => {
   for (const model of Bokeh.documents[0]._all_models.values()) {

@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 from contextlib import closing
 
 import mitsuba as mi
@@ -159,10 +158,8 @@ def test_a_module_that_never_answers_is_ended(tmp_path, monkeypatch):
     forever = "def square_to_tent(sample):\n    while True:\n        pass\n"
     forever += "\n\ndef square_to_tent_pdf(p): ...\n"
     folder, said = write_warps(tmp_path / "a", tent=forever), "no answer within 1 s; the process"
-    begin = time.monotonic()
     with closing(Module(folder)) as module, pytest.raises(NoAnswer, match=said):
         draw(module, "tent")
-    assert time.monotonic() - begin < 60
 
 
 def test_a_saved_file_counts_at_once(tmp_path):

@@ -4,6 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers import browser
+from helpers.processes import wait_for
 from helpers.student_warps import write_warps
 from PIL import Image
 
@@ -11,7 +12,6 @@ from tofrender.apps.warptest.engine import draw
 from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.sampling import independent, warp_case
 
-pytestmark = pytest.mark.timeout(180)
 TEST = "Run the χ² test"
 FITS = "document.documentElement.scroll{0} <= inner{0}"
 
@@ -69,8 +69,7 @@ def test_choose_a_warp_change_the_points_and_test(tmp_path):
         box = canvas.bounding_box()
         x, y = box["x"], box["y"] + 150
         browser.drag(there, (x + 150, y), (x + 250, y))
-        there.wait_for_timeout(300)
-        assert canvas.screenshot() != before
+        wait_for(lambda: canvas.screenshot() != before)
         there.get_by_role("button", name="2D").click()
         drawn(there, 2048, view="2D")
         there.get_by_role("button", name="grid").click()
@@ -111,8 +110,7 @@ def test_an_image_of_the_readers(tmp_path):
         there.wait_for_selector("text=cut.exr cannot be used")
         there.get_by_role("button", name="2 × 2 example").click()
         there.wait_for_selector("text=Not tested yet")
-        there.wait_for_timeout(1000)
-        assert first_point(there) == pytest.approx(first)
+        wait_for(lambda: first_point(there) == pytest.approx(first))
 
 
 def test_a_students_module(tmp_path):

@@ -339,9 +339,9 @@ def test_ctrl_c(tmp_path):
     )
     os.close(stderr)
     try:
-        shown = ""
-        while "Rendering" not in shown:
-            shown += os.read(screen, 1 << 12).decode()
+        shown = b""
+        while b"Rendering" not in shown:
+            shown += os.read(screen, 1 << 12)
         process.send_signal(signal.SIGINT)
         err = _rest(screen)
         process.wait()

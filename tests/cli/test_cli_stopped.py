@@ -51,10 +51,11 @@ SAMPLES = {"single": 8192, "exhaustive": 768}
 WRITES_PARTS = ("render", "single")
 
 SMALL_STEPS = """
-import sys
+import math, sys
 from tofrender.integrators import passes
 from tofrender.runtime.checkpoints import Checkpoint
 passes.STEP_SAMPLES = passes.FIRST_SAMPLES = 4096
+passes.STEP_S = math.inf
 Checkpoint.due, save, saved = True, Checkpoint.save, []
 def waiting(*arguments):
     save(*arguments)

@@ -3,8 +3,10 @@
 import dataclasses
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers import tiny_assignment
-from helpers.processes import wait_for
+from helpers.processes import GUARD_S, wait_for
 from helpers.tiny_assignment import ADD0, RIGHT, grade_class, zipped
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
@@ -39,7 +41,7 @@ def assignment(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def grader(assignment):
-    with grading.open_grader(assignment, time_limit_s=40, memory_gib=MEMORY_GIB) as grader:
+    with grading.open_grader(assignment, time_limit_s=GUARD_S, memory_gib=MEMORY_GIB) as grader:
         yield grader
 
 
@@ -272,7 +274,8 @@ SLOW = {
 
 
 @pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
-def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
+def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home, monkeypatch):
+    monkeypatch.setattr(grading, "START_S", 90.0)  # As on a machine slower than those that grade
     endless = [name for name, (_, reason) in set_of.items() if reason.startswith("no answer")]
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(set_of, endless))
     files = {}
@@ -281,7 +284,7 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
         text = text.replace("@TOP@", str(tmp_path)).replace("@PACKAGE@", str(PACKAGE))
         files[f"p{number}.py"] = text
     student = tiny_assignment.write(tmp_path / "class" / "student", files)
-    with grading.open_grader(find(staff), time_limit_s=400, memory_gib=MEMORY_GIB) as grader:
+    with grading.open_grader(find(staff), time_limit_s=GUARD_S, memory_gib=MEMORY_GIB) as grader:
         content = graded(grader, student, tmp_path)
     wrong = [
         f"{name}: {test['score']}, {test['output']}"
@@ -290,22 +293,27 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home):
     ]
     assert not wrong
     assert content["extra_data"]["max_score"] == len(set_of)
-    assert content["execution_time"] < 400
     assert len(json.dumps(content)) < 100_000
 
 
-def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home):
+def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home, monkeypatch):
+    """By a clock that goes on only while a problem is judged, each for as long as it may be."""
     titles = [f"endless {k}" for k in range(14)]
-    staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(titles, titles))
-    files = {f"p{k}.py": f"def add{k}(a, b):\n    while True: pass\n" for k in range(14)}
-    student = tiny_assignment.write(tmp_path / "class" / "student", files)
-    limit_s = 5.0
-    with grading.open_grader(find(staff), time_limit_s=limit_s, memory_gib=MEMORY_GIB) as grader:
+    staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(titles))
+    student, now = tiny_assignment.write(tmp_path / "class" / "student", {"p0.py": ""}), [0.0]
+
+    def until_its_end(command, timeout_s, **_):
+        now[0] += timeout_s
+        return processes.Ended(f"took more than {timeout_s:g} s", -9, "", timeout_s)
+
+    monkeypatch.setattr(grading.processes, "run", until_its_end)
+    monkeypatch.setattr(grading, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    with grading.open_grader(find(staff), time_limit_s=60) as grader:
         content = graded(grader, student, tmp_path)
-    assert content["execution_time"] < limit_s + grading.BEYOND_S + 10
+    assert content["execution_time"] == 60 + grading.BEYOND_S
     assert content["score"] == 0
-    assert "no answer within 2 s" in content["tests"][0]["output"]
-    assert content["tests"][-1]["output"] == "not judged: all problems together took 5 s"
+    assert content["tests"][0]["output"] == "not judged: the problem took more than 20 s"
+    assert content["tests"][-1]["output"] == "not judged: all problems together took 60 s"
 
 
 def test_own_judge_and_modules_change_nothing(grade):
@@ -487,7 +495,7 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     wait_for(sleepers)
     process.terminate()
-    said = process.communicate(timeout=60)[1].splitlines()[-1]
+    said = process.communicate()[1].splitlines()[-1]
     assert said == "error: interrupted; what is graded is kept"
     assert process.returncode == 130
     assert not sleepers()
@@ -506,17 +514,21 @@ def test_a_class_uses_constant_memory(tmp_path, home):
     assert used[-1] - used[2] < 7 * 120e3
 
 
-def test_run_ends_only_what_is_below_it(tmp_path):
+def test_run_ends_only_what_is_below_it(tmp_path, monkeypatch):
+    """Once a clock says that its second is over, which is when all have started."""
+    sleeper, begun = f"sleep {SLEEP_S}1", tmp_path / "begun"
+    clock = SimpleNamespace(monotonic=lambda: 2.0 * (begun.exists() and bool(sleepers(sleeper))))
+    monkeypatch.setattr(processes, "time", SimpleNamespace(**vars(time) | vars(clock)))
     other = subprocess.Popen(["sleep", str(SLEEP_S)])
     try:
-        command = ["sh", "-c", f"(setsid sleep {SLEEP_S}1 &) ; echo begun; sleep 60"]
+        command = ["sh", "-c", f"(setsid {sleeper} &) ; echo begun; > begun; sleep 9999"]
         options = {"memory_bytes": 1 << 30, "cwd": tmp_path, "env": dict(os.environ)}
         ended = processes.run(command, timeout_s=1, **options)
         assert ended.reason == "took more than 1 s"
         assert ended.output == "begun\n"
-        assert ended.seconds < 10
+        assert ended.status == -signal.SIGKILL
         assert other.poll() is None
-        assert not sleepers(f"sleep {SLEEP_S}1")
+        assert not sleepers(sleeper)
     finally:
         other.kill()
         other.wait()
@@ -529,8 +541,8 @@ if os.fork() == 0:
     if os.fork():
         os._exit(0)
     {what}
-    time.sleep(600)
-time.sleep(30)
+    time.sleep(9999)
+time.sleep(9999)
 """
 
 
@@ -543,9 +555,8 @@ time.sleep(30)
 )
 def test_run_sees_what_hides(tmp_path, what, reason):
     command = [sys.executable, "-I", "-S", "-c", HIDING.format(what=what)]
-    ended = processes.run(command, timeout_s=25, memory_bytes=1 << 28, cwd=tmp_path, env={})
+    ended = processes.run(command, timeout_s=GUARD_S, memory_bytes=1 << 28, cwd=tmp_path, env={})
     assert ended.reason == reason
-    assert ended.seconds < 20
 
 
 def test_environment_keeps_no_secrets(monkeypatch, tmp_path):

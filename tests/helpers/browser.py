@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from helpers.processes import GUARD_S
 from helpers.served import is_free, served
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -30,7 +31,7 @@ def chromium() -> str:
         found = next(filter(None, map(shutil.which, NAMES)), None)
         if found is None and os.getuid() == 0 and shutil.which("apt-get"):
             command = f"{INSTALL} || (apt-get update && {INSTALL})"
-            subprocess.run(["sh", "-c", command], capture_output=True, timeout=280, check=False)
+            subprocess.run(["sh", "-c", command], capture_output=True, check=False)
             found = next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:
         pytest.skip(f"no Chromium; run: sudo {INSTALL}")
@@ -95,7 +96,7 @@ def page(*, dark: bool = False, offline: bool = False, **options: Any) -> Iterat
         browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
         colours = "dark" if dark else "light"
         context = browser.new_context(color_scheme=colours, offline=offline, **options)
-        context.set_default_timeout(60_000)
+        context.set_default_timeout(1000 * GUARD_S)
         page = context.new_page()
         page.errors, page.asked = [], []
         page.on("request", lambda request: page.asked.append(request.url))

@@ -8,6 +8,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 
+GUARD_S = 600.0
+"""Where a limit must be given: only what hangs takes so long, on the slowest machine too [s]."""
+
 
 def python(code: str, **environment: str) -> subprocess.CompletedProcess:
     """Run a script to its end; its working directory is the project's root."""
@@ -29,8 +32,6 @@ def says(code: str, **environment: str) -> list[str]:
 
 
 def wait_for(what) -> None:
-    """Until this is true, for at most a minute."""
-    deadline = time.monotonic() + 60
-    while not what() and time.monotonic() < deadline:
+    """Until this is true, or the test's time limit ends it."""
+    while not what():
         time.sleep(0.02)
-    assert what()

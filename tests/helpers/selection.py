@@ -92,7 +92,7 @@ def shard(found: list[Test], index: int, count: int) -> list[pytest.Item]:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --brief and --shard."""
+    """Add --brief, --shard and --all-inputs."""
     parser.addoption(
         "--brief",
         action="store_true",
@@ -100,6 +100,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     parser.addoption(
         "--shard", type=_shard, metavar="K/N", help="run the K-th of N parts of about equal length"
+    )
+    parser.addoption(
+        "--all-inputs", action="store_true", help="try all of tests/inputs, not a sample"
     )
 
 
@@ -110,6 +113,7 @@ def _shard(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark slow tests, then deselect what this run leaves out."""
     found = tests(items, durations.load())

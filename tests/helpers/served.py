@@ -2,17 +2,13 @@
 
 import os
 import re
-import select
 import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-
-START_S = 60.0
 
 
 @dataclass
@@ -42,7 +38,7 @@ class Served:
         """Ctrl-C; returns the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-        self.errors += self.process.communicate(timeout=30)[1]
+        self.errors += self.process.communicate()[1]
         return self.process.returncode
 
 
@@ -68,12 +64,9 @@ def served(*arguments: object, **environment: str) -> Iterator[Served]:
         env=os.environ | {"TOFRENDER_DEBUG": "0"} | environment,
     )
     try:
-        line, deadline = "", time.monotonic() + START_S
-        while "http" not in line and time.monotonic() < deadline and process.poll() is None:
-            if select.select([process.stdout], [], [], 0.2)[0]:
-                line = process.stdout.readline()
+        line = next((line for line in process.stdout if "http" in line), "")
         found = re.search(r"http://\S+", line)
-        assert found, f"{line} {process.stderr.read() if process.poll() is not None else ''}"
+        assert found, process.stderr.read()
         yield Served(process, found[0], line)
     finally:
         if process.poll() is None:

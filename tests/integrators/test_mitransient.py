@@ -121,7 +121,7 @@ print(type(film).__module__.split(".")[0], type(path).__module__.split(".")[0],
 
 def owner(imports: str, variants=()) -> list[str]:
     program = PROGRAM.format(imports=imports, variants=list(variants))
-    options = {"capture_output": True, "text": True, "timeout": 120, "check": False}
+    options = {"capture_output": True, "text": True, "check": False}
     done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parents[2], **options)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()

@@ -236,10 +236,7 @@ def test_runs_from_start_to_end(name, tmp_path, monkeypatch):
     same_package = f"assert tofrender.__file__ == {tofrender.__file__!r}, tofrender.__file__"
     for code in (same_package, "if True:" + KEY_NUMBERS[name]):
         notebook.cells.append(nbformat.v4.new_code_cell(code))
-    client = nbclient.NotebookClient(
-        notebook, timeout=120, resources={"metadata": {"path": str(NOTEBOOKS)}}
-    )
-    client.execute()
+    nbclient.NotebookClient(notebook, resources={"metadata": {"path": str(NOTEBOOKS)}}).execute()
 
     outputs = [o for c in notebook.cells if c.cell_type == "code" for o in c.outputs]
     errors = "".join(o.text for o in outputs if o.get("name") == "stderr")

@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ import pytest
 import xarray as xr
 from dask.utils import parse_timedelta
 from helpers.films_in_parts import OWN, ROUNDING, box, check_same, crop, in_tiles, names, render
+from helpers.processes import GUARD_S, wait_for
 from helpers.refusals import one_line, refused
 from helpers.support import with_film
 
@@ -30,9 +30,6 @@ from tofrender.scenes.packing import packed, unpacked
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
-STARTS_S = 200
-"""Workers may take so long to start on a busy machine [s]."""
-
 
 @pytest.fixture(scope="module")
 def cluster():
@@ -44,9 +41,9 @@ def cluster():
 @pytest.fixture
 def client(cluster):
     """Those, both alive and as new."""
-    cluster.wait_for_workers(2, timeout=STARTS_S)
+    cluster.wait_for_workers(2, timeout=GUARD_S)
     yield cluster
-    cluster.wait_for_workers(2, timeout=STARTS_S)
+    cluster.wait_for_workers(2, timeout=GUARD_S)
 
 
 def addresses(client) -> list[str]:
@@ -77,7 +74,7 @@ def taking(client, wrapper):
     try:
         yield
     finally:
-        client.wait_for_workers(2, timeout=STARTS_S)
+        client.wait_for_workers(2, timeout=GUARD_S)
         with_takes(client, None)
 
 
@@ -194,18 +191,15 @@ def test_a_worker_that_hangs_is_given_up(client, monkeypatch):
     def hang(take, job, piece):
         import time
 
-        time.sleep(50)
-        return take(job, piece)
+        time.sleep(1e6)
 
     with_takes(client, hang, [hanging])
-    started = time.monotonic()
     try:
         check_same(render(box(), client=client), render(box()))
-        assert time.monotonic() - started < 20
     finally:
         for pid in client.run(os.getpid, workers=[hanging]).values():
             os.kill(pid, signal.SIGKILL)
-        time.sleep(0.5)
+        wait_for(lambda: hanging not in addresses(client))
 
 
 def test_a_piece_that_kills_everybody_is_an_error(client):
@@ -225,7 +219,7 @@ def test_a_piece_that_kills_everybody_is_an_error(client):
 def test_killed_workers_have_time_to_come_back(client):
     """Those that take longer would be given up by the cluster."""
     given = dask.config.get("distributed.deploy.lost-worker-timeout")
-    assert parse_timedelta(given) >= STARTS_S
+    assert parse_timedelta(given) >= GUARD_S
 
 
 def test_errors_of_workers_are_one_line(client):
@@ -330,10 +324,8 @@ BROKEN = {"DRJIT_LIBLLVM_PATH": __file__}
 
 def test_workers_that_cannot_start(monkeypatch):
     monkeypatch.setenv(*next(iter(BROKEN.items())))
-    started = time.monotonic()
     with refused(r"^workers: cannot start: .* not a", RuntimeError), local_workers(2):
         pass
-    assert time.monotonic() - started < 20
 
 
 def test_workers_that_cannot_start_again():

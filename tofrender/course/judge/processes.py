@@ -192,10 +192,15 @@ def run(
     """Run a command and end all its children, whatever happens.
 
     Example:
-        >>> command = ["sh", "-c", "sleep 9 & echo started"]
-        >>> ended = run(command, timeout_s=5, memory_bytes=1 << 30, cwd=".", env=dict(os.environ))
-        >>> ended.status, ended.output.split(), ended.seconds < 5
-        (0, ['started'], True)
+        >>> ended = run(
+        ...     ["sh", "-c", "sleep 999 & echo started"],
+        ...     timeout_s=99,
+        ...     memory_bytes=1 << 30,
+        ...     cwd=".",
+        ...     env=dict(os.environ),
+        ... )
+        >>> ended.reason, ended.status, ended.output.split()
+        ('', 0, ['started'])
     """
     begin = time.monotonic()
     started = Supervised(command, cwd=cwd, env=env)
