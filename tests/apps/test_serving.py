@@ -107,7 +107,7 @@ def test_addresses():
 
 def test_readers_may_go_while_something_is_sent_to_them(caplog):
     loop = asyncio.new_event_loop()
-    loop.set_exception_handler(serving._let_readers_go)
+    loop.set_exception_handler(serving._ignore_closed_pages)
     for error in (StreamClosedError(), WebSocketClosedError()):
         loop.call_exception_handler({"message": "never retrieved", "exception": error})
     assert caplog.text == ""

@@ -111,13 +111,13 @@ def compare(
     backend.require_vectorised()
     backend.require_unpolarised()
 
-    from tofrender.apps.compare.pictures import SCENES, opened, same_size
+    from tofrender.apps.compare.pictures import SCENES, load_picture, same_size
     from tofrender.apps.compare.window import application
 
     if two is None:
         make = application(scene=checks.one_of("SCENE|FILE", one, SCENES))
     else:
-        files = opened(one), opened(two)
+        files = load_picture(one), load_picture(two)
         same_size(*files)
         make = application(files=files)
     serve(make, "Two pictures", host=host, port=port, browser=browser, tell=opt.say)
