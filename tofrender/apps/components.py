@@ -6,31 +6,25 @@ import asyncio
 import html
 from collections.abc import Callable
 from concurrent.futures import Executor
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import panel as pn
 import param
 
+from .explorer.module import text_of
+
 CONTROLS_WIDTH = 264
 """Width of a column of controls [px]."""
 
 
-@cache
-def style_sheet(name: str) -> str:
-    """The text of a CSS file of this package."""
-    return Path(__file__).with_name(name).read_text(encoding="utf-8")
-
-
 def control_options(**more: Any) -> dict[str, Any]:
     """Options that all widgets have."""
-    return {"stylesheets": [style_sheet("controls.css")], "margin": (4, 6)} | more
+    return {"stylesheets": [text_of("controls.css")], "margin": (4, 6)} | more
 
 
 def text(markup: str = "", **options: Any) -> Any:
     """A pane of HTML; data inside of it have to be escaped."""
-    return pn.pane.HTML(markup, stylesheets=[style_sheet("controls.css")], **options)
+    return pn.pane.HTML(markup, stylesheets=[text_of("controls.css")], **options)
 
 
 def box(kind: str, title: str, body: str = "") -> str:
@@ -112,18 +106,11 @@ class Page:
         return await loop.run_in_executor(self._executor, function, *arguments)
 
 
-def columns(controls: list[Any], *contents: Any, **options: Any) -> Any:
-    """A column of controls with the contents beside it."""
-    wide = {"sizing_mode": "stretch_width", "min_width": 330}
-    left = pn.Column(*controls, width=CONTROLS_WIDTH + 12, margin=(0, 12, 0, 8))
-    return pn.Row(left, pn.Column(*contents, **wide, **options), sizing_mode="stretch_width")
-
-
 def application(page: Callable[[], Page]) -> Callable[[], Any]:
     """A function that makes the layout of a new reader's page, for `serving.serve`."""
 
     def make() -> Any:
-        style = style_sheet("page.css")
+        style = text_of("page.css")
         if style not in pn.config.raw_css:
             pn.config.raw_css = [*pn.config.raw_css, style]
         return page().layout()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor, ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import panel as pn
@@ -13,6 +12,7 @@ from ...runtime import backend
 from ...runtime.withheld import Withheld
 from .. import components
 from ..components import CONTROLS_WIDTH, Canvas, Page
+from ..explorer.module import text_of
 from .pictures import SCENES, Picture, difference, render_technique, same_size, techniques
 
 SAMPLES = [1, 2, 4, 8, 16, 32, 64, 128, 256]
@@ -27,7 +27,7 @@ class Divider(Canvas):
     size = param.List(default=[0, 0])
     names = param.List(default=["", ""])
     exposure = param.Number(default=0.0)
-    _esm = Path(__file__).with_name("divider.js").read_text(encoding="utf-8")
+    _esm = text_of("compare/divider.js")
 
 
 class Window(Page):

@@ -2,10 +2,10 @@
  * An explorer of light in time. `mount(element, {header, bytes})` shows what Python's
  * `contents_of` has made and returns a handle:
  *
- * - `setData(data)` shows something else in its place,
- * - `set({bin, view, pixels, gate, frequency, exposure, ...})` does what a reader could do,
- * - `state()` says what is shown, with the numbers behind it,
- * - `destroy()` removes it all.
+ * - `setData(data)` shows other data, in the same view if they have the same pixels and bins,
+ * - `set({bin, view, pixels, gate, frequency, exposure, ...})` changes the view,
+ * - `state()` returns the view and the numbers that it shows,
+ * - `destroy()` removes the explorer.
  */
 
 import {
@@ -71,6 +71,9 @@ class Explorer {
 
   open(data) {
     const { header } = data;
+    const shape = JSON.stringify([header.kind, header.axis, header.grid]);
+    const kept = shape === this.shape ? this.now : null;
+    this.shape = shape;
     this.recording = new Recording(data);
     this.about = header;
     this.isVolume = header.kind === "volume";
@@ -101,7 +104,8 @@ class Explorer {
     this.now.gate = this.firstGate();
     this.now.pixels = this.tellingPixels();
     this.build();
-    this.set({});
+    this.set(kept ? { laser: kept.laser, unwarped: kept.unwarped } : {});
+    if (kept) this.set(kept);
   }
 
   /** Drop what was computed of a laser, or of unwarped time. */

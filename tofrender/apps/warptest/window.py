@@ -16,6 +16,7 @@ from ...sampling.domains import find
 from ...sampling.verdicts import Verdict
 from .. import components
 from ..components import CONTROLS_WIDTH, Canvas, Page
+from ..explorer.module import text_of
 from . import engine
 from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, TROUBLE, Drawn, Engine
 from .subjects import SUBJECTS, Parameter, Subject, density_of
@@ -44,7 +45,7 @@ class Plot(Canvas):
     )
     view = param.String(default="2D")
     parts = param.List(default=["points", "grid"])
-    _esm = Path(__file__).with_name("plot.js").read_text(encoding="utf-8")
+    _esm = text_of("warptest/plot.js")
 
 
 class Window(Page):
