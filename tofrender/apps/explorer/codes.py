@@ -1,6 +1,6 @@
-"""Values as codes of one byte on a logarithmic scale, right to a tolerance that is known.
+"""Quantisation of values to codes of one byte on a logarithmic scale.
 
-Code 0 is nothing; q from 1 to 255 stands for least * ratio^(q - 1).
+Code 0 is darkness; code q from 1 to 255 stands for least * ratio^(q - 1).
 """
 
 from __future__ import annotations
@@ -12,24 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 CODES = 255
-"""Codes that stand for something."""
+"""Number of codes, without that of darkness."""
 
 DARK = 1e-4
-"""Part of all light that may lie in values too small to have a code."""
+"""Fraction of all light that may lie in values too small to have a code."""
 
 DECADES = 7
-"""Between the largest value and the least one that has a code, at the most."""
+"""Largest range of values that have a code."""
 
 _PER_OCTAVE = 16  # Bins of the histogram of values
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What codes stand for.
-
-    Attributes:
-        least: Value of code 1.
-        ratio: Of a code's value to that of the one before.
+    """Logarithmic scale of codes: the value of code 1, and the ratio of successive values.
 
     Example:
         >>> scale = Scale.of([np.array([1.0, 10.0, 1000.0])])
@@ -43,7 +39,7 @@ class Scale:
 
     @classmethod
     def of(cls, pieces: Iterable[np.ndarray]) -> Scale:
-        """The scale for values, which come in pieces; NaN, infinities and values <= 0 have none."""
+        """Scale for the finite values above 0 of all pieces."""
         sums: dict[int, float] = {}
         low, high = math.inf, 0.0
         for values in pieces:
@@ -57,10 +53,10 @@ class Scale:
                 sums[first + k] = sums.get(first + k, 0.0) + float(light)
         if not high:
             return cls(1.0, 2.0)
-        left = DARK * sum(sums.values())
+        dark = DARK * sum(sums.values())
         for octave in sorted(sums):
-            left -= sums[octave]
-            if left < 0:
+            dark -= sums[octave]
+            if dark < 0:
                 low = max(low, 2 ** (octave / _PER_OCTAVE))
                 break
         least = min(max(low, high / 10**DECADES), high)
@@ -72,7 +68,7 @@ class Scale:
         return math.sqrt(self.ratio) - 1
 
     def codes(self, values: np.ndarray) -> np.ndarray:
-        """The nearest codes; 0 of what is not finite."""
+        """The nearest codes; 0 for values that are not finite."""
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = np.log2(values * np.float32(1 / self.least), dtype=np.float32)
             steps *= np.float32(1 / math.log2(self.ratio))
@@ -80,5 +76,5 @@ class Scale:
         return np.where(np.isfinite(found) & np.isfinite(values), found, 0).astype(np.uint8)
 
     def values(self, codes: np.ndarray) -> np.ndarray:
-        """What codes stand for."""
+        """Values of codes."""
         return np.where(codes > 0, self.least * self.ratio ** (codes.astype(np.float64) - 1), 0.0)

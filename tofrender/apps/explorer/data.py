@@ -1,4 +1,4 @@
-"""What Datasets say that an explorer shows: renders, captures, strategies, reconstructions."""
+"""Data of an explorer from Datasets: renders, captures, strategies, reconstructions."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from ...runtime import checks
 from ...signals.colour import LUMINANCE
 from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
-from .reducing import How
+from .reducing import Mode
 
 if TYPE_CHECKING:
     import xarray as xr
 
-CAMERA = "optical path length, way to the camera included"
-UNWARPED = "optical path length, way to the camera left out"
+CAMERA = "optical path length, camera segment included"
+UNWARPED = "optical path length, camera segment left out"
 WALL = "optical path length, laser to wall and wall to sensor included"
 HIDDEN = "optical path length, from the wall to the wall"
 
-SPOTS = {"transient": "pixels", "capture": "points", "volume": "columns"}
+PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns"}
 
 FACTS = {
     "mode": "Mode",
@@ -40,75 +40,70 @@ FACTS = {
     "seed": "Seed",
     "variant": "Variant",
     "render_seconds": "Rendered in [s]",
-    "energy_outside_window": "Light outside of the bins [part]",
+    "energy_outside_window": "Light outside of the bins [fraction]",
     "versions": "Versions",
 }
-"""Attributes that are told, by what they are called."""
+"""Labels of attributes that are shown."""
 
 
 @dataclass
-class Subject:
-    """A cube and what belongs to it.
-
-    Attributes:
-        kind: "transient", "capture" or "volume".
-        light: (..., y, x, bins, channels); leading axes are the lasers'.
-        start: Where bins start [m].
-        width: Of a bin [m].
-        what: What bins count.
-        how: What becomes of bins that are joined.
-        quantity: Of a value, with its unit.
-        peaks: (lasers, y, x) where along the bins each pixel is brightest [m], NaN if nowhere.
-        first: Column and row of the first pixel.
-        steady: (y, x, 1, channels), all light.
-        errors: Standard errors of `light`.
-        orders: Parts of the light by name, like it in shape.
-        distance: (y, x) from the camera to what each pixel sees [m].
-        hatch: (y, x) where nothing is known.
-        depth: What has to hold for half the path length to be a depth; "" where it never is one.
-        geometry: More for the header.
-        points: (y, x, 3) of a wall [m].
-        notes: What the page has to say.
-    """
+class ExplorerData:
+    """A cube with everything that an explorer shows of it."""
 
     kind: str
+    """"transient", "capture" or "volume"."""
     light: Cube
+    """(..., y, x, bins, channels); leading axes are laser spots."""
     start: float
     width: float
-    what: str
-    how: How
+    """Start of the first bin and width of a bin [m]."""
+    axis: str
+    """Label of the axis of bins."""
+    mode: Mode
+    """How bins are joined."""
     quantity: str
+    """Quantity of a value, with its unit."""
     peaks: np.ndarray
+    """(laser spots, y, x) position of each pixel's brightest bin [m], NaN if it has no light."""
     first: tuple[int, int] = (0, 0)
+    """Column and row of the first pixel."""
     steady: Cube | None = None
+    """(y, x, 1, channels)."""
     errors: Cube | None = None
+    """Standard errors of `light`."""
     orders: dict[str, Cube] = field(default_factory=dict)
+    """Parts of the light by name, of the shape of `light`."""
     distance: np.ndarray | None = None
+    """(y, x) from the camera to the surface in each pixel [m]."""
     hatch: np.ndarray | None = None
+    """(y, x) whether nothing is known of a pixel."""
     depth: str = ""
+    """Condition under which half the path length is a depth; "" where it never is."""
     geometry: dict[str, Any] = field(default_factory=dict)
+    """More for the header."""
     points: np.ndarray | None = None
+    """(y, x, 3) positions on the relay wall [m]."""
     notes: list[str] = field(default_factory=list)
+    """Sentences for the reader."""
 
     @property
     def weights(self) -> list[float]:
-        """Of channels in the luminance."""
+        """Weights of channels in the luminance."""
         return LUMINANCE.tolist() if self.light.shape[-1] == 3 else [1.0]
 
 
-def subject_of(data: Any, orders: Any = None, distance_m: Any = None) -> Subject:
-    """What a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct` shows.
+def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
+    """Take a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
 
     Raises:
-        ValueError: It is none of these, or what is given with it does not fit; one line.
+        ValueError: It is none of these, or another argument does not fit; one line.
     """
     import xarray as xr
 
-    given = {"orders": orders, "distance_m": distance_m}
     if not isinstance(data, xr.Dataset):
         raise ValueError(f"data = {checks.shown(data)}: must be an xarray.Dataset")
     kind = "volume" if "intensity" in data else "capture" if "sensor_grid" in data else "transient"
-    for name, value in given.items():
+    for name, value in (("orders", orders), ("distance_m", distance_m)):
         if value is not None and kind != "transient":
             raise ValueError(f"{name}: must be None, as data is a {kind}")
     if kind == "volume":
@@ -121,42 +116,33 @@ def subject_of(data: Any, orders: Any = None, distance_m: Any = None) -> Subject
     return _transient(data, _orders(orders, data), distance_m)
 
 
-def facts(data: xr.Dataset, subject: Subject) -> list[tuple[str, str]]:
-    """What the attributes tell, as text; the first one is the size."""
-    *pictures, height, width, bins, _ = subject.light.shape
-    what = "voxels" if subject.kind == "volume" else "bins"
-    size = (
-        f"{width} × {height} {SPOTS[subject.kind]}, {bins} {what} of {1000 * subject.width:.4g} mm"
-    )
-    if pictures:
-        size += f", {math.prod(pictures)} lit points"
-    told = [("Size", size)]
-    for name, label in FACTS.items():
-        if name in data.attrs:
-            value = data.attrs[name]
-            told.append((label, f"{value:.4g}" if isinstance(value, float) else str(value)))
-    return told
+def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
+    """Size and attributes as labels and texts."""
+    *spots, height, width, bins, _ = found.light.shape
+    unit = "voxels" if found.kind == "volume" else "bins"
+    size = f"{width} × {height} {PIXELS[found.kind]}, {bins} {unit} of {1000 * found.width:.4g} mm"
+    if spots:
+        size += f", {math.prod(spots)} laser spots"
+    values = {label: data.attrs[name] for name, label in FACTS.items() if name in data.attrs}
+    texts = ((k, f"{v:.4g}" if isinstance(v, float) else str(v)) for k, v in values.items())
+    return [("Size", size), *texts]
 
 
 def _quantity(attrs: Mapping[str, Any]) -> str:
-    """With its unit, powers raised."""
     return f"{attrs['quantity']} [{typeset(str(attrs['units']))}]"
 
 
 # ---------------------------------------------------------------------------------------- kinds
 
 
-def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Subject:
+def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> ExplorerData:
     seen = Transient.of(data)
     unwarped = bool(data.attrs.get("camera_unwarp"))
     peaks = ns_to_opl(seen.brightest()[1])[None]
-    subject = Subject(
-        "transient",
-        seen.values,
-        seen.start_opl,
-        seen.bin_width_opl,
-        what=UNWARPED if unwarped else CAMERA,
-        how="mean" if data.attrs["quantity"] == "radiance per metre" else "sum",
+    found = ExplorerData(
+        *("transient", seen.values, seen.start_opl, seen.bin_width_opl),
+        axis=UNWARPED if unwarped else CAMERA,
+        mode="mean" if data.attrs["quantity"] == "radiance per metre" else "sum",
         quantity=_quantity(data.attrs),
         peaks=peaks,
         first=(seen.x0, seen.y0),
@@ -168,64 +154,54 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Su
         steady = Cube.of("data: steady", data["steady"])
         if steady.shape != (*seen.size, seen.values.shape[3]):
             raise ValueError(f"data: steady with shape {steady.shape}: must be as transient has it")
-        subject.steady = steady.view(np.s_[:, :, None, :])
+        found.steady = steady.view(np.s_[:, :, None, :])
     if "transient_error" in data:
-        subject.errors = Cube.of("data: transient_error", data["transient_error"])
+        found.errors = Cube.of("data: transient_error", data["transient_error"])
     if distance_m is not None:
         if unwarped:
             raise ValueError("distance_m: must be None, as data is unwarped already")
-        subject.distance = _distances(distance_m, seen.size, subject.notes)
-    return subject
+        found.distance = _distances(distance_m, seen.size, found.notes)
+    return found
 
 
-def _capture(data: xr.Dataset) -> Subject:
+def _capture(data: xr.Dataset) -> ExplorerData:
     check_capture(data)
     light = Cube.of("data: transient", data["transient"])
     start, width = time_axis(data)
     grid = data["sensor_grid"].values.astype(np.float64)
     mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
-    pictures = list(np.ndindex(*light.shape[:-4]))
-    views = [Transient(light.view(place), start, width) for place in pictures]
+    views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
     geometry: dict[str, Any] = {"mode": mode}
     if mode != "confocal":
         geometry["lasers"] = _in_grid(data["laser_grid"].values.reshape(-1, 3), grid)
-    unseen = ~data[ON_WALL].values if ON_WALL in data else None
-    is_sphere = mode == "confocal" and not legs
-    return Subject(
-        "capture",
-        light,
-        start,
-        width,
-        what=WALL if legs else HIDDEN,
-        how="sum",
+    is_confocal = mode == "confocal" and not legs
+    return ExplorerData(
+        *("capture", light, start, width),
+        axis=WALL if legs else HIDDEN,
+        mode="sum",
         quantity=_quantity(data.attrs),
         peaks=np.stack([ns_to_opl(view.brightest()[1]) for view in views]),
         first=(int(data["x"].values[0]), int(data["y"].values[0])),
-        hatch=unseen,
-        depth="a single bounce in the hidden scene, back to where it was lit" * is_sphere,
+        hatch=~data[ON_WALL].values if ON_WALL in data else None,
+        depth="a single bounce in the hidden scene, back to the laser spot" * is_confocal,
         geometry=geometry,
         points=grid,
     )
 
 
-def _volume(data: xr.Dataset) -> Subject:
+def _volume(data: xr.Dataset) -> ExplorerData:
     values = check_volume(data)
     start, step = _axis(data, "z")
     sides = {axis: _axis(data, axis) for axis in "xy"}
     rows = slice(None)
     if not ("frame_axes" in data and float(data["frame_axes"].values[1, 1]) < 0):
-        rows, (low, size) = (
-            slice(None, None, -1),
-            sides["y"],
-        )  # The first row of a picture is on top
+        # The first row of a picture is on top
+        rows, (low, size) = slice(None, None, -1), sides["y"]
         sides["y"] = low + size * values.shape[1], -size
-    return Subject(
-        "volume",
-        Cube(np.moveaxis(values, 0, -1)[rows, ..., None]),
-        start,
-        step,
-        what="distance from the wall",
-        how="mean",
+    return ExplorerData(
+        *("volume", Cube(np.moveaxis(values, 0, -1)[rows, ..., None]), start, step),
+        axis="distance from the wall",
+        mode="mean",
         quantity=f"intensity [{data.attrs.get('units', 'arbitrary')}]",
         peaks=depth_map(data).values[None, rows],
         geometry=dict(sides),
@@ -233,7 +209,7 @@ def _volume(data: xr.Dataset) -> Subject:
 
 
 def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
-    """The light of all strategies of a pyramid, and that of each number of bounces."""
+    """Light of all strategies of a pyramid, and of each number of bounces."""
     if "weighting" not in data.dims or not {"s", "t"} <= set(data.coords):
         raise ValueError("data with strategies: must be a result of strategy_pyramid")
     weighted = data.sel(weighting="mis", drop=True).assign_attrs(quantity=QUANTITIES[0])
@@ -241,9 +217,9 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
     orders = {}
     for vertices in sorted({int(n) for n in length}):
         bounces = vertices - 2
-        part = weighted.isel(strategy=np.flatnonzero(length == vertices)).sum("strategy")
         name = "lamp, seen directly" if not bounces else f"{bounces} bounce{'s' * (bounces > 1)}"
-        orders[name] = part
+        strategies = np.flatnonzero(length == vertices)
+        orders[name] = weighted.isel(strategy=strategies).sum("strategy")
     return weighted.sum("strategy", keep_attrs=True), orders
 
 
@@ -274,14 +250,14 @@ def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.n
         raise ValueError("distance_m: must be from 0 to 1e12 metres, or NaN, not everywhere")
     if not seen.all():
         notes.append(
-            f"{int((~seen).sum())} pixels see no surface; without the way to the camera they are "
-            "shown as if it were as far as on average."
+            f"{int((~seen).sum())} pixels see no surface; without the camera segment they are "
+            "shown at the mean distance of the others."
         )
     return np.where(seen, distances, known.mean())
 
 
 def _unknown(cube: Cube) -> np.ndarray | None:
-    """Where values are NaN or infinite."""
+    """Pixels with values that are NaN or infinite."""
     unknown = np.zeros(cube.shape[:2], bool)
     for (rows, columns, *_), values in cube.pieces():
         if not np.isfinite(values.sum()):
@@ -290,7 +266,7 @@ def _unknown(cube: Cube) -> np.ndarray | None:
 
 
 def _axis(data: xr.Dataset, axis: str) -> tuple[float, float]:
-    """Where the voxels of an axis begin, and their size [m]."""
+    """Start of the first voxel of an axis, and size of a voxel [m]."""
     if axis not in data.coords:
         raise ValueError(f"data: coordinate {axis} is missing; must be as reconstruct has it")
     centres = np.asarray(data[axis].values, np.float64)
@@ -301,9 +277,9 @@ def _axis(data: xr.Dataset, axis: str) -> tuple[float, float]:
 
 
 def _in_grid(points: np.ndarray, grid: np.ndarray) -> list[list[float]]:
-    """Columns and rows of points among those of a wall's grid."""
+    """Columns and rows of points in the grid of a relay wall."""
     rows, columns = np.indices(grid.shape[:2])
     known = np.column_stack([grid.reshape(-1, 3), np.ones(rows.size)])
-    places = np.column_stack([columns.ravel(), rows.ravel()])
-    solution = np.linalg.lstsq(known, places, rcond=None)[0]
+    pixels = np.column_stack([columns.ravel(), rows.ravel()])
+    solution = np.linalg.lstsq(known, pixels, rcond=None)[0]
     return (np.column_stack([points, np.ones(len(points))]) @ solution).round(3).tolist()
