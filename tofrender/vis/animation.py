@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _INTERVAL_MS = 50
 _PLAYER_FRAMES, _PLAYER_DPI = 100, 108
+_JPEG: Any = {"animation.frame_format": "jpeg"}
 
 _REDUCED_MOTION = 'matchMedia("(prefers-reduced-motion: reduce)").matches'
 _SIGNS = {
@@ -105,11 +106,10 @@ def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimati
             if not self.html:
                 self.stride = -(-bins // _PLAYER_FRAMES)
                 fps: Any = 1000 / _INTERVAL_MS / self.stride  # May be a fraction
-                writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
-                jpeg = rc_context({"animation.frame_format": "jpeg"})
                 try:
-                    with TemporaryDirectory() as folder, jpeg:
+                    with TemporaryDirectory() as folder, rc_context(_JPEG):
                         path = Path(folder, "player.html")
+                        writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
                         self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
                         self.html = _playing(path.read_text(), first // self.stride)
                 finally:

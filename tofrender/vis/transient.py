@@ -48,21 +48,19 @@ class Transient:
         quantity: str | None = None,
     ):
         """Take and check a Dataset of `render`, or an array with its time axis."""
-        extra: dict[str, Any] = {}
+        first = (0, 0)
         if quantity is not None:
-            extra["quantity"] = checks.one_of("quantity", quantity, QUANTITIES)
+            checks.one_of("quantity", quantity, QUANTITIES)
         if hasattr(data, "data_vars"):
             _require_labels(data)
             start, width = time_axis(data)
             start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
-            x0, y0 = first_pixel(data)
-            named = f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
-            extra = {"quantity": named} | extra | {"x0": x0, "y0": y0}
+            first = first_pixel(data)
+            quantity = quantity or f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
             data = data["transient"]
-        start = checks.metres("start_opl", start_opl)
-        width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-        return cls(_cube("data", data), start, width, **extra)
+        times: Any = start_opl, bin_width_opl
+        return cls(_cube("data", data), *times, *first, quantity or cls.quantity)
 
     @property
     def bins(self) -> int:
