@@ -17,9 +17,10 @@ CONTROLS_WIDTH = 264
 """Width of a column of controls [px]."""
 
 
-def control_options(**more: Any) -> dict[str, Any]:
-    """Options that all widgets have."""
-    return {"stylesheets": [text_of("controls.css")], "margin": (4, 6)} | more
+def control(kind: str, label: str, **options: Any) -> Any:
+    """A widget of Panel, by default in a column of controls."""
+    style = {"stylesheets": [text_of("controls.css")], "margin": (4, 6), "width": CONTROLS_WIDTH}
+    return getattr(pn.widgets, kind)(label=label, **(style | options))
 
 
 def text(markup: str = "", **options: Any) -> Any:

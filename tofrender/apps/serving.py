@@ -16,22 +16,18 @@ import threading
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
+from string import Template
 from typing import Any
 from urllib.parse import urlsplit
 
 from ..runtime import checks
 from ..runtime.progress import SIGNALS
+from .explorer.module import text_of
 
 LOOPBACK = "127.0.0.1"
 FIRST_PORT, PORTS = 5006, 100
 MAX_MESSAGE = 64 << 20
 """Largest message from a browser, such as a file [bytes]."""
-
-ASK = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>
-<meta name="color-scheme" content="light dark"><body style="font: 16px system-ui; margin: 3em">
-<h1 style="font-size: 1.2em">{title}</h1>
-<p>This page needs the token that the command printed with its address.</p>
-<form action="/"><label>Token <input name="token" autofocus></label> <button>Open</button></form>"""
 
 
 def require_panel() -> Any:
@@ -193,11 +189,12 @@ def _token_provider(title: str, token: str) -> Any:
     from tornado.web import RequestHandler
 
     cookie = f"tofrender-{secrets.token_hex(4)}"
+    page = Template(text_of("login.html")).substitute(title=html.escape(title))
 
     class Refusal(RequestHandler):
         def get(self) -> None:
             self.set_status(403)
-            self.finish(ASK.format(title=html.escape(title)))
+            self.finish(page)
 
     class TokenProvider(AuthProvider):
         @property

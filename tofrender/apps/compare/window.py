@@ -11,7 +11,7 @@ import param
 from ...runtime import backend
 from ...runtime.withheld import Withheld
 from .. import components
-from ..components import CONTROLS_WIDTH, Canvas, Page
+from ..components import CONTROLS_WIDTH, Canvas, Page, control
 from ..explorer.module import text_of
 from .pictures import SCENES, Picture, difference, render_technique, same_size, techniques
 
@@ -44,23 +44,17 @@ class Window(Page):
     ) -> None:
         super().__init__(executor)
         self.files = files
-        style = components.control_options(width=CONTROLS_WIDTH)
-        self.scene = pn.widgets.Select(
-            label="Scene", options=list(SCENES), value=scene or SCENES[0], **style
-        )
-        self.sides = [pn.widgets.Select(label=label, **style) for label in ("Left", "Right")]
-        self.spp = pn.widgets.DiscreteSlider(
-            label="Samples per pixel", options=SAMPLES, value=16, **style
-        )
-        self.exposure = pn.widgets.FloatSlider(
-            label="Exposure [stops]", start=-6, end=6, step=0.25, value=0, **style
-        )
+        self.scene = control("Select", "Scene", options=list(SCENES), value=scene or SCENES[0])
+        self.sides = [control("Select", label) for label in ("Left", "Right")]
+        self.spp = control("DiscreteSlider", "Samples per pixel", options=SAMPLES, value=16)
+        stops = {"start": -6, "end": 6, "step": 0.25, "value": 0}
+        self.exposure = control("FloatSlider", "Exposure [stops]", **stops)
         self.divider = Divider(sizing_mode="stretch_width", exposure=self.exposure)
         self.message = components.text(width=CONTROLS_WIDTH, margin=(8, 6))
         self._list_techniques()
         self.scene.param.watch(self._list_techniques, "value")
-        for control in (self.scene, *self.sides, self.spp):
-            control.param.watch(self.redraw, "value")
+        for each in (self.scene, *self.sides, self.spp):
+            each.param.watch(self.redraw, "value")
         self.divider.param.watch(self.redraw, "ready")
 
     def layout(self) -> Any:

@@ -50,41 +50,24 @@ FACTS = {
 class ExplorerData:
     """A cube with everything that an explorer shows of it."""
 
-    kind: str
-    """"transient", "capture" or "volume"."""
-    light: Cube
-    """(..., y, x, bins, channels); leading axes are laser spots."""
-    start: float
-    width: float
-    """Start of the first bin and width of a bin [m]."""
-    axis: str
-    """Label of the axis of bins."""
-    mode: Mode
-    """How bins are joined."""
-    quantity: str
-    """Quantity of a value, with its unit."""
-    peaks: np.ndarray
-    """(laser spots, y, x) position of each pixel's brightest bin [m], NaN if it has no light."""
-    first: tuple[int, int] = (0, 0)
-    """Column and row of the first pixel."""
-    steady: Cube | None = None
-    """(y, x, 1, channels)."""
-    errors: Cube | None = None
-    """Standard errors of `light`."""
-    orders: dict[str, Cube] = field(default_factory=dict)
-    """Parts of the light by name, of the shape of `light`."""
-    distance: np.ndarray | None = None
-    """(y, x) from the camera to the surface in each pixel [m]."""
-    hatch: np.ndarray | None = None
-    """(y, x) whether nothing is known of a pixel."""
-    depth: str = ""
-    """Condition under which half the path length is a depth; "" where it never is."""
-    geometry: dict[str, Any] = field(default_factory=dict)
-    """More for the header."""
-    points: np.ndarray | None = None
-    """(y, x, 3) positions on the relay wall [m]."""
-    notes: list[str] = field(default_factory=list)
-    """Sentences for the reader."""
+    kind: str  # "transient", "capture" or "volume"
+    light: Cube  # (..., y, x, bins, channels); leading axes are laser spots
+    start: float  # Of the first bin [m]
+    width: float  # Of a bin [m]
+    axis: str  # Label of the axis of bins
+    mode: Mode  # How bins are joined
+    quantity: str  # Of a value, with its unit
+    peaks: np.ndarray  # (laser spots, y, x) position of the brightest bin [m], NaN without light
+    first: tuple[int, int] = (0, 0)  # Column and row of the first pixel
+    steady: Cube | None = None  # (y, x, 1, channels)
+    errors: Cube | None = None  # Standard errors of `light`
+    orders: dict[str, Cube] = field(default_factory=dict)  # Parts of the light by name
+    distance: np.ndarray | None = None  # (y, x) from the camera to the surface [m]
+    hatch: np.ndarray | None = None  # (y, x) whether nothing is known of a pixel
+    depth: str = ""  # Condition under which half the path length is a depth, "" for never
+    geometry: dict[str, Any] = field(default_factory=dict)  # More for the header
+    points: np.ndarray | None = None  # (y, x, 3) positions on the relay wall [m]
+    notes: list[str] = field(default_factory=list)  # Sentences for the reader
 
     @property
     def weights(self) -> list[float]:

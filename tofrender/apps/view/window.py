@@ -11,7 +11,7 @@ import panel as pn
 import param
 
 from .. import components
-from ..components import Canvas, Page
+from ..components import Canvas, Page, control
 from ..explorer.contents import Contents, contents_of
 from ..explorer.module import javascript, style, text_of
 from .sources import LiveRender, SavedDataset
@@ -44,16 +44,13 @@ class Window(Page):
         super().__init__(executor)
         self.source, self.out = source, out
         self._shown_version, self._updates, self._was_saved = -1, 0, False
-        style = components.control_options()
         self.explorer = Explorer(sizing_mode="stretch_width", min_height=200)
         self.message = components.text(sizing_mode="stretch_width", margin=(4, 6))
-        self.stop = pn.widgets.Button(label="Stop", width=110, **style)
-        self.save = pn.widgets.Button(label=f"Save as {out.name}", width=220, **style)
-        self.sliders = {
-            axis: pn.widgets.IntRangeSlider(label=label, width=240, **style)
-            for axis, label in (("y", "Rows"), ("x", "Columns"), ("opl", "Bins"))
-        }
-        closer = pn.widgets.Button(label="Look closer", color="primary", width=120, **style)
+        self.stop = control("Button", "Stop", width=110)
+        self.save = control("Button", f"Save as {out.name}", width=220)
+        labels = {"y": "Rows", "x": "Columns", "opl": "Bins"}
+        self.sliders = {k: control("IntRangeSlider", v, width=240) for k, v in labels.items()}
+        closer = control("Button", "Look closer", color="primary", width=120)
         self.region = pn.Row(*self.sliders.values(), closer, visible=False)
         self.stop.on_click(self._stop_or_go_on)
         self.save.on_click(self._save)

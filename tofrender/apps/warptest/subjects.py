@@ -35,8 +35,7 @@ class Parameter:
     low: float
     high: float
     step: float
-    allowed: tuple[float, float] | None = None
-    """Least and greatest value, if they are not the slider's."""
+    allowed: tuple[float, float] | None = None  # If not the slider's range
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -49,20 +48,13 @@ class Subject:
     """A sampler with its density."""
 
     title: str
-    group: str
-    """"Warps", "Shapes" or "Lights"."""
-    domain: str
-    """Domain of its points, a name in `tofrender.sampling.domains.DOMAINS`."""
-    density: str
-    """The density's formula."""
-    names: tuple[str, ...]
-    """Names that a file has to define, the sampler's first; none if nobody writes it."""
-    make: Callable[..., Functions]
-    """Called with a lookup of these names and the parameters' values; returns `sample` and `pdf`
-    for `chi_square_test`."""
+    group: str  # "Warps", "Shapes" or "Lights"
+    domain: str  # Of its points, a name in `tofrender.sampling.domains.DOMAINS`
+    density: str  # Formula
+    names: tuple[str, ...]  # That a file has to define, the sampler's first
+    make: Callable[..., Functions]  # Called with a lookup of these names, and the parameters
     parameters: tuple[Parameter, ...] = ()
-    takes_image: bool = False
-    """Whether it has the parameter `image`."""
+    takes_image: bool = False  # Whether it has the parameter `image`
 
     @property
     def dimensions(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import io
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ import numpy as np
 import panel as pn
 import param
 
+from ...runtime import checks
 from ...sampling.domains import find
 from ...sampling.verdicts import Verdict
 from .. import components
-from ..components import CONTROLS_WIDTH, Canvas, Page
+from ..components import CONTROLS_WIDTH, Canvas, Page, control
 from ..explorer.module import text_of
 from . import engine
 from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, TROUBLE, Drawn, Engine
@@ -75,46 +77,38 @@ class Window(Page):
     # ------------------------------------------------------------------------------ controls
 
     def _make_controls(self, subject: str) -> None:
-        style = components.control_options(width=CONTROLS_WIDTH, margin=(3, 6))
+        make = partial(control, margin=(3, 6))
         names, module = {"This package": LIBRARY}, self.engine.module
         if module is not None:
             names = {f"Yours: {module.path.name}": MODULE} | names
-        self.source = pn.widgets.Select(
-            label="Whose", options=names, value=next(iter(names.values())), **style
-        )
-        self.subject = pn.widgets.Select(label="Distribution", **style)
+        self.source = make("Select", "Whose", options=names, value=next(iter(names.values())))
+        self.subject = make("Select", "Distribution")
         self._list_subjects(subject)
-        self.number = pn.widgets.FloatInput(label="", value=0.5, **style)
-        self.slider = pn.widgets.FloatSlider(
-            start=0, end=1, value=0.5, show_value=False, label="", **style
-        )
-        self.image = pn.widgets.FileInput(accept=".exr,.png,.jpg", **style)
-        self.example = pn.widgets.Button(label="2 × 2 example", **style)
-        self.kind = pn.widgets.Select(label="Point set", options=[*POINT_SETS], **style)
-        self.count = pn.widgets.DiscreteSlider(label="Points", options=COUNTS, value=1024, **style)
-        self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, end=(1 << 32) - 1, **style)
-        self.show = pn.widgets.CheckButtonGroup(
-            label="Show", options=["points", "grid"], value=["points", "grid"], **style
-        )
-        self.view = pn.widgets.RadioButtonGroup(label="View", options=["3D", "2D"], **style)
-        self.samples = pn.widgets.Select(
-            label="Samples of the test", options=SAMPLES, value=1_000_000, **style
-        )
-        self.test = pn.widgets.Button(label="Run the χ² test", color="primary", **style)
-        self.format = pn.widgets.Select(
-            label="Figure", options=["png", "pdf", "svg"], **(style | {"width": 84})
-        )
-        self.save = pn.widgets.FileDownload(
+        self.number = make("FloatInput", "", value=0.5)
+        self.slider = make("FloatSlider", "", start=0, end=1, value=0.5, show_value=False)
+        self.image = make("FileInput", "", accept=".exr,.png,.jpg")
+        self.example = make("Button", "2 × 2 example")
+        self.kind = make("Select", "Point set", options=[*POINT_SETS])
+        self.count = make("DiscreteSlider", "Points", options=COUNTS, value=1024)
+        self.seed = make("IntInput", "Seed", value=0, start=0, end=checks.MAX_SEED)
+        parts = ["points", "grid"]
+        self.show = make("CheckButtonGroup", "Show", options=parts, value=parts)
+        self.view = make("RadioButtonGroup", "View", options=["3D", "2D"])
+        self.samples = make("Select", "Samples of the test", options=SAMPLES, value=1_000_000)
+        self.test = make("Button", "Run the χ² test", color="primary")
+        self.format = make("Select", "Figure", options=["png", "pdf", "svg"], width=84)
+        self.save = control(
+            *("FileDownload", "Save the figure"),
             callback=self._figure,
             filename="warp.png",
-            label="Save the figure",
             disabled=True,
-            **(style | {"width": CONTROLS_WIDTH - 96, "margin": (25, 6, 3, 6)}),
+            width=CONTROLS_WIDTH - 96,
+            margin=(25, 6, 3, 6),
         )
 
     def _watch_controls(self) -> None:
-        for control in (self.kind, self.count, self.seed, self.number):
-            control.param.watch(self.redraw, "value")
+        for each in (self.kind, self.count, self.seed, self.number):
+            each.param.watch(self.redraw, "value")
         self.slider.param.watch(self._slide, "value")
         self.source.param.watch(self._choose_source, "value")
         self.subject.param.watch(self._choose_subject, "value")
