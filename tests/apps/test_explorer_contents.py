@@ -165,7 +165,7 @@ def test_what_does_not_fit(tmp_path):
         ({"orders": {"a": 3}}, r"orders\['a'\] = 3: must be a Dataset of render"),
         ({"orders": {"a": make_dataset(2, 3, 4)}}, r"orders\['a'\]: must have the pixels"),
         ({"distance_m": np.ones((2, 2))}, r"distance_m with shape \(2, 2\): must be"),
-        ({"distance_m": -np.ones((20, 30))}, "distance_m: must be from 0"),
+        ({"distance_m": -np.ones((20, 30))}, "distance_m holds -1: must be from 0"),
         ({"most_bytes": 1}, "megabytes: must be more"),
     ):
         with pytest.raises(ValueError, match=said):

@@ -56,10 +56,7 @@ class Canvas(pn.custom.JSComponent):
 
 
 class Page:
-    """The page of one reader. Subclasses have `layout` and `draw`.
-
-    Args:
-        executor: Runs what takes long.
+    """The page of one reader, with a thread for long tasks; subclasses have `layout` and `draw`.
 
     Example:
         >>> class Counting(Page):
@@ -81,7 +78,7 @@ class Page:
         self._drawing = self._outdated = False
 
     def layout(self) -> Any:
-        """The layout in Panel's terms."""
+        """The layout, an object of Panel."""
         raise NotImplementedError
 
     async def draw(self) -> None:

@@ -42,12 +42,7 @@ def require_panel() -> Any:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach an address.
-
-    Example:
-        >>> is_loopback("127.0.0.1"), is_loopback("localhost"), is_loopback("0.0.0.0")
-        (True, True, False)
-    """
+    """Whether only this machine can reach an address."""
     with suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
     return host == "localhost"
@@ -64,17 +59,9 @@ def serve(
 ) -> None:
     """Serve an application until Ctrl-C, SIGTERM or SIGHUP.
 
-    Args:
-        make: Makes the layout (an object of Panel) of a new reader's page.
-        title: The page's title.
-        host: Address to listen on. Readers need a random token, a part of the page's address.
-        port: Port to listen on; by default the first free one from 5006 on.
-        browser: Whether to open the page, if there is a screen.
-        tell: Called with a line that has the page's address.
-
-    Raises:
-        ValueError: The address or the port cannot be used; one line.
-        RuntimeError: Panel is not installed.
+    `make` makes the layout of a new reader's page, whose address has a random token and is passed
+    to `tell`. By default the port is the first free one from 5006 on. A ValueError says in one
+    line why an address or a port cannot be used.
     """
     require_panel()
     checks.instance("host", host, str, "an address like 127.0.0.1")
@@ -196,26 +183,18 @@ def _token_provider(title: str, token: str) -> Any:
             self.set_status(403)
             self.finish(page)
 
+    def user(handler: Any) -> str | None:
+        remembered = handler.get_cookie(cookie) or ""
+        given = handler.get_argument("token", remembered)
+        if not hmac.compare_digest(given.encode(), token.encode()):
+            return None
+        if not remembered and handler.request.headers.get("Upgrade", "") == "":
+            handler.set_cookie(cookie, token, httponly=True, samesite="Strict")
+        return "reader"
+
     class TokenProvider(AuthProvider):
-        @property
-        def get_user(self) -> Callable[[Any], str | None]:
-            def user(handler: Any) -> str | None:
-                remembered = handler.get_cookie(cookie) or ""
-                given = handler.get_argument("token", remembered)
-                if not hmac.compare_digest(given.encode(), token.encode()):
-                    return None
-                if not remembered and handler.request.headers.get("Upgrade", "") == "":
-                    handler.set_cookie(cookie, token, httponly=True, samesite="Strict")
-                return "reader"
-
-            return user
-
-        @property
-        def login_url(self) -> str:
-            return "/login"
-
-        @property
-        def login_handler(self) -> type[RequestHandler]:
-            return Refusal
+        get_user = property(lambda _: user)
+        login_url = property(lambda _: "/login")
+        login_handler = property(lambda _: Refusal)
 
     return TokenProvider()

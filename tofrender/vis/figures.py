@@ -6,19 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..runtime import plots
 from ..runtime.canvas import figure_width, new_figure
-from ..runtime.plots import (
-    COLUMN,
-    HATCH,
-    NO_VALUE,
-    colour_bar,
-    few_ticks,
-    fit_height,
-    hatch_patch,
-    scale_of,
-    with_factor,
-    wrapped,
-)
 from ..signals.units import ns_to_opl, opl_to_ns
 from .transient import Transient
 
@@ -31,12 +20,12 @@ def pixel_axes(axes: Axes) -> None:
     """Label both axes in whole pixels."""
     axes.set_xlabel("x [pixel]")
     axes.set_ylabel("y [pixel]")
-    few_ticks(axes, integer=True)
+    plots.few_ticks(axes, integer=True)
 
 
 def map_axes(axes: Axes, values: Any, **options: Any) -> Any:
     """Draw values (height, width) like `imshow`, hatched where they are NaN; returns the image."""
-    axes.patch.set(**HATCH, linewidth=0)
+    axes.patch.set(**plots.HATCH, linewidth=0)
     pixel_axes(axes)
     return axes.imshow(values, interpolation="nearest", **options)
 
@@ -44,11 +33,11 @@ def map_axes(axes: Axes, values: Any, **options: Any) -> Any:
 def time_axes(axes: Axes, sequence: Transient) -> None:
     """Label time below, path length above, quantity on the left; for axes with all curves."""
     axes.set_xlabel("time [ns]")
-    factor, formatter = scale_of(max(map(abs, axes.get_ylim())))
+    factor, formatter = plots.scale_of(max(map(abs, axes.get_ylim())))
     axes.yaxis.set_major_formatter(formatter)
-    quantity = with_factor(sequence.quantity, factor)
+    quantity = plots.with_factor(sequence.quantity, factor)
     figure: Any = axes.get_figure(root=True)
-    narrow = figure.get_figwidth() < COLUMN
+    narrow = figure.get_figwidth() < plots.COLUMN
     axes.set_ylabel(quantity.replace(" [", "\n[") if narrow else quantity)
     axes.set_xlim(opl_to_ns(sequence.opl[0]), opl_to_ns(sequence.opl[-1]) + 1e-9)
     axes.grid(alpha=0.3)
@@ -65,7 +54,7 @@ def picture_aspect(height: int, width: int, low: float, high: float) -> float:
 def explain_hatch(figure: Figure, mask: np.ndarray, dark: bool = False) -> None:
     """Explain the hatch of pixels without a value below, or that of `tonemap`, which is dark."""
     if mask.any():
-        handle = hatch_patch("not finished" if dark else NO_VALUE, dark)
+        handle = plots.hatch_patch("not finished" if dark else plots.NO_VALUE, dark)
         figure.legend(handles=[handle], loc="outside lower center", frameon=False)
 
 
@@ -88,9 +77,9 @@ def picture_figure(
     axes.imshow(picture, interpolation="nearest", **options)
     axes.set_title(title)
     pixel_axes(axes)
-    colour_bar(scale, axes, label, extend=extend)
+    plots.colour_bar(scale, axes, label, extend=extend)
     if above is not None:
-        figure.suptitle(wrapped(above, wide))
+        figure.suptitle(plots.wrapped(above, wide))
     explain_hatch(figure, unfinished, dark=True)
-    fit_height(figure)
+    plots.fit_height(figure)
     return figure

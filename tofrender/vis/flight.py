@@ -56,9 +56,6 @@ def light_in_flight(
             range of mean arrival times.
         exposure: Gain of the steady image; by default its 98th percentile is white.
 
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot.
-
     Raises:
         ValueError: Another shape, an unknown style, a period without "rainbow" or below two bins,
             a bad exposure, or a time axis that is missing or not positive.

@@ -32,7 +32,7 @@ SHOWN = ("intensity", "degree", "angle", "circular", "colours")
 def polarisation_picture(
     stokes: Any, shown: str = "colours", *, exposure: float | None = None
 ) -> np.ndarray:
-    """Draw one picture of polarised light, in false colours.
+    """Draw polarised light in false colours.
 
     Args:
         stokes: As for `polarisation_figure`.
@@ -109,9 +109,6 @@ def polarisation_figure(
         exposure: Gain of the brightness; `1` is shown as white after it. By default the 99.5th
             percentile of the light is white.
         title: Title of the figure; None for none.
-
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot.
 
     Raises:
         ValueError: Another shape, or a number out of range; one line.

@@ -32,9 +32,6 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         pixels: (x, y) pairs to plot, in the Dataset's pixel coordinates. By default a bright
             pixel, one that peaks early and one that peaks late.
 
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot.
-
     Raises:
         ValueError: A pixel outside the image.
 

@@ -16,10 +16,9 @@ _SAMPLES = 1 << 21
 
 
 def auto_exposure(values: Any, *, percentile: float = 99.5) -> float:
-    """Gain that shows the `percentile` of all light as white.
+    """Gain that shows the `percentile` of all finite values above zero as white.
 
-    The percentile is that of finite values above zero, so that dark bins and pixels do not matter,
-    of more than two million values that of a fixed random choice.
+    The percentile of more than two million values is that of a fixed random choice of them.
 
     Args:
         values: Linear values of any shape: one image or a whole sequence, also a `Cube`.
@@ -152,8 +151,6 @@ def tonemap(
     Example:
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
-        >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1, shadows=2)[..., 0]
-        array([[  0, 224, 255]], dtype=uint8)
     """
     linear = checks.real_array("values", values)
     if linear.ndim == 2:

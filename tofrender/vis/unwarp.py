@@ -56,7 +56,7 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError("dataset with camera_unwarp = 1: must be in camera time")
     cube = Cube(dataset["transient"])
-    distances = _distances(distance_m, cube.shape[:2])
+    distances = checked_distances(distance_m, cube.shape[:2])
     start, width = time_axis(dataset)
     seen = np.isfinite(distances)
     shift = np.where(seen, distances, 0) / width
@@ -128,7 +128,8 @@ def _window(
     return int(first), int(stop), lit, unfinished
 
 
-def _distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
+def checked_distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Distances [m] of the pixels of a shape, NaN or infinite where there is no surface."""
     distances = checks.real_array("distance_m", distance_m, np.float64)
     if distances.shape != shape:
         raise ValueError(

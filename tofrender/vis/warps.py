@@ -29,9 +29,6 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
         verdict: Result of `chi_square_test` for the warp.
         title: Title of the first panel.
 
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot.
-
     Example:
         >>> from tofrender.sampling import grid, warp_case
         >>> case = warp_case("tent")

@@ -54,12 +54,7 @@ class Picture:
 
 
 def techniques(scene: str) -> dict[str, str]:
-    """Labels of the techniques that can render a scene, and of its reference.
-
-    Example:
-        >>> list(techniques("veach")), list(techniques("bust_ao"))
-        (['mats', 'nee', 'mis', 'reference'], ['own', 'reference'])
-    """
+    """Labels of the techniques that can render a scene, and of its reference."""
     if checks.one_of("scene", scene, SCENES) in OWN_SCENES:
         return {"own": "its own integrator", "reference": f"reference, {REFERENCE_SPP} samples"}
     labels = {name: f"{name}: {label}" for name, (_, label) in TECHNIQUES.items()}
@@ -117,13 +112,7 @@ def load_picture(path: Any) -> Picture:
 
 
 def difference(one: Picture, reference: Picture) -> float:
-    """Root mean square of the difference, relative to the reference's mean.
-
-    Example:
-        >>> grey = Picture("grey", np.ones((2, 2, 3), np.float32))
-        >>> difference(grey, grey)
-        0.0
-    """
+    """Root mean square of the difference, relative to the reference's mean."""
     same_size(one, reference)
     rms = float(np.sqrt(np.mean((one.pixels - reference.pixels).astype(np.float64) ** 2)))
     return rms / max(float(np.mean(reference.pixels)), 1e-30)

@@ -31,13 +31,7 @@ class Divider(Canvas):
 
 
 class Window(Page):
-    """The page of one reader.
-
-    Args:
-        executor: Where pictures are rendered.
-        scene: Scene to begin with, or None to compare `files`.
-        files: Two pictures of the same size.
-    """
+    """The page of one reader, beginning with a scene, or with two pictures of the same size."""
 
     def __init__(
         self, executor: Executor, scene: str | None, files: tuple[Picture, Picture] | None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from ...rendering.cubes import Cube
 from ...runtime import checks, memory
 from ...runtime.atomic import readable
+from ...signals.colour import LUMINANCE
 from ...vis.colours import phase_map
 from .codes import Scale
 from .data import ExplorerData, explorer_data, facts
@@ -44,8 +44,13 @@ class Contents:
         """Values of a layer, (pictures, bins, channels, rows, columns)."""
         shape = [about[name] for name in ("pictures", "bins", "channels", "height", "width")]
         codes = self.part(about["part"])
-        codes = sums(codes, shape) if about["packed"] else codes.reshape(shape)
-        return Scale(about["least"], about["ratio"]).values(codes)
+        if about["packed"]:
+            pictures, bins, *picture = shape
+            steps = codes.reshape(pictures, *picture, bins).transpose(0, 4, 1, 2, 3)
+            codes = np.cumsum(steps, axis=1, dtype=np.uint8)
+            if codes.shape[2] == 3:
+                codes[:, :, ::2] += codes[:, :, 1:2]
+        return Scale(about["least"], about["ratio"]).values(codes.reshape(shape))
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
@@ -53,11 +58,6 @@ def differences(codes: np.ndarray) -> np.ndarray:
 
     Red and blue are differences from green, then each bin is the difference from the one before,
     modulo 256; bins become the last axis.
-
-    Example:
-        >>> codes = np.arange(5 * 4 * 3, dtype=np.uint8).reshape(1, 5, 3, 2, 2) ** 2
-        >>> bool((sums(differences(codes), codes.shape) == codes).all())
-        True
     """
     steps = codes.copy()
     if codes.shape[2] == 3:
@@ -65,16 +65,6 @@ def differences(codes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(
         np.diff(steps, axis=1, prepend=np.uint8(0)).transpose(0, 2, 3, 4, 1)
     )
-
-
-def sums(steps: np.ndarray, shape: Sequence[int]) -> np.ndarray:
-    """Codes from their `differences`."""
-    pictures, bins, *picture = shape
-    steps = steps.reshape(pictures, *picture, bins).transpose(0, 4, 1, 2, 3)
-    codes = np.cumsum(steps, axis=1, dtype=np.uint8)
-    if codes.shape[2] == 3:
-        codes[:, :, ::2] += codes[:, :, 1:2]
-    return codes
 
 
 def contents_of(
@@ -100,36 +90,33 @@ def contents_of(
         ValueError: An argument is wrong, or no reduction is small enough; one line.
         MemoryError: The codes do not fit into memory.
     """
+    from matplotlib import colormaps
+
     checks.text("title", title)
-    subject = explorer_data(data, orders, distance_m)
-    layers = _layers(subject)
-    for by in reductions(subject.light.shape[-2]):
+    found = explorer_data(data, orders, distance_m)
+    layers = {"light": (found.light, found.mode)} | found.layers
+    *spots, height, width, bins, channels = found.light.shape
+    for by in reductions(bins):
         if most_bytes is None or _fits(layers, by, most_bytes, packed):
             break
     else:
         raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
-    height, width, bins, _ = subject.light.shape[-4:]
     arrays = _Arrays()
+    axis = {
+        "width": found.axis["width"] * by.time,
+        "count": math.ceil(bins / by.time),
+    }
     header: dict[str, Any] = {
         "version": 1,
-        "kind": subject.kind,
-        "title": str(title or data.attrs.get("scene", "") or subject.kind),
-        "facts": facts(data, subject),
-        "quantity": subject.quantity,
-        "perMetre": subject.mode == "mean" and subject.kind == "transient",
-        "weights": subject.weights,
-        "axis": {
-            "start": subject.start,
-            "width": subject.width * by.time,
-            "count": math.ceil(bins / by.time),
-            "what": subject.axis,
-        },
-        "grid": {"first": subject.first, "step": by.space, "height": height, "width": width},
-        "lasers": math.prod(subject.light.shape[:-4]),
-        "peaks": subject.peaks.shape[1:],
-        "depth": subject.depth,
-        "geometry": subject.geometry,
-        "orders": [],
+        **{"perMetre": False, "depth": "", "geometry": {}, "orders": []},
+        **found.header,
+        "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
+        "facts": facts(data, found),
+        "weights": LUMINANCE.tolist() if channels == 3 else [1.0],
+        "axis": found.axis | axis,
+        "grid": {"first": found.first, "step": by.space, "height": height, "width": width},
+        "lasers": math.prod(spots),
+        "peaks": found.arrays["peaks"].shape[1:],
     }
     for name, (cube, mode) in layers.items():
         layer = _layer(arrays, name, cube, Reduction() if name == "steady" else by, mode, packed)
@@ -137,23 +124,18 @@ def contents_of(
             header["orders"].append(layer)
         else:
             header[name] = layer
-    _add_maps(arrays, subject, by.space)
-    header["notes"] = [*_notes(header, subject, by), *subject.notes]
+    for name, values in found.arrays.items():
+        if name == "distance":  # At the middle of each block
+            rows, columns = (-(-side // by.space) for side in values.shape)
+            middle = np.s_[by.space // 2 :: by.space, by.space // 2 :: by.space]
+            values = np.pad(values, (0, by.space), mode="edge")[middle][:rows, :columns]
+        arrays.add(name, values, "u1" if name == "hatch" else "f4")
+    maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
+    for name, colours in maps.items():
+        arrays.add(f"map {name}", np.rint(255 * colours(np.arange(256) / 255)[:, :3]), "u1")
+    header["notes"] = [*_notes(header, found, by), *found.notes]
     header["parts"] = arrays.parts
     return Contents(header, b"".join(arrays.pieces))
-
-
-Layers = dict[str, tuple[Cube, Mode]]
-
-
-def _layers(subject: ExplorerData) -> Layers:
-    layers: Layers = {"light": (subject.light, subject.mode)}
-    if subject.errors is not None:
-        layers["errors"] = subject.errors, "error" if subject.mode == "sum" else "mean error"
-    layers |= {f"order {name}": (cube, subject.mode) for name, cube in subject.orders.items()}
-    if subject.steady is not None:
-        layers["steady"] = subject.steady, "mean"
-    return layers
 
 
 class _Arrays:
@@ -190,26 +172,9 @@ def _layer(
     return about | {"least": scale.least, "ratio": scale.ratio}
 
 
-def _add_maps(arrays: _Arrays, subject: ExplorerData, step: int) -> None:
-    """Add pictures that do not change in time, and colour maps."""
-    from matplotlib import colormaps
-
-    arrays.add("peaks", subject.peaks, "f4")
-    if subject.distance is not None:
-        rows, columns = (-(-side // step) for side in subject.distance.shape)
-        padded = np.pad(subject.distance, (0, step), mode="edge")
-        middle = padded[step // 2 :: step, step // 2 :: step]
-        arrays.add("distance", middle[:rows, :columns], "f4")
-    if subject.points is not None:
-        arrays.add("points", subject.points, "f4")
-    if subject.hatch is not None:
-        arrays.add("hatch", subject.hatch, "u1")
-    maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
-    for name, colours in maps.items():
-        arrays.add(f"map {name}", np.rint(255 * colours(np.arange(256) / 255)[:, :3]), "u1")
-
-
-def _fits(layers: Layers, by: Reduction, most_bytes: int, packed: bool) -> bool:
+def _fits(
+    layers: dict[str, tuple[Cube, Mode]], by: Reduction, most_bytes: int, packed: bool
+) -> bool:
     """Whether codes take at most `most_bytes`, estimated from a few bands where compressed."""
     total = 0.0
     for name, (cube, mode) in layers.items():
@@ -228,7 +193,7 @@ def _fits(layers: Layers, by: Reduction, most_bytes: int, packed: bool) -> bool:
     return total <= most_bytes
 
 
-def _notes(header: dict[str, Any], subject: ExplorerData, by: Reduction) -> list[str]:
+def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[str]:
     """Sentences on the precision of values and on what was reduced."""
     light = header["light"]
     scale = Scale(light["least"], light["ratio"])
@@ -241,11 +206,12 @@ def _notes(header: dict[str, Any], subject: ExplorerData, by: Reduction) -> list
     if by.space > 1:
         reduced.append(f"{by.space} x {by.space} pixels are averaged")
     if by.time > 1:
-        reduced.append(f"{by.time} bins are {'summed' if subject.mode == 'sum' else 'averaged'}")
+        reduced.append(f"{by.time} bins are {'summed' if found.mode == 'sum' else 'averaged'}")
     note = "All pixels and bins are there."
     if reduced:
-        full = f"{subject.light.shape[-3]} x {subject.light.shape[-4]} x {subject.light.shape[-2]}"
-        fine = "all time and peak are" if subject.steady is not None else "the peak is"
+        height, width, bins, _ = found.light.shape[-4:]
+        full = f"{width} x {height} x {bins}"
+        fine = "all time and peak are" if "steady" in found.layers else "the peak is"
         note = (
             f"To limit its size, {' and '.join(reduced)} (of {full}); the pictures of {fine} at "
             "full resolution."

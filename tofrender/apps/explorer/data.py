@@ -14,18 +14,13 @@ from ...nlos.reconstruction.depths import check_volume, depth_map
 from ...rendering.cubes import Cube
 from ...rendering.dataset import QUANTITIES, time_axis
 from ...runtime import checks
-from ...signals.colour import LUMINANCE
 from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
+from ...vis.unwarp import checked_distances
 from .reducing import Mode
 
 if TYPE_CHECKING:
     import xarray as xr
-
-CAMERA = "optical path length, camera segment included"
-UNWARPED = "optical path length, camera segment left out"
-WALL = "optical path length, laser to wall and wall to sensor included"
-HIDDEN = "optical path length, from the wall to the wall"
 
 PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns"}
 
@@ -48,39 +43,20 @@ FACTS = {
 
 @dataclass
 class ExplorerData:
-    """A cube with everything that an explorer shows of it."""
+    """A cube of light with everything that an explorer shows of it."""
 
-    kind: str  # "transient", "capture" or "volume"
+    header: dict[str, Any]  # "kind", "quantity", "depth" (when half a length is one), "geometry"
     light: Cube  # (..., y, x, bins, channels); leading axes are laser spots
-    start: float  # Of the first bin [m]
-    width: float  # Of a bin [m]
-    axis: str  # Label of the axis of bins
     mode: Mode  # How bins are joined
-    quantity: str  # Of a value, with its unit
-    peaks: np.ndarray  # (laser spots, y, x) position of the brightest bin [m], NaN without light
+    axis: dict[str, Any]  # "start" and "width" of bins [m], label ("what")
+    arrays: dict[str, np.ndarray]  # "peaks" of each pixel [m]; "distance", "points", "hatch"
+    layers: dict[str, tuple[Cube, Mode]] = field(default_factory=dict)  # Other cubes
     first: tuple[int, int] = (0, 0)  # Column and row of the first pixel
-    steady: Cube | None = None  # (y, x, 1, channels)
-    errors: Cube | None = None  # Standard errors of `light`
-    orders: dict[str, Cube] = field(default_factory=dict)  # Parts of the light by name
-    distance: np.ndarray | None = None  # (y, x) from the camera to the surface [m]
-    hatch: np.ndarray | None = None  # (y, x) whether nothing is known of a pixel
-    depth: str = ""  # Condition under which half the path length is a depth, "" for never
-    geometry: dict[str, Any] = field(default_factory=dict)  # More for the header
-    points: np.ndarray | None = None  # (y, x, 3) positions on the relay wall [m]
     notes: list[str] = field(default_factory=list)  # Sentences for the reader
-
-    @property
-    def weights(self) -> list[float]:
-        """Weights of channels in the luminance."""
-        return LUMINANCE.tolist() if self.light.shape[-1] == 3 else [1.0]
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
-    """Take a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
-
-    Raises:
-        ValueError: It is none of these, or another argument does not fit; one line.
-    """
+    """Take a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`."""
     import xarray as xr
 
     if not isinstance(data, xr.Dataset):
@@ -101,9 +77,10 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
 
 def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     """Size and attributes as labels and texts."""
+    kind = found.header["kind"]
     *spots, height, width, bins, _ = found.light.shape
-    unit = "voxels" if found.kind == "volume" else "bins"
-    size = f"{width} × {height} {PIXELS[found.kind]}, {bins} {unit} of {1000 * found.width:.4g} mm"
+    unit = f"{'voxels' if kind == 'volume' else 'bins'} of {1000 * found.axis['width']:.4g} mm"
+    size = f"{width} × {height} {PIXELS[kind]}, {bins} {unit}"
     if spots:
         size += f", {math.prod(spots)} laser spots"
     values = {label: data.attrs[name] for name, label in FACTS.items() if name in data.attrs}
@@ -115,35 +92,45 @@ def _quantity(attrs: Mapping[str, Any]) -> str:
     return f"{attrs['quantity']} [{typeset(str(attrs['units']))}]"
 
 
-# ---------------------------------------------------------------------------------------- kinds
-
-
 def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> ExplorerData:
     seen = Transient.of(data)
     unwarped = bool(data.attrs.get("camera_unwarp"))
-    peaks = ns_to_opl(seen.brightest()[1])[None]
+    per_metre = data.attrs["quantity"] == "radiance per metre"
+    mode: Mode = "mean" if per_metre else "sum"
+    what = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
+    condition = "a flash at the camera, and light that comes straight back"
     found = ExplorerData(
-        *("transient", seen.values, seen.start_opl, seen.bin_width_opl),
-        axis=UNWARPED if unwarped else CAMERA,
-        mode="mean" if data.attrs["quantity"] == "radiance per metre" else "sum",
-        quantity=_quantity(data.attrs),
-        peaks=peaks,
+        {
+            "kind": "transient",
+            "quantity": _quantity(data.attrs),
+            "perMetre": per_metre,
+            "depth": "" if unwarped else condition,
+        },
+        seen.values,
+        mode,
+        {"start": seen.start_opl, "width": seen.bin_width_opl, "what": what},
+        {"peaks": ns_to_opl(seen.brightest()[1])[None]},
         first=(seen.x0, seen.y0),
-        orders=orders,
-        hatch=_unknown(seen.values),
-        depth="" if unwarped else "a flash at the camera, and light that comes straight back",
     )
+    unknown = np.zeros(seen.size, bool)
+    for (rows, columns, *_), values in seen.values.pieces():
+        if not np.isfinite(values.sum()):
+            unknown[rows, columns] |= ~np.isfinite(values).all(axis=(2, 3))
+    if unknown.any():
+        found.arrays["hatch"] = unknown
+    if "transient_error" in data:
+        errors = Cube.of("data: transient_error", data["transient_error"])
+        found.layers["errors"] = errors, "mean error" if per_metre else "error"
+    found.layers |= {f"order {name}": (cube, mode) for name, cube in orders.items()}
     if "steady" in data:
         steady = Cube.of("data: steady", data["steady"])
         if steady.shape != (*seen.size, seen.values.shape[3]):
             raise ValueError(f"data: steady with shape {steady.shape}: must be as transient has it")
-        found.steady = steady.view(np.s_[:, :, None, :])
-    if "transient_error" in data:
-        found.errors = Cube.of("data: transient_error", data["transient_error"])
+        found.layers["steady"] = steady.view(np.s_[:, :, None, :]), "mean"
     if distance_m is not None:
         if unwarped:
             raise ValueError("distance_m: must be None, as data is unwarped already")
-        found.distance = _distances(distance_m, seen.size, found.notes)
+        found.arrays["distance"] = _distances(distance_m, seen.size, found.notes)
     return found
 
 
@@ -157,18 +144,25 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     geometry: dict[str, Any] = {"mode": mode}
     if mode != "confocal":
         geometry["lasers"] = _in_grid(data["laser_grid"].values.reshape(-1, 3), grid)
+    arrays = {"peaks": np.stack([ns_to_opl(view.brightest()[1]) for view in views])}
+    arrays["points"] = grid
+    if ON_WALL in data:
+        arrays["hatch"] = ~data[ON_WALL].values
     is_confocal = mode == "confocal" and not legs
+    depth = "a single bounce in the hidden scene, back to the laser spot" * is_confocal
+    ends = "laser to wall and wall to sensor included" if legs else "from the wall to the wall"
     return ExplorerData(
-        *("capture", light, start, width),
-        axis=WALL if legs else HIDDEN,
-        mode="sum",
-        quantity=_quantity(data.attrs),
-        peaks=np.stack([ns_to_opl(view.brightest()[1]) for view in views]),
+        {
+            "kind": "capture",
+            "quantity": _quantity(data.attrs),
+            "depth": depth,
+            "geometry": geometry,
+        },
+        light,
+        "sum",
+        {"start": start, "width": width, "what": f"optical path length, {ends}"},
+        arrays,
         first=(int(data["x"].values[0]), int(data["y"].values[0])),
-        hatch=~data[ON_WALL].values if ON_WALL in data else None,
-        depth="a single bounce in the hidden scene, back to the laser spot" * is_confocal,
-        geometry=geometry,
-        points=grid,
     )
 
 
@@ -181,13 +175,13 @@ def _volume(data: xr.Dataset) -> ExplorerData:
         # The first row of a picture is on top
         rows, (low, size) = slice(None, None, -1), sides["y"]
         sides["y"] = low + size * values.shape[1], -size
+    quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
     return ExplorerData(
-        *("volume", Cube(np.moveaxis(values, 0, -1)[rows, ..., None]), start, step),
-        axis="distance from the wall",
-        mode="mean",
-        quantity=f"intensity [{data.attrs.get('units', 'arbitrary')}]",
-        peaks=depth_map(data).values[None, rows],
-        geometry=dict(sides),
+        {"kind": "volume", "quantity": quantity, "geometry": dict(sides)},
+        Cube(np.moveaxis(values, 0, -1)[rows, ..., None]),
+        "mean",
+        {"start": start, "width": step, "what": "distance from the wall"},
+        {"peaks": depth_map(data).values[None, rows]},
     )
 
 
@@ -206,9 +200,6 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
     return weighted.sum("strategy", keep_attrs=True), orders
 
 
-# ------------------------------------------------------------------------------------------ parts
-
-
 def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
     found = {}
     for name, each in checks.mapping("orders", orders).items():
@@ -224,28 +215,17 @@ def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
 
 
 def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.ndarray:
-    distances = checks.real_array("distance_m", distance_m, np.float64)
-    if distances.shape != size:
-        raise ValueError(f"distance_m with shape {distances.shape}: must be {size}, one a pixel")
+    """Distances of all pixels; those without a surface get the mean of the others."""
+    distances = checked_distances(distance_m, size)
     seen = np.isfinite(distances)
-    known = distances[seen]
-    if not known.size or known.min() < 0 or known.max() > checks.MAX_OPL:
-        raise ValueError("distance_m: must be from 0 to 1e12 metres, or NaN, not everywhere")
+    if not seen.any():
+        raise ValueError("distance_m: must not be NaN or infinite everywhere")
     if not seen.all():
         notes.append(
             f"{int((~seen).sum())} pixels see no surface; without the camera segment they are "
             "shown at the mean distance of the others."
         )
-    return np.where(seen, distances, known.mean())
-
-
-def _unknown(cube: Cube) -> np.ndarray | None:
-    """Pixels with values that are NaN or infinite."""
-    unknown = np.zeros(cube.shape[:2], bool)
-    for (rows, columns, *_), values in cube.pieces():
-        if not np.isfinite(values.sum()):
-            unknown[rows, columns] |= ~np.isfinite(values).all(axis=(2, 3))
-    return unknown if unknown.any() else None
+    return np.where(seen, distances, distances[seen].mean())
 
 
 def _axis(data: xr.Dataset, axis: str) -> tuple[float, float]:

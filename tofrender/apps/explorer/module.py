@@ -21,12 +21,7 @@ def text_of(name: str) -> str:
 
 @cache
 def javascript() -> str:
-    """One ES module that exports `mount(element, {header, bytes})`.
-
-    Example:
-        >>> "export function mount(element, data)" in javascript()
-        True
-    """
+    """One ES module that exports `mount(element, {header, bytes})`."""
     *others, last = (_IMPORT.sub("", text_of(f"explorer/{name}.js")) for name in MODULES)
     return "\n".join([*(_EXPORT.sub("", text) for text in others), last])
 

@@ -26,11 +26,6 @@ class Reduction:
     space: int = 1
     time: int = 1
 
-    @property
-    def voxels(self) -> int:
-        """Voxels of a block."""
-        return self.space**2 * self.time
-
     def shape(self, cube: Cube) -> tuple[int, int, int, int]:
         """Rows, columns, bins and channels of a reduced cube."""
         height, width, bins, channels = cube.shape[-4:]
@@ -43,7 +38,7 @@ def reductions(bins: int) -> list[Reduction]:
     sizes = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_SIZE)
     times = [t for t in sizes if t == 1 or bins / t >= 128]
     found = [Reduction(space, time) for space in sizes for time in times]
-    return sorted(found, key=lambda each: (each.voxels, each.time))
+    return sorted(found, key=lambda each: (each.space**2 * each.time, each.time))
 
 
 def bands(
@@ -51,9 +46,7 @@ def bands(
 ) -> Iterator[tuple[tuple[int, slice], np.ndarray]]:
     """Reduce a cube (..., y, x, bins, channels) by bands of rows, or one of `every` few of them.
 
-    Yields:
-        Number of the picture along the leading axes and rows of the result, and their values,
-        (rows, columns, bins, channels) float32.
+    Yields the picture's number along leading axes, rows of the result, and their values.
     """
     *pictures, height, width, bins, channels = cube.shape
     row = 4 * width * bins * channels
@@ -68,7 +61,7 @@ def bands(
 
 def _reduced(values: np.ndarray, by: Reduction, mode: Mode) -> np.ndarray:
     """Values (rows, columns, bins, channels) reduced along the first three axes."""
-    if by.voxels == 1:
+    if by == Reduction():
         return values.astype(np.float32, copy=False)
     errors = mode.endswith("error")
     values = np.square(values) if errors else values

@@ -25,10 +25,7 @@ STEP_S = 4.0
 
 
 class SavedDataset:
-    """A result of a command, read again when its file changes.
-
-    A large cube stays on disk where its format allows that; only what is shown is read.
-    """
+    """A result of a command, read again when its file changes; large cubes may stay on disk."""
 
     def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
         self.path, self._load = path, load
@@ -57,12 +54,7 @@ class SavedDataset:
 
 
 class LiveRender:
-    """A render in a thread of its own, to ever more samples.
-
-    Args:
-        name: Label for messages.
-        options: Arguments of `render`; `spp` is the number of samples at the end.
-    """
+    """A render in a thread of its own, to ever more samples, up to `spp` of the options."""
 
     def __init__(self, name: str, options: Mapping[str, Any]) -> None:
         self.name = name
@@ -109,12 +101,7 @@ class LiveRender:
             self._thread.join()
 
     def save(self, path: Path, overwrite: bool = False) -> Path:
-        """Write the samples so far as an npz file.
-
-        Raises:
-            ValueError: There is nothing yet.
-            FileExistsError: The file exists.
-        """
+        """Write the samples so far as an npz file."""
         if self.data is None:
             raise ValueError("path: there is nothing to save yet")
         return Path(save_npz(self.data, path, overwrite=overwrite))

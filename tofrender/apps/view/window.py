@@ -32,13 +32,7 @@ class Explorer(Canvas):
 
 
 class Window(Page):
-    """The page of one reader.
-
-    Args:
-        source: A saved Dataset, or a render under way; all readers share it.
-        executor: Where contents are made.
-        out: Where a render is saved.
-    """
+    """The page of one reader of a source that all readers share; a render is saved as `out`."""
 
     def __init__(self, source: SavedDataset | LiveRender, executor: Executor, out: Path) -> None:
         super().__init__(executor)

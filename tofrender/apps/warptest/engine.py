@@ -45,12 +45,7 @@ TROUBLE = (NoAnswer, ValueError, Withheld, FileNotFoundError)
 
 
 def sobol(count: int, seed: int = 0) -> mi.Point2f:
-    """First points of the sampler of `render`.
-
-    Example:
-        >>> sorted(int(4 * x) for x in sobol(4).x)
-        [0, 1, 2, 3]
-    """
+    """First points of the sampler of `render`."""
     checks.integer("count", count, 1, points.MAX_COUNT)
     checks.integer("seed", seed, 0, checks.MAX_SEED)
     props = mi.Properties("padded_sobol")
@@ -76,13 +71,7 @@ class Drawn:
 
 
 def draw(case: Case, kind: str, count: int, seed: int) -> Drawn:
-    """Warp one of `POINT_SETS` and a grid of lines.
-
-    Example:
-        >>> from tofrender.sampling import warp_case
-        >>> draw(warp_case("tent"), "grid", 16, 0).points.shape
-        (2, 16)
-    """
+    """Warp one of `POINT_SETS` and a grid of lines."""
     numbers = POINT_SETS[checks.one_of("points", kind, POINT_SETS)](count, seed)
     warped = _warped(case, to_numpy(numbers, count))
     fine = np.minimum(np.linspace(0, 1, SEGMENTS + 1), 1 - 2.0**-24)
@@ -135,17 +124,9 @@ def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
 
 
 class Engine:
-    """Warps of the library and of a student's module, and the thread that calls them.
+    """The library, a student's module if there is one, and the thread that calls them.
 
-    Args:
-        module: A student's file or folder; by default the working folder in a student edition,
-            else none.
-
-    Attributes:
-        sources: The library and, if there is one, the module, by name.
-
-    Raises:
-        ValueError: The module cannot be used; one line.
+    The module is a file or folder; by default the working folder in a student edition.
     """
 
     def __init__(self, module: Any = None) -> None:

@@ -40,16 +40,7 @@ class Library:
         return [name for name, subject in SUBJECTS.items() if not why_withheld(subject)]
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Sampler and density of a subject with the given parameters.
-
-        Raises:
-            ValueError: A parameter is wrong; one line.
-            Withheld: This is a student edition, and the subject is the student's to write.
-
-        Example:
-            >>> Library().case("beckmann", {"alpha": 0.3}).test(samples=20_000).passed
-            True
-        """
+        """Sampler and density of a subject; `Withheld` in a student edition."""
         from ... import sampling
 
         subject = SUBJECTS[name]
@@ -76,9 +67,6 @@ class Module:
     That process has the judge's protection: it writes only in a scratch folder, has no network
     where the system can refuse it, and is ended when it exceeds limits of time or memory. It is
     restarted when a file has changed. All calls must come from one thread, which ends last.
-
-    Raises:
-        ValueError: There is no such file, or it defines no subject; one line.
     """
 
     def __init__(self, path: Any) -> None:
@@ -114,11 +102,7 @@ class Module:
         return self.defined.get(SUBJECTS[name].names[0], "") if SUBJECTS[name].names else ""
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Sampler and density of a subject, which raise `NoAnswer` if the student's fail.
-
-        Raises:
-            ValueError: A parameter is wrong, or no file defines a function; one line.
-        """
+        """Sampler and density of a subject, which raise `NoAnswer` if the student's fail."""
         subject = SUBJECTS[name]
         values = subject.values(given)
         for each in subject.names:

@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from ...runtime import checks
@@ -62,15 +64,7 @@ class Subject:
         return domains.find(self.domain).dimensions
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values of all parameters, by default for those that are not given.
-
-        Raises:
-            ValueError: One is unknown or out of range; one line.
-
-        Example:
-            >>> SUBJECTS["beckmann"].values({})
-            {'alpha': 0.3}
-        """
+        """Values of all parameters, by default for those that are not given."""
         known = {each.name: each for each in self.parameters}
         values: dict[str, Any] = {name: each.default for name, each in known.items()}
         if self.takes_image:
@@ -88,15 +82,7 @@ class Subject:
 
 
 def density_of(image: Any) -> np.ndarray:
-    """Luminance of an image (path, bitmap or array) on 2^M x 2^M pixels, at most `MAX_SIDE` a side.
-
-    Raises:
-        ValueError: It is no image; one line.
-
-    Example:
-        >>> density_of(np.ones((3, 600))).shape
-        (512, 512)
-    """
+    """Luminance of an image (path, bitmap, array) on 2^M x 2^M pixels, at most 512 x 512."""
     from ...signals.colour import luminance
 
     weights = luminance(images.read_image(image))
@@ -105,17 +91,9 @@ def density_of(image: Any) -> np.ndarray:
 
 
 def labelled(name: str, values: Mapping[str, Any]) -> str:
-    """A subject's name with its parameters, for verdicts.
-
-    Example:
-        >>> labelled("beckmann", {"alpha": 0.3})
-        'beckmann (alpha = 0.3)'
-    """
+    """A subject's name with its parameters, like "beckmann (alpha = 0.3)"."""
     numbers = [f"{key} = {value:g}" for key, value in values.items() if key != "image"]
     return f"{name} ({', '.join(numbers)})" if numbers else name
-
-
-# ------------------------------------------------------------------------- samplers and densities
 
 
 def _two_functions(get: Lookup, name: str, *values: float) -> Functions:
@@ -124,9 +102,6 @@ def _two_functions(get: Lookup, name: str, *values: float) -> Functions:
 
 
 def _no_op(get: Lookup) -> Functions:
-    import drjit as dr
-    import mitsuba as mi
-
     def pdf(p: mi.Point2f) -> mi.Float:
         inside = (p.x >= 0) & (p.x <= 1) & (p.y >= 0) & (p.y <= 1)
         return dr.select(inside, mi.Float(1), 0)
@@ -140,8 +115,6 @@ def _hierarchical(get: Lookup, image: Any) -> Functions:
 
 
 def _triangle(get: Lookup, apex: float) -> Functions:
-    import mitsuba as mi
-
     corners = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [float(apex), 1.0, 0.0]
     sample, pdf = get("sample_triangle"), get("sample_triangle_pdf")
 
@@ -150,24 +123,6 @@ def _triangle(get: Lookup, apex: float) -> Functions:
         return mi.Point2f(p.x, p.y)
 
     return in_plane, lambda p: pdf(mi.Point3f(p.x, p.y, 0), *corners)
-
-
-def _emitter_sampling(build: Callable[[Lookup, float], Any]) -> Callable[..., Functions]:
-    """Directions from the origin to a light above it."""
-
-    def make(get: Lookup, distance: float) -> Functions:
-        import drjit as dr
-        import mitsuba as mi
-
-        light = build(get, float(distance))
-
-        def sample(u: mi.Point2f) -> tuple[Any, Any, Any]:
-            record = light.sample(dr.opaque(mi.Point3f, 0, dr.width(u)), u)
-            return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
-
-        return sample, lambda v: light.pdf(dr.opaque(mi.Point3f, 0, dr.width(v)), v)
-
-    return make
 
 
 def _quad_light(get: Lookup, distance: float) -> Any:
@@ -191,9 +146,6 @@ def _two_lights(get: Lookup, distance: float) -> Any:
     return get("SurfaceGroup")([sphere, get("Triangle")(*corners, emission=1.0)])
 
 
-# ------------------------------------------------------------------------------------ the table
-
-
 def _warp(title: str, domain: str, density: str, name: str, *parameters: Parameter) -> Subject:
     def make(get: Lookup, **values: float) -> Functions:
         return _two_functions(get, name, *values.values())
@@ -202,8 +154,18 @@ def _warp(title: str, domain: str, density: str, name: str, *parameters: Paramet
 
 
 def _light(title: str, density: str, build: Callable[[Lookup, float], Any], *names: str) -> Subject:
+    """Directions from the origin to a light above it."""
+
+    def make(get: Lookup, distance: float) -> Functions:
+        light = build(get, float(distance))
+
+        def sample(u: mi.Point2f) -> tuple[Any, Any, Any]:
+            record = light.sample(dr.opaque(mi.Point3f, 0, dr.width(u)), u)
+            return record.d, dr.select(record.valid, mi.Float(1), 0), record.pdf
+
+        return sample, lambda v: light.pdf(dr.opaque(mi.Point3f, 0, dr.width(v)), v)
+
     distance = Parameter("distance", "Distance [m]", 1.0, 0.6, 5.0, 0.05)
-    make = _emitter_sampling(build)
     return Subject(title, "Lights", "sphere", density, names, make, (distance,))
 
 

@@ -51,13 +51,7 @@ class Plot(Canvas):
 
 
 class Window(Page):
-    """The page of one reader.
-
-    Args:
-        shared: The engine, which all readers share.
-        subject: Name of the first subject.
-        given: Its parameters that are not the defaults.
-    """
+    """The page of one reader, beginning with a subject and its given parameters."""
 
     def __init__(self, shared: Engine, subject: str, given: dict[str, Any]) -> None:
         super().__init__(shared.executor)
@@ -73,8 +67,6 @@ class Window(Page):
         self.message = components.text(UNTESTED, margin=(0, 6), **wide)
         self.panels = components.text(margin=(4, 6), **wide)
         self._watch_controls()
-
-    # ------------------------------------------------------------------------------ controls
 
     def _make_controls(self, subject: str) -> None:
         make = partial(control, margin=(3, 6))
@@ -100,7 +92,7 @@ class Window(Page):
         self.save = control(
             *("FileDownload", "Save the figure"),
             callback=self._figure,
-            filename="warp.png",
+            filename=pn.bind("warp.{}".format, self.format),
             disabled=True,
             width=CONTROLS_WIDTH - 96,
             margin=(25, 6, 3, 6),
@@ -117,7 +109,6 @@ class Window(Page):
         self.view.param.watch(self._describe, "value")
         self.samples.param.watch(self._discard_verdict, "value")
         self.test.on_click(self._test)
-        self.format.param.watch(self._name_figure, "value")
         self.plot.param.watch(self.redraw, "ready")
 
     def _list_subjects(self, wanted: str) -> None:
@@ -168,13 +159,9 @@ class Window(Page):
         image = self.chosen.takes_image and "image" in self.given
         return {"image": self.given["image"]} if image else {}
 
-    # -------------------------------------------------------------------------------- events
-
     async def _choose_source(self, _: Any) -> None:
-        before = self.subject.value
-        self._list_subjects(before)
-        if self.subject.value == before:
-            await self._choose_subject()
+        self._list_subjects(self.subject.value)
+        await self._choose_subject()
 
     async def _choose_subject(self, *_: Any) -> None:
         self._show_parameters()
@@ -206,8 +193,6 @@ class Window(Page):
             self._list_subjects(self.subject.value)
             await self.redraw()
             self.message.object = CHANGED
-
-    # -------------------------------------------------------------------------------- points
 
     async def redraw(self, *events: Any) -> None:
         """Draw points of the current choice, which is not tested yet."""
@@ -249,8 +234,6 @@ class Window(Page):
 
     def _show_error(self, title: str, error: BaseException) -> None:
         self.error.param.update(object=components.error_box(title, error), visible=True)
-
-    # -------------------------------------------------------------------------------- the test
 
     def _discard_verdict(self, *_: Any) -> None:
         """Remove the verdict when the tested choice changes."""
@@ -297,11 +280,6 @@ class Window(Page):
         assert self.verdict is not None
         title = f"{self.drawn.points.shape[1]} {self.kind.value} points"
         return io.BytesIO(engine.save(self.drawn, self.verdict, title, self.format.value))
-
-    def _name_figure(self, _: Any) -> None:
-        self.save.filename = f"warp.{self.format.value}"
-
-    # ------------------------------------------------------------------------------ the layout
 
     def layout(self) -> Any:
         """Controls on the left; plot, verdict and densities on the right."""
