@@ -8,9 +8,8 @@ from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.made_dataset import make_dataset
 
 import tofrender
-from tofrender.apps.explorer.codes import Scale
+from tofrender.apps.explorer.compression import Reduction, Scale, bands
 from tofrender.apps.explorer.contents import contents_of
-from tofrender.apps.explorer.reducing import Reduction, bands
 from tofrender.rendering.cubes import Cube
 
 

@@ -57,8 +57,7 @@ def growing_exposure(values: Any, *, share: float = 0.75, most_stops: float = 6.
 
         gain_k = auto_exposure · 2^stops_k,    stops_k = min(most_stops, share · log2(M_0 / M_k))
 
-    The gain never falls, so nothing flickers; until the brightest bin it is `auto_exposure`. A
-    picture drawn with it should say so, for instance by log2(gain_k / gain_0), in stops.
+    The gain never falls, so nothing flickers; until the brightest bin it is `auto_exposure`.
 
     Args:
         values: Linear values, (height, width, bins) or (height, width, bins, channels) with 1 or 3

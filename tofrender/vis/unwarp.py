@@ -20,13 +20,11 @@ if TYPE_CHECKING:
 def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     """Subtract the camera segment from the path lengths of every pixel.
 
-    A camera sees a distant surface later than a near one, so in its video a wavefront that sweeps
-    the scene looks bent and late. Here each pixel's time axis moves back by its own distance, and
-    the video shows every surface when light reaches it. A shift by part of a bin divides each
-    bin's light linearly between two bins, which keeps the sum over bins.
-
-    A render with `camera_unwarp=True` subtracts each path's own first segment, which is exact also
-    where several surfaces share a pixel; this function needs no new render.
+    A camera sees a distant surface later than a near one. Here each pixel's time axis moves back
+    by its own distance, so that a video shows every surface when light reaches it. A shift by part
+    of a bin divides each bin's light linearly between two bins, which keeps the sum over bins.
+    A render with `camera_unwarp=True` subtracts each path's own first segment instead, which is
+    exact also where several surfaces share a pixel.
 
     Args:
         dataset: The result of `render`, in camera time.

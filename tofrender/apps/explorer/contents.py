@@ -14,9 +14,8 @@ from ...runtime import checks, memory
 from ...runtime.atomic import readable
 from ...signals.colour import LUMINANCE
 from ...vis.colours import phase_map
-from .codes import Scale
+from .compression import Mode, Reduction, Scale, bands, reductions
 from .data import ExplorerData, explorer_data, facts
-from .reducing import Mode, Reduction, bands, reductions
 
 MAPS = {"false": "inferno", "distance": "viridis"}
 """Colour maps of Matplotlib by their use; phases have `phase_map`."""
@@ -24,8 +23,7 @@ MAPS = {"false": "inferno", "distance": "viridis"}
 SAMPLED_BANDS = 8
 """The size of a cube is estimated from one of so many bands of it."""
 
-ALIGNMENT = 8
-"""Of arrays in the bytes [bytes]."""
+ALIGNMENT = 8  # Of arrays in the bytes
 
 
 @dataclass
@@ -102,10 +100,7 @@ def contents_of(
     else:
         raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
     arrays = _Arrays()
-    axis = {
-        "width": found.axis["width"] * by.time,
-        "count": math.ceil(bins / by.time),
-    }
+    axis = {"width": found.axis["width"] * by.time, "count": math.ceil(bins / by.time)}
     header: dict[str, Any] = {
         "version": 1,
         **{"perMetre": False, "depth": "", "geometry": {}, "orders": []},

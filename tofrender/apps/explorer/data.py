@@ -17,7 +17,7 @@ from ...runtime import checks
 from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
 from ...vis.unwarp import checked_distances
-from .reducing import Mode
+from .compression import Mode
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -68,7 +68,7 @@ def _widget() -> type[AnyWidget]:
         raise ImportError("anywidget is missing; run: pip install 'tofrender[explore]'") from None
 
     class Explorer(anywidget.AnyWidget):
-        """An explorer of light in time."""
+        """An explorer of transients."""
 
         _esm = javascript() + text_of("explorer/notebook.js")
         _css = style()

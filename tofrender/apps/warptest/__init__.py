@@ -1,12 +1,7 @@
 """The warp tester: warps, shapes and lights to look at, and their chi-square tests.
 
-| module | contents |
-|---|---|
-| `subjects` | table of warps, shapes and lights |
-| `sources` | this package's functions, and a student's, which run in a process of their own |
-| `probes` | calls of the student's functions in that process |
-| `engine` | points, verdicts and figures, without a page |
-| `window`, `plot.js` | the page |
+`subjects` lists them, `sources` has their functions by this package and by a student, which
+`probes` calls in a process of its own; `engine` draws and tests, `window` is the page.
 """
 
 from __future__ import annotations
