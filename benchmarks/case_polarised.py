@@ -32,7 +32,7 @@ def polarised(runs: int, quick: bool) -> list[Row]:
 
 def _functions(
     size: int, spp: int, change: Callable[[dict[str, Any]], dict[str, Any]]
-) -> dict[str, Callable[[], None]]:
+) -> dict[str, Callable[[], object]]:
     steady = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
     steady["integrator"] = {"type": "path", **DEPTH}
     steady["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}

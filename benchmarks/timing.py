@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -78,6 +79,6 @@ def noise(
     return variance, times
 
 
-def trace(scene: mi.Scene, spp: int, **options: object) -> Callable[[], None]:
+def trace(scene: mi.Scene, spp: int, **options: Any) -> Callable[[], object]:
     """A render by `mi.render` whose result stays on the device."""
     return lambda: dr.eval(mi.render(scene, spp=spp, **options))

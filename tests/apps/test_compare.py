@@ -7,13 +7,7 @@ from helpers import browser
 from helpers.support import refused
 
 from tofrender.apps.compare import pictures
-from tofrender.apps.compare.pictures import (
-    Picture,
-    difference,
-    load_picture,
-    render_technique,
-    techniques,
-)
+from tofrender.apps.compare.pictures import Picture, difference, load_picture, render_technique
 from tofrender.cli.app import main
 
 
@@ -32,7 +26,7 @@ def test_all_scenes_of_the_course_have_a_reference():
 
 @pytest.mark.parametrize("scene", ["sphere_light_medium", "bust_simple", "bust_ao"])
 def test_references_are_of_the_scenes_as_they_are(scene):
-    way = "mis" if "mis" in techniques(scene) else "own"
+    way = "mis" if "mis" in pictures.techniques(scene) else "own"
     assert off(scene, way, 64) < 0.06
 
 

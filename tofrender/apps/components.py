@@ -13,8 +13,7 @@ import param
 
 from .explorer.module import text_of
 
-CONTROLS_WIDTH = 264
-"""Width of a column of controls [px]."""
+CONTROLS_WIDTH = 264  # Width of a column of controls [px]
 
 
 def control(kind: str, label: str, **options: Any) -> Any:

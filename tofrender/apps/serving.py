@@ -12,7 +12,6 @@ import secrets
 import signal
 import socket
 import sys
-import threading
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
@@ -26,8 +25,7 @@ from .explorer.module import text_of
 
 LOOPBACK = "127.0.0.1"
 FIRST_PORT, PORTS = 5006, 100
-MAX_MESSAGE = 64 << 20
-"""Largest message from a browser, such as a file [bytes]."""
+MAX_MESSAGE = 64 << 20  # Largest message from a browser, such as a file [bytes]
 
 
 def require_panel() -> Any:
@@ -60,8 +58,7 @@ def serve(
     """Serve an application until Ctrl-C, SIGTERM or SIGHUP.
 
     `make` makes the layout of a new reader's page, whose address has a random token and is passed
-    to `tell`. By default the port is the first free one from 5006 on. A ValueError says in one
-    line why an address or a port cannot be used.
+    to `tell`. By default the port is the first free one from 5006 on.
     """
     require_panel()
     checks.instance("host", host, str, "an address like 127.0.0.1")
@@ -71,19 +68,17 @@ def serve(
     for noisy in ("bokeh.server.views.ws", "tornado.access"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
     server = _bind(make, title, host, port, token)
-    ended = threading.Event()
 
     def end(*_: Any) -> None:
-        if not ended.is_set():
-            ended.set()
-            server.io_loop.add_callback_from_signal(server.io_loop.stop)
+        server.io_loop.add_callback_from_signal(server.io_loop.stop)
 
     handled = [n for n in SIGNALS if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
     before = {number: signal.signal(number, end) for number in handled}
     url = _url(host, server.port, token)
     tell(f"{title}: {url}  (Ctrl-C ends it)")
     sys.stdout.flush()
-    if browser and _has_screen():
+    is_local = sys.platform in ("win32", "darwin") and "SSH_CONNECTION" not in os.environ
+    if browser and (is_local or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         server.io_loop.call_later(0.1, webbrowser.open, url)
     server.io_loop.asyncio_loop.set_exception_handler(_ignore_closed_pages)
     try:
@@ -163,11 +158,6 @@ def _url(host: str, port: int, token: str) -> str:
     is_any = host in ("", "0.0.0.0", "::")
     name = socket.gethostname() if is_any else f"[{host}]" if ":" in host else host
     return f"http://{name}:{port}/?token={token}"
-
-
-def _has_screen() -> bool:
-    is_local = sys.platform in ("win32", "darwin") and "SSH_CONNECTION" not in os.environ
-    return is_local or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _token_provider(title: str, token: str) -> Any:

@@ -46,7 +46,7 @@ def time_axes(axes: Axes, sequence: Transient) -> None:
     above.set_xlabel("optical path length [m]")
 
 
-def picture_aspect(height: int, width: int, low: float, high: float) -> float:
+def picture_aspect(height: float, width: float, low: float, high: float) -> float:
     """Height over width, clamped to [low, high] so that a figure stays readable."""
     return min(high, max(low, height / width))
 
@@ -71,7 +71,7 @@ def picture_figure(
 ) -> Figure:
     """A figure of one RGB picture with a colour bar, and options for `imshow`."""
     wide = figure_width(4.6)
-    high = wide * picture_aspect(*picture.shape[:2], 0.4, 2.0) + 1.0
+    high = wide * picture_aspect(picture.shape[0], picture.shape[1], 0.4, 2.0) + 1.0
     figure = new_figure(wide, high, "compressed")
     axes = figure.add_subplot()
     axes.imshow(picture, interpolation="nearest", **options)

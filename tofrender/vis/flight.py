@@ -120,20 +120,14 @@ def _colours_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
 
     The scale spans the 1st to the 99th percentile; the bar has an arrow if there are times beyond.
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     first, last, extend = most_of(time_ns)
-    scale = ScalarMappable(Normalize(first, last, clip=True), time_map())
+    scale = _scale(first, last, time_map())
     known = np.isfinite(time_ns)[..., None]
     return np.where(known, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0), scale, extend
 
 
 def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, Any, str]:
     """Colours (height, width, 3), and scale and label of the colour bar."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     period = _default_period_ns(sequence) if period_ns is None else float(period_ns)
     cycles = opl_to_ns(sequence.opl) / period
     energy, phasor = sequence.sums(np.exp(2j * math.pi * cycles).astype(np.complex64))
@@ -141,8 +135,16 @@ def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, 
     hues = hue_map()(np.mod(np.angle(phasor) / (2 * math.pi), 1))[..., :3]
     saturation = np.sqrt(np.clip(coherence, 0, 1))[..., None]
     colour = saturation * hues + (1 - saturation)
-    scale = ScalarMappable(Normalize(0, period), hue_map())
-    return colour, scale, f"arrival time, modulo {period:.4g} ns [ns]"
+    label = f"arrival time, modulo {period:.4g} ns [ns]"
+    return colour, _scale(0, period, hue_map()), label
+
+
+def _scale(low: float, high: float, colours: Any) -> Any:
+    """Colours of numbers for a colour bar."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(low, high, clip=True), colours)
 
 
 def _default_period_ns(sequence: Transient) -> float:
@@ -187,8 +189,7 @@ def gate_figure(
         >>> figure.axes[0].get_title()
         't = 19.68 ± 0.10 ns, OPL = 5.900 ± 0.030 m'
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
+    from matplotlib.colors import ListedColormap
 
     opl = checks.metres("opl", opl)
     width = checks.metres("pulse_width_opl", pulse_width_opl, positive=True)
@@ -201,7 +202,7 @@ def gate_figure(
     except ValueError as error:
         raise ValueError(str(error).replace("values", "image", 1)) from None
     greys = tonemap(np.linspace(0, 1, 256)[None], exposure=1)[0] / 255
-    scale = ScalarMappable(Normalize(0, 1 / gain), ListedColormap(greys.tolist()))
+    scale = _scale(0, 1 / gain, ListedColormap(greys.tolist()))
     label = "radiance per metre [W m⁻³ sr⁻¹]"
     extend = "max" if (image * gain > 1.0001).any() else "neither"
     time = _with_width(opl_to_ns(opl), opl_to_ns(width), "ns")

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_WRAPS = 128
-"""Largest unambiguous range that is unwrapped, in wraps of the highest frequency."""
+MAX_WRAPS = 128  # Largest unambiguous range that is unwrapped, in wraps of the highest frequency
 
 _RADIANCE = "[W m⁻² sr⁻¹]"
 _PREFIXES = ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"))
@@ -88,7 +87,7 @@ def phasor_panel(
         wide,
         last + 1 + bool(unwrapped),
         columns,
-        picture_aspect(*lit.shape[1:], 0.4, 2.0),
+        picture_aspect(lit.shape[1], lit.shape[2], 0.4, 2.0),
         title=title or "",
         bar_lines=2,
         left=0.66,

@@ -95,13 +95,12 @@ def plan_figure(
     beams = [_beam(scene, light)[:, shown] for light in points]
     if device is not None:
         beams.append(device[None, shown])
-    alone: dict[str, Any] = {"linestyle": "none"}
     for wedge in wedges:
         axes.fill(*wedge.T, fc=CAMERA, ec=CAMERA, lw=1, alpha=0.18, zorder=1)
-        axes.plot(*wedge[0], "^", color=CAMERA, ms=10, label="camera", zorder=9, **alone)
+        axes.plot(*wedge[0], "^", color=CAMERA, ms=10, label="camera", ls="none", zorder=9)
     for beam in beams:
         axes.plot(*beam.T, color=LASER, lw=1.2, zorder=8)
-        axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", zorder=10, **alone)
+        axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", ls="none", zorder=10)
 
     low, high = _limits(outlines, wedges + beams)
     width, height = high - low

@@ -23,8 +23,7 @@ from .tone import auto_exposure, tonemap
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MIN_DEGREE = 0.01
-"""Least degree of linear polarisation whose angle is shown."""
+MIN_DEGREE = 0.01  # Least degree of linear polarisation whose angle is shown
 
 SHOWN = ("intensity", "degree", "angle", "circular", "colours")
 

@@ -72,8 +72,7 @@ def reconstruction_figure(
     brightest = float(values.max()) or 1.0
     known = depth[np.isfinite(depth)]
     near, far = (known.min(), known.max()) if known.size else (0, 1)
-    if near == far:
-        near, far = near - 0.5, far + 0.5
+    near, far = (near, far) if far > near else (near - 0.5, near + 0.5)
     rows_run_down = "frame_axes" in volume and float(volume["frame_axes"].values[1, 1]) < 0
     half = max(high - low for low, high in edges.values()) / 2
     limits = {axis: (sum(each) / 2 - half, sum(each) / 2 + half) for axis, each in edges.items()}

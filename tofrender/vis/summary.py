@@ -88,7 +88,10 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
             axes.plot(x, y, mark, mfc=color, mec="white", ms=6, mew=1)
     plot.legend(title="pixel", frameon=False)
     time_axes(plot, sequence)
-    figure.suptitle(wrapped(_title(dataset), width))
+    outside = f"{100 * dataset.attrs['energy_outside_window']:.1f} % of the energy outside"
+    title = f"{dataset.attrs['scene']}, {dataset.attrs['spp']} spp, {outside} the render's window"
+    title += "" if dataset.attrs["complete"] else " (interrupted)"
+    figure.suptitle(wrapped(title, width))
     explain_hatch(figure, np.isnan(peak_ns))
     return figure
 
@@ -102,15 +105,6 @@ def _pairs(pixels: Any) -> list[tuple[Any, Any]]:
     if pairs is None or isinstance(pixels, str | bytes | dict):
         raise ValueError(f"pixels = {checks.shown(pixels)}: must be pairs (x, y)")
     return pairs
-
-
-def _title(dataset: xr.Dataset) -> str:
-    attrs = dataset.attrs
-    title = (
-        f"{attrs['scene']}, {attrs['spp']} spp, "
-        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the render's window"
-    )
-    return title if attrs["complete"] else f"{title} (interrupted)"
 
 
 def _default_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient) -> list[Any]:

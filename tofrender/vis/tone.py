@@ -151,6 +151,8 @@ def tonemap(
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
     """
+    from scipy.special import lambertw
+
     linear = checks.real_array("values", values)
     if linear.ndim == 2:
         linear = linear[..., None]
@@ -167,7 +169,8 @@ def tonemap(
     with np.errstate(over="ignore"):
         shown = np.clip(np.nan_to_num(linear * np.float32(exposure), nan=0), 0, 1)
     if shadows:
-        k = _curvature(shadows)
+        slope = 2**shadows  # k / log(1 + k) for this k, by Lambert's W function
+        k = max(1e-12, float(-slope * lambertw(-math.exp(-1 / slope) / slope, k=-1).real - 1))
         value = shown.max(axis=2, keepdims=True)
         lifted = np.log1p(k * value) / math.log1p(k)
         shown = shown * np.divide(lifted, value, out=np.zeros_like(value), where=value > 0)
@@ -177,11 +180,3 @@ def tonemap(
         rows, columns = np.nonzero(unfinished)
         picture[rows, columns] = np.where((rows + columns) % 8 < 4, 38, 58)[:, None]
     return picture
-
-
-def _curvature(stops: float) -> float:
-    """The k with k / log(1 + k) = 2^stops, for stops above 0, by Lambert's W function."""
-    from scipy.special import lambertw
-
-    slope = 2**stops
-    return max(1e-12, float(-slope * lambertw(-math.exp(-1 / slope) / slope, k=-1).real - 1))

@@ -59,8 +59,8 @@ class Transient:
             first = first_pixel(data)
             quantity = quantity or f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
             data = data["transient"]
-        times: Any = start_opl, bin_width_opl
-        return cls(_cube("data", data), *times, *first, quantity or cls.quantity)
+        rest: Any = start_opl, bin_width_opl, *first, quantity or cls.quantity
+        return cls(_cube("data", data), *rest)
 
     @property
     def bins(self) -> int:

@@ -14,20 +14,16 @@ import numpy as np
 from ...runtime import backend, checks
 from ...scenes import BUILT_IN
 
-SIDE = 192
-"""Longest side of a rendered picture [pixels]."""
-
+SIDE = 192  # Longest side of a rendered picture [pixels]
 REFERENCE_SPP = 1024
-REFERENCES = Path(__file__).with_name("references.npz")
-"""Pictures of all scenes with `REFERENCE_SPP` samples; `python -m` this module makes them."""
+REFERENCES = Path(__file__).with_name("references.npz")  # `python -m` this module makes it
 
+# Path tracers of the course: plugin and label
 TECHNIQUES = {
     "mats": ("path_tracer_mats", "material sampling"),
     "nee": ("path_tracer_nee", "light sampling"),
     "mis": ("path_tracer_mis", "both (MIS)"),
 }
-"""Path tracers of the course: plugin and label."""
-
 LIGHT_SCENES = (
     "veach",
     "small_box",
@@ -37,11 +33,8 @@ LIGHT_SCENES = (
     "rectangle_light_quad",
     "rectangle_light_triangles",
 )
-PATH_SCENES = (*LIGHT_SCENES, "cornell_box_steady_state")
-OWN_SCENES = ("bust_simple", "bust_ao")
-"""Scenes that have an integrator of their own."""
-
-SCENES = (*PATH_SCENES, *OWN_SCENES)
+OWN_SCENES = ("bust_simple", "bust_ao")  # With an integrator of their own
+SCENES = (*LIGHT_SCENES, "cornell_box_steady_state", *OWN_SCENES)
 
 
 @dataclass(frozen=True)
@@ -49,8 +42,7 @@ class Picture:
     """A picture and its label."""
 
     name: str
-    pixels: np.ndarray
-    """Linear values, float32 of shape (height, width, 3)."""
+    pixels: np.ndarray  # Linear values, float32 (height, width, 3)
 
 
 def techniques(scene: str) -> dict[str, str]:
@@ -67,9 +59,8 @@ def render_technique(scene: str, technique: str, spp: int, seed: int = 0) -> Pic
     checks.one_of("technique", technique, techniques(scene))
     if technique == "reference":
         with np.load(REFERENCES) as references:
-            return Picture(
-                f"reference, {REFERENCE_SPP} samples", references[scene].astype(np.float32)
-            )
+            pixels = references[scene].astype(np.float32)
+        return Picture(f"reference, {REFERENCE_SPP} samples", pixels)
     pixels = _render(scene, technique, checks.integer("spp", spp, 1, 1 << 16), seed)
     return Picture(f"{technique}, {spp} samples", pixels)
 

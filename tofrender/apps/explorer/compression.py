@@ -18,22 +18,14 @@ Mode = Literal["sum", "mean", "error", "mean error"]
 """Joined bins are summed (light per bin) or averaged (densities); standard errors of either are
 combined as those of independent estimates."""
 
-MAX_SIZE = 64
-"""Largest edge of a block in pixels, and largest number of joined bins."""
-
-CODES = 255
-"""Number of codes, without that of darkness."""
-
-DARK = 1e-4
-"""Fraction of all light that may lie in values too small to have a code."""
-
-DECADES = 7
-"""Largest range of values that have a code."""
-
+MAX_SIZE = 64  # Largest edge of a block in pixels, and largest number of joined bins
+CODES = 255  # Number of codes, without that of darkness
+DARK = 1e-4  # Fraction of all light that may lie in values too small to have a code
+DECADES = 7  # Largest range of values that have a code
 _OCTAVES, _PER_OCTAVE = 1100, 16  # Of the histogram of values, on either side of 1
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class Reduction:
     """Blocks of `space` x `space` pixels and `time` bins that are joined."""
 

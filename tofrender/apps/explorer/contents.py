@@ -20,9 +20,7 @@ from .data import ExplorerData, explorer_data, facts
 MAPS = {"false": "inferno", "distance": "viridis"}
 """Colour maps of Matplotlib by their use; phases have `phase_map`."""
 
-SAMPLED_BANDS = 8
-"""The size of a cube is estimated from one of so many bands of it."""
-
+SAMPLED_BANDS = 8  # The size of a cube is estimated from one of so many bands of it
 ALIGNMENT = 8  # Of arrays in the bytes
 
 
@@ -92,7 +90,7 @@ def contents_of(
 
     checks.text("title", title)
     found = explorer_data(data, orders, distance_m)
-    layers = {"light": (found.light, found.mode)} | found.layers
+    layers = {"light": (found.light, found.mode), **found.layers}
     *spots, height, width, bins, channels = found.light.shape
     for by in reductions(bins):
         if most_bytes is None or _fits(layers, by, most_bytes, packed):

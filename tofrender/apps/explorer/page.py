@@ -33,7 +33,7 @@ def report(
     megabytes: float = 10,
     overwrite: bool = False,
 ) -> Path:
-    """Write the explorer of a transient as one HTML file.
+    """Write the explorer of a transient as one HTML file, and return its path.
 
     The file opens from disk in any browser of 2023 or later; it needs no server and no network,
     and its policy forbids their use. It appears whole or not at all. Values are stored as one byte
@@ -48,9 +48,6 @@ def report(
         title: Title; by default the scene.
         megabytes: Largest size of the file [1e6 bytes], 0.1 to 1000.
         overwrite: Replace an existing file.
-
-    Returns:
-        `path`.
 
     Raises:
         ValueError: `data` is none of these, or another argument does not fit; one line.

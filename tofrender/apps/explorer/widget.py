@@ -33,8 +33,8 @@ def explore(
             shown where a render has them; a pyramid shows the light by bounces.
         orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be
             drawn beside the response: `{"1 bounce": render(..., max_depth=2)}`, for example.
-        distance_m: (height, width) [m] from the camera's position to what each pixel of a render
-            sees, as for `unwarp_camera`: time can then be shown without the way to the camera.
+        distance_m: (height, width) [m] from the camera's position to the surface in each pixel of
+            a render, as for `unwarp_camera`: time can then be shown without the camera segment.
         title: Title; by default the scene.
         megabytes: Largest size of the codes [1e6 bytes], above 0; all go to the browser at once.
 
@@ -45,7 +45,7 @@ def explore(
     Raises:
         ValueError: `data` is none of these, or another argument does not fit; one line.
         MemoryError: The codes do not fit into memory.
-        ImportError: anywidget is missing; one line that says how to install it.
+        ImportError: anywidget is missing.
 
     Example:
         >>> import tofrender

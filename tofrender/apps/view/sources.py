@@ -19,9 +19,7 @@ from ...runtime import backend
 if TYPE_CHECKING:
     import xarray as xr
 
-FIRST_SPP = 1
-STEP_S = 4.0
-"""Time between two updates of a render [s], once it is under way."""
+STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
 
 
 class SavedDataset:
@@ -112,9 +110,9 @@ class LiveRender:
             while self.spp < self.max_spp and not self._stop.is_set():
                 spp = min(self._next_spp(), self.max_spp)
                 begin, before = time.monotonic(), self.spp
+                step = {"spp": spp, "resume": self.data, "progress": False}
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", UserWarning)
-                    step = {"spp": spp, "resume": self.data, "progress": False}
                     self.data = render(**(self._options | step))
                 seconds = max(time.monotonic() - begin, 1e-3)
                 self._samples_per_second = (spp - before) / seconds
@@ -126,5 +124,5 @@ class LiveRender:
     def _next_spp(self) -> int:
         """Samples per pixel of the next update: twice as many, unless that takes long."""
         if not self.spp:
-            return FIRST_SPP
+            return 1
         return self.spp + max(1, min(self.spp, math.floor(self._samples_per_second * STEP_S)))

@@ -24,7 +24,7 @@ from ...sampling.figures import density_panels
 from ...sampling.suites import Case
 from ...sampling.verdicts import Verdict
 from ...vis.warps import warp_figure
-from .sources import Library, Module, find_module, why_withheld
+from .sources import Library, Module, find_module, is_withheld
 from .subjects import SUBJECTS
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 LIBRARY, MODULE = "library", "module"
 
-CELLS, SEGMENTS = 10, 160
-"""Cells along a side of the grid, and segments of its lines."""
+CELLS, SEGMENTS = 10, 160  # Cells along a side of the grid, and segments of its lines
 
 NO_PROOF = (
     "Passing is no proof. Sampler and density can be wrong together, and more samples find "
@@ -124,16 +123,13 @@ def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
 
 
 class Engine:
-    """The library, a student's module if there is one, and the thread that calls them.
-
-    The module is a file or folder; by default the working folder in a student edition.
-    """
+    """The library, a student's module (in a student edition the working folder), and a thread."""
 
     def __init__(self, module: Any = None) -> None:
         variant = backend.activate(None)
         backend.require_vectorised()
         self.module = None if module is None else Module(module)
-        if module is None and any(map(why_withheld, SUBJECTS.values())):
+        if module is None and any(map(is_withheld, SUBJECTS.values())):
             self.module = find_module(Path.cwd())
         self.sources: dict[str, Library | Module] = {LIBRARY: Library()}
         if self.module is not None:

@@ -20,14 +20,9 @@ from ...sampling.domains import to_numpy
 from ...sampling.suites import Case
 from .subjects import SUBJECTS, Subject, labelled
 
-MEMORY = 4 << 30
-"""Memory that a student's module may use [bytes]."""
-
-ANSWER_S = 20.0
-"""Longest time that one call of a student's function may take [s]."""
-
-MAX_SOURCE = 1 << 20
-"""Largest file that is searched for names [bytes]."""
+MEMORY = 4 << 30  # Memory that a student's module may use [bytes]
+ANSWER_S = 20.0  # Longest time that one call of a student's function may take [s]
+MAX_SOURCE = 1 << 20  # Largest file that is searched for names [bytes]
 
 _DEFINITION = re.compile(r"^(?:def|class)\s+([A-Za-z_]\w*)", re.MULTILINE)
 
@@ -37,7 +32,7 @@ class Library:
 
     def names(self) -> list[str]:
         """Names of the subjects, fewer in a student edition."""
-        return [name for name, subject in SUBJECTS.items() if not why_withheld(subject)]
+        return [name for name, subject in SUBJECTS.items() if not is_withheld(subject)]
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
         """Sampler and density of a subject; `Withheld` in a student edition."""
@@ -49,16 +44,16 @@ class Library:
         return Case(sample, pdf, subject.domain, labelled(name, values))
 
 
-def why_withheld(subject: Subject) -> str:
-    """Reason why this package withholds a subject, "" if it does not."""
+def is_withheld(subject: Subject) -> bool:
+    """Whether this package, a student edition, withholds a subject."""
     from ... import sampling
 
     try:
         for name in subject.names:
             getattr(sampling, name)
-    except Withheld as reason:
-        return str(reason)
-    return ""
+    except Withheld:
+        return True
+    return False
 
 
 class Module:

@@ -23,8 +23,7 @@ Functions = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 EXAMPLE_IMAGE = np.array([[4.0, 4.0], [1.0, 1.0]])
 """The 2 x 2 image of the course: 80 % of the light in the upper row."""
 
-MAX_SIDE = 512
-"""Most pixels along a side of an image; larger ones are averaged."""
+MAX_SIDE = 512  # Most pixels along a side of an image; larger ones are averaged
 
 
 @dataclass(frozen=True)
@@ -37,12 +36,7 @@ class Parameter:
     low: float
     high: float
     step: float
-    allowed: tuple[float, float] | None = None  # If not the slider's range
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Least and greatest value."""
-        return self.allowed or (self.low, self.high)
+    bounds: tuple[float, float] | None = None  # Of the number, by default the slider's
 
 
 @dataclass(frozen=True)
@@ -76,7 +70,7 @@ class Subject:
             if name == "image":
                 values[name] = density_of(value)
             else:
-                low, high = known[name].bounds
+                low, high = known[name].bounds or (known[name].low, known[name].high)
                 values[name] = float(checks.number(name, value, low=low, high=high))
         return values
 

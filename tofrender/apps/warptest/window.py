@@ -139,7 +139,7 @@ class Window(Page):
         self.view.visible = self.chosen.dimensions == 3
         if parameter is None:
             return
-        low, high = parameter.bounds
+        low, high = parameter.bounds or (parameter.low, parameter.high)
         value = float(self.given.get(parameter.name, parameter.default))
         near = min(max(value, parameter.low), parameter.high)
         self._setting_controls = True
