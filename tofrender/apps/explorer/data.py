@@ -98,7 +98,7 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     per_metre = data.attrs["quantity"] == "radiance per metre"
     mode: Mode = "mean" if per_metre else "sum"
     what = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
-    condition = "a flash at the camera, and light that comes straight back"
+    condition = "a flash at the camera, and a single bounce"
     found = ExplorerData(
         {
             "kind": "transient",
