@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 import tofrender
 
-from .timing import in_turn
-
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row, in_turn
 
 DEPTHS = (4, 16, 64)
 
@@ -41,9 +38,8 @@ def derivatives(runs: int, quick: bool) -> list[Row]:
         }
         times = in_turn(functions, runs)
         for mode, target in (("reverse", 3.0), ("forward", 2.0)):
-            wall, cpu = times[mode].ratio(times["render"])
             row = f"{what}, depth {depth}: {mode} over render"
-            rows += [(f"{row}: wall", wall, target), (f"{row}: cpu", cpu, None)]
+            rows += times[mode].rows(times["render"], row, wall=target)
     return rows
 
 

@@ -8,10 +8,8 @@ import sys
 import tempfile
 import time
 from statistics import median
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row
 
 BEYOND_S = 3.0
 

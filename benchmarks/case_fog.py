@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from unittest import mock
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 import tofrender
 from tofrender.paths.endpoints import GatedFog
 
-from .timing import in_turn, noise
-
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row, in_turn, noise, trace
 
 DEPTH = {"max_depth": 6, "rr_depth": 50}
 HAZE = {
@@ -39,10 +35,9 @@ def fog(runs: int, quick: bool) -> list[Row]:
         ours["integrator"] = {"type": "transient_volpath", "light_samples": 1, **DEPTH}
         scenes = {"volpath": steady, "ours": ours}
         loaded = {key: mi.load_dict(change(each)) for key, each in scenes.items()}
-        times = in_turn({key: _draw(each, spp) for key, each in loaded.items()}, runs)
-        wall, cpu = times["ours"].ratio(times["volpath"])
+        times = in_turn({key: trace(each, spp) for key, each in loaded.items()}, runs)
         what = f"Cornell box {name}, {size}x{size} x 300 bins, {spp} spp, over volpath"
-        rows += [(f"{what}: wall", wall, 1.15), (f"{what}: cpu", cpu, None)]
+        rows += times["ours"].rows(times["volpath"], what, wall=1.15)
     return rows
 
 
@@ -121,7 +116,3 @@ def _gate(scene: mi.Scene, target: float, spp: int, ahead: bool) -> Callable[[in
             )
 
     return draw
-
-
-def _draw(scene: mi.Scene, spp: int) -> Callable[[], None]:
-    return lambda: dr.eval(mi.render(scene, spp=spp))

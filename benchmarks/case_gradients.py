@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -21,9 +21,7 @@ import numpy as np
 
 from . import peers
 from .misuka_sphere import closed_form
-
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row
 
 COLUMNS = (
     *("parameter", "scene", "of", "closed form", "forward", "reverse"),

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 import tofrender
 
-from .timing import in_turn, noise
-
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row, in_turn, noise, trace
 
 TRACERS = ("transient_path", "transient_light_tracer", "transient_bdpt")
 SCENES = ("cornell_box", "caustic", "mirror_and_glass", "lamp_in_fixture", "light_through_hole")
@@ -79,7 +75,7 @@ def camera_connections(runs: int, quick: bool) -> list[Row]:
     size, spp = (32, 16) if quick else (64, 64)
     scene = _scene("cornell_box", size)
     functions = {
-        str(on): _draw(scene, _tracer("transient_bdpt", camera_connections=on), spp)
+        str(on): trace(scene, spp, integrator=_tracer("transient_bdpt", camera_connections=on))
         for on in (True, False)
     }
     times = in_turn(functions, runs)
@@ -94,10 +90,6 @@ def _scene(name: str, size: int) -> mi.Scene:
 
 def _tracer(kind: str, **more: Any) -> Any:
     return mi.load_dict({"type": f"tofrender_{kind}", "max_depth": DEPTH, **more})
-
-
-def _draw(scene: mi.Scene, tracer: Any, spp: int):
-    return lambda: dr.eval(mi.render(scene, integrator=tracer, spp=spp))
 
 
 def _render(scene: mi.Scene, tracer: Any, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 import tofrender
 
-from .timing import noise
-
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row, noise
 
 STROKES = (((0.0, 0.35), (0.8, 0.1)), ((0.0, -0.35), (0.8, 0.1)), ((0.0, 0.0), (0.1, 0.6)))
 """Centres and sizes of the letter's strokes [m]; it stands 1 m in front of the wall."""
@@ -84,9 +81,8 @@ def nlos(runs: int, quick: bool) -> list[Row]:
             ours = tofrender.load_scene(described, optimize=False)
             functions = {"mitransient": partial(draw, peer), "ours": partial(draw, ours)}
             variance, times = noise(functions, runs)
-            wall, cpu = times["mitransient"].ratio(times["ours"])
             gain = variance["mitransient"] / variance["ours"]
             kind = "three bounces" if bounces == 3 else "all bounces"
             what = f"hidden letter, {size}x{size}, {name}, {kind}: variance x time over ours"
-            rows += [(f"{what}: wall", gain * wall, target), (f"{what}: cpu", gain * cpu, target)]
+            rows += times["mitransient"].rows(times["ours"], what, target, target, gain)
     return rows

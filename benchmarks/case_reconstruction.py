@@ -16,12 +16,10 @@ import numpy as np
 from tofrender.io.hdf5 import save_capture
 from tofrender.nlos import make_capture, reconstruct
 
-from .timing import in_turn
+from .timing import Row, in_turn
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from .cases import Row
 
 VOXELS = {False: (32, 32, 16), True: (8, 8, 4)}
 X, Y, Z = (-1.0, 1.0), (-1.0, 1.0), (0.5, 1.5)

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from tofrender.sampling import independent, warp_case
 
-from .timing import Times, in_turn
-
-if TYPE_CHECKING:
-    from .cases import Row
+from .timing import Row, Times, in_turn
 
 ALPHA = 0.3
 NAMES = (
@@ -51,9 +47,8 @@ def warps(runs: int, quick: bool) -> list[Row]:
         # Dr.Jit hands out two sets of buffers in turn, one of which can be twice as fast.
         functions = {"A": ours, "B": mitsubas, "B again": mitsubas, "A again": ours}
         times = in_turn(functions, 5 * runs)
-        wall, cpu = _both(times, "A").ratio(_both(times, "B"))
         what = f"{name}, {count:.0e} samples, over mi.warp"
-        rows += [(f"{what}: wall", wall, 1.5), (f"{what}: cpu", cpu, 1.5)]
+        rows += _both(times, "A").rows(_both(times, "B"), what, 1.5, 1.5)
     samples = 20_000 if quick else 1_000_000
     case = warp_case("beckmann", alpha=ALPHA)
     times = in_turn({"test": partial(case.test, samples=samples)}, runs)

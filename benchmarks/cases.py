@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -24,9 +23,7 @@ from .case_nlos import nlos
 from .case_polarised import polarised
 from .case_reconstruction import reconstruction
 from .case_warps import warps
-from .timing import in_turn, noise
-
-Row = tuple[str, float, float | None]
+from .timing import Row, in_turn, noise, trace
 
 
 def _transient(size: int, bins: int, spp: int, **integrator: Any) -> mi.Scene:
@@ -53,25 +50,20 @@ def _path(size: int, spp: int) -> mi.Scene:
     return mi.load_dict(scene)
 
 
-def _draw(scene: mi.Scene, spp: int) -> Callable[[], None]:
-    return lambda: dr.eval(mi.render(scene, spp=spp))
-
-
 def speed(runs: int, quick: bool) -> list[Row]:
     """Time of the transient render over that of Mitsuba's `path`, at equal samples and rays."""
     size, spp = (64, 16) if quick else (256, 64)
-    functions = {"path": _draw(_path(size, spp), spp)}
-    functions["tofrender"] = _draw(_transient(size, 300, spp, light_samples=1), spp)
+    functions = {"path": trace(_path(size, spp), spp)}
+    functions["tofrender"] = trace(_transient(size, 300, spp, light_samples=1), spp)
     peer = _peer(size, 300)
     if peer is not None:
-        functions["mitransient"] = _draw(peer, spp)
+        functions["mitransient"] = trace(peer, spp)
     times = in_turn(functions, runs)
     what = f"{size}x{size} x 300 bins, {spp} spp, over path"
     rows: list[Row] = []
     for name in list(functions)[1:]:
-        wall, cpu = times[name].ratio(times["path"])
         target = 1.25 if name == "tofrender" else None
-        rows += [(f"{name}, {what}: wall", wall, target), (f"{name}, {what}: cpu", cpu, target)]
+        rows += times[name].rows(times["path"], f"{name}, {what}", target, target)
     return rows
 
 
@@ -79,14 +71,13 @@ def bins(runs: int, quick: bool) -> list[Row]:
     """Time over that of `path` with few and many bins."""
     size, spp = (32, 16) if quick else (64, 256)
     counts = (30, 300, 3000)
-    functions = {"path": _draw(_path(size, spp), spp)}
-    functions |= {str(n): _draw(_transient(size, n, spp, light_samples=1), spp) for n in counts}
+    functions = {"path": trace(_path(size, spp), spp)}
+    functions |= {str(n): trace(_transient(size, n, spp, light_samples=1), spp) for n in counts}
     times = in_turn(functions, runs)
     rows: list[Row] = []
     for n in counts:
-        wall, cpu = times[str(n)].ratio(times["path"])
-        rows.append((f"{size}x{size} x {n} bins, {spp} spp, over path: wall", wall, None))
-        rows.append((f"{size}x{size} x {n} bins, {spp} spp, over path: cpu", cpu, None))
+        what = f"{size}x{size} x {n} bins, {spp} spp, over path"
+        rows += times[str(n)].rows(times["path"], what)
     flat = [times[str(n)].cpu / times[str(counts[0])].cpu for n in counts]
     worst = max(float(np.median(ratio)) for ratio in flat)
     return [*rows, (f"slowest over {counts[0]} bins: cpu", worst, 1.2)]
@@ -117,13 +108,9 @@ def error(runs: int, quick: bool) -> list[Row]:
         name: float(np.var(stack[1:], axis=0, ddof=1).mean()) for name, stack in cubes.items()
     }
     gain = variance["mitransient"] / variance["tofrender"]
-    wall, cpu = times["mitransient"].ratio(times["tofrender"])
-    what = f"{size}x{size} x 300 bins, {spp} spp"
-    return [
-        (f"{what}: variance of mitransient over ours", gain, None),
-        (f"{what}: variance x wall time", gain * wall, 30.0),
-        (f"{what}: variance x cpu time", gain * cpu, 30.0),
-    ]
+    what = f"{size}x{size} x 300 bins, {spp} spp: variance"
+    rows = times["mitransient"].rows(times["tofrender"], f"{what} x time", 30.0, 30.0, gain)
+    return [(f"{what} of mitransient over ours", gain, None), *rows]
 
 
 _MEMORY = """
@@ -183,14 +170,13 @@ def phasors(runs: int, quick: bool) -> list[Row]:
     size, spp = (64, 16) if quick else (256, 64)
     scene = _transient(size, 1, spp)
     frequencies = [10e6 * k for k in range(1, 9)]
-    functions = {"path": _draw(_path(size, spp), spp)}
+    functions = {"path": trace(_path(size, spp), spp)}
     functions["phasors"] = lambda: tofrender.render_amcw_phasor(
         scene, scene.sensors()[0], frequencies, spp
     )
     times = in_turn(functions, runs)
-    wall, cpu = times["phasors"].ratio(times["path"])
     what = f"{size}x{size}, 8 frequencies, {spp} spp, over path"
-    return [(f"{what}: wall", wall, 1.3), (f"{what}: cpu", cpu, 1.3)]
+    return times["phasors"].rows(times["path"], what, 1.3, 1.3)
 
 
 def _plain_gate(size: int, spp: int, opl: float) -> Callable[[int], np.ndarray]:
@@ -221,14 +207,11 @@ def gates(runs: int, quick: bool) -> list[Row]:
 
     functions = {"one trace": one_trace, "loop": _plain_gate(size, spp, 5.91)}
     variance, times = noise(functions, runs)
-    wall, cpu = times["loop"].ratio(times["one trace"])
     gain = 300 * variance["loop"] / variance["one trace"]
     what = f"{size}x{size}, 300 gates, {spp} spp: loop over one trace"
-    return [
-        (f"{what}, time: wall", 300 * wall, None),
-        (f"{what}, variance x time: wall", gain * wall, 200.0),
-        (f"{what}, variance x time: cpu", gain * cpu, 200.0),
-    ]
+    rows = times["loop"].rows(times["one trace"], f"{what}, time", factor=300)[:1]
+    both = f"{what}, variance x time"
+    return rows + times["loop"].rows(times["one trace"], both, 200.0, 200.0, gain)
 
 
 def one_gate(runs: int, quick: bool) -> list[Row]:
@@ -241,10 +224,9 @@ def one_gate(runs: int, quick: bool) -> list[Row]:
     for opl in (5.2, 5.9, 6.7, 8.0):
         ours = partial(tofrender.render_at_time, scene, integrator, sensor, opl, spp)
         variance, times = noise({"plain": _plain_gate(size, spp, opl), "ours": ours}, runs)
-        wall, cpu = times["plain"].ratio(times["ours"])
         gain = variance["plain"] / variance["ours"]
         what = f"{size}x{size}, gate at {opl} m, {spp} spp: plain over ours, variance x time"
-        rows += [(f"{what}: wall", gain * wall, 10.0), (f"{what}: cpu", gain * cpu, 10.0)]
+        rows += times["plain"].rows(times["ours"], what, 10.0, 10.0, gain)
     return rows
 
 
@@ -264,13 +246,12 @@ def path_tracers(runs: int, quick: bool) -> list[Row]:
         scene["integrator"] |= parameters
         if name == "path":
             scene["sensor"]["sampler"]["type"] = "independent"
-        functions[name] = _draw(tofrender.load_scene(scene), spp)
+        functions[name] = trace(tofrender.load_scene(scene), spp)
     times = in_turn(functions, runs)
     what = f"Veach's plates, {size[0]}x{size[1]}, {spp} spp, over path"
     rows: list[Row] = []
     for name in list(functions)[1:]:
-        wall, cpu = times[name].ratio(times["path"])
-        rows += [(f"{what}: {name}: wall", wall, 1.3), (f"{what}: {name}: cpu", cpu, None)]
+        rows += times[name].rows(times["path"], f"{what}: {name}", wall=1.3)
     return rows
 
 

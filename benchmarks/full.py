@@ -26,7 +26,7 @@ import tofrender
 from . import peers, report
 from .case_lights import plain_pixels
 from .case_nlos import letter
-from .timing import in_turn
+from .timing import in_turn, trace
 
 SIZE, BINS, SPP, DEPTH = 64, 300, 256, 6
 RESULTS = Path(__file__).with_name("results.json")
@@ -167,7 +167,7 @@ def times(runs: int) -> dict[str, Any]:
             "ours": peers.ours(described),
             "mitransient": peers.mitransient(described),
         }
-        found = in_turn({name: peers.trace(scene, spp) for name, scene in scenes.items()}, runs)
+        found = in_turn({name: trace(scene, spp) for name, scene in scenes.items()}, runs)
         return {name: found[name].ratio(found["path"])[1] for name in scenes}
 
     rows: dict[str, Any] = {"size": {}, "bins": {}, "spp": {}}

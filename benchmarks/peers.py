@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -57,15 +56,6 @@ def bins(scene: mi.Scene, spp: int) -> Draw:
         options = {"spp": spp, "progress": False}
         return lambda seed: tofrender.render(scene, seed=seed, **options)["transient"].values
     return lambda seed: np.array(mi.render(scene, spp=spp, seed=mi.UInt32(seed + 1))[1])
-
-
-def trace(scene: mi.Scene, spp: int) -> Callable[[], None]:
-    """A render that stays where it is: nothing is handed to NumPy."""
-
-    def run() -> None:
-        dr.eval(mi.render(scene, spp=spp))
-
-    return run
 
 
 def _sampled(described: Mapping[str, Any], sampler: str) -> dict[str, Any]:

@@ -6,9 +6,14 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
+
+Row = tuple[str, float, float | None]
+"""A figure: name, value, target."""
 
 
 @dataclass
@@ -26,6 +31,21 @@ class Times:
     def ratio(self, other: Times) -> tuple[float, float]:
         """Median over the runs of this time over the other's: wall, cpu."""
         return float(np.median(self.wall / other.wall)), float(np.median(self.cpu / other.cpu))
+
+    def rows(
+        self,
+        other: Times,
+        name: str,
+        wall: float | None = None,
+        cpu: float | None = None,
+        factor: float = 1.0,
+    ) -> list[Row]:
+        """This time over the other's, times a factor, as two rows with these targets."""
+        ratios = self.ratio(other)
+        return [
+            (f"{name}: wall", factor * ratios[0], wall),
+            (f"{name}: cpu", factor * ratios[1], cpu),
+        ]
 
 
 def in_turn(functions: Mapping[str, Callable[[], object]], runs: int) -> dict[str, Times]:
@@ -57,3 +77,8 @@ def noise(
     times = in_turn({name: partial(draw, name) for name in functions}, max(runs, 4))
     variance = {name: float(np.var(s[1:], axis=0, ddof=1).mean()) for name, s in images.items()}
     return variance, times
+
+
+def trace(scene: mi.Scene, spp: int, **options: Any) -> Callable[[], object]:
+    """A render by `mi.render` whose result stays on the device."""
+    return lambda: dr.eval(mi.render(scene, spp=spp, **options))

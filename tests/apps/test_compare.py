@@ -7,12 +7,12 @@ from helpers import browser
 from helpers.support import refused
 
 from tofrender.apps.compare import pictures
-from tofrender.apps.compare.pictures import Picture, difference, opened, rendered, techniques
+from tofrender.apps.compare.pictures import Picture, difference, load_picture, render_technique
 from tofrender.cli.app import main
 
 
 def off(scene: str, way: str, spp: int) -> float:
-    return difference(rendered(scene, way, spp), rendered(scene, "reference", 1))
+    return difference(render_technique(scene, way, spp), render_technique(scene, "reference", 1))
 
 
 def test_all_scenes_of_the_course_have_a_reference():
@@ -26,7 +26,7 @@ def test_all_scenes_of_the_course_have_a_reference():
 
 @pytest.mark.parametrize("scene", ["sphere_light_medium", "bust_simple", "bust_ao"])
 def test_references_are_of_the_scenes_as_they_are(scene):
-    way = "mis" if "mis" in techniques(scene) else "own"
+    way = "mis" if "mis" in pictures.techniques(scene) else "own"
     assert off(scene, way, 64) < 0.06
 
 
@@ -37,11 +37,11 @@ def test_both_techniques_are_nearer_to_the_reference_than_one():
 def test_files(tmp_path):
     values = np.linspace(0, 1, 48, dtype=np.float32).reshape(4, 4, 3)
     mi.Bitmap(values).write(str(tmp_path / "a.exr"))
-    assert opened(tmp_path / "a.exr").pixels == pytest.approx(values, abs=1e-3)
+    assert load_picture(tmp_path / "a.exr").pixels == pytest.approx(values, abs=1e-3)
     for name in ("no.exr", "bad.exr", "bad.npz"):
         if name.startswith("bad"):
             (tmp_path / name).write_bytes(b"text")
-        refused("exr|npz", opened, tmp_path / name, kind=(ValueError, FileNotFoundError))
+        refused("exr|npz", load_picture, tmp_path / name, kind=(ValueError, FileNotFoundError))
     with pytest.raises(ValueError, match=r"b: 2 x 3 pixels; must be 4 x 4, as a"):
         difference(Picture("a", values), Picture("b", np.ones((3, 2, 3), np.float32)))
 

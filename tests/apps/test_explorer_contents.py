@@ -8,9 +8,8 @@ from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.made_dataset import make_dataset
 
 import tofrender
-from tofrender.apps.explorer.codes import Scale
+from tofrender.apps.explorer.compression import Reduction, Scale, bands
 from tofrender.apps.explorer.contents import contents_of
-from tofrender.apps.explorer.reducing import Reduction, bands
 from tofrender.rendering.cubes import Cube
 
 
@@ -165,7 +164,7 @@ def test_what_does_not_fit(tmp_path):
         ({"orders": {"a": 3}}, r"orders\['a'\] = 3: must be a Dataset of render"),
         ({"orders": {"a": make_dataset(2, 3, 4)}}, r"orders\['a'\]: must have the pixels"),
         ({"distance_m": np.ones((2, 2))}, r"distance_m with shape \(2, 2\): must be"),
-        ({"distance_m": -np.ones((20, 30))}, "distance_m: must be from 0"),
+        ({"distance_m": -np.ones((20, 30))}, "distance_m holds -1: must be from 0"),
         ({"most_bytes": 1}, "megabytes: must be more"),
     ):
         with pytest.raises(ValueError, match=said):

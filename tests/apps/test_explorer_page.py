@@ -239,7 +239,7 @@ def test_without_the_way_to_the_camera(tmp_path):
     contents = contents_of(data, distance_m=way)
     with opened(tmp_path, contents) as page:
         before = set_(page, pixels=[[4, 5], [30, 9]])
-        page.get_by_label("Without the way to the camera").click()
+        page.get_by_label("Without the camera segment").click()
         now = state(page)
         assert now["start"] == pytest.approx(before["start"] - 1.36, abs=WIDTH)
         centres = now["start"] + (np.arange(now["bins"]) + 0.5) * WIDTH

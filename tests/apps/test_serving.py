@@ -14,7 +14,7 @@ from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps import serving
-from tofrender.apps.view.looking import Live
+from tofrender.apps.view.sources import LiveRender
 from tofrender.cli.app import main
 
 
@@ -107,7 +107,7 @@ def test_addresses():
 
 def test_readers_may_go_while_something_is_sent_to_them(caplog):
     loop = asyncio.new_event_loop()
-    loop.set_exception_handler(serving._let_readers_go)
+    loop.set_exception_handler(serving._ignore_closed_pages)
     for error in (StreamClosedError(), WebSocketClosedError()):
         loop.call_exception_handler({"message": "never retrieved", "exception": error})
     assert caplog.text == ""
@@ -123,8 +123,8 @@ def test_without_panel_one_line_says_what_to_install(monkeypatch):
 
 
 def test_a_live_render_ends_at_its_samples():
-    live = Live("box", {"scene": "cornell_box", "size": (2, 2), "bins": 2, "spp": 3})
-    live.begin()
+    live = LiveRender("box", {"scene": "cornell_box", "size": (2, 2), "bins": 2, "spp": 3})
+    live.start()
     live._thread.join()
     assert live.error is None
-    assert live.done == 3
+    assert live.spp == 3

@@ -24,7 +24,7 @@ from helpers.support import agree, largest
 
 import tofrender
 from tofrender import nlos
-from tofrender.films import recording
+from tofrender.films import histogram, recording
 from tofrender.integrators import passes
 from tofrender.rendering import job, pieces
 from tofrender.rendering.asked import Asked
@@ -303,7 +303,7 @@ def test_parts_are_the_whole(path, small_steps, make, after, options):
 def test_more_samples_than_float32_adds(path, small_steps, monkeypatch, name, after):
     """They are added in portions of at most 2^16, here of 32."""
     whole = WORKS[name]()(None)
-    for module in (cells, recording, passes, job):
+    for module in (histogram, recording, passes, job):
         monkeypatch.setattr(module, "MAX_ADDED", 2 * STEP)
     small_steps()
     result, count = in_parts(WORKS[name](), path, after)

@@ -64,7 +64,7 @@ def view(
     if live:
         backend.require_unpolarised()
 
-    from tofrender.apps.view.looking import Live, Saved
+    from tofrender.apps.view.sources import LiveRender, SavedDataset
     from tofrender.apps.view.window import application
 
     if live:
@@ -73,16 +73,17 @@ def view(
         load_scene(source, **({"width": size.width, "height": size.height} if size else {}))
         words = {"scene": source, "spp": spp or MOST_SPP, "seed": seed, "window": "auto"}
         words |= {"size": tuple(size) if size else None, "max_depth": max_depth}
-        looked_at = Live(name, words | {"pulse_width": "auto"})
+        shown = LiveRender(name, words | {"pulse_width": "auto"})
     else:
-        looked_at = Saved(Path(source), _seen)
-        if looked_at.error is not None:
-            opt.note(f"warning: {looked_at.error}")
+        shown = SavedDataset(Path(source), _seen)
+        if shown.error is not None:
+            opt.note(f"warning: {shown.error}")
     try:
-        make = application(looked_at, target)
+        make = application(shown, target)
         serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
     finally:
-        looked_at.close()
+        if isinstance(shown, LiveRender):
+            shown.close()
 
 
 def compare(
@@ -111,13 +112,13 @@ def compare(
     backend.require_vectorised()
     backend.require_unpolarised()
 
-    from tofrender.apps.compare.pictures import SCENES, opened, same_size
+    from tofrender.apps.compare.pictures import SCENES, load_picture, same_size
     from tofrender.apps.compare.window import application
 
     if two is None:
         make = application(scene=checks.one_of("SCENE|FILE", one, SCENES))
     else:
-        files = opened(one), opened(two)
+        files = load_picture(one), load_picture(two)
         same_size(*files)
         make = application(files=files)
     serve(make, "Two pictures", host=host, port=port, browser=browser, tell=opt.say)

@@ -109,11 +109,11 @@ def warptest(
 
     subject = name or "tent"
     given = _parameters(subject, alpha, image, parameters)
-    make = application(subject, module=module, **given)
+    make, engine = application(subject, module=module, **given)
     try:
         serve(make, "Warp tester", host=host, port=port, browser=browser, tell=say)
     finally:
-        make.engine.close()
+        engine.close()
 
 
 def warp(
@@ -182,12 +182,13 @@ def _headless(
     from tofrender.runtime.canvas import save_figure
 
     engine = engines.Engine(module)
-    names = [name] if name else engine.names(engine.sources[-1])
+    source = [*engine.sources.values()][-1]
+    names = [name] if name else source.names()
     bad = 0
     try:
         for place, tested in enumerate(names):
             try:
-                case = engine.case(engine.sources[-1], tested, given)
+                case = source.case(tested, given)
                 # One chance of a false alarm for all
                 own = (seed + place) % (checks.MAX_SEED + 1)
                 verdict = case.test(samples=samples, seed=own, tests=len(names))

@@ -3,8 +3,7 @@ from .animation import (
     plot_pixel_transient as plot_pixel_transient,
     visualize_transient as visualize_transient,
 )
-from .flight import light_in_flight as light_in_flight
-from .gates import gate_figure as gate_figure
+from .flight import gate_figure as gate_figure, light_in_flight as light_in_flight
 from .panels import phasor_panel as phasor_panel
 from .plans import plan_figure as plan_figure
 from .polarisation import (

@@ -1,4 +1,4 @@
-"""Light in flight as it happens: an animation of all pixels, a plot of one."""
+"""Animation of a transient, and plot of a pixel's response."""
 
 from __future__ import annotations
 
@@ -21,20 +21,14 @@ if TYPE_CHECKING:
 
 _INTERVAL_MS = 50
 _PLAYER_FRAMES, _PLAYER_DPI = 100, 108
+_JPEG: Any = {"animation.frame_format": "jpeg"}
 
-_STILL = 'matchMedia("(prefers-reduced-motion: reduce)").matches'
-_KEYS = {
+_REDUCED_MOTION = 'matchMedia("(prefers-reduced-motion: reduce)").matches'
+_SIGNS = {
     **{"minus": "−", "plus": "+", "pause": "❚❚", "play": "▶", "flip-horizontal": "◀"},
     **{"fast-backward": "|◀◀", "step-backward": "|◀", "step-forward": "▶|", "fast-forward": "▶▶|"},
 }
-_SIGNS = "\n".join(
-    (
-        "<style>.animation .fa {font-style: normal; font-size: 11px}",
-        *(f'.animation .fa-{name}::before {{content: "{sign}"}}' for name, sign in _KEYS.items()),
-        "</style>",
-    )
-)
-"""What Matplotlib's player would load from the network: the signs on its buttons."""
+"""Signs on the buttons, for which Matplotlib's player would load a font from the network."""
 
 
 @in_style
@@ -43,19 +37,18 @@ def visualize_transient(
 ) -> FuncAnimation:
     """Animate light moving through the scene; the title shows the time of each bin's centre.
 
-    A notebook shows it as a player that is a few megabytes at most: of more than 100 bins, every
-    second, third, ... one. It opens on the brightest frame and plays from there, over and over.
-    `animation.to_jshtml()` has all frames at full size, and `animation.save("light.gif")` writes a
-    file (`save_video` does so faster).
+    A notebook shows it as a looping player of at most 100 frames, every second, third, ... of more
+    bins, which begins at the brightest one. `animation.to_jshtml()` has all frames at full size,
+    and `animation.save("light.gif")` writes a file (`save_video` does so faster).
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
-        start_opl: Where the first bin starts [m]; a Dataset knows it.
-        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+        start_opl: Start of the first bin [m]; by default that of a Dataset.
+        bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
 
     Returns:
         A `matplotlib.animation.FuncAnimation` of one frame a bin, 20 a second, all at the same
-        exposure. It is made outside of pyplot; its figure shows the brightest frame at first.
+        exposure, outside of pyplot.
 
     Raises:
         ValueError: Another shape, or a time axis that is missing or not positive.
@@ -90,7 +83,7 @@ def visualize_transient(
 
 
 def _brightest_frame(sequence: Transient, exposure: float) -> int:
-    """The bin whose picture is brightest as it is shown, where white is as bright as it gets."""
+    """The bin whose picture is brightest, with values clipped to white."""
     shown = np.zeros(sequence.bins)
     for (*_, bins), values in sequence.lights():
         shown[bins] += np.sqrt(np.minimum(values * np.float32(exposure), 1)).sum(axis=(0, 1))
@@ -112,41 +105,36 @@ def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimati
         def _repr_html_(self) -> str:
             if not self.html:
                 self.stride = -(-bins // _PLAYER_FRAMES)
+                fps: Any = 1000 / _INTERVAL_MS / self.stride  # May be a fraction
                 try:
-                    self.html = self._player()
+                    with TemporaryDirectory() as folder, rc_context(_JPEG):
+                        path = Path(folder, "player.html")
+                        writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
+                        self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
+                        self.html = _playing(path.read_text(), first // self.stride)
                 finally:
                     self.stride = 1
             return self.html
 
-        def _player(self) -> str:
-            with TemporaryDirectory() as folder, rc_context({"animation.frame_format": "jpeg"}):
-                path = Path(folder, "player.html")
-                fps: Any = 1000 / _INTERVAL_MS / self.stride  # A fraction is as good
-                writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
-                self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
-                return _opened(path.read_text(), first // self.stride)
-
         def to_jshtml(self, *args: Any, **kwargs: Any) -> str:
-            return _opened(super().to_jshtml(*args, **kwargs), first)
+            return _playing(super().to_jshtml(*args, **kwargs), first)
 
     return Playback(figure, update, frames=bins, interval=_INTERVAL_MS, blit=False)
 
 
-def _opened(html: str, frame: int) -> str:
-    """A player of Matplotlib's that opens on a frame, plays, and loads nothing from the network."""
-    html = re.sub(r'<link rel="stylesheet"\s+href="https?:[^>]*>', _SIGNS, html)
-    made = re.search(r"(anim\w+) = new Animation\([^;]*\);", html)
-    if made is None:
+def _playing(html: str, frame: int) -> str:
+    """Let Matplotlib's player play from a frame on, and load nothing from the network."""
+    signs = "\n".join(
+        f'.animation .fa-{name}::before {{content: "{sign}"}}' for name, sign in _SIGNS.items()
+    )
+    style = f"<style>.animation .fa {{font-style: normal; font-size: 11px}}\n{signs}\n</style>"
+    html = re.sub(r'<link rel="stylesheet"\s+href="https?:[^>]*>', style, html)
+    player = re.search(r"(anim\w+) = new Animation\([^;]*\);", html)
+    if player is None:
         return html
-    start = f"{made[1]}.set_frame({frame}); if (!{_STILL}) {made[1]}.play_animation();"
-    return f"{html[: made.end()]} {start}{html[made.end() :]}"
-
-
-def _error_of(data: Any, x: int, y: int) -> np.ndarray | None:
-    """Standard errors of a pixel's response, (bins, channels), where a Dataset has them."""
-    if not hasattr(data, "data_vars") or "transient_error" not in data:
-        return None
-    return data["transient_error"].sel(x=int(x), y=int(y)).values
+    name, end = player[1], player.end()
+    start = f"{name}.set_frame({frame}); if (!{_REDUCED_MOTION}) {name}.play_animation();"
+    return f"{html[:end]} {start}{html[end:]}"
 
 
 @in_style
@@ -159,20 +147,20 @@ def plot_pixel_transient(
     *,
     quantity: str | None = None,
 ) -> Figure:
-    """Plot what one pixel sees over time, a line for each channel.
+    """Plot the response of one pixel over time, a line for each channel.
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
-        x: Column; for a cropped Dataset in pixels of the whole film, as its coordinates are.
+        x: Column; of a cropped Dataset in pixels of the whole film, like its coordinates.
         y: Row, likewise.
-        start_opl: Where the first bin starts [m]; a Dataset knows it.
-        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
-        quantity: "radiance per bin", the default for an array, or "radiance per metre", for what
-            `render_transient` returns; a Dataset knows it.
+        start_opl: Start of the first bin [m]; by default that of a Dataset.
+        bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
+        quantity: "radiance per bin", the default for an array, or "radiance per metre", for the
+            result of `render_transient`; by default that of a Dataset.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; time in ns at bin centres. Where a
-        Dataset has standard errors, a band shows them.
+        A `matplotlib.figure.Figure` outside of pyplot; time in ns at bin centres. A band shows the
+        standard errors of a Dataset.
 
     Raises:
         ValueError: Another shape or quantity, a pixel outside, or a time axis that is missing or
@@ -193,7 +181,9 @@ def plot_pixel_transient(
     styles = [(palette().ink, "L", "-")]
     if response.shape[1] == 3:
         styles = list(zip(palette().channels, "RGB", ("-", "--", ":"), strict=True))
-    errors = _error_of(data, x, y)
+    errors = None
+    if hasattr(data, "data_vars") and "transient_error" in data:
+        errors = data["transient_error"].sel(x=int(x), y=int(y)).values
     for channel, (color, name, dashes) in enumerate(styles):
         time_ns, line = opl_to_ns(sequence.opl), response[:, channel]
         axes.plot(time_ns, line, color=color, linestyle=dashes, label=name)

@@ -1,4 +1,4 @@
-"""Colours for numbers that the colour-blind tell apart too."""
+"""Colour maps that the colour-blind can read too."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
-# OKLab, a space in which distances are about as large as they look (B. Ottosson, 2020)
+# OKLab, an approximately perceptually uniform space (B. Ottosson, 2020)
 _LMS = np.array(
     [
         [0.4122214708, 0.5363325363, 0.0514459929],
@@ -33,47 +33,55 @@ _LAB = np.array(
 def phase_map() -> ListedColormap:
     """A cyclic colour map of equal steps, for angles.
 
-    An ellipse in OKLab, across lightness and from yellow to blue, the two directions that the
-    red-green blind see: for them too, every phase has a colour of its own. Phases more than an
-    eighth of a turn apart are at least 0.14 apart in OKLab, normally seen or with deuteranopia;
-    those of Matplotlib's "twilight" are as close as 0.03.
+    An ellipse in OKLab, across lightness and from yellow to blue, which the red-green blind see
+    too. Phases more than an eighth of a turn apart are at least 0.14 apart in OKLab, with or
+    without deuteranopia; those of Matplotlib's "twilight" are as close as 0.03.
     """
     return _ellipse("phase", (0.526, 0.077, -0.046), (0.245, 0.033, 0.148))
 
 
 @functools.cache
 def hue_map() -> ListedColormap:
-    """A cyclic map as `phase_map`, of light colours only, to be darkened by a picture."""
+    """A cyclic map of light colours only, to be darkened by a picture."""
     return _ellipse("hue", (0.78, -0.044, 0.025), (0.145, 0.064, 0.11))
 
 
 def _ellipse(name: str, centre: Sequence[float], reach: Sequence[float]) -> ListedColormap:
-    """512 colours around a point of OKLab in equal steps, the lightest at the ends of the map.
+    """512 colours on an ellipse in OKLab in equal steps, the lightest at the ends of the map.
 
-    Lightness and a (green to red) go with the cosine, b (blue to yellow) with the sine.
+    L and a (green to red) follow the cosine, b (blue to yellow) the sine.
     """
     from matplotlib.colors import ListedColormap
 
-    turn = np.linspace(0, 2 * math.pi, 4097)
-    waves = np.stack([np.cos(turn), np.cos(turn), np.sin(turn)], axis=1)
+    angle = np.linspace(0, 2 * math.pi, 4097)
+    waves = np.stack([np.cos(angle), np.cos(angle), np.sin(angle)], axis=1)
     lab = np.add(centre, np.multiply(reach, waves))
     steps = np.linalg.norm(np.diff(lab, axis=0), axis=1)
-    walked = np.concatenate([[0], np.cumsum(steps)]) / steps.sum()
-    at = np.interp(np.arange(512) / 512, walked, turn)
-    even = np.stack([np.interp(at, turn, part) for part in lab.T], axis=1)
+    arc_length = np.concatenate([[0], np.cumsum(steps)]) / steps.sum()
+    angles = np.interp(np.arange(512) / 512, arc_length, angle)
+    even = np.stack([np.interp(angles, angle, part) for part in lab.T], axis=1)
     linear = np.clip((even @ np.linalg.inv(_LAB).T) ** 3 @ np.linalg.inv(_LMS).T, 0, 1)
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return ListedColormap(srgb.tolist(), name=name)
+    return ListedColormap(to_srgb(linear).tolist(), name=name)
+
+
+def to_srgb(linear: np.ndarray) -> np.ndarray:
+    """Encode linear values in [0, 1] by the sRGB curve (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def from_srgb(srgb: np.ndarray) -> np.ndarray:
+    """Linear values of sRGB in [0, 1]."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 @functools.cache
 def time_map() -> LinearSegmentedColormap:
-    """From blue (early) to orange (late), all of full value, to be darkened by a picture."""
+    """From blue (early) to orange (late), all of full brightness, to be darkened by a picture."""
     from matplotlib.colors import LinearSegmentedColormap
 
     stops = [(0.15, 0.4, 1), (0.35, 0.8, 1), (0.7, 1, 0.6), (1, 0.85, 0.2), (1, 0.45, 0)]
-    places = np.linspace(0, len(stops) - 1, 1021)
-    channels = [np.interp(places, range(len(stops)), part) for part in zip(*stops, strict=True)]
+    positions = np.linspace(0, len(stops) - 1, 1021)
+    channels = [np.interp(positions, range(len(stops)), part) for part in zip(*stops, strict=True)]
     colours = np.stack(channels, axis=1)
     colours /= colours.max(axis=1, keepdims=True)
     return LinearSegmentedColormap.from_list("early to late", colours.tolist(), N=1021)

@@ -1,4 +1,4 @@
-"""Light in flight in one picture: the steady image, coloured by when its light arrives."""
+"""Single pictures of light in flight: arrival times of all light, and one time gate."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import colour_bar, fit_height, most_of
+from ..runtime.canvas import in_style
+from ..runtime.plots import most_of
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
-from .figures import explain_hatch, picture_aspect, pixel_axes
-from .tone import tonemap
+from .figures import picture_figure
+from .tone import auto_exposure, tonemap
 from .transient import Transient
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLES = ("arrival", "peak", "rainbow")
+STYLES = {"arrival": "arrival time", "peak": "peak time", "rainbow": "isochrones"}
+"""Titles by style."""
 
 
 @in_style
@@ -35,30 +36,25 @@ def light_in_flight(
 ) -> Figure:
     """Show when light arrives and how much of it in one picture.
 
-    The brightness of a pixel is that of the steady image, its colour tells the time:
+    The brightness of a pixel is that of the steady image, its colour encodes time:
 
     - `"arrival"`: the mean arrival time, weighted by luminance;
     - `"peak"`: the centre of the brightest bin;
-    - `"rainbow"`: bands of equal arrival time. The colours go around once in `period_ns`: they
-      tell the argument of the phasor P = sum over bins of L exp(2πi t / period_ns). They fade by
-      sqrt(abs P / sum of L), so that light spread over more than a period turns grey instead of
-      taking a colour that means nothing.
+    - `"rainbow"`: bands of equal arrival time, which repeat every `period_ns`. The hue is the
+      argument of the phasor P = sum over bins of L exp(2πi t / period_ns), its saturation
+      sqrt(abs P / sum of L), so that light spread over more than a period turns grey.
 
     Pixels whose light all arrives outside the window are grey; unfinished ones (NaN) are hatched.
 
     Args:
         data: A Dataset, or an array (height, width, bins) or (height, width, bins, channels),
-            whose sum over bins takes the place of the steady image.
-        start_opl: Where the first bin starts [m]; a Dataset knows it.
-        bin_width_opl: Width of a bin [m], above 0; a Dataset knows it.
+            whose sum over bins replaces the steady image.
+        start_opl: Start of the first bin [m]; by default that of a Dataset.
+        bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
         style: "arrival", "peak" or "rainbow".
-        period_ns: Only for "rainbow": time from a hue to the same hue [ns], at least two bins.
-            None takes about an eighth of the time in which the picture's pixels have their mean
-            arrivals.
-        exposure: Gain of the steady image; None shows its 98th percentile as white.
-
-    Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot.
+        period_ns: Period of "rainbow" [ns], at least two bins; by default about an eighth of the
+            range of mean arrival times.
+        exposure: Gain of the steady image; by default its 98th percentile is white.
 
     Raises:
         ValueError: Another shape, an unknown style, a period without "rainbow" or below two bins,
@@ -75,50 +71,36 @@ def light_in_flight(
         _check_period(period_ns, style, sequence)
     if exposure is not None:
         checks.number("exposure", exposure, positive=True)
-    steady = _steady(data, sequence)
+    steady = data["steady"].values if hasattr(data, "data_vars") else _sum_over_bins(sequence)
     unfinished = np.asarray(np.isnan(steady).any(axis=2))
     for (rows, columns, *_), values in sequence.values.pieces():
         unfinished[rows, columns] |= np.isnan(values).any(axis=(2, 3))
+    extend = "neither"
     if style == "rainbow":
         colour, scale, label = _rainbow(sequence, period_ns)
-        beyond = "neither"
+    elif style == "peak":
+        colour, scale, extend = _colours_of_times(sequence.brightest()[1])
+        label = "time of the brightest bin [ns]"
     else:
-        time_ns = sequence.brightest()[1] if style == "peak" else _mean_ns(sequence)
-        colour, scale, beyond = _by_time(time_ns)
-        label = "time of the brightest bin [ns]" if style == "peak" else "mean arrival time [ns]"
-
+        colour, scale, extend = _colours_of_times(_mean_ns(sequence))
+        label = "mean arrival time [ns]"
     grey = tonemap(luminance(steady), exposure=exposure, percentile=98)
     picture = np.where(unfinished[..., None], tonemap(np.full(grey.shape, np.nan)), colour * grey)
-    height, width = unfinished.shape
-    wide = figure_width(4.6)
-    figure = new_figure(wide, wide * picture_aspect(height, width, 0.4, 2.0) + 1.0, "compressed")
-    axes = figure.add_subplot()
-    axes.imshow(picture.astype(np.uint8), extent=sequence.extent, interpolation="nearest")
-    axes.set_title({"arrival": "arrival time", "peak": "peak time"}.get(style, "isochrones"))
-    pixel_axes(axes)
-    colour_bar(scale, axes, label, extend=beyond)
-    explain_hatch(figure, unfinished, dark=True)
-    fit_height(figure)
-    return figure
+    parts = picture.astype(np.uint8), STYLES[style], scale, label, extend, unfinished
+    return picture_figure(*parts, extent=sequence.extent)
 
 
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
+    named = f"period_ns = {checks.shown(period_ns)}"
     if style != "rainbow":
-        raise ValueError(
-            f"period_ns = {checks.shown(period_ns)}: must be None for style = {style!r}"
-        )
+        raise ValueError(f"{named}: must be None for style = {style!r}")
     period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
     shortest = opl_to_ns(2 * sequence.bin_width_opl)
     if period < shortest * (1 - 1e-9):
-        raise ValueError(
-            f"period_ns = {checks.shown(period_ns)}: must be at least two bins, {shortest:.6g} ns"
-        )
+        raise ValueError(f"{named}: must be at least two bins, {shortest:.6g} ns")
 
 
-def _steady(data: Any, sequence: Transient) -> np.ndarray:
-    """The steady image, (height, width, channels): a Dataset's, or the sum over bins."""
-    if hasattr(data, "data_vars"):
-        return data["steady"].values
+def _sum_over_bins(sequence: Transient) -> np.ndarray:
     cube = sequence.values
     steady = np.zeros((*sequence.size, cube.shape[3]), np.result_type(cube.dtype, np.float32))
     for (rows, columns, *_), values in cube.pieces():
@@ -133,44 +115,102 @@ def _mean_ns(sequence: Transient) -> np.ndarray:
         return product / energy
 
 
-def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
-    """Colours (height, width, 3) from blue (early) to orange (late), and what a colour bar needs.
+def _colours_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
+    """Colours (height, width, 3) from blue (early) to orange (late), and scale and ends of the bar.
 
-    All colours are full ones, so that darkness means little light and nothing else. They tell
-    times apart that lie between the first and the last hundredth of all pixels; the bar has an
-    arrow where there are times beyond.
+    The scale spans the 1st to the 99th percentile; the bar has an arrow if there are times beyond.
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    first, last, beyond = most_of(time_ns)
-    scale = ScalarMappable(Normalize(first, last, clip=True), time_map())
-    shown = np.isfinite(time_ns)[..., None]
-    colour = np.where(shown, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0)
-    return colour, scale, beyond
+    first, last, extend = most_of(time_ns)
+    scale = _scale(first, last, time_map())
+    known = np.isfinite(time_ns)[..., None]
+    return np.where(known, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0), scale, extend
 
 
 def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, Any, str]:
-    """Colours (height, width, 3), and what the colour bar and its label need."""
+    """Colours (height, width, 3), and scale and label of the colour bar."""
+    period = _default_period_ns(sequence) if period_ns is None else float(period_ns)
+    cycles = opl_to_ns(sequence.opl) / period
+    energy, phasor = sequence.sums(np.exp(2j * math.pi * cycles).astype(np.complex64))
+    coherence = np.divide(abs(phasor), energy, out=np.zeros_like(energy), where=energy > 0)
+    hues = hue_map()(np.mod(np.angle(phasor) / (2 * math.pi), 1))[..., :3]
+    saturation = np.sqrt(np.clip(coherence, 0, 1))[..., None]
+    colour = saturation * hues + (1 - saturation)
+    label = f"arrival time, modulo {period:.4g} ns [ns]"
+    return colour, _scale(0, period, hue_map()), label
+
+
+def _scale(low: float, high: float, colours: Any) -> Any:
+    """Colours of numbers for a colour bar."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    period = _period_ns(sequence) if period_ns is None else float(period_ns)
-    turns = opl_to_ns(sequence.opl) / period
-    energy, phasor = sequence.sums(np.exp(2j * math.pi * turns).astype(np.complex64))
-    saturation = np.divide(abs(phasor), energy, out=np.zeros_like(energy), where=energy > 0)
-    scale = ScalarMappable(Normalize(0, period), hue_map())
-    hues = hue_map()(np.mod(np.angle(phasor) / (2 * math.pi), 1))[..., :3]
-    share = np.sqrt(np.clip(saturation, 0, 1))[..., None]
-    colour = share * hues + (1 - share)
-    return colour, scale, f"arrival time, modulo {period:.4g} ns [ns]"
+    return ScalarMappable(Normalize(low, high, clip=True), colours)
 
 
-def _period_ns(sequence: Transient) -> float:
-    """An eighth of the time in which pixels have their mean arrivals, to one or two digits."""
+def _default_period_ns(sequence: Transient) -> float:
+    """An eighth of the range of mean arrival times, to one or two digits."""
     mean_ns = _mean_ns(sequence)
     known = mean_ns[np.isfinite(mean_ns)]
     span = np.ptp(np.percentile(known, (2, 98))) / 8 if known.size else 0.0
     period = max(float(span), opl_to_ns(4 * sequence.bin_width_opl))
     digit = 10.0 ** math.floor(math.log10(period))
     return float(math.ceil(2 * period / digit) / 2 * digit)
+
+
+@in_style
+def gate_figure(
+    image: Any,
+    opl: float,
+    pulse_width_opl: float,
+    *,
+    exposure: float | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Draw the picture of a Gaussian time gate, with its time, width and brightness.
+
+    Args:
+        image: Result of `render_at_time`, radiance per metre [W m^-3 sr^-1]: (height, width) or
+            (height, width, channels) with 1 or 3 channels.
+        opl: Path length at the middle of the gate [m].
+        pulse_width_opl: Standard deviation of the gate [m], above 0.
+        exposure: Gain; `1` is shown as white after it. By default the 99.5th percentile of the
+            light is white.
+        title: Above the line with the time; None for none.
+
+    Returns:
+        A `matplotlib.figure.Figure` outside of pyplot. The colour bar has the radiance of white
+        and greys, for each channel of colours.
+
+    Raises:
+        ValueError: Another shape, or a number out of range.
+
+    Example:
+        >>> figure = gate_figure(np.ones((4, 6, 3)), opl=5.9, pulse_width_opl=0.03)
+        >>> figure.axes[0].get_title()
+        't = 19.68 ± 0.10 ns, OPL = 5.900 ± 0.030 m'
+    """
+    from matplotlib.colors import ListedColormap
+
+    opl = checks.metres("opl", opl)
+    width = checks.metres("pulse_width_opl", pulse_width_opl, positive=True)
+    checks.text("title", title)
+    image = checks.real_array("image", image)
+    gain = auto_exposure(image) if exposure is None else exposure
+    gain = checks.number("exposure", gain, positive=True)
+    try:
+        picture = tonemap(image, exposure=gain)
+    except ValueError as error:
+        raise ValueError(str(error).replace("values", "image", 1)) from None
+    greys = tonemap(np.linspace(0, 1, 256)[None], exposure=1)[0] / 255
+    scale = _scale(0, 1 / gain, ListedColormap(greys.tolist()))
+    label = "radiance per metre [W m⁻³ sr⁻¹]"
+    extend = "max" if (image * gain > 1.0001).any() else "neither"
+    time = _with_width(opl_to_ns(opl), opl_to_ns(width), "ns")
+    when = f"t = {time}, OPL = {_with_width(opl, width, 'm')}"
+    return picture_figure(picture, when, scale, label, extend, np.isnan(image), above=title)
+
+
+def _with_width(middle: float, width: float, unit: str) -> str:
+    """Middle and width of a gate, with digits for a tenth of the width."""
+    digits = min(12, max(1, 1 - math.floor(math.log10(width))))
+    return f"{middle:.{digits}f} ± {width:.{digits}f} {unit}"

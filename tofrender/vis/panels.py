@@ -1,10 +1,9 @@
-"""What a correlation camera measures: I, Q, amplitude, phase and depth, a row per frequency."""
+"""Figures of a correlation camera: I, Q, amplitude, phase and depth, a row for each frequency."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_WRAPS = 128
-"""A depth is unwrapped if that takes no more wraps of the highest frequency than so many."""
+MAX_WRAPS = 128  # Largest unambiguous range that is unwrapped, in wraps of the highest frequency
 
 _RADIANCE = "[W m⁻² sr⁻¹]"
 _PREFIXES = ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"))
@@ -41,14 +39,14 @@ def phasor_panel(
 ) -> Figure:
     """Draw phasor images: a row for each frequency, columns I, Q, amplitude, phase and depth.
 
-    Colour channels are added as phasors, I and Q each; phases are never averaged. Amplitude, phase
-    and depth that come per channel are therefore worked out again from the sums: with P = I + iQ,
-    amplitude = abs P, phase = arg P in (-π, π], depth = c (phase mod 2π) / (4π f) in [0, c/2f).
-    Those that come without channels are drawn as they are, so that an unwrapped depth can be shown.
+    Colour channels are added as phasors; phases are never averaged. Amplitude, phase and depth
+    with channels are therefore computed again from the sums: with P = I + iQ, amplitude = abs P,
+    phase = arg P in (-π, π], depth = c (phase mod 2π) / (4π f) in [0, c/2f). Those without
+    channels are drawn as given, for instance an unwrapped depth.
 
-    The last column is half the path length. It is the depth only where light and camera coincide.
-    Of two or more frequencies whose phases repeat soon enough together, a row below has the depth
-    unwrapped by `analysis.unwrap` and its residual, which is large where no depth fits.
+    The last column is half the path length, a depth only where light and camera coincide. With
+    two or more frequencies of a short common period, a row below has the depth unwrapped by
+    `analysis.unwrap` and its residual, which is large where no depth fits.
 
     Args:
         frequencies_hz: One modulation frequency [Hz] or several, finite and above 0.
@@ -58,10 +56,10 @@ def phasor_panel(
         amplitude: [W m^-2 sr^-1], of the shape of I with or without the channels.
         phase: [rad], likewise.
         depth: [m], likewise.
-        title: Above everything; None for no title.
+        title: Title of the figure; None for none.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot. Hatched pixels have no light or are
+        A `matplotlib.figure.Figure` outside of pyplot. Hatched pixels have no light or are
         unfinished (NaN). The strongest two percent of I, Q and amplitude are clipped.
 
     Raises:
@@ -76,12 +74,38 @@ def phasor_panel(
     frequencies, _ = check_frequencies(frequencies_hz, "frequencies_hz")
     checks.text("title", title)
     parts = {"I": I, "Q": Q, "amplitude": amplitude, "phase": phase, "depth": depth}
-    images = _summed(len(frequencies), {n: checks.real_array(n, v) for n, v in parts.items()})
-    return _panel(frequencies, images, title)
+    arrays = {name: checks.real_array(name, values) for name, values in parts.items()}
+    images = _without_channels(len(frequencies), arrays)
+    phasors = images["I"] + 1j * images["Q"]
+    lit = np.isfinite(phasors) & (phasors != 0)
+    unwrapped = _unwrapped(frequencies, phasors, lit)
+    wide = figure_width(7.0)
+    columns = 5 if wide >= COLUMN else 3
+    rows = -(-5 // columns)  # Of one frequency
+    last = len(frequencies) * rows - 1
+    grid = PictureGrid(
+        wide,
+        last + 1 + bool(unwrapped),
+        columns,
+        picture_aspect(lit.shape[1], lit.shape[2], 0.4, 2.0),
+        title=title or "",
+        bar_lines=2,
+        left=0.66,
+        with_x={last, last + 1},
+        hatch="" if lit.all() else NO_VALUE,
+    )
+    blocks = [
+        (rows * k, _in_hertz(frequency), _maps(frequency, {n: v[k] for n, v in images.items()}))
+        for k, frequency in enumerate(frequencies)
+    ]
+    first = _draw(grid, blocks)
+    if unwrapped:
+        _draw(grid, [(last + 1, "all", unwrapped)], first)
+    return grid.figure
 
 
-def _summed(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray | None]:
-    """Images (frequencies, height, width), None where they follow from I and Q."""
+def _without_channels(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Images (frequencies, height, width); those with channels follow from the sums of I and Q."""
     shape = parts["I"].shape
     if len(shape) not in (3, 4) or shape[-1] not in (1, 3) or 0 in shape:
         raise ValueError(
@@ -91,6 +115,7 @@ def _summed(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray | 
     if count != (shape[0] if len(shape) == 4 else 1):
         wanted = f"({count}, height, width, channels)"
         raise ValueError(f"I with shape {shape}: must be {wanted} for {count} frequencies")
+    images: dict[str, np.ndarray] = {}
     for name, values in parts.items():
         allowed = [shape] if name in "IQ" else [shape, shape[:-1]]
         if values.shape not in allowed:
@@ -98,18 +123,15 @@ def _summed(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray | 
                 f"{name} with shape {values.shape}: must be {' or '.join(map(str, allowed))}, "
                 f"as I has {shape}"
             )
-    plane = (count, *shape[-3:-1])
-    return {
-        name: values.sum(axis=-1, dtype=np.float64).reshape(plane)
-        if name in "IQ"
-        else (values.reshape(plane) if values.ndim < len(shape) else None)
-        for name, values in parts.items()
-    }
+        if name in "IQ":
+            values = values.sum(axis=-1, dtype=np.float64)
+        if values.ndim < len(shape):
+            images[name] = values.reshape(count, *shape[-3:-1])
+    return images
 
 
-@dataclass
-class _Map:
-    """A picture of numbers, and what its colour bar says."""
+class _Map(NamedTuple):
+    """A picture of numbers, and the label of its colour bar."""
 
     name: str
     values: np.ndarray
@@ -118,77 +140,28 @@ class _Map:
     extend: str = "neither"
 
 
-def _panel(
-    frequencies: list[float], images: dict[str, np.ndarray | None], title: str | None
-) -> Figure:
-    phasors = np.asarray(images["I"]) + 1j * np.asarray(images["Q"])
-    count, height, width = phasors.shape
-    lit = np.isfinite(phasors) & (phasors != 0)
-    unwrapped = _unwrapped(frequencies, phasors, lit)
-    wide = figure_width(7.0)
-    columns = 5 if wide >= COLUMN else 3
-    rows = -(-5 // columns)
-    last = count * rows - 1
-    grid = PictureGrid(
-        wide,
-        last + 1 + bool(unwrapped),
-        columns,
-        picture_aspect(height, width, 0.4, 2.0),
-        title=title or "",
-        bar_lines=2,
-        left=0.66,
-        with_x={last, last + 1},
-        hatch="" if lit.all() else NO_VALUE,
-    )
-    blocks = [
-        (
-            _in_hertz(frequency),
-            _maps(frequency, {n: v if v is None else v[k] for n, v in images.items()}),
-        )
-        for k, frequency in enumerate(frequencies)
-    ]
-    first = _draw(grid, 0, blocks)
-    if unwrapped:
-        _draw(grid, last + 1, [("all", unwrapped)], first)
-    return grid.figure
-
-
 def _draw(
-    grid: PictureGrid, row: int, blocks: list[tuple[str, list[_Map]]], first: Axes | None = None
+    grid: PictureGrid, blocks: list[tuple[int, str, list[_Map]]], first: Axes | None = None
 ) -> Axes | None:
-    """Draw blocks of maps from a row on, a word to the left of each; returns the first axes."""
-    placed = []
-    for beside, maps in blocks:
+    """Draw blocks of maps, each from a row on, labelled on the left; returns the first axes."""
+    drawn = []
+    for top, label, maps in blocks:
         for k, each in enumerate(maps):
-            here, column = row + k // grid.columns, k % grid.columns
-            axes = grid.axes(here, column, each.name, sharex=first, sharey=first)
-            shown = map_axes(axes, each.values, **each.colours)
-            grid.trim(axes, here, column)
+            row, column = top + k // grid.columns, k % grid.columns
+            axes = grid.axes(row, column, each.name, sharex=first, sharey=first)
+            image = map_axes(axes, each.values, **each.colours)
+            grid.trim(axes, row, column)
             if k == 0:
-                _beside(axes, beside)
-            placed.append((each, shown, here, column))
+                options: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center"}
+                options |= {"textcoords": "offset points", "va": "center", "rotation": "vertical"}
+                axes.annotate(label, (0, 0.5), xytext=(-39, 0), fontsize="large", **options)
+            drawn.append((each, image, row, column))
             first = first or axes
-        row += -(-len(maps) // grid.columns)
-    for each, shown, here, column in placed:
-        bar = grid.bar(shown, here, column, each.label, extend=each.extend)
+    for each, image, row, column in drawn:
+        bar = grid.bar(image, row, column, each.label, extend=each.extend)
         if each.name == "phase":
             bar.set_ticks([-math.pi, 0, math.pi], labels=["−π", "0", "π"])
     return first
-
-
-def _beside(axes: Axes, text: str) -> None:
-    """What a row shows, to the left of its first panel."""
-    axes.annotate(
-        text,
-        (0, 0.5),
-        xytext=(-39, 0),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        ha="center",
-        va="center",
-        rotation="vertical",
-        fontsize="large",
-    )
 
 
 def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -> list[_Map]:
@@ -196,44 +169,30 @@ def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -
     if len(set(frequencies)) < max(2, len(frequencies)):
         return []
     longest = unambiguous_range(frequencies)
-    if longest > MOST_WRAPS * SPEED_OF_LIGHT / (2 * max(frequencies)):
+    if longest > MAX_WRAPS * SPEED_OF_LIGHT / (2 * max(frequencies)):
         return []
     phasors = np.where(lit, phasors, np.nan)
     phases, amplitudes = np.angle(phasors), np.nan_to_num(abs(phasors))
     depth, residual = unwrap(phases, frequencies, amplitudes=amplitudes)
-    near, far, beyond = most_of(depth)
-    worst = most_of(residual)[1]
+    near, far, extend = most_of(depth)
+    depths = {"cmap": "viridis", "vmin": near, "vmax": far}
+    residuals = {"cmap": "cividis", "vmin": 0, "vmax": most_of(residual)[1]}
+    label = f"half the path length\n[m], of {longest:.4g} m"
     return [
-        _Map(
-            "unwrapped",
-            depth,
-            f"half the path length\n[m], of {longest:.4g} m",
-            {"cmap": "viridis", "vmin": near, "vmax": far},
-            beyond,
-        ),
-        _Map(
-            "residual",
-            residual,
-            "disagreement\n[m]",
-            {"cmap": "cividis", "vmin": 0, "vmax": worst},
-            "max",
-        ),
+        _Map("unwrapped", depth, label, depths, extend),
+        _Map("residual", residual, "disagreement\n[m]", residuals, "max"),
     ]
 
 
-def _maps(frequency: float, given: dict[str, np.ndarray | None]) -> list[_Map]:
+def _maps(frequency: float, images: dict[str, np.ndarray]) -> list[_Map]:
     """The five maps of one frequency."""
-    phasor = np.asarray(given["I"]) + 1j * np.asarray(given["Q"])
+    phasor = images["I"] + 1j * images["Q"]
     lit = np.isfinite(phasor) & (phasor != 0)
     unambiguous = SPEED_OF_LIGHT / (2 * frequency)
-    amplitude, phase, depth = given["amplitude"], given["phase"], given["depth"]
-    if amplitude is None:
-        amplitude = abs(phasor)
-    if phase is None:
-        phase = np.angle(phasor)
-    if depth is None:
-        depth = np.mod(np.angle(phasor), 2 * math.pi) / (2 * math.pi) * unambiguous
-    phase, depth = np.where(lit, phase, np.nan), np.where(lit, depth, np.nan)
+    amplitude = images.get("amplitude", abs(phasor))
+    phase = np.where(lit, images.get("phase", np.angle(phasor)), np.nan)
+    wrapped = np.mod(np.angle(phasor), 2 * math.pi) / (2 * math.pi) * unambiguous
+    depth = np.where(lit, images.get("depth", wrapped), np.nan)
     furthest = np.max(depth, where=np.isfinite(depth), initial=unambiguous)
     strongest = _white(np.stack([phasor.real, phasor.imag]))
     signed = {"cmap": "RdBu_r", "vmin": -strongest, "vmax": strongest}
@@ -251,7 +210,7 @@ def _maps(frequency: float, given: dict[str, np.ndarray | None]) -> list[_Map]:
 
 
 def _white(values: np.ndarray) -> float:
-    """A scale that two percent of the values exceed; 1 where there is no light."""
+    """The 98th percentile of magnitudes; 1 where there is no light."""
     size = abs(values[np.isfinite(values) & (values != 0)])
     return float(np.percentile(size, 98)) if size.size else 1.0
 

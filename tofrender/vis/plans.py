@@ -1,4 +1,4 @@
-"""A scene from above or from the side: what stands where, and what camera and laser look at."""
+"""Plan of a scene from above or from the side, with cameras and lasers."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# how a shape's id starts, what the legend calls it, and its colour, "ink" for that of text; the
-# last one is any other's
+# Prefix of a shape's id, label, and colour ("ink" is that of text); the last one is the default
 KINDS = (
     ("relay", "relay wall", "#0072b2"),
     ("hidden", "hidden", "#d55e00"),
@@ -35,8 +34,8 @@ VIEWS = {"above": (0, 2), "side": (2, 1)}
 
 CAMERA, LASER = "#009e73", "#e69f00"
 
-WIDEST = 3.0
-"""Shapes this many times wider than the relay wall are cut off at the picture's edge."""
+MAX_RELATIVE_WIDTH = 3.0
+"""Shapes more times wider than the relay wall are cut off at the picture's edge."""
 
 
 @in_style
@@ -49,24 +48,23 @@ def plan_figure(
 ) -> Figure:
     """Draw a plan of a scene.
 
-    Each shape is drawn as its convex outline; shapes whose ids start with "relay", "hidden" and
-    "occluder" in colours of their own. A camera has a wedge: the rays through the middle row of its
-    film (seen from the side, the middle column), up to what they hit. Lights at a point are drawn
-    too, and the middle ray of a projector.
+    Each shape is drawn as its convex hull, in colours for ids that start with "relay", "hidden" and
+    "occluder". The wedge of a camera has the rays through the middle row of its film (from the
+    side, the middle column) up to their intersections. Point lights are drawn, and the middle ray
+    of a projector.
 
     Args:
         scene: Any scene of the active variant.
         view: "above", x to the right and z upwards; or "side", z to the right and y upwards.
-        laser: Where a laser is that is no light of the scene: (x, y, z) [m]. By default that of an
-            integrator that has one: beside the first camera, or where its projector's `frame` is.
-        title: Text above.
+        laser: Position of a laser that is no light of the scene: (x, y, z) [m]. By default that of
+            an integrator with one: at the first camera, or at its projector's `frame`.
+        title: Title of the figure.
 
     Returns:
         A figure with axes in metres.
 
     Raises:
-        ValueError: `scene` is no scene or has no shapes, there is no such view, or `laser` is no
-            point; one line.
+        ValueError: No scene, a scene without shapes, an unknown view, or a laser that is no point.
 
     Example:
         >>> from tofrender.scenes import cornell_box
@@ -81,54 +79,48 @@ def plan_figure(
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
-    lamp = _integrators_laser(scene) if laser is None else np.array(checks.place("laser", laser))
+    device = _integrators_laser(scene) if laser is None else np.array(checks.place("laser", laser))
 
     wide = figure_width(4.6)
     figure = new_figure(wide, wide, "compressed")
     axes = figure.add_subplot()
-    outlines = [(_kind(s.id()), _outline(_points(s)[:, shown])) for s in scene.shapes()]
+    kinds = [next(kind for kind in KINDS if s.id().startswith(kind[0])) for s in scene.shapes()]
+    hulls = [_convex_hull(_points(shape)[:, shown]) for shape in scene.shapes()]
+    outlines = list(zip(kinds, hulls, strict=True))
     outlines.sort(key=lambda each: -float(np.prod(np.ptp(each[1], axis=0))))
     for kind, outline in outlines:
         _draw_outline(axes, outline, kind)
     wedges = [_wedge(scene, sensor, view)[:, shown] for sensor in scene.sensors()]
-    beams = [_beam(scene, light)[:, shown] for light in scene.emitters() if _at_a_point(light)]
-    if lamp is not None:
-        beams.append(lamp[None, shown])
+    points = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.DeltaPosition)]
+    beams = [_beam(scene, light)[:, shown] for light in points]
+    if device is not None:
+        beams.append(device[None, shown])
     for wedge in wedges:
-        _draw_camera(axes, wedge)
+        axes.fill(*wedge.T, fc=CAMERA, ec=CAMERA, lw=1, alpha=0.18, zorder=1)
+        axes.plot(*wedge[0], "^", color=CAMERA, ms=10, label="camera", ls="none", zorder=9)
     for beam in beams:
-        _draw_laser(axes, beam)
+        axes.plot(*beam.T, color=LASER, lw=1.2, zorder=8)
+        axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", ls="none", zorder=10)
 
     low, high = _limits(outlines, wedges + beams)
     width, height = high - low
     figure.set_figheight(wide * picture_aspect(height, width, 0.3, 1.3) + 1.0)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.set_xlabel(f"{'xyz'[shown[0]]} [m]")
-    axes.set_ylabel(f"{'xyz'[shown[1]]} [m]")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.set(xlabel=f"{'xyz'[shown[0]]} [m]", ylabel=f"{'xyz'[shown[1]]} [m]")
     axes.grid(alpha=0.25)
     few_ticks(axes)
     if title is not None:
         axes.set_title(wrapped(title, wide))
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(
-        unique.values(), unique.keys(), loc="outside lower center", ncols=3, frameon=False
-    )
+    options = {"loc": "outside lower center", "ncols": 3, "frameon": False}
+    figure.legend(unique.values(), unique.keys(), **options)
     fit_height(figure)
     return figure
 
 
-# ----------------------------------------------------------------------------------- shapes
-
-
-def _kind(name: str) -> tuple[str, str, str]:
-    return next(kind for kind in KINDS if name.startswith(kind[0]))
-
-
 def _points(shape: Any) -> Array:
-    """Points of a shape that hold its outline [m], shape (n, 3)."""
+    """Points of a shape whose convex hull is that of the shape [m], (n, 3)."""
     parameters = mi.traverse(shape)
     if "vertex_positions" in parameters:
         positions = np.array(parameters["vertex_positions"], dtype=np.float64)
@@ -141,24 +133,17 @@ def _points(shape: Any) -> Array:
     return np.array(sampled, dtype=np.float64).T
 
 
-def _outline(points: Array) -> Array:
-    """The convex hull (Andrew's monotone chain), counter-clockwise; two points for a line."""
+def _convex_hull(points: Array) -> Array:
+    """The convex hull, counter-clockwise; two points for a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
     points = np.unique(points.round(6), axis=0)
     if len(points) < 3:
         return points
-
-    def half(ordered: Array) -> list[Array]:
-        chain: list[Array] = []
-        for p in ordered:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-1] - chain[-2], p - chain[-2]
-                if ax * by - ay * bx > 1e-12:
-                    break
-                chain.pop()
-            chain.append(p)
-        return chain[:-1]
-
-    return np.array(half(points) + half(points[::-1]))
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # All points on a line
+        return points[[0, -1]]
 
 
 def _draw_outline(axes: Axes, outline: Array, kind: tuple[str, str, str]) -> None:
@@ -173,74 +158,55 @@ def _draw_outline(axes: Axes, outline: Array, kind: tuple[str, str, str]) -> Non
 
 
 def _limits(outlines: list, devices: list[Array]) -> tuple[Array, Array]:
-    """Corners of the picture: everything, but for shapes much wider than the relay wall."""
-    walls = [outline for kind, outline in outlines if kind is KINDS[0]]
-    widest = WIDEST * max((np.ptp(each, axis=0).max() for each in walls), default=np.inf)
-    kept = [outline for _, outline in outlines if np.ptp(outline, axis=0).max() <= widest]
-    cut = [outline for _, outline in outlines if np.ptp(outline, axis=0).max() > widest]
-    points = np.concatenate([*kept, *devices]) if kept or devices else np.concatenate(cut)
+    """Corners of the picture, which cut off shapes much wider than the relay wall."""
+    sizes = [(kind, outline, np.ptp(outline, axis=0).max()) for kind, outline in outlines]
+    walls = [size for kind, _, size in sizes if kind is KINDS[0]]
+    widest = MAX_RELATIVE_WIDTH * max(walls, default=np.inf)
+    whole = [outline for _, outline, size in sizes if size <= widest]
+    cut = [outline for _, outline, size in sizes if size > widest]
+    points = np.concatenate([*whole, *devices] if whole or devices else cut)
     low, high = points.min(axis=0), points.max(axis=0)
-    for outline in cut:  # a wide wall is seen where it comes nearest
+    for outline in cut:  # Include the nearest point of a wide wall
         inside = np.clip((low + high) / 2, outline.min(axis=0), outline.max(axis=0))
         low, high = np.minimum(low, inside), np.maximum(high, inside)
     margin = 0.08 * float((high - low).max())
     return low - margin, high + margin
 
 
-# ------------------------------------------------------------------------ cameras and lights
-
-
 def _wedge(scene: Any, sensor: Any, view: str) -> Array:
-    """Corners of what a camera sees [m], its own place first, shape (n, 3)."""
+    """Position of a camera, then intersections of its rays [m], (n, 3)."""
     line = dr.linspace(mi.Float, 1e-3, 1 - 1e-3, 65)
-    across = mi.Point2f(line, 0.5) if view == "above" else mi.Point2f(0.5, line)
-    ray, _ = sensor.sample_ray_differential(0, 0.5, across, mi.Point2f(0.5))
-    starts, ends = _reach(scene, ray)
-    return np.concatenate([starts[:1], ends])
-
-
-def _at_a_point(light: Any) -> bool:
-    return bool(mi.has_flag(light.flags(), mi.EmitterFlags.DeltaPosition))
+    film = mi.Point2f(line, 0.5) if view == "above" else mi.Point2f(0.5, line)
+    ray, _ = sensor.sample_ray_differential(0, 0.5, film, mi.Point2f(0.5))
+    origins, ends = _intersect(scene, ray)
+    return np.concatenate([origins[:1], ends])
 
 
 def _integrators_laser(scene: Any) -> Array | None:
-    """Where the laser is that a confocal integrator has [m], None if it has none."""
+    """Position of the laser of a confocal integrator [m], None if it has none."""
     integrator, sensors = scene.integrator(), scene.sensors()
     if not hasattr(integrator, "projector") or not sensors:
         return None
     camera = sensors[0].world_transform() @ mi.Point3f(0)
     projector = integrator.projector
-    place = camera if projector is None else projector.origin(camera)
-    return np.array(place, dtype=np.float64).ravel()
+    position = camera if projector is None else projector.origin(camera)
+    return np.array(position, dtype=np.float64).ravel()
 
 
 def _beam(scene: Any, light: Any) -> Array:
-    """Where a light is and, of a projector, where its middle ray ends [m]; shape (1 or 2, 3)."""
+    """Position of a light and, of a projector, the end of its middle ray [m]; (1 or 2, 3)."""
     if light.class_name() == "Projector":
         ray, _ = light.sample_ray(0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
-        return np.concatenate(_reach(scene, ray))
+        return np.concatenate(_intersect(scene, ray))
     reference = dr.zeros(mi.Interaction3f)
     reference.p = mi.Point3f(scene.bbox().center())
     ds, _ = light.sample_direction(reference, mi.Point2f(0.5))
     return np.array(ds.p, dtype=np.float64).reshape(1, 3)
 
 
-def _draw_camera(axes: Axes, wedge: Array) -> None:
-    axes.fill(*wedge.T, fc=CAMERA, ec=CAMERA, lw=1, alpha=0.18, zorder=1)
-    axes.plot(*wedge[0], "^", color=CAMERA, ms=10, label="camera", zorder=9, linestyle="none")
-
-
-def _draw_laser(axes: Axes, beam: Array) -> None:
-    axes.plot(*beam.T, color=LASER, lw=1.2, zorder=8)
-    axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", zorder=10, linestyle="none")
-
-
 @uncollected()
-def _reach(scene: Any, ray: Any) -> tuple[Array, Array]:
-    """Where rays start and end [m], each of shape (n, 3).
-
-    Those that hit nothing go as far as the middle of the scene is.
-    """
+def _intersect(scene: Any, ray: Any) -> tuple[Array, Array]:
+    """Origins and ends of rays [m], (n, 3); rays without a hit end as far as the scene's middle."""
     hit = scene.ray_intersect_preliminary(ray)
     far = dr.norm(mi.Point3f(scene.bbox().center()) - ray.o)
     ends = np.array(ray(dr.select(hit.is_valid(), hit.t, far)), dtype=np.float64).T

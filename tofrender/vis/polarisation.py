@@ -16,32 +16,30 @@ from ..analysis.polarisation import (
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, PictureGrid
-from .colours import hue_map, phase_map
+from .colours import from_srgb, hue_map, phase_map
 from .figures import map_axes, picture_aspect
 from .tone import auto_exposure, tonemap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEAST = 0.01
-"""Degree of linear polarisation from which on light has an angle that is shown."""
+MIN_DEGREE = 0.01  # Least degree of linear polarisation whose angle is shown
 
 SHOWN = ("intensity", "degree", "angle", "circular", "colours")
-"""What a picture of polarised light may show."""
 
 
 def polarisation_picture(
     stokes: Any, shown: str = "colours", *, exposure: float | None = None
 ) -> np.ndarray:
-    """Draw one picture of polarised light, in false colours.
+    """Draw polarised light in false colours.
 
     Args:
         stokes: As for `polarisation_figure`.
-        shown: "intensity", S0 as it looks; "degree" of polarisation, from dark to yellow; "angle"
-            of linear polarisation, a cyclic colour; "circular", blue to the left and red to the
-            right; "colours", the brightness of S0 in the colour of the angle, the paler the less
-            of it is polarised. Where there is no light, or no angle, it is black.
-        exposure: Gain of the brightness; `1` is shown as white after it. None takes
+        shown: "intensity", S0; "degree" of polarisation, from dark to yellow; "angle" of linear
+            polarisation, a cyclic colour; "circular", blue to the left and red to the right;
+            "colours", S0 with the hue of the angle, the less saturated the less it is polarised.
+            Pixels without light, or without an angle, are black.
+        exposure: Gain of the brightness; `1` is shown as white after it. By default
             `auto_exposure` of S0.
 
     Returns:
@@ -57,39 +55,31 @@ def polarisation_picture(
     """
     from matplotlib import colormaps
 
-    values = _stokes(stokes)
+    values, light, gain = _checked(stokes, exposure)
     checks.one_of("shown", shown, SHOWN)
-    if exposure is not None:
-        exposure = checks.number("exposure", exposure, positive=True)
-    light = values.mean(axis=3)
-    gain = exposure or auto_exposure(light[:, :, 0])
     if shown == "intensity":
         colours = values[:, :, 0] if values.shape[3] == 3 else light[:, :, 0]
         return tonemap(colours, exposure=gain)
     linear = np.nan_to_num(degree_of_linear_polarisation(light, axis=2))
     angle = np.nan_to_num(angle_of_linear_polarisation(light, axis=2)) / np.pi
     if shown == "colours":
-        pale = np.clip(linear, 0, 1)[..., None]
-        hue = _linear(hue_map()(angle)[..., :3])
-        return tonemap(light[:, :, :1] * (pale * hue + 1 - pale), exposure=gain)
+        saturation = np.clip(linear, 0, 1)[..., None]
+        hue = from_srgb(hue_map()(angle)[..., :3])
+        return tonemap(light[:, :, :1] * (saturation * hue + 1 - saturation), exposure=gain)
+    lit = light[:, :, 0] > 0
     if shown == "degree":
-        found, there = degree_of_polarisation(light, axis=2), light[:, :, 0] > 0
-        picture = colormaps["viridis"](np.nan_to_num(found))
+        degree = np.nan_to_num(degree_of_polarisation(light, axis=2))
+        picture = colormaps["viridis"](degree)
     elif shown == "angle":
-        picture, there = phase_map()(angle), linear >= LEAST
+        picture, lit = phase_map()(angle), linear >= MIN_DEGREE
     else:
-        found, there = degree_of_circular_polarisation(light, axis=2), light[:, :, 0] > 0
-        picture = colormaps["coolwarm"](np.nan_to_num(found) / 2 + 0.5)
-    return np.rint(255 * picture[..., :3] * there[..., None]).astype(np.uint8)
+        degree = np.nan_to_num(degree_of_circular_polarisation(light, axis=2))
+        picture = colormaps["coolwarm"](degree / 2 + 0.5)
+    return np.rint(255 * picture[..., :3] * lit[..., None]).astype(np.uint8)
 
 
-def _linear(srgb: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-
-def _stokes(stokes: Any) -> np.ndarray:
-    """Stokes vectors as an array (height, width, 4, channels)."""
+def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """Stokes vectors (height, width, 4, channels), their mean over channels, and the gain."""
     import xarray as xr
 
     dims = stokes.dims if isinstance(stokes, xr.DataArray) else None
@@ -98,27 +88,26 @@ def _stokes(stokes: Any) -> np.ndarray:
     if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
         found = f"dimensions {dims}" if dims else f"shape {values.shape}"
         raise ValueError(f"stokes with {found}: must be (y, x, stokes, channel), with 4 components")
-    return values
+    light = values.mean(axis=3)
+    gain = auto_exposure(light[:, :, 0]) if exposure is None else exposure
+    return values, light, checks.number("exposure", gain, positive=True)
 
 
 @in_style
 def polarisation_figure(
     stokes: Any, *, exposure: float | None = None, title: str | None = None
 ) -> Figure:
-    """Draw how bright light is, how much of it is polarised, at which angle, and which way round.
+    """Draw intensity, degree and angle of linear polarisation, and circular polarisation.
 
-    Colours are summed before. The angle has a cyclic colour, from the picture's right towards its
-    top; it is hatched where less than 1 % is polarised linearly, as all is where there is no light.
+    Channels are averaged first. The angle has a cyclic colour, from the picture's right towards
+    its top; it is hatched where less than 1 % is linearly polarised. All is hatched without light.
 
     Args:
         stokes: Stokes vectors: a DataArray (y, x, stokes, channel), like `steady` of a polarised
             render or a bin of its `transient`, or an array (height, width, 4, channels).
-        exposure: Gain of the brightness; `1` is shown as white after it. None shows the 99.5th
-            percentile of the light as white.
-        title: Above everything; None for nothing.
-
-    Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot.
+        exposure: Gain of the brightness; `1` is shown as white after it. By default the 99.5th
+            percentile of the light is white.
+        title: Title of the figure; None for none.
 
     Raises:
         ValueError: Another shape, or a number out of range; one line.
@@ -129,21 +118,15 @@ def polarisation_figure(
         ['intensity', 'linear polarisation', 'angle', 'circular polarisation']
     """
     checks.text("title", title)
-    values = _stokes(stokes)
-    if exposure is not None:
-        exposure = checks.number("exposure", exposure, positive=True)
-    light = values.mean(axis=3)
+    _, light, gain = _checked(stokes, exposure)
     linear = degree_of_linear_polarisation(light, axis=2)
-    angle = np.where(linear >= LEAST, angle_of_linear_polarisation(light, axis=2), np.nan)
-    white = 1 / (exposure or auto_exposure(light[:, :, 0]))
+    angle = np.where(linear >= MIN_DEGREE, angle_of_linear_polarisation(light, axis=2), np.nan)
+    circular = degree_of_circular_polarisation(light, axis=2)
     panels = (
-        ("intensity", light[:, :, 0], "gray", 0, white, "radiance [W m⁻² sr⁻¹]"),
+        ("intensity", light[:, :, 0], "gray", 0, 1 / gain, "radiance [W m⁻² sr⁻¹]"),
         ("linear polarisation", linear, "viridis", 0, 1, "degree"),
         ("angle", np.degrees(angle), phase_map(), 0, 180, "degrees from right to top"),
-        (
-            *("circular polarisation", degree_of_circular_polarisation(light, axis=2), "coolwarm"),
-            *(-1, 1, "left to right, degree"),
-        ),
+        ("circular polarisation", circular, "coolwarm", -1, 1, "left to right, degree"),
     )
     width = figure_width(7.0)
     columns = 4 if width >= COLUMN else 2

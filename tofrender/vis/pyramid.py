@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_WIDTH, _LEAST, _ROOM, _BETWEEN, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
-"""Widths of a picture: usual, least, from which on its title is written out; gaps [inches]."""
+_WIDTH, _LEAST, _WITH_TITLE, _GAP, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
+"""Widths of a picture: usual, least, least with a full title; gaps [inches]."""
 
 
 @in_style
@@ -28,21 +28,21 @@ def pyramid_figure(
     stops_per_row: float = 1.0,
     title: str | None = None,
 ) -> Figure:
-    """Draw what each strategy finds: a row for each number of segments, s grows to the right.
+    """Draw the light of each strategy: a row for each number of segments, s grows to the right.
 
     Args:
         pyramid: The result of `strategy_pyramid`.
-        weighting: "mis" for the strategies' shares, "none" for each as if it was alone.
+        weighting: "mis" for light with MIS weights, "none" for the unweighted light.
         opl: Path length [m] whose time bin is drawn; None for the light of all time.
-        stops_per_row: How much brighter each row is drawn than the one above; long paths carry
-            little light. 0 keeps rows comparable.
-        title: Above everything; by default what is drawn. Where there is little room, titles of
-            pictures are only the numbers s and t.
+        stops_per_row: Additional exposure of each row, as long paths carry little light; 0 keeps
+            rows comparable.
+        title: Title of the figure; by default the contents. Narrow pictures are only titled by
+            the numbers s and t.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot. White in the first row is what the
-        brightest 2 % of the light of all strategies together exceed. Wider than asked for if
-        pictures would be smaller than 0.42 inches.
+        A `matplotlib.figure.Figure` outside of pyplot. White in the first row is the 98th
+        percentile of the light of all strategies. Pictures are at least 0.42 inches wide, whatever
+        width is set.
 
     Raises:
         ValueError: Not a result of `strategy_pyramid`, or a path length outside its bins.
@@ -61,18 +61,20 @@ def pyramid_figure(
     checks.text("title", title)
     weighting = checks.one_of("weighting", weighting, ("mis", "none"))
     stops = checks.number("stops_per_row", stops_per_row, low=0, high=100)
-    chosen, what = pyramid["steady"], "light of all time"
+    chosen, label = pyramid["steady"], "light of all time"
     if opl is not None:
         index = _bin_of(pyramid, opl)
         chosen = pyramid["transient"].isel(opl=index)
-        what = f"bin at {float(pyramid['opl'][index]):.4g} m"
+        label = f"bin at {float(pyramid['opl'][index]):.4g} m"
     exposure = auto_exposure(chosen.sel(weighting="mis").sum("strategy").values, percentile=98)
     rows = int((pyramid["s"] + pyramid["t"]).max()) - 1
     wide = max(figure_width(max(3.4, min(7.0, _WIDTH * (rows + 1)))), _LEAST * (rows + 1))
     each = wide / (rows + 1)
-    high = (each - _BETWEEN) * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
-    named = _title(weighting, what, stops) if title is None else title
-    named = wrapped(named if each > _ROOM else f"{named}\nnumbers are s, t", wide - 0.1)
+    high = (each - _GAP) * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
+    if title is None:
+        title = f"{'weighted' if weighting == 'mis' else 'unweighted'}, {label}"
+        title += f", {stops:+g} stops a row" if stops else ""
+    named = wrapped(title if each > _WITH_TITLE else f"{title}\nnumbers are s, t", wide - 0.1)
     top = 0.1 + 0.155 * len(named.splitlines())
     tall = top + rows * (high + _ABOVE) + 0.07
     figure = new_figure(wide, tall, layout=None)
@@ -80,28 +82,22 @@ def pyramid_figure(
     for picture in chosen.sel(weighting=weighting):
         s, t = int(picture["s"]), int(picture["t"])
         segments = s + t - 1
-        left = (rows - segments + 2 * s) / 2 * each + _BETWEEN / 2
+        left = (rows - segments + 2 * s) / 2 * each + _GAP / 2
         bottom = tall - top - segments * (high + _ABOVE)
-        box = (left / wide, bottom / tall, (each - _BETWEEN) / wide, high / tall)
+        box = (left / wide, bottom / tall, (each - _GAP) / wide, high / tall)
         axes = figure.add_axes(box, xticks=[], yticks=[])
         gain = exposure * 2 ** (stops * (segments - 1))
         axes.imshow(tonemap(picture.values, exposure=gain))
-        label = f"s = {s}, t = {t}" if each > _ROOM else f"{s}, {t}"
+        label = f"s = {s}, t = {t}" if each > _WITH_TITLE else f"{s}, {t}"
         axes.set_title(label, fontsize=7, pad=2)
     return figure
 
 
 def _bin_of(pyramid: xr.Dataset, opl: Any) -> int:
-    """Number of the bin that holds a path length."""
+    """Index of the bin of a path length."""
     start, width = time_axis(pyramid)
     stop = start + width * pyramid.sizes["opl"]
     opl = checks.metres("opl", opl)
     if not start <= opl < stop:
         raise ValueError(f"opl = {opl:g} m: must be in the bins, {start:g} m to {stop:g} m")
     return min(int((opl - start) / width), pyramid.sizes["opl"] - 1)
-
-
-def _title(weighting: str, what: str, stops: float) -> str:
-    kind = "weighted" if weighting == "mis" else "unweighted"
-    rows = f", {stops:+g} stops a row" if stops else ""
-    return f"{kind}, {what}{rows}"

@@ -1,4 +1,4 @@
-"""One page about a render."""
+"""Summary of a render on one page."""
 
 from __future__ import annotations
 
@@ -25,15 +25,12 @@ if TYPE_CHECKING:
 @shown("Drawing the summary")
 @in_style
 def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
-    """One page about a render: the steady image, when each pixel is brightest, a few responses.
+    """Draw a render on one page: steady image, time of the brightest bin, some responses.
 
     Args:
         dataset: The result of `render`.
         pixels: (x, y) pairs to plot, in the Dataset's pixel coordinates. By default a bright
             pixel, one that peaks early and one that peaks late.
-
-    Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Raises:
         ValueError: A pixel outside the image.
@@ -46,13 +43,13 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         ['steady image', 'time of the brightest bin']
     """
     check_dataset(dataset)
-    for name in _TITLE:
+    for name in ("scene", "spp", "energy_outside_window", "complete"):
         if name not in dataset.attrs:
             raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
     sequence = Transient.of(dataset)
     energy, peak_ns = sequence.brightest()
     if pixels is None:
-        pixels = _telling_pixels(energy, peak_ns, sequence)
+        pixels = _default_pixels(energy, peak_ns, sequence)
     pairs = _pairs(pixels)
     try:
         responses = [luminance(sequence.pixel(x, y)) for x, y in pairs]
@@ -60,9 +57,9 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         raise ValueError(f"pixels: {error}") from None
 
     width = figure_width(7.0)
-    pictures = 0.42 * width * picture_aspect(*sequence.size, low=0.4, high=2.0) + (
-        1.1 if width < COLUMN else 0.7
-    )
+    narrow = width < COLUMN
+    pictures = 0.42 * width * picture_aspect(*sequence.size, low=0.4, high=2.0)
+    pictures += 1.1 if narrow else 0.7
     below = 1.0 + 0.2 * width
     figure = new_figure(width, pictures + below + 0.5)
     grid = figure.add_gridspec(2, 2, height_ratios=[pictures, below])
@@ -74,10 +71,10 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     first, last, beyond = most_of(peak_ns)
     times = {"cmap": "viridis", "vmin": first, "vmax": last}
     shown = map_axes(peak, peak_ns, extent=sequence.extent, **times)
-    peak.set_title("brightest bin" if width < COLUMN else "time of the brightest bin")
-    if width < COLUMN:
-        told = "time of the brightest bin [ns]"
-        colour_bar(shown, [steady, peak], told, below=True, extend=beyond, aspect=30)
+    peak.set_title("brightest bin" if narrow else "time of the brightest bin")
+    if narrow:
+        label = "time of the brightest bin [ns]"
+        colour_bar(shown, [steady, peak], label, below=True, extend=beyond, aspect=30)
     else:
         colour_bar(shown, peak, "time [ns]", extend=beyond)
     pixel_axes(steady)
@@ -91,7 +88,10 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
             axes.plot(x, y, mark, mfc=color, mec="white", ms=6, mew=1)
     plot.legend(title="pixel", frameon=False)
     time_axes(plot, sequence)
-    figure.suptitle(wrapped(_title(dataset), width))
+    outside = f"{100 * dataset.attrs['energy_outside_window']:.1f} % of the energy outside"
+    title = f"{dataset.attrs['scene']}, {dataset.attrs['spp']} spp, {outside} the render's window"
+    title += "" if dataset.attrs["complete"] else " (interrupted)"
+    figure.suptitle(wrapped(title, width))
     explain_hatch(figure, np.isnan(peak_ns))
     return figure
 
@@ -107,19 +107,7 @@ def _pairs(pixels: Any) -> list[tuple[Any, Any]]:
     return pairs
 
 
-_TITLE = ("scene", "spp", "energy_outside_window", "complete")
-
-
-def _title(dataset: xr.Dataset) -> str:
-    attrs = dataset.attrs
-    title = (
-        f"{attrs['scene']}, {attrs['spp']} spp, "
-        f"{100 * attrs['energy_outside_window']:.1f} % of the energy outside the render's window"
-    )
-    return title if attrs["complete"] else f"{title} (interrupted)"
-
-
-def _telling_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient) -> list[Any]:
+def _default_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient) -> list[Any]:
     """A bright, an early and a late pixel among those with at least median light."""
     if not (energy > 0).any():
         return [(sequence.x0 + energy.shape[1] // 2, sequence.y0 + energy.shape[0] // 2)]
@@ -127,9 +115,7 @@ def _telling_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient
     by_energy = bright[np.argsort(energy.flat[bright], kind="stable")]
     by_time = bright[np.argsort(peak_ns.flat[bright], kind="stable")]
     # Not the extremes, which are the light source itself, edges and noise.
-    chosen = [by_energy[int(0.9 * (len(bright) - 1))]]
-    chosen += [by_time[int(share * (len(bright) - 1))] for share in (0.05, 0.97)]
+    last = len(bright) - 1
+    chosen = [by_energy[int(0.9 * last)], by_time[int(0.05 * last)], by_time[int(0.97 * last)]]
     rows, columns = np.unravel_index(list(dict.fromkeys(map(int, chosen))), energy.shape)
-    return [
-        (int(x) + sequence.x0, int(y) + sequence.y0) for x, y in zip(columns, rows, strict=True)
-    ]
+    return [*zip((columns + sequence.x0).tolist(), (rows + sequence.y0).tolist(), strict=True)]

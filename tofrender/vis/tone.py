@@ -1,4 +1,4 @@
-"""Tone mapping that survives sparse, unfinished and extreme data."""
+"""Tone mapping, also of sparse, unfinished and extreme data."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..runtime import checks
+from .colours import to_srgb
 from .transient import Transient
 
 _SAMPLES = 1 << 21
 
 
 def auto_exposure(values: Any, *, percentile: float = 99.5) -> float:
-    """The gain that shows the `percentile` of all light as white.
+    """Gain that shows the `percentile` of all finite values above zero as white.
 
-    Only finite values above zero count, so that dark bins and pixels do not matter. Of more than
-    two million values a fixed random choice is used.
+    The percentile of more than two million values is that of a fixed random choice of them.
 
     Args:
         values: Linear values of any shape: one image or a whole sequence, also a `Cube`.
@@ -51,21 +51,19 @@ def _lit(values: np.ndarray) -> np.ndarray:
 
 
 def growing_exposure(values: Any, *, share: float = 0.75, most_stops: float = 6.0) -> np.ndarray:
-    """Gains, one a bin, that grow as the light of a sequence fades, so that late light is seen.
+    """Gains, one a bin, that grow as the light of a sequence fades, so that late light is visible.
 
-    With the mean m_k of bin k's light, where none counts as more than white at `auto_exposure`, and
-    M_k the most that is still to come in bin k or later,
+    With M_k the largest mean luminance, clipped to white at `auto_exposure`, from bin k on,
 
         gain_k = auto_exposure · 2^stops_k,    stops_k = min(most_stops, share · log2(M_0 / M_k))
 
-    The gain never falls, so nothing flickers; until the brightest bin it is `auto_exposure`. A
-    picture drawn with it should say so, for instance by log2(gain_k / gain_0), in stops.
+    The gain never falls, so nothing flickers; until the brightest bin it is `auto_exposure`.
 
     Args:
         values: Linear values, (height, width, bins) or (height, width, bins, channels) with 1 or 3
             channels, also a `Cube`.
-        share: Part of the fading that is made up for, in [0, 1]; 0 keeps bins comparable.
-        most_stops: The most that a bin is brightened, a factor of 2 each, at most 32.
+        share: Part of the fading that is compensated, in [0, 1]; 0 keeps bins comparable.
+        most_stops: Largest compensation, in factors of 2, at most 32.
 
     Returns:
         float64 (bins,), finite, above 0, and never falling.
@@ -81,22 +79,22 @@ def growing_exposure(values: Any, *, share: float = 0.75, most_stops: float = 6.
     share = checks.number("share", share, low=0, high=1)
     most = checks.number("most_stops", most_stops, low=0, high=32)
     gain, light = _light_of_bins(values)
-    to_come = np.maximum.accumulate(light[::-1])[::-1]
+    remaining = np.maximum.accumulate(light[::-1])[::-1]
     fading = np.full(light.size, math.inf)
-    np.divide(to_come[0], to_come, out=fading, where=to_come > 0)
-    stops = np.minimum(most, share * np.log2(fading) if share and to_come[0] > 0 else 0.0)
+    np.divide(remaining[0], remaining, out=fading, where=remaining > 0)
+    stops = np.minimum(most, share * np.log2(fading) if share and remaining[0] > 0 else 0.0)
     with np.errstate(over="ignore"):
         gains = gain * 2**stops * np.ones(light.size)
     return np.minimum(gains, np.finfo(np.float64).max)
 
 
 def lit_bins(values: Any, *, stops: float = 6.0) -> slice:
-    """The bins that a film of a sequence needs: before and after them it is dark.
+    """Range of bins outside of which a sequence is dark.
 
     Args:
         values: As for `growing_exposure`.
-        stops: A bin is dark whose mean light, where none counts as more than white, is so many
-            factors of 2 below the brightest bin's; in (0, 32].
+        stops: A bin is dark if its mean luminance, clipped to white, is so many factors of 2 below
+            the brightest bin's; in (0, 32].
 
     Returns:
         From the first bin that is not dark to the last; all where there is no light.
@@ -115,7 +113,7 @@ def lit_bins(values: Any, *, stops: float = 6.0) -> slice:
 
 
 def _light_of_bins(values: Any) -> tuple[float, np.ndarray]:
-    """The gain `auto_exposure`, and the sum of each bin's luminance, where none is above white."""
+    """The gain `auto_exposure`, and the sum of each bin's luminance, clipped to white."""
     sequence = Transient(Cube.of("values", values), 0.0, 1.0)
     gain, light = auto_exposure(sequence.values), np.zeros(sequence.bins)
     for (*_, bins), pixels in sequence.lights():
@@ -133,15 +131,14 @@ def tonemap(
     """Turn linear radiance into an sRGB picture.
 
     Args:
-        values: Linear values, (height, width), (height, width, 1) or (height, width, 3). They are
-            not changed. Negative values show as black, infinite ones as white, and pixels with a
-            NaN (unfinished) as a dark grey hatch.
-        exposure: Gain; `1` is shown as white after it. None takes `auto_exposure` of `values`;
+        values: Linear values, (height, width), (height, width, 1) or (height, width, 3). Negative
+            values become black, infinite ones white, pixels with a NaN (unfinished) a dark hatch.
+        exposure: Gain; `1` is shown as white after it. By default `auto_exposure` of `values`;
             give one number for all frames of a sequence to keep them comparable.
         percentile: For `auto_exposure`, in (0, 100].
-        shadows: How many stops (factors of 2) brighter the dark is drawn, 0 to 16. White and hues
-            stay; in between the curve is logarithmic: a pixel's strongest channel V in [0, 1] is
-            drawn as log(1 + kV) / log(1 + k), whose slope at 0, k / log(1 + k), is 2^shadows.
+        shadows: Brightening of dark values [stops, factors of 2], 0 to 16. White and hues stay;
+            a pixel's strongest channel V in [0, 1] becomes log(1 + kV) / log(1 + k), whose slope
+            at 0, k / log(1 + k), is 2^shadows.
 
     Returns:
         uint8 (height, width, 3).
@@ -153,9 +150,9 @@ def tonemap(
     Example:
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
-        >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1, shadows=2)[..., 0]
-        array([[  0, 224, 255]], dtype=uint8)
     """
+    from scipy.special import lambertw
+
     linear = checks.real_array("values", values)
     if linear.ndim == 2:
         linear = linear[..., None]
@@ -172,24 +169,14 @@ def tonemap(
     with np.errstate(over="ignore"):
         shown = np.clip(np.nan_to_num(linear * np.float32(exposure), nan=0), 0, 1)
     if shadows:
-        k = _curvature(shadows)
+        slope = 2**shadows  # k / log(1 + k) for this k, by Lambert's W function
+        k = max(1e-12, float(-slope * lambertw(-math.exp(-1 / slope) / slope, k=-1).real - 1))
         value = shown.max(axis=2, keepdims=True)
         lifted = np.log1p(k * value) / math.log1p(k)
         shown = shown * np.divide(lifted, value, out=np.zeros_like(value), where=value > 0)
-    srgb = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * shown ** (1 / 2.4) - 0.055)
-    picture = np.rint(255 * srgb).astype(np.uint8)
+    picture = np.rint(255 * to_srgb(shown)).astype(np.uint8)
     picture = np.repeat(picture, 3, axis=2) if picture.shape[2] == 1 else picture
     if unfinished.any():
         rows, columns = np.nonzero(unfinished)
         picture[rows, columns] = np.where((rows + columns) % 8 < 4, 38, 58)[:, None]
     return picture
-
-
-def _curvature(stops: float) -> float:
-    """The k with k / log(1 + k) = 2^stops, for stops above 0."""
-    slope = 2**stops
-    low, high = 1e-12, 3 * slope * math.log(3 * slope)
-    for _ in range(100):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if middle / math.log1p(middle) < slope else (low, middle)
-    return high

@@ -1,4 +1,4 @@
-"""What the pictures are drawn from: a transient image, its time axis and its first pixel."""
+"""A transient image with its time axis and first pixel, the data of all figures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Transient:
     quantity: str = "radiance per bin"
 
     def __post_init__(self) -> None:
-        """Refuse what no picture can be drawn of."""
+        """Refuse values that no figure can show."""
         self.values = _cube("values", self.values)
         self.start_opl = checks.metres("start_opl", self.start_opl)
         self.bin_width_opl = checks.metres("bin_width_opl", self.bin_width_opl, positive=True)
@@ -47,22 +47,20 @@ class Transient:
         bin_width_opl: float | None = None,
         quantity: str | None = None,
     ):
-        """Take a Dataset of `render`, or an array with its time axis, and check it."""
-        extra: dict[str, Any] = {}
+        """Take and check a Dataset of `render`, or an array with its time axis."""
+        first = (0, 0)
         if quantity is not None:
-            extra["quantity"] = checks.one_of("quantity", quantity, QUANTITIES)
+            checks.one_of("quantity", quantity, QUANTITIES)
         if hasattr(data, "data_vars"):
             _require_labels(data)
             start, width = time_axis(data)
             start_opl = start if start_opl is None else start_opl
             bin_width_opl = width if bin_width_opl is None else bin_width_opl
-            x0, y0 = first_pixel(data)
-            named = f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
-            extra = {"quantity": named} | extra | {"x0": x0, "y0": y0}
+            first = first_pixel(data)
+            quantity = quantity or f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
             data = data["transient"]
-        start = checks.metres("start_opl", start_opl)
-        width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
-        return cls(_cube("data", data), start, width, **extra)
+        rest: Any = start_opl, bin_width_opl, *first, quantity or cls.quantity
+        return cls(_cube("data", data), *rest)
 
     @property
     def bins(self) -> int:
@@ -80,7 +78,7 @@ class Transient:
         return self.start_opl + (np.arange(self.bins) + 0.5) * self.bin_width_opl
 
     def label(self, index: int) -> str:
-        """Time and path length at the centre of bin `index`, with digits that tell bins apart."""
+        """Time and path length at the centre of a bin, with the digits to distinguish bins."""
         opl = float(self.opl[index])
         width = self.bin_width_opl
         in_ns, in_m = (max(2, 1 - math.floor(math.log10(w))) for w in (opl_to_ns(width), width))
@@ -100,20 +98,14 @@ class Transient:
         return (self.x0 - 0.5, self.x0 + width - 0.5, self.y0 + height - 0.5, self.y0 - 0.5)
 
     def lights(self) -> Iterator[tuple[Place, np.ndarray]]:
-        """Luminance (rows, columns, bins) by pieces: where it is finite and above 0, 0 elsewhere.
-
-        Each comes with its place: slices of rows, columns and bins.
-        """
-        for place, values in self.values.pieces():
+        """Luminance (rows, columns, bins) by pieces with their slices; 0 if not finite or below."""
+        for slices, values in self.values.pieces():
             light = luminance(values)
             lit = np.isfinite(light) & (light > 0)
-            yield place[:3], np.where(lit, light, np.float32(0))
+            yield slices[:3], np.where(lit, light, np.float32(0))
 
     def brightest(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over bins of the light, and the brightest bin's centre [ns], (height, width) both.
-
-        Where there is no light, the time is NaN.
-        """
+        """Sum over bins of the light, and the brightest bin's centre [ns], NaN without light."""
         energy, most = np.zeros(self.size), np.zeros(self.size)
         peak_ns, centres = np.full(self.size, np.nan), opl_to_ns(self.opl)
         for (*pixels, bins), light in self.lights():
@@ -138,7 +130,7 @@ class Transient:
 
 
 def typeset(units: str) -> str:
-    """Units with raised exponents.
+    """Raise the exponents of units.
 
     Example:
         >>> typeset("W m^-2 sr^-1")
@@ -161,7 +153,7 @@ def _cube(name: str, data: Any) -> Cube:
 
 
 def _require_labels(data: Any) -> None:
-    """Refuse a Dataset without what `render` writes into it."""
+    """Refuse a Dataset without the labels that `render` writes."""
     found = {str(name): variable.dims for name, variable in data.data_vars.items()}
     axes = DIMS["transient"]
     if found.get("transient") != axes or not set(axes) <= set(data.coords):

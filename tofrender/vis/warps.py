@@ -1,4 +1,4 @@
-"""Points of a warp, above what the chi-square test found of it."""
+"""Figure of a warp: points above the verdict of the chi-square test."""
 
 from __future__ import annotations
 
@@ -21,16 +21,13 @@ __all__ = ["verdict_figure", "warp_figure"]
 
 @in_style
 def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
-    """Warped points and the density they should have, above the verdict of a chi-square test.
+    """Draw warped points and their expected density, above the verdict of a chi-square test.
 
     Args:
-        points: Warped points to draw, shape (2, n) in the plane or (3, n) on the sphere. A
-            hemisphere is drawn as seen from above, a sphere over azimuth and cosine.
-        verdict: What `chi_square_test` returns for the warp.
+        points: Warped points, shape (2, n) in the plane or (3, n) on the sphere. A hemisphere is
+            drawn as seen from above, a sphere over azimuth and cosine.
+        verdict: Result of `chi_square_test` for the warp.
         title: Title of the first panel.
-
-    Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
 
     Example:
         >>> from tofrender.sampling import grid, warp_case
@@ -46,34 +43,27 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     if points.ndim != 2 or len(points) not in (2, 3) or not points.size:
         raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
     grid = PictureGrid(figure_width(5.5), 2, 2, 1.0, own_y=True, **caption(verdict))
-    first = grid.axes(0, 0, title)
-    _points(first, points, verdict, grid.wide)
+    _points(grid.axes(0, 0, title), points, verdict, grid.wide)
     names = ("expected density", "observed density", "difference")
     density_panels(grid, verdict, [(0, 1), (1, 0), (1, 1)], names)
     return grid.figure
 
 
 def _points(axes: Axes, points: np.ndarray, verdict: Verdict, wide: float) -> None:
-    """Points on axes of so many inches, the smaller the more there are."""
+    """Draw points on axes `wide` inches wide, in dots that get smaller with their number."""
     size = (wide / 4.5) ** 2 * float(np.clip(600 / np.sqrt(points.shape[1]), 0.2, 12))
+    domain = verdict.domain
     if points.shape[0] == 2:
-        x, y = points
-        labels = verdict.domain.labels
-    elif verdict.domain.upper_only:
-        x, y = points[:2]
-        labels = ("x (seen from above)", "y")
+        (x, y), labels = points, domain.labels
+        xlim, ylim = zip(domain.low, domain.high, strict=True)
+        ylim = ylim[::-1] if domain.down else ylim
+    elif domain.upper_only:
+        (x, y), labels = points[:2], ("x (seen from above)", "y")
+        radius = 1.05 * float(np.max(np.hypot(x, y), initial=0.0)) or 1.0
+        xlim = ylim = (-radius, radius)
     else:
-        x, y = np.arctan2(points[1], points[0]), points[2]
-        labels = ("φ [rad]", "cos θ")
+        x, y, labels = np.arctan2(points[1], points[0]), points[2], ("φ [rad]", "cos θ")
+        xlim, ylim = (-np.pi, np.pi), (-1, 1)
     axes.scatter(x, y, s=size, linewidths=0)
-    axes.set(xlabel=labels[0], ylabel=labels[1])
     few_ticks(axes)
-    if points.shape[0] == 2:
-        (low_x, low_y), (high_x, high_y) = verdict.domain.low, verdict.domain.high
-        ylim = (high_y, low_y) if verdict.domain.down else (low_y, high_y)
-        axes.set(xlim=(low_x, high_x), ylim=ylim)
-    elif verdict.domain.upper_only:
-        reach = 1.05 * float(np.max(np.hypot(x, y), initial=0.0)) or 1.0
-        axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
-    else:
-        axes.set(xlim=(-np.pi, np.pi), ylim=(-1, 1))
+    axes.set(xlabel=labels[0], ylabel=labels[1], xlim=xlim, ylim=ylim)

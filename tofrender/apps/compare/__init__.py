@@ -1,7 +1,1 @@
-"""Two pictures under a divider that one drags: techniques of the course, or files.
-
-| module | holds |
-|---|---|
-| `pictures` | the course's scenes by each technique, references, and files |
-| `window`, `divider.js` | the page |
-"""
+"""Two pictures on either side of a divider: techniques of the course, or files."""

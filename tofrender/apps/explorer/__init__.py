@@ -1,6 +1,5 @@
-"""The explorer: light in time, in a notebook or as one page, drawn by one JavaScript module.
+"""The explorer of transients, in notebooks, as one page, and in `tofrender view`.
 
-`contents.py` turns a Dataset into a header and bytes, `module.py` has JavaScript and style as text,
-`widget.py` and `page.py` bring both together. In JavaScript, `mount(element, {header, bytes})` of
-`explorer.js` shows them anywhere.
+`data.py` takes a Dataset, `contents.py` makes a header and bytes of it, and `mount` of
+`explorer.js` shows them in a page. `module.py` joins JavaScript and style.
 """

@@ -1,10 +1,9 @@
-"""What an explorer's page gets: a header that JSON can hold, and bytes with all numbers."""
+"""Contents of an explorer: a header for JSON, and bytes with all arrays."""
 
 from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,52 +12,48 @@ import numpy as np
 from ...rendering.cubes import Cube
 from ...runtime import checks, memory
 from ...runtime.atomic import readable
+from ...signals.colour import LUMINANCE
 from ...vis.colours import phase_map
-from .codes import Scale
-from .reducing import How, Reduction, bands, reductions
-from .subjects import Subject, facts, subject_of
+from .compression import Mode, Reduction, Scale, bands, reductions
+from .data import ExplorerData, explorer_data, facts
 
 MAPS = {"false": "inferno", "distance": "viridis"}
-"""Matplotlib's colour maps by what they are for; of phases there is `phase_map`."""
+"""Colour maps of Matplotlib by their use; phases have `phase_map`."""
 
-SHARE = 0.12
-"""Part of a cube by which its size is estimated."""
-
-_TYPES = {"u1": np.uint8, "f4": np.float32}
-_ALIGNED = 8  # Bytes
+SAMPLED_BANDS = 8  # The size of a cube is estimated from one of so many bands of it
+ALIGNMENT = 8  # Of arrays in the bytes
 
 
 @dataclass
 class Contents:
-    """A header, and the bytes of the parts that it names."""
+    """A header, and the bytes of the arrays that it names."""
 
     header: dict[str, Any]
     data: bytes
 
     def part(self, name: str) -> np.ndarray:
-        """The numbers of a part."""
+        """An array of the bytes, flat."""
         about = self.header["parts"][name]
-        kind = np.dtype(_TYPES[about["type"]])
-        return np.frombuffer(self.data, kind, about["length"], about["offset"])
+        return np.frombuffer(self.data, about["type"], about["length"], about["offset"])
 
     def layer(self, about: dict[str, Any]) -> np.ndarray:
         """Values of a layer, (pictures, bins, channels, rows, columns)."""
         shape = [about[name] for name in ("pictures", "bins", "channels", "height", "width")]
         codes = self.part(about["part"])
-        codes = sums(codes, shape) if about["packed"] else codes.reshape(shape)
-        return Scale(about["least"], about["ratio"]).values(codes)
+        if about["packed"]:
+            pictures, bins, *picture = shape
+            steps = codes.reshape(pictures, *picture, bins).transpose(0, 4, 1, 2, 3)
+            codes = np.cumsum(steps, axis=1, dtype=np.uint8)
+            if codes.shape[2] == 3:
+                codes[:, :, ::2] += codes[:, :, 1:2]
+        return Scale(about["least"], about["ratio"]).values(codes.reshape(shape))
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
-    """Codes (pictures, bins, channels, rows, columns) as deflate packs them best.
+    """Codes (pictures, bins, channels, rows, columns) as differences, which deflate packs well.
 
-    Red and blue are told by how far they are from green, then each bin by how far it is from the
-    one before, modulo 256; bins come last.
-
-    Example:
-        >>> codes = np.arange(5 * 4 * 3, dtype=np.uint8).reshape(1, 5, 3, 2, 2) ** 2
-        >>> bool((sums(differences(codes), codes.shape) == codes).all())
-        True
+    Red and blue are differences from green, then each bin is the difference from the one before,
+    modulo 256; bins become the last axis.
     """
     steps = codes.copy()
     if codes.shape[2] == 3:
@@ -66,16 +61,6 @@ def differences(codes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(
         np.diff(steps, axis=1, prepend=np.uint8(0)).transpose(0, 2, 3, 4, 1)
     )
-
-
-def sums(steps: np.ndarray, shape: Sequence[int]) -> np.ndarray:
-    """Codes of the differences of them."""
-    pictures, bins, *picture = shape
-    steps = steps.reshape(pictures, *picture, bins).transpose(0, 4, 1, 2, 3)
-    codes = np.cumsum(steps, axis=1, dtype=np.uint8)
-    if codes.shape[2] == 3:
-        codes[:, :, ::2] += codes[:, :, 1:2]
-    return codes
 
 
 def contents_of(
@@ -87,136 +72,105 @@ def contents_of(
     most_bytes: int | None = None,
     packed: bool = False,
 ) -> Contents:
-    """Make the contents of a page.
+    """Make the contents of an explorer, for arguments of `explore`.
 
     Args:
         data: A Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
         orders: Parts of a render's light by name, Datasets of the same pixels and bins.
-        distance_m: (y, x) from the camera to what each pixel of a render sees [m].
-        title: Above everything; by default the scene.
-        most_bytes: What the bytes may take; None for all that there are.
-        packed: Whether `most_bytes` counts them after compression.
+        distance_m: (y, x) distance from the camera to the surface in each pixel of a render [m].
+        title: Title; by default the scene.
+        most_bytes: Largest size of the bytes; None for no limit.
+        packed: Whether `most_bytes` is the size after compression.
 
     Raises:
         ValueError: An argument is wrong, or no reduction is small enough; one line.
         MemoryError: The codes do not fit into memory.
     """
+    from matplotlib import colormaps
+
     checks.text("title", title)
-    subject = subject_of(data, orders, distance_m)
-    layers = _layers(subject)
-    for by in reductions(subject.light.shape[-2]):
+    found = explorer_data(data, orders, distance_m)
+    layers = {"light": (found.light, found.mode), **found.layers}
+    *spots, height, width, bins, channels = found.light.shape
+    for by in reductions(bins):
         if most_bytes is None or _fits(layers, by, most_bytes, packed):
             break
     else:
         raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
-    packing = _Packing(packed)
+    arrays = _Arrays()
+    axis = {"width": found.axis["width"] * by.time, "count": math.ceil(bins / by.time)}
     header: dict[str, Any] = {
         "version": 1,
-        "kind": subject.kind,
-        "title": str(title or data.attrs.get("scene", "") or subject.kind),
-        "facts": facts(data, subject),
-        "quantity": subject.quantity,
-        "perMetre": subject.how == "mean" and subject.kind == "transient",
-        "weights": subject.weights,
-        "axis": {
-            "start": subject.start,
-            "width": subject.width * by.time,
-            "count": math.ceil(subject.light.shape[-2] / by.time),
-            "what": subject.what,
-        },
-        "grid": {
-            "first": subject.first,
-            "step": by.space,
-            "height": subject.light.shape[-4],
-            "width": subject.light.shape[-3],
-        },
-        "lasers": math.prod(subject.light.shape[:-4]),
-        "peaks": subject.peaks.shape[1:],
-        "depth": subject.depth,
-        "geometry": subject.geometry,
+        **{"perMetre": False, "depth": "", "geometry": {}, "orders": []},
+        **found.header,
+        "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
+        "facts": facts(data, found),
+        "weights": LUMINANCE.tolist() if channels == 3 else [1.0],
+        "axis": found.axis | axis,
+        "grid": {"first": found.first, "step": by.space, "height": height, "width": width},
+        "lasers": math.prod(spots),
+        "peaks": found.arrays["peaks"].shape[1:],
     }
-    for name, (cube, how) in layers.items():
-        own = Reduction() if name == "steady" else by
+    for name, (cube, mode) in layers.items():
+        layer = _layer(arrays, name, cube, Reduction() if name == "steady" else by, mode, packed)
         if name.startswith("order "):
-            header.setdefault("orders", []).append(packing.layer(name, cube, own, how))
+            header["orders"].append(layer)
         else:
-            header[name] = packing.layer(name, cube, own, how)
-    header.setdefault("orders", [])
-    packing.maps(subject, by.space)
-    header["notes"] = [*_notes(header, subject, by), *subject.notes]
-    header["parts"] = packing.parts
-    return Contents(header, b"".join(packing.pieces))
+            header[name] = layer
+    for name, values in found.arrays.items():
+        if name == "distance":  # At the middle of each block
+            rows, columns = (-(-side // by.space) for side in values.shape)
+            middle = np.s_[by.space // 2 :: by.space, by.space // 2 :: by.space]
+            values = np.pad(values, (0, by.space), mode="edge")[middle][:rows, :columns]
+        arrays.add(name, values, "u1" if name == "hatch" else "f4")
+    maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
+    for name, colours in maps.items():
+        arrays.add(f"map {name}", np.rint(255 * colours(np.arange(256) / 255)[:, :3]), "u1")
+    header["notes"] = [*_notes(header, found, by), *found.notes]
+    header["parts"] = arrays.parts
+    return Contents(header, b"".join(arrays.pieces))
 
 
-def _layers(subject: Subject) -> dict[str, tuple[Cube, How]]:
-    layers: dict[str, tuple[Cube, How]] = {"light": (subject.light, subject.how)}
-    if subject.errors is not None:
-        how: How = "error" if subject.how == "sum" else "mean error"
-        layers["errors"] = subject.errors, how
-    layers |= {f"order {name}": (cube, subject.how) for name, cube in subject.orders.items()}
-    if subject.steady is not None:
-        layers["steady"] = subject.steady, "mean"
-    return layers
+class _Arrays:
+    """Arrays that are joined to bytes, with their positions."""
 
-
-class _Packing:
-    """Parts one behind the other."""
-
-    def __init__(self, packed: bool) -> None:
-        self.packed = packed
+    def __init__(self) -> None:
         self.parts: dict[str, dict[str, Any]] = {}
         self.pieces: list[bytes] = []
         self.size = 0
 
-    def add(self, name: str, values: np.ndarray, kind: str) -> None:
-        raw = np.ascontiguousarray(values, _TYPES[kind]).tobytes()
-        raw += bytes(-len(raw) % _ALIGNED)
-        self.parts[name] = {"type": kind, "offset": self.size, "length": values.size}
+    def add(self, name: str, values: np.ndarray, dtype: str) -> None:
+        raw = np.ascontiguousarray(values, dtype).tobytes()
+        raw += bytes(-len(raw) % ALIGNMENT)
+        self.parts[name] = {"type": dtype, "offset": self.size, "length": values.size}
         self.pieces.append(raw)
         self.size += len(raw)
 
-    def layer(self, name: str, cube: Cube, by: Reduction, how: How) -> dict[str, Any]:
-        """Add the codes of a cube; what the header says of them."""
-        scale = Scale.of(values for _, values in bands(cube, by, how))
-        rows, columns, bins, channels = by.shape(cube)
-        pictures = math.prod(cube.shape[:-4])
-        size = pictures * bins * channels * rows * columns
-        memory.require_free("data", 3 * size)
-        codes = np.zeros((pictures, bins, channels, rows, columns), np.uint8)
-        for (number, place), values in bands(cube, by, how):
-            codes[number, :, :, place] = scale.codes(values).transpose(2, 3, 0, 1)
-        self.add(name, differences(codes) if self.packed else codes, "u1")
-        about = {"name": name.removeprefix("order "), "part": name, "bins": bins}
-        about |= {"channels": channels, "height": rows, "width": columns}
-        about |= {"pictures": pictures, "packed": self.packed}
-        return about | {"least": scale.least, "ratio": scale.ratio}
 
-    def maps(self, subject: Subject, step: int) -> None:
-        """Add what is there of pictures that do not change in time, and of colour maps."""
-        self.add("peaks", subject.peaks, "f4")
-        middle = np.s_[step // 2 :: step, step // 2 :: step]
-        if subject.distance is not None:
-            rows, columns = (-(-side // step) for side in subject.distance.shape)
-            padded = np.pad(subject.distance, (0, step), mode="edge")
-            self.add("distance", padded[middle][:rows, :columns], "f4")
-        if subject.points is not None:
-            self.add("points", subject.points, "f4")
-        if subject.hatch is not None:
-            self.add("hatch", subject.hatch, "u1")
-        from matplotlib import colormaps
-
-        maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
-        for name, of in maps.items():
-            colours = of(np.arange(256) / 255)[:, :3]
-            self.add(f"map {name}", np.rint(255 * colours), "u1")
+def _layer(
+    arrays: _Arrays, name: str, cube: Cube, by: Reduction, mode: Mode, packed: bool
+) -> dict[str, Any]:
+    """Add the codes of a cube; returns its part of the header."""
+    scale = Scale.of(values for _, values in bands(cube, by, mode))
+    rows, columns, bins, channels = by.shape(cube)
+    pictures = math.prod(cube.shape[:-4])
+    memory.require_free("data", 3 * pictures * bins * channels * rows * columns)
+    codes = np.zeros((pictures, bins, channels, rows, columns), np.uint8)
+    for (number, band), values in bands(cube, by, mode):
+        codes[number, :, :, band] = scale.codes(values).transpose(2, 3, 0, 1)
+    arrays.add(name, differences(codes) if packed else codes, "u1")
+    about = {"name": name.removeprefix("order "), "part": name, "bins": bins}
+    about |= {"channels": channels, "height": rows, "width": columns}
+    about |= {"pictures": pictures, "packed": packed}
+    return about | {"least": scale.least, "ratio": scale.ratio}
 
 
 def _fits(
-    layers: dict[str, tuple[Cube, How]], by: Reduction, most_bytes: int, packed: bool
+    layers: dict[str, tuple[Cube, Mode]], by: Reduction, most_bytes: int, packed: bool
 ) -> bool:
-    """Whether codes take `most_bytes` at the most, by those of a few bands where compressed."""
+    """Whether codes take at most `most_bytes`, estimated from a few bands where compressed."""
     total = 0.0
-    for name, (cube, how) in layers.items():
+    for name, (cube, mode) in layers.items():
         if name == "steady":
             total += math.prod(cube.shape)
             continue
@@ -224,38 +178,36 @@ def _fits(
         if not packed or size <= most_bytes / 50:
             total += size
             continue
-        some = [values for _, values in bands(cube, by, how, SHARE)]
+        some = [values for _, values in bands(cube, by, mode, SAMPLED_BANDS)]
         scale = Scale.of(some)
         codes = [differences(scale.codes(each).transpose(2, 3, 0, 1)[None]) for each in some]
-        share = size / sum(each.size for each in codes)
-        total += share * sum(len(zlib.compress(each.tobytes(), 6)) for each in codes)
+        ratio = sum(len(zlib.compress(each.tobytes(), 6)) for each in codes)
+        total += size / sum(each.size for each in codes) * ratio
     return total <= most_bytes
 
 
-def _notes(header: dict[str, Any], subject: Subject, by: Reduction) -> list[str]:
-    """What was reduced, and how right values are."""
+def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[str]:
+    """Sentences on the precision of values and on what was reduced."""
     light = header["light"]
     scale = Scale(light["least"], light["ratio"])
-    notes = [
+    precision = (
         "Values are kept as one byte on a logarithmic scale: right to "
         f"{100 * scale.tolerance:.2g} % from {scale.least:.3g} on; smaller ones are off by less "
         "than that, and may be 0."
-    ]
-    words = []
+    )
+    reduced = []
     if by.space > 1:
-        words.append(f"{by.space} x {by.space} pixels are averaged")
+        reduced.append(f"{by.space} x {by.space} pixels are averaged")
     if by.time > 1:
-        are = "summed" if subject.how == "sum" else "averaged"
-        words.append(f"{by.time} bins are {are}")
-    if words:
-        full = f"{subject.light.shape[-3]} x {subject.light.shape[-4]} x {subject.light.shape[-2]}"
-        fine = "all time and peak are" if subject.steady is not None else "the peak is"
-        notes.append(
-            f"To keep it small, {' and '.join(words)} (of {full}); the pictures of {fine} as fine "
-            "as rendered."
+        reduced.append(f"{by.time} bins are {'summed' if found.mode == 'sum' else 'averaged'}")
+    note = "All pixels and bins are there."
+    if reduced:
+        height, width, bins, _ = found.light.shape[-4:]
+        full = f"{width} x {height} x {bins}"
+        fine = "all time and peak are" if "steady" in found.layers else "the peak is"
+        note = (
+            f"To limit its size, {' and '.join(reduced)} (of {full}); the pictures of {fine} at "
+            "full resolution."
         )
-    else:
-        notes.append("All pixels and bins are there.")
     size = math.prod(light[name] for name in ("pictures", "bins", "channels", "height", "width"))
-    notes[-1] += f" {readable(size)} of codes."
-    return notes
+    return [precision, f"{note} {readable(size)} of codes."]

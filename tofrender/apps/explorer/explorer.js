@@ -2,10 +2,10 @@
  * An explorer of light in time. `mount(element, {header, bytes})` shows what Python's
  * `contents_of` has made and returns a handle:
  *
- * - `setData(data)` shows something else in its place,
- * - `set({bin, view, pixels, gate, frequency, exposure, ...})` does what a reader could do,
- * - `state()` says what is shown, with the numbers behind it,
- * - `destroy()` removes it all.
+ * - `setData(data)` shows other data, in the same view if they have the same pixels and bins,
+ * - `set({bin, view, pixels, gate, frequency, exposure, ...})` changes the view,
+ * - `state()` returns the view and the numbers that it shows,
+ * - `destroy()` removes the explorer.
  */
 
 import {
@@ -71,6 +71,9 @@ class Explorer {
 
   open(data) {
     const { header } = data;
+    const shape = JSON.stringify([header.kind, header.axis, header.grid]);
+    const kept = shape === this.shape ? this.now : null;
+    this.shape = shape;
     this.recording = new Recording(data);
     this.about = header;
     this.isVolume = header.kind === "volume";
@@ -101,7 +104,8 @@ class Explorer {
     this.now.gate = this.firstGate();
     this.now.pixels = this.tellingPixels();
     this.build();
-    this.set({});
+    this.set(kept ? { laser: kept.laser, unwarped: kept.unwarped } : {});
+    if (kept) this.set(kept);
   }
 
   /** Drop what was computed of a laser, or of unwarped time. */
@@ -242,7 +246,7 @@ class Explorer {
       set({ colours: each }),
     );
     parts.smooth = tick("Smooth", (smooth) => set({ smooth }));
-    parts.unwarped = tick("Without the way to the camera", (unwarped) => set({ unwarped }));
+    parts.unwarped = tick("Without the camera segment", (unwarped) => set({ unwarped }));
     parts.unwarped.hidden = !recording.distances;
     parts.laser = slider("Lit point", {
       ...{ min: 0, max: about.lasers - 1, step: 1, value: 0 },
@@ -262,7 +266,7 @@ class Explorer {
     parts.frequency = slider("Frequency", {
       ...{ min: Math.min(6, limit - 1), max: limit, step: 0.001, value: Math.log10(this.now.frequency) },
       say: (power) => hertz(10 ** power),
-      title: "Of the light's modulation",
+      title: "Modulation frequency of the light",
       moved: (power) => set({ frequency: 10 ** power }),
     });
     parts.plane = make("canvas", { className: "plane", role: "img" });
@@ -282,16 +286,16 @@ class Explorer {
         ["front", "Front", "Largest value along the depth"],
         ["side", "Side", "Largest value along x"],
         ["top", "Top", "Largest value along y"],
-        ["peak", "Depth", "Where along the depth it is brightest"],
+        ["peak", "Depth", "Depth of the largest value"],
       ];
     }
     const views = [
       ["light", "Light", "At one time"],
-      ["gate", "Gate", "All that arrives between two times"],
+      ["gate", "Gate", "Light that arrives between two times"],
       ["total", "All time", "The steady picture"],
-      ["peak", "Peak time", "When each pixel is brightest"],
-      ["depth", "Depth", "Half the length of way of the brightest light"],
-      ["phasor", "Phasor", "As a camera with modulated light sees it"],
+      ["peak", "Peak time", "Time of the brightest bin of each pixel"],
+      ["depth", "Depth", "Half the path length of the brightest bin"],
+      ["phasor", "Phasor", "Measurement of a camera with modulated light"],
     ];
     return views.filter(([view]) => view !== "depth" || this.about.depth);
   }
@@ -322,7 +326,7 @@ class Explorer {
       told.append(make("dt", {}, name), make("dd", {}, value));
     }
     const notes = make("ul", {}, ...about.notes.map((note) => make("li", {}, note)));
-    const more = make("details", {}, make("summary", {}, "What this shows, and how exactly"), notes);
+    const more = make("details", {}, make("summary", {}, "Contents and precision"), notes);
     more.append(told, make("p", {}, KEYS));
     const [, size] = about.facts[0];
     const header = make("header", {}, make("h2", {}, about.title), make("p", {}, size));
@@ -620,7 +624,7 @@ class Explorer {
     const assumes = isDepth
       ? `Depth = path length of the brightest bin / 2. It assumes ${about.depth}.`
       : isVolume
-        ? "Distance from the wall of what is brightest; hatched where it is weak."
+        ? "Distance of the brightest voxel from the wall; hatched where it is weak."
         : "Centre of the bin in which each pixel is brightest.";
     const bytes = paintMap(values, { low, high, map, width });
     return { bytes, width, height, says, assumes, map, low, high, unit };
@@ -651,7 +655,7 @@ class Explorer {
       amplitude: `|P| of P = Σ L exp(+i 2π f OPL / c), at ${hertz(now.frequency)}.`,
       phase: `Phase of P = Σ L exp(+i 2π f OPL / c), at ${hertz(now.frequency)}.`,
       depth: `Depth = c (phase mod 2π) / 4π f, which wraps at c / 2f = ${short(wrapped)} m. ` +
-        "It assumes that light and camera are in one place, and light that comes straight back.",
+        "It assumes that light source and camera coincide, and a single bounce.",
     }[now.phasor];
     const bytes = paintMap(values, { low, high, map, width });
     return { bytes, width, height, says: hertz(now.frequency), assumes, map, low, high, unit };

@@ -1,4 +1,4 @@
-"""The explorer's JavaScript and style, as text: its modules joined to one that imports nothing."""
+"""JavaScript and CSS of the explorer as text, its modules joined to one without imports."""
 
 from __future__ import annotations
 
@@ -7,27 +7,25 @@ from functools import cache
 from pathlib import Path
 
 MODULES = ("recording", "picture", "plot", "parts", "explorer")
-"""In the order of what imports what; only the last one's exports stay."""
+"""In the order of their imports; only the exports of the last one are kept."""
 
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./\w+\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(async )?(class|const|function))", re.MULTILINE)
 
 
 @cache
-def javascript() -> str:
-    """One ES module that exports `mount(element, {header, bytes})`.
-
-    Example:
-        >>> "export function mount(element, data)" in javascript()
-        True
-    """
-    here = Path(__file__).parent
-    texts = [(here / f"{name}.js").read_text(encoding="utf-8") for name in MODULES]
-    bare = [_IMPORT.sub("", text) for text in texts]
-    return "\n".join([*(_EXPORT.sub("", text) for text in bare[:-1]), bare[-1]])
+def text_of(name: str) -> str:
+    """Text of a file below the folder of `tofrender.apps`."""
+    return (Path(__file__).parents[1] / name).read_text(encoding="utf-8")
 
 
 @cache
+def javascript() -> str:
+    """One ES module that exports `mount(element, {header, bytes})`."""
+    *others, last = (_IMPORT.sub("", text_of(f"explorer/{name}.js")) for name in MODULES)
+    return "\n".join([*(_EXPORT.sub("", text) for text in others), last])
+
+
 def style() -> str:
-    """Its style sheet, in which every rule is for what is inside of an explorer."""
-    return (Path(__file__).parent / "explorer.css").read_text(encoding="utf-8")
+    """Its style sheet, whose rules only apply inside of an explorer."""
+    return text_of("explorer/explorer.css")

@@ -7,27 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from ...runtime import checks
 from .contents import contents_of
-from .module import javascript, style
+from .module import javascript, style, text_of
 
 if TYPE_CHECKING:
     import xarray as xr
     from anywidget import AnyWidget
-
-SHOW = """
-const opened = (model) => ({ header: model.get("header"), bytes: model.get("data") });
-
-function render({ model, el }) {
-  const shown = mount(el, opened(model));
-  const again = () => shown.setData(opened(model));
-  model.on("change:header", again);
-  return () => {
-    model.off("change:header", again);
-    shown.destroy();
-  };
-}
-
-export default { render };
-"""
 
 
 def explore(
@@ -40,28 +24,28 @@ def explore(
 ) -> AnyWidget:
     """Explore a transient in a notebook: light in time, pixels' responses, gates, phasors.
 
-    Works in Jupyter, VS Code and Colab. A step in time takes a few milliseconds in the browser,
-    whatever the kernel is doing. Values are kept as one byte on a logarithmic scale; the widget
-    says how right they are, and what was reduced if they would take more than `megabytes`.
+    Works in Jupyter, VS Code and Colab; the browser needs a few milliseconds for a step in time,
+    even if the kernel is busy. Values are stored as one byte on a logarithmic scale; the widget
+    states their precision, and what was reduced if they would take more than `megabytes`.
 
     Args:
-        data: What `render`, `capture`, `strategy_pyramid` or `reconstruct` returns. Error bars
-            are shown where a render has them; a pyramid shows the light by bounces.
+        data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`. Error bars are
+            shown where a render has them; a pyramid shows the light by bounces.
         orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be
             drawn beside the response: `{"1 bounce": render(..., max_depth=2)}`, for example.
-        distance_m: (height, width) [m] from the camera's position to what each pixel of a render
-            sees, as for `unwarp_camera`: time can then be shown without the way to the camera.
-        title: Above everything; by default the scene.
-        megabytes: What the codes may take [1e6 bytes], above 0; all go to the browser at once.
+        distance_m: (height, width) [m] from the camera's position to the surface in each pixel of
+            a render, as for `unwarp_camera`: time can then be shown without the camera segment.
+        title: Title; by default the scene.
+        megabytes: Largest size of the codes [1e6 bytes], above 0; all go to the browser at once.
 
     Returns:
-        A widget, shown by a notebook if it is the last line of a cell. Its trait `header` says
-        what it holds.
+        A widget, shown by a notebook if it is the last line of a cell. Its trait `header`
+        describes the contents.
 
     Raises:
         ValueError: `data` is none of these, or another argument does not fit; one line.
         MemoryError: The codes do not fit into memory.
-        ImportError: anywidget is missing; one line that says how to install it.
+        ImportError: anywidget is missing.
 
     Example:
         >>> import tofrender
@@ -84,9 +68,9 @@ def _widget() -> type[AnyWidget]:
         raise ImportError("anywidget is missing; run: pip install 'tofrender[explore]'") from None
 
     class Explorer(anywidget.AnyWidget):
-        """An explorer of light in time."""
+        """An explorer of transients."""
 
-        _esm = javascript() + SHOW
+        _esm = javascript() + text_of("explorer/notebook.js")
         _css = style()
         header = traitlets.Dict().tag(sync=True)
         data = traitlets.Bytes().tag(sync=True)

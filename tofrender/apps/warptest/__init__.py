@@ -1,12 +1,7 @@
 """The warp tester: warps, shapes and lights to look at, and their chi-square tests.
 
-| module | holds |
-|---|---|
-| `subjects` | what there is to look at |
-| `sources` | this package's functions, and a student's, which run in a process of their own |
-| `probes` | what is asked of that process |
-| `engine` | points, verdicts and figures, without a window |
-| `window`, `plot.js` | the window |
+`subjects` lists them, `sources` has their functions by this package and by a student, which
+`probes` calls in a process of its own; `engine` draws and tests, `window` is the page.
 """
 
 from __future__ import annotations
@@ -19,14 +14,14 @@ __all__ = ["warptest"]
 
 
 def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) -> Any:
-    """The interactive warp tester, for a notebook.
+    """Open the interactive warp tester in a notebook.
 
     It draws warped points and the grid of the unit square, and tests samples against the density.
     A student's module runs in a process of its own, with the judge's protection, and is loaded
     again when its file changes. `tofrender warptest` opens the same in a browser.
 
     Args:
-        subject: What is shown first, a name in `tofrender.apps.warptest.subjects.SUBJECTS`: "tent",
+        subject: First subject, a name in `tofrender.apps.warptest.subjects.SUBJECTS`: "tent",
             "uniform_disk", "uniform_sphere", "uniform_hemisphere", "cosine_hemisphere", "beckmann",
             "hierarchical", "no_op"; "triangle", "sphere_cap"; "quad_light", "triangle_light",
             "sphere_light", "two_lights".
@@ -47,7 +42,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
         >>> type(tester).__name__
         'Row'
     """
-    make = application(subject, module=module, **parameters)
+    make, _ = application(subject, module=module, **parameters)
     import panel as pn
 
     if not pn.extension._loaded:
@@ -55,32 +50,21 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
     return make()
 
 
-def application(subject: str = "tent", *, module: Any = None, **parameters: Any) -> Any:
-    """A function that makes what one reader sees; all share one engine, its attribute `engine`."""
+def application(subject: str = "tent", *, module: Any = None, **parameters: Any) -> tuple[Any, Any]:
+    """A function that makes a reader's page, for `serving.serve`, and the engine of all readers."""
+    import atexit
+
     from ..serving import require_panel
     from .subjects import SUBJECTS
 
-    checks.one_of("subject", subject, SUBJECTS)
-    values = SUBJECTS[subject].values(parameters)
+    values = SUBJECTS[checks.one_of("subject", subject, SUBJECTS)].values(parameters)
+    given = {name: values[name] for name in parameters}
     require_panel()
 
-    import atexit
-
-    from .. import looks
+    from .. import components
     from .engine import Engine
     from .window import Window
 
     engine = Engine(module)
     atexit.register(engine.close)
-
-    def make() -> Any:
-        import panel as pn
-
-        if looks.page_style() not in pn.config.raw_css:
-            pn.config.raw_css = [*pn.config.raw_css, looks.page_style()]
-        return Window(
-            engine, subject, {k: v for k, v in values.items() if k in parameters}
-        ).layout()
-
-    make.engine = engine  # pyright: ignore[reportFunctionMemberAccess]
-    return make
+    return components.application(lambda: Window(engine, subject, given)), engine

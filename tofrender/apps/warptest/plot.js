@@ -1,8 +1,9 @@
 // Points of a warp and the grid that it bends, in the plane or on the sphere.
 //
 // The model has `points` and `lines`, float32 with one coordinate after the other (NaN ends a
-// line), `dimensions`, `view` ("2D" or "3D"), `parts`, `low`, `high`, `labels`, `down`, `upper`,
-// `alt`. Directions in 2D are unrolled: azimuth to the right, cosine of the polar angle upwards.
+// line), `view` ("2D" or "3D"), `parts` (of "points", "grid") and `domain`: `dimensions`, `low`,
+// `high`, `labels`, `down`, `upper_only`, `alt`. Directions in 2D have the azimuth to the right and
+// the cosine of the polar angle upwards.
 
 const TURN = [-0.6, 0.42];
 
@@ -20,8 +21,7 @@ export function render({ model }) {
   const redraw = () => {
     if (!pending) pending = requestAnimationFrame(() => ((pending = 0), draw(canvas, model, turn)));
   };
-  const names = ["points", "lines", "dimensions", "view", "parts", "low", "high", "labels"];
-  for (const name of [...names, "down", "upper", "alt"]) model.on(name, redraw);
+  for (const name of ["points", "lines", "domain", "view", "parts"]) model.on(name, redraw);
   const size = new ResizeObserver(redraw);
   size.observe(root);
   const scheme = matchMedia("(prefers-color-scheme: dark)");
@@ -36,7 +36,7 @@ export function render({ model }) {
     redraw();
   };
   let from = null;
-  const turns = () => model.dimensions === 3 && model.view === "3D";
+  const turns = () => model.domain.dimensions === 3 && model.view === "3D";
   canvas.addEventListener("pointerdown", (event) => {
     if (!turns()) return;
     from = [event.clientX, event.clientY];
@@ -72,13 +72,13 @@ function draw(canvas, model, turn) {
   const c = canvas.getContext("2d");
   c.scale(scale, scale);
   c.font = "12px system-ui, sans-serif";
-  const d = model.dimensions;
+  const d = model.domain.dimensions;
   const points = columns(model.points, d);
   const lines = columns(model.lines, d);
   const shown = { points: model.parts.includes("points"), grid: model.parts.includes("grid") };
   const colours = colours_of(canvas);
   const solid = d === 3 && model.view === "3D";
-  canvas.setAttribute("aria-label", model.alt);
+  canvas.setAttribute("aria-label", model.domain.alt);
   canvas.style.cursor = solid ? "grab" : "default";
   canvas.dataset.count = points[0].length;
   canvas.dataset.view = solid ? "3D" : "2D";
@@ -110,10 +110,10 @@ function radius_of(count) {
 // ---------------------------------------------------------------------------------- the plane
 
 function draw_flat(c, box, model, points, lines, shown, colours) {
-  const unrolled = model.dimensions === 3;
-  const low = unrolled ? [-Math.PI, model.upper ? 0 : -1] : model.low;
-  const high = unrolled ? [Math.PI, 1] : model.high;
-  const labels = unrolled ? ["φ [rad]", "cos θ"] : model.labels;
+  const unrolled = model.domain.dimensions === 3;
+  const low = unrolled ? [-Math.PI, model.domain.upper_only ? 0 : -1] : model.domain.low;
+  const high = unrolled ? [Math.PI, 1] : model.domain.high;
+  const labels = unrolled ? ["φ [rad]", "cos θ"] : model.domain.labels;
   let [left, top, width, height] = [58, 14, box.width - 74, box.height - 62];
   if (!unrolled) {
     const side = Math.min(width, height);
@@ -122,7 +122,7 @@ function draw_flat(c, box, model, points, lines, shown, colours) {
   }
   const x_of = (x) => left + (width * (x - low[0])) / (high[0] - low[0]);
   const up = (y) => (y - low[1]) / (high[1] - low[1]);
-  const y_of = (y) => top + height * (model.down ? up(y) : 1 - up(y));
+  const y_of = (y) => top + height * (model.domain.down ? up(y) : 1 - up(y));
 
   c.strokeStyle = colours.soft;
   c.lineWidth = 1;
@@ -186,7 +186,7 @@ function tick(c, x, y, dx, dy) {
 
 function draw_solid(c, box, model, [azimuth, elevation], points, lines, shown, colours) {
   const R = 0.5 * Math.min(box.width, box.height) - 34;
-  const lift = model.upper ? 0.3 * R * Math.cos(elevation) : 0;
+  const lift = model.domain.upper_only ? 0.3 * R * Math.cos(elevation) : 0;
   const [cx, cy] = [box.width / 2, box.height / 2 + lift];
   const [ca, sa, ce, se] = [azimuth, elevation].flatMap((a) => [Math.cos(a), Math.sin(a)]);
   // x to the right, y away, z up, seen from the front and above
@@ -208,7 +208,7 @@ function draw_solid(c, box, model, [azimuth, elevation], points, lines, shown, c
     path(c, back, colours.soft, 1);
     c.setLineDash([]);
   };
-  if (!model.upper) {
+  if (!model.domain.upper_only) {
     c.beginPath();
     c.arc(cx, cy, R, 0, 2 * Math.PI);
     c.strokeStyle = colours.soft;

@@ -1,6 +1,6 @@
-"""What the warp tester asks of a student's module; these functions run in the module's process.
+"""Calls of a student's functions for the warp tester, in the process of the student's module.
 
-Points cross as arrays of shape (dimensions, n).
+Points are exchanged as arrays of shape (dimensions, n).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ KINDS = {2: "mi.Point2f", 3: "mi.Vector3f"}
 
 
 def sample(theirs: Any, subject: str, values: dict[str, Any], numbers: np.ndarray) -> list[Any]:
-    """Warped points of the unit square's; of a light also which are valid, and their densities."""
+    """Warped points; of a light also which are valid, and their densities."""
     given = SUBJECTS[subject]
-    result: Any = _made(theirs, subject, values)[0](mi.Point2f(np.ascontiguousarray(numbers)))
+    result: Any = _functions(theirs, subject, values)[0](mi.Point2f(np.ascontiguousarray(numbers)))
     points: Any
     points, *more = result if isinstance(result, tuple) and result else (result,)
     size = given.dimensions
     if not dr.is_array_v(points) or dr.depth_v(points) != 2 or dr.size_v(points) != size:
-        came = type(points).__name__
-        raise TypeError(f"{given.names[0]} returns a value of type {came}; must be {KINDS[size]}")
+        kind = type(points).__name__
+        raise TypeError(f"{given.names[0]} returns a value of type {kind}; must be {KINDS[size]}")
     dr.eval(points, more)
     return [np.array(points.numpy()), *(np.array(mi.Float(each)) for each in more)]
 
@@ -34,7 +34,7 @@ def density(theirs: Any, subject: str, values: dict[str, Any], points: np.ndarra
     """Density at points."""
     given = SUBJECTS[subject]
     kind: Any = mi.Point2f if given.dimensions == 2 else mi.Vector3f
-    value = _made(theirs, subject, values)[1](kind(np.ascontiguousarray(points)))
+    value = _functions(theirs, subject, values)[1](kind(np.ascontiguousarray(points)))
     is_number = isinstance(value, int | float) or (dr.is_array_v(value) and dr.depth_v(value) == 1)
     if not is_number or dr.is_mask_v(value):
         first, *second = given.names
@@ -46,11 +46,11 @@ def density(theirs: Any, subject: str, values: dict[str, Any], points: np.ndarra
 _last: list[tuple[Any, Functions]] = []
 
 
-def _made(theirs: Any, subject: str, values: dict[str, Any]) -> Functions:
-    """The functions, made anew only when something else is asked for."""
+def _functions(theirs: Any, subject: str, values: dict[str, Any]) -> Functions:
+    """Sampler and density, made anew only for another subject or other parameters."""
     key = (subject, {k: np.asarray(v).tobytes() for k, v in values.items()})
     if not _last or _last[0][0] != key:
         _last[:] = [(key, SUBJECTS[subject].make(lambda name: getattr(theirs, name), **values))]
     for name in SUBJECTS[subject].names:
-        getattr(theirs, name)  # it tells who was asked for
+        getattr(theirs, name)  # The judge notes which names are used
     return _last[0][1]

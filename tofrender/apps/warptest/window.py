@@ -1,10 +1,11 @@
-"""The window of the warp tester."""
+"""The page of the warp tester."""
 
 from __future__ import annotations
 
 import html
 import io
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,123 +13,108 @@ import numpy as np
 import panel as pn
 import param
 
+from ...runtime import checks
+from ...sampling.domains import find
 from ...sampling.verdicts import Verdict
-from .. import looks
-from ..redrawing import Redrawing
+from .. import components
+from ..components import CONTROLS_WIDTH, Canvas, Page, control
+from ..explorer.module import text_of
 from . import engine
 from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, TROUBLE, Drawn, Engine
-from .subjects import SUBJECTS, Parameter
+from .subjects import SUBJECTS, Parameter, Subject, density_of
 
 COUNTS = [1 << k for k in range(17)]
 SAMPLES = {"10 000": 10_000, "100 000": 100_000, "1 000 000": 1_000_000, "4 000 000": 4_000_000}
-SIDE = 264
-"""Width of the controls [px]."""
 
 HEAD = """<h1>Warp tester</h1>
 <p class="quiet">Points of the unit square, warped; and a χ² test of the warp
 against its density.</p>"""
+RULE = "<hr style='border: 0; border-top: 1px solid var(--tf-line)'>"
 
-WAITING = looks.box("", "Not tested yet", "The test takes points of its own, whichever are drawn.")
-CHANGED = looks.box("", "The file has changed", "Its points are drawn anew; run the test again.")
+UNTESTED = components.box(
+    "", "Not tested yet", "The test draws its own samples, whichever points are shown."
+)
+CHANGED = components.box("", "The file has changed", "Its points are redrawn; run the test again.")
 
 
-class Plot(pn.custom.JSComponent):
-    """The canvas of points and grid; `plot.js` says what each parameter is."""
+class Plot(Canvas):
+    """The canvas of points and grid; `plot.js` describes the parameters."""
 
-    ready = param.Integer(default=0)
     points = param.Bytes(default=b"")
     lines = param.Bytes(default=b"")
-    dimensions = param.Integer(default=2)
+    domain = param.Dict(
+        default={"dimensions": 2, "low": [0, 0], "high": [1, 1], "labels": ["", ""]}
+    )
     view = param.String(default="2D")
     parts = param.List(default=["points", "grid"])
-    low = param.List(default=[0.0, 0.0])
-    high = param.List(default=[1.0, 1.0])
-    labels = param.List(default=["x", "y"])
-    down = param.Boolean(default=False)
-    upper = param.Boolean(default=False)
-    alt = param.String(default="")
-
-    _esm = Path(__file__).with_name("plot.js").read_text(encoding="utf-8")
+    _esm = text_of("warptest/plot.js")
 
 
-class Window:
-    """What one reader sees.
+class Window(Page):
+    """The page of one reader, beginning with a subject and its given parameters."""
 
-    Args:
-        given: The engine, which all readers share.
-        subject: What is shown first.
-        values: Its parameters, where they are not the defaults.
-    """
-
-    def __init__(self, given: Engine, subject: str, values: dict[str, Any]) -> None:
-        self.engine = given
-        self.given = dict(values)
+    def __init__(self, shared: Engine, subject: str, given: dict[str, Any]) -> None:
+        super().__init__(shared.executor)
+        self.engine, self.given = shared, dict(given)
         self.verdict: Verdict | None = None
         self.drawn: Drawn | None = None
-        self._quiet, self._drawing = False, Redrawing(self._draw)
+        self._setting_controls = False
         self._make_controls(subject)
-        self.plot = Plot(sizing_mode="stretch_width", height=355)
-        self.about = looks.text(sizing_mode="stretch_width", margin=(0, 6))
-        self.trouble = looks.text(sizing_mode="stretch_width", visible=False, margin=(0, 6, 8, 6))
-        self.said = looks.text(WAITING, sizing_mode="stretch_width", margin=(0, 6))
-        self.panels = looks.text(sizing_mode="stretch_width", margin=(4, 6))
-
-    # ------------------------------------------------------------------------------ controls
+        wide = {"sizing_mode": "stretch_width"}
+        self.plot = Plot(height=355, view=self.view, parts=self.show, **wide)
+        self.about = components.text(margin=(0, 6), **wide)
+        self.error = components.text(visible=False, margin=(0, 6, 8, 6), **wide)
+        self.message = components.text(UNTESTED, margin=(0, 6), **wide)
+        self.panels = components.text(margin=(4, 6), **wide)
+        self._watch_controls()
 
     def _make_controls(self, subject: str) -> None:
-        style = {"stylesheets": [looks.controls_style()], "width": SIDE, "margin": (3, 6)}
-        sources = {"This package": LIBRARY}
-        if self.engine.module is not None:
-            sources = {f"Yours: {self.engine.module.path.name}": MODULE} | sources
-        whose = MODULE if self.engine.module is not None else LIBRARY
-        self.source = pn.widgets.Select(label="Whose", options=sources, value=whose, **style)
-        self.subject = pn.widgets.Select(label="Distribution", **style)
-        self._offer(subject)
-        self.number = pn.widgets.FloatInput(label="", value=0.5, **style)
-        self.slider = pn.widgets.FloatSlider(
-            start=0, end=1, value=0.5, show_value=False, label="", **style
-        )
-        self.image = pn.widgets.FileInput(accept=".exr,.png,.jpg", **style)
-        self.example = pn.widgets.Button(label="2 × 2 example", **style)
-        self.kind = pn.widgets.Select(label="Point set", options=[*POINT_SETS], **style)
-        self.count = pn.widgets.DiscreteSlider(label="Points", options=COUNTS, value=1024, **style)
-        self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, end=(1 << 32) - 1, **style)
-        self.show = pn.widgets.CheckButtonGroup(
-            label="Show", options=["points", "grid"], value=["points", "grid"], **style
-        )
-        self.view = pn.widgets.RadioButtonGroup(label="View", options=["3D", "2D"], **style)
-        self.samples = pn.widgets.Select(
-            label="Samples of the test", options=SAMPLES, value=1_000_000, **style
-        )
-        self.test = pn.widgets.Button(label="Run the χ² test", color="primary", **style)
-        self.format = pn.widgets.Select(
-            label="Figure", options=["png", "pdf", "svg"], **(style | {"width": 84})
-        )
-        self.save = pn.widgets.FileDownload(
+        make = partial(control, margin=(3, 6))
+        names, module = {"This package": LIBRARY}, self.engine.module
+        if module is not None:
+            names = {f"Yours: {module.path.name}": MODULE} | names
+        self.source = make("Select", "Whose", options=names, value=next(iter(names.values())))
+        self.subject = make("Select", "Distribution")
+        self._list_subjects(subject)
+        self.number = make("FloatInput", "", value=0.5)
+        self.slider = make("FloatSlider", "", start=0, end=1, value=0.5, show_value=False)
+        self.image = make("FileInput", "", accept=".exr,.png,.jpg")
+        self.example = make("Button", "2 × 2 example")
+        self.kind = make("Select", "Point set", options=[*POINT_SETS])
+        self.count = make("DiscreteSlider", "Points", options=COUNTS, value=1024)
+        self.seed = make("IntInput", "Seed", value=0, start=0, end=checks.MAX_SEED)
+        parts = ["points", "grid"]
+        self.show = make("CheckButtonGroup", "Show", options=parts, value=parts)
+        self.view = make("RadioButtonGroup", "View", options=["3D", "2D"])
+        self.samples = make("Select", "Samples of the test", options=SAMPLES, value=1_000_000)
+        self.test = make("Button", "Run the χ² test", color="primary")
+        self.format = make("Select", "Figure", options=["png", "pdf", "svg"], width=84)
+        self.save = control(
+            *("FileDownload", "Save the figure"),
             callback=self._figure,
-            filename="warp.png",
-            label="Save the figure",
+            filename=pn.bind("warp.{}".format, self.format),
             disabled=True,
-            **(style | {"width": SIDE - 96, "margin": (25, 6, 3, 6)}),
+            width=CONTROLS_WIDTH - 96,
+            margin=(25, 6, 3, 6),
         )
+
+    def _watch_controls(self) -> None:
         for each in (self.kind, self.count, self.seed, self.number):
-            each.param.watch(self._redraw, "value")
+            each.param.watch(self.redraw, "value")
         self.slider.param.watch(self._slide, "value")
         self.source.param.watch(self._choose_source, "value")
-        self.subject.param.watch(self._choose, "value")
+        self.subject.param.watch(self._choose_subject, "value")
         self.image.param.watch(self._read_image, "value")
         self.example.on_click(self._use_example)
-        self.show.param.watch(self._view, "value")
-        self.view.param.watch(self._view, "value")
-        self.samples.param.watch(self._forget, "value")
+        self.view.param.watch(self._describe, "value")
+        self.samples.param.watch(self._discard_verdict, "value")
         self.test.on_click(self._test)
-        self.format.param.watch(self._name_figure, "value")
+        self.plot.param.watch(self.redraw, "ready")
 
-    def _offer(self, wanted: str) -> None:
-        """List what the source has; in the library nothing is hidden, so that one reads why not."""
-        names = self.engine.names(self.source.value)
-        if self.source.value == LIBRARY:
-            names = list(SUBJECTS)
+    def _list_subjects(self, wanted: str) -> None:
+        """List the subjects of the source; of the library also those that it withholds."""
+        library = self.source.value == LIBRARY
+        names = list(SUBJECTS) if library else self.engine.sources[MODULE].names()
         groups: dict[str, dict[str, str]] = {}
         for name in names:
             groups.setdefault(SUBJECTS[name].group, {})[SUBJECTS[name].title] = name
@@ -136,239 +122,196 @@ class Window:
         self.subject.value = wanted if wanted in names else names[0]
 
     @property
+    def chosen(self) -> Subject:
+        """The chosen subject."""
+        return SUBJECTS[self.subject.value]
+
+    @property
     def parameter(self) -> Parameter | None:
         """The number that the subject takes."""
-        parameters = SUBJECTS[self.subject.value].parameters
-        return parameters[0] if parameters else None
+        return next(iter(self.chosen.parameters), None)
 
     def _show_parameters(self) -> None:
         """Set the controls for the subject."""
-        subject, parameter = SUBJECTS[self.subject.value], self.parameter
+        parameter = self.parameter
         self.number.visible = self.slider.visible = parameter is not None
-        self.image.visible = self.example.visible = subject.takes_image
-        self.view.visible = subject.dimensions == 3
-        if parameter is not None:
-            low, high = parameter.bounds
-            value = float(self.given.get(parameter.name, parameter.default))
-            self._quiet = True
-            self.number.param.update(label=parameter.label, start=None, end=None)
-            self.number.param.update(start=low, end=high, step=parameter.step, value=value)
-            near = min(max(value, parameter.low), parameter.high)
-            self.slider.param.update(
-                start=parameter.low, end=parameter.high, step=parameter.step, value=near
-            )
-            self._quiet = False
+        self.image.visible = self.example.visible = self.chosen.takes_image
+        self.view.visible = self.chosen.dimensions == 3
+        if parameter is None:
+            return
+        low, high = parameter.bounds or (parameter.low, parameter.high)
+        value = float(self.given.get(parameter.name, parameter.default))
+        near = min(max(value, parameter.low), parameter.high)
+        self._setting_controls = True
+        self.number.param.update(label=parameter.label, start=None, end=None)
+        self.number.param.update(start=low, end=high, step=parameter.step, value=value)
+        self.slider.param.update(
+            start=parameter.low, end=parameter.high, step=parameter.step, value=near
+        )
+        self._setting_controls = False
 
     def values(self) -> dict[str, Any]:
-        """The parameters as the controls have them."""
+        """Parameters as the controls have them."""
         parameter = self.parameter
         if parameter is not None:
             value = self.number.value
             return {parameter.name: parameter.default if value is None else value}
-        if SUBJECTS[self.subject.value].takes_image and "image" in self.given:
-            return {"image": self.given["image"]}
-        return {}
-
-    # -------------------------------------------------------------------------------- events
+        image = self.chosen.takes_image and "image" in self.given
+        return {"image": self.given["image"]} if image else {}
 
     async def _choose_source(self, _: Any) -> None:
-        before = self.subject.value
-        self._offer(before)
-        if self.subject.value == before:
-            await self._choose(None)
+        self._list_subjects(self.subject.value)
+        await self._choose_subject()
 
-    async def _choose(self, _: Any) -> None:
+    async def _choose_subject(self, *_: Any) -> None:
         self._show_parameters()
-        await self._redraw(None)
+        await self.redraw()
 
     def _slide(self, event: Any) -> None:
-        if not self._quiet:
+        if not self._setting_controls:
             self.number.value = event.new
 
     async def _use_example(self, _: Any) -> None:
         self.given.pop("image", None)
-        await self._redraw(None)
+        await self.redraw()
 
     async def _read_image(self, event: Any) -> None:
-        """A picture that the reader has chosen."""
         if not event.new:
             return
         name = str(self.image.filename)
         try:
-            self.given["image"] = await self.engine.call(_image_of, event.new, name)
+            self.given["image"] = await self.run(_density_of_file, event.new, name)
         except TROUBLE as error:
-            self._say_trouble(f"{name} cannot be used", error)
+            self._show_error(f"{name} cannot be used", error)
             return
-        await self._redraw(None)
+        await self.redraw()
 
-    async def _redraw(self, _: Any) -> None:
-        """Draw points of what is chosen now."""
-        if not self._quiet:
-            self._forget(None)
-            await self._drawing()
+    async def check_files(self) -> None:
+        """Redraw if the student has saved a file."""
+        module = self.engine.module
+        if module is not None and await self.run(module.refresh):
+            self._list_subjects(self.subject.value)
+            await self.redraw()
+            self.message.object = CHANGED
 
-    async def _draw(self) -> None:
+    async def redraw(self, *events: Any) -> None:
+        """Draw points of the current choice, which is not tested yet."""
+        if not self._setting_controls:
+            self._discard_verdict()
+            await super().redraw(*events)
+
+    async def draw(self) -> None:
+        """Warp points and grid, and hand them to the canvas."""
         source, name, values = self.source.value, self.subject.value, self.values()
-        kind, count, seed = self.kind.value, self.count.value, self.seed.value or 0
-        subject = SUBJECTS[name]
+        points, subject = (self.kind.value, self.count.value, self.seed.value or 0), self.chosen
 
         def work() -> Drawn:
-            return engine.draw(self.engine.case(source, name, values), kind, count, seed)
+            return engine.draw(self.engine.sources[source].case(name, values), *points)
 
         try:
-            self.drawn = await self.engine.call(work)
+            self.drawn = shown = await self.run(work)
+            self.error.visible = False
         except TROUBLE as error:
-            self.drawn = None
-            self._say_trouble(self._failed(), error)
-            empty = np.zeros((subject.dimensions, 0), np.float32)
-            self._send(Drawn(empty, empty))
-            return
-        self.trouble.visible = False
-        self._send(self.drawn)
-
-    def _failed(self) -> str:
-        """The head of what is said of a failure."""
-        module = self.engine.module if self.source.value == MODULE else None
-        file = "" if module is None else module.file_of(self.subject.value)
-        return f"{SUBJECTS[self.subject.value].title}: {file or 'this package'} gives no points"
-
-    def _send(self, drawn: Drawn) -> None:
-        """Hand points to the canvas."""
-        from ...sampling.domains import find
-
-        subject = SUBJECTS[self.subject.value]
+            module = self.engine.module if source == MODULE else None
+            whose = (module and module.file_of(name)) or "this package"
+            self._show_error(f"{subject.title}: {whose} gives no points", error)
+            self.drawn, shown = None, Drawn(*[np.zeros((subject.dimensions, 0), np.float32)] * 2)
         domain = find(subject.domain)
-        what = f"{drawn.points.shape[1]} points of {subject.title} and the grid of the unit square"
+        alt = f"{shown.points.shape[1]} points of {subject.title} and the grid of the unit square"
+        names = ("dimensions", "low", "high", "labels", "down", "upper_only")
         self.plot.param.update(
-            points=np.ascontiguousarray(drawn.points).tobytes(),
-            lines=np.ascontiguousarray(drawn.lines).tobytes(),
-            dimensions=subject.dimensions,
-            view=self.view.value,
-            parts=list(self.show.value),
-            low=list(domain.low),
-            high=list(domain.high),
-            labels=list(domain.labels),
-            down=domain.down,
-            upper=domain.upper_only,
-            alt=what,
+            points=np.ascontiguousarray(shown.points).tobytes(),
+            lines=np.ascontiguousarray(shown.lines).tobytes(),
+            domain={name: getattr(domain, name) for name in names} | {"alt": alt},
         )
-        turn = " · drag to turn" if subject.dimensions == 3 and self.view.value == "3D" else ""
-        density = html.escape(subject.density)
-        title = html.escape(subject.title)
-        self.about.object = f'<h2>{title}</h2><p class="quiet">{density}{turn}</p>'
+        self._describe()
 
-    def _view(self, _: Any) -> None:
-        self.plot.param.update(view=self.view.value, parts=list(self.show.value))
+    def _describe(self, *_: Any) -> None:
+        is_3d = self.chosen.dimensions == 3 and self.view.value == "3D"
+        density = html.escape(self.chosen.density) + " · drag to turn" * is_3d
+        title = html.escape(self.chosen.title)
+        self.about.object = f'<h2>{title}</h2><p class="quiet">{density}</p>'
 
-    def _say_trouble(self, title: str, error: BaseException) -> None:
-        self.trouble.object = looks.trouble(title, error)
-        self.trouble.visible = True
+    def _show_error(self, title: str, error: BaseException) -> None:
+        self.error.param.update(object=components.error_box(title, error), visible=True)
 
-    # -------------------------------------------------------------------------------- the test
-
-    def _forget(self, _: Any) -> None:
-        """A verdict belongs to what was tested, so it goes when that changes."""
+    def _discard_verdict(self, *_: Any) -> None:
+        """Remove the verdict when the tested choice changes."""
         self.verdict = None
         self.save.disabled = True
         self.panels.object = ""
-        self.said.object = WAITING
+        self.message.object = UNTESTED
+
+    def _choice(self) -> tuple[str, str, dict[str, Any], int, int]:
+        return (
+            *(self.source.value, self.subject.value, self.values()),
+            *(self.samples.value, self.seed.value or 0),
+        )
 
     async def _test(self, _: Any) -> None:
-        source, name, values = self.source.value, self.subject.value, self.values()
-        samples, seed = self.samples.value, self.seed.value or 0
-        self._forget(None)
-        self.said.object = looks.box("", "Testing …")
+        choice = source, name, values, samples, seed = self._choice()
+        self._discard_verdict()
+        self.message.object = components.box("", "Testing …")
         self.test.disabled = True
 
         def work() -> tuple[Verdict, str]:
-            case = self.engine.case(source, name, values)
+            case = self.engine.sources[source].case(name, values)
             verdict = case.test(samples=samples, seed=seed)
             return verdict, engine.panels(verdict)
 
         try:
-            verdict, drawn = await self.engine.call(work)
+            verdict, panels = await self.run(work)
         except TROUBLE as error:
-            title = SUBJECTS[name].title
-            self.said.object = looks.trouble(f"{title}: the test could not be run", error)
+            title = f"{SUBJECTS[name].title}: the test could not be run"
+            self.message.object = components.error_box(title, error)
             return
         finally:
             self.test.disabled = False
-        now = (self.source.value, self.subject.value, self.samples.value, self.seed.value or 0)
-        if now != (source, name, samples, seed) or repr(self.values()) != repr(values):
-            self._forget(None)
+        if repr(self._choice()) != repr(choice):
+            self._discard_verdict()
             return
         self.verdict = verdict
-        self.said.object = described(verdict, samples)
-        self.panels.object = drawn
+        self.message.object = verdict_box(verdict, samples)
+        self.panels.object = panels
         self.save.disabled = self.drawn is None
 
     def _figure(self) -> io.BytesIO:
-        """The file that "Save the figure" hands out."""
         assert self.drawn is not None
         assert self.verdict is not None
         title = f"{self.drawn.points.shape[1]} {self.kind.value} points"
         return io.BytesIO(engine.save(self.drawn, self.verdict, title, self.format.value))
 
-    def _name_figure(self, _: Any) -> None:
-        self.save.filename = f"warp.{self.format.value}"
-
-    async def look_again(self) -> None:
-        """Draw anew when the student has saved a file."""
-        if await self.engine.call(self.engine.has_changed):
-            self._offer(self.subject.value)
-            await self._redraw(None)
-            self.said.object = CHANGED
-
-    # ------------------------------------------------------------------------------ the layout
-
     def layout(self) -> Any:
-        """All of it."""
+        """Controls on the left; plot, verdict and densities on the right."""
         self._show_parameters()
-        self.plot.param.watch(self._redraw, "ready")
-        if self.engine.module is not None:
-            watch: Any = self.look_again
-            pn.state.add_periodic_callback(watch, period=1000)
-        mark = looks.text
-        figure = pn.Row(self.format, self.save, width=SIDE + 12, margin=0)
+        has_module = self.engine.module is not None
+        if has_module:
+            check: Any = self.check_files
+            pn.state.add_periodic_callback(check, period=1000)
         controls = pn.Column(
-            looks.text(HEAD, width=SIDE, margin=(8, 6, 6, 6)),
-            *([self.source] if self.engine.module is not None else []),
-            self.subject,
-            self.number,
-            self.slider,
-            self.image,
-            self.example,
-            self.kind,
-            self.count,
-            self.seed,
-            self.view,
-            self.show,
-            mark("<hr style='border: 0; border-top: 1px solid var(--tf-line)'>", width=SIDE),
-            self.samples,
-            self.test,
-            figure,
-            width=SIDE + 12,
+            components.text(HEAD, width=CONTROLS_WIDTH, margin=(8, 6, 6, 6)),
+            *[self.source] * has_module,
+            *(self.subject, self.number, self.slider, self.image, self.example),
+            *(self.kind, self.count, self.seed, self.view, self.show),
+            components.text(RULE, width=CONTROLS_WIDTH),
+            *(self.samples, self.test),
+            pn.Row(self.format, self.save, width=CONTROLS_WIDTH + 12, margin=0),
+            width=CONTROLS_WIDTH + 12,
             margin=(0, 12, 0, 8),
         )
-        half = {
-            "sizing_mode": "stretch_width",
-            "styles": {"flex": "1 1 330px", "min-width": "300px"},
-        }
+        half: dict[str, Any] = {"sizing_mode": "stretch_width"}
+        half["styles"] = {"flex": "1 1 330px", "min-width": "300px"}
+        note = components.text(f'<p class="quiet">{html.escape(NO_PROOF)}</p>', margin=(8, 10))
         left = pn.Column(self.about, self.plot, **half)
-        right = pn.Column(
-            self.trouble,
-            self.said,
-            looks.text(f'<p class="quiet">{html.escape(NO_PROOF)}</p>', margin=(8, 10)),
-            **half,
-        )
+        right = pn.Column(self.error, self.message, note, **half)
         wide = {"sizing_mode": "stretch_width", "min_width": 330}
         top = pn.Row(left, right, styles={"flex-wrap": "wrap"}, **wide)
         main = pn.Column(top, self.panels, margin=(10, 10, 0, 0), **wide)
         return pn.Row(controls, main, sizing_mode="stretch_width")
 
 
-def described(verdict: Verdict, samples: int) -> str:
-    """A verdict in words and numbers."""
+def verdict_box(verdict: Verdict, samples: int) -> str:
+    """HTML of a verdict in words and numbers."""
     title = f"{verdict.name}: " + ("passed" if verdict.passed else "FAILED")
     worst = max(verdict.moments, key=lambda moment: abs(moment.z))
     rows = {
@@ -378,20 +321,17 @@ def described(verdict: Verdict, samples: int) -> str:
         "samples": f"{samples}, valid {verdict.valid:.5f}",
         "worst moment": f"{worst.name}: {worst.z:+.1f} standard errors",
     }
-    items = "".join(f"<dt>{key}</dt><dd>{html.escape(value)}</dd>" for key, value in rows.items())
     reason = f"<p>{html.escape(verdict.reason)}</p>" if verdict.reason else ""
-    return looks.box("good" if verdict.passed else "bad", title, f"{reason}<dl>{items}</dl>")
+    kind = "good" if verdict.passed else "bad"
+    return components.box(kind, title, reason + components.table(rows))
 
 
-def _image_of(content: bytes, name: str) -> np.ndarray:
-    """The density of a file that came over the wire."""
-    from .subjects import density_of
-
+def _density_of_file(content: bytes, name: str) -> np.ndarray:
+    """Density of an uploaded image."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"image{Path(name).suffix.lower()}"
         path.write_bytes(content)
         try:
             return density_of(path)
         except (ValueError, FileNotFoundError) as error:
-            said = str(error).replace(str(path), name)
-            raise ValueError(said) from None
+            raise ValueError(str(error).replace(str(path), name)) from None

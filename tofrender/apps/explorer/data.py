@@ -1,0 +1,248 @@
+"""Data of an explorer from Datasets: renders, captures, strategies, reconstructions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...nlos.captures import ON_WALL, check_capture
+from ...nlos.reconstruction.depths import check_volume, depth_map
+from ...rendering.cubes import Cube
+from ...rendering.dataset import QUANTITIES, time_axis
+from ...runtime import checks
+from ...signals.units import ns_to_opl
+from ...vis.transient import Transient, typeset
+from ...vis.unwarp import checked_distances
+from .compression import Mode
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns"}
+
+FACTS = {
+    "mode": "Mode",
+    "method": "Method",
+    "spp": "Samples per pixel",
+    "integrator": "Integrator",
+    "pulse": "Pulse",
+    "max_depth": "Longest path [segments]",
+    "sampler": "Sampler",
+    "seed": "Seed",
+    "variant": "Variant",
+    "render_seconds": "Rendered in [s]",
+    "energy_outside_window": "Light outside of the bins [fraction]",
+    "versions": "Versions",
+}
+"""Labels of attributes that are shown."""
+
+
+@dataclass
+class ExplorerData:
+    """A cube of light with everything that an explorer shows of it."""
+
+    header: dict[str, Any]  # "kind", "quantity", "depth" (when half a length is one), "geometry"
+    light: Cube  # (..., y, x, bins, channels); leading axes are laser spots
+    mode: Mode  # How bins are joined
+    axis: dict[str, Any]  # "start" and "width" of bins [m], label ("what")
+    arrays: dict[str, np.ndarray]  # "peaks" of each pixel [m]; "distance", "points", "hatch"
+    layers: dict[str, tuple[Cube, Mode]] = field(default_factory=dict)  # Other cubes
+    first: tuple[int, int] = (0, 0)  # Column and row of the first pixel
+    notes: list[str] = field(default_factory=list)  # Sentences for the reader
+
+
+def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
+    """Take a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`."""
+    import xarray as xr
+
+    if not isinstance(data, xr.Dataset):
+        raise ValueError(f"data = {checks.shown(data)}: must be an xarray.Dataset")
+    kind = "volume" if "intensity" in data else "capture" if "sensor_grid" in data else "transient"
+    for name, value in (("orders", orders), ("distance_m", distance_m)):
+        if value is not None and kind != "transient":
+            raise ValueError(f"{name}: must be None, as data is a {kind}")
+    if kind == "volume":
+        return _volume(data)
+    if kind == "capture":
+        return _capture(data)
+    if "strategy" in data.dims:
+        data, own = _strategies(data)
+        orders = own if orders is None else orders
+    return _transient(data, _orders(orders, data), distance_m)
+
+
+def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
+    """Size and attributes as labels and texts."""
+    kind = found.header["kind"]
+    *spots, height, width, bins, _ = found.light.shape
+    unit = f"{'voxels' if kind == 'volume' else 'bins'} of {1000 * found.axis['width']:.4g} mm"
+    size = f"{width} × {height} {PIXELS[kind]}, {bins} {unit}"
+    if spots:
+        size += f", {math.prod(spots)} laser spots"
+    values = {label: data.attrs[name] for name, label in FACTS.items() if name in data.attrs}
+    texts = ((k, f"{v:.4g}" if isinstance(v, float) else str(v)) for k, v in values.items())
+    return [("Size", size), *texts]
+
+
+def _quantity(attrs: Mapping[str, Any]) -> str:
+    return f"{attrs['quantity']} [{typeset(str(attrs['units']))}]"
+
+
+def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> ExplorerData:
+    seen = Transient.of(data)
+    unwarped = bool(data.attrs.get("camera_unwarp"))
+    per_metre = data.attrs["quantity"] == "radiance per metre"
+    mode: Mode = "mean" if per_metre else "sum"
+    what = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
+    condition = "a flash at the camera, and a single bounce"
+    found = ExplorerData(
+        {
+            "kind": "transient",
+            "quantity": _quantity(data.attrs),
+            "perMetre": per_metre,
+            "depth": "" if unwarped else condition,
+        },
+        seen.values,
+        mode,
+        {"start": seen.start_opl, "width": seen.bin_width_opl, "what": what},
+        {"peaks": ns_to_opl(seen.brightest()[1])[None]},
+        first=(seen.x0, seen.y0),
+    )
+    unknown = np.zeros(seen.size, bool)
+    for (rows, columns, *_), values in seen.values.pieces():
+        if not np.isfinite(values.sum()):
+            unknown[rows, columns] |= ~np.isfinite(values).all(axis=(2, 3))
+    if unknown.any():
+        found.arrays["hatch"] = unknown
+    if "transient_error" in data:
+        errors = Cube.of("data: transient_error", data["transient_error"])
+        found.layers["errors"] = errors, "mean error" if per_metre else "error"
+    found.layers |= {f"order {name}": (cube, mode) for name, cube in orders.items()}
+    if "steady" in data:
+        steady = Cube.of("data: steady", data["steady"])
+        if steady.shape != (*seen.size, seen.values.shape[3]):
+            raise ValueError(f"data: steady with shape {steady.shape}: must be as transient has it")
+        found.layers["steady"] = steady.view(np.s_[:, :, None, :]), "mean"
+    if distance_m is not None:
+        if unwarped:
+            raise ValueError("distance_m: must be None, as data is unwarped already")
+        found.arrays["distance"] = _distances(distance_m, seen.size, found.notes)
+    return found
+
+
+def _capture(data: xr.Dataset) -> ExplorerData:
+    check_capture(data)
+    light = Cube.of("data: transient", data["transient"])
+    start, width = time_axis(data)
+    grid = data["sensor_grid"].values.astype(np.float64)
+    mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
+    views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
+    geometry: dict[str, Any] = {"mode": mode}
+    if mode != "confocal":
+        geometry["lasers"] = _in_grid(data["laser_grid"].values.reshape(-1, 3), grid)
+    arrays = {"peaks": np.stack([ns_to_opl(view.brightest()[1]) for view in views])}
+    arrays["points"] = grid
+    if ON_WALL in data:
+        arrays["hatch"] = ~data[ON_WALL].values
+    is_confocal = mode == "confocal" and not legs
+    depth = "a single bounce in the hidden scene, back to the laser spot" * is_confocal
+    ends = "laser to wall and wall to sensor included" if legs else "from the wall to the wall"
+    return ExplorerData(
+        {
+            "kind": "capture",
+            "quantity": _quantity(data.attrs),
+            "depth": depth,
+            "geometry": geometry,
+        },
+        light,
+        "sum",
+        {"start": start, "width": width, "what": f"optical path length, {ends}"},
+        arrays,
+        first=(int(data["x"].values[0]), int(data["y"].values[0])),
+    )
+
+
+def _volume(data: xr.Dataset) -> ExplorerData:
+    values = check_volume(data)
+    start, step = _axis(data, "z")
+    sides = {axis: _axis(data, axis) for axis in "xy"}
+    rows = slice(None)
+    if not ("frame_axes" in data and float(data["frame_axes"].values[1, 1]) < 0):
+        # The first row of a picture is on top
+        rows, (low, size) = slice(None, None, -1), sides["y"]
+        sides["y"] = low + size * values.shape[1], -size
+    quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
+    return ExplorerData(
+        {"kind": "volume", "quantity": quantity, "geometry": dict(sides)},
+        Cube(np.moveaxis(values, 0, -1)[rows, ..., None]),
+        "mean",
+        {"start": start, "width": step, "what": "distance from the wall"},
+        {"peaks": depth_map(data).values[None, rows]},
+    )
+
+
+def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
+    """Light of all strategies of a pyramid, and of each number of bounces."""
+    if "weighting" not in data.dims or not {"s", "t"} <= set(data.coords):
+        raise ValueError("data with strategies: must be a result of strategy_pyramid")
+    weighted = data.sel(weighting="mis", drop=True).assign_attrs(quantity=QUANTITIES[0])
+    length = (data["s"] + data["t"]).values
+    orders = {}
+    for vertices in sorted({int(n) for n in length}):
+        bounces = vertices - 2
+        name = "lamp, seen directly" if not bounces else f"{bounces} bounce{'s' * (bounces > 1)}"
+        strategies = np.flatnonzero(length == vertices)
+        orders[name] = weighted.isel(strategy=strategies).sum("strategy")
+    return weighted.sum("strategy", keep_attrs=True), orders
+
+
+def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
+    found = {}
+    for name, each in checks.mapping("orders", orders).items():
+        if "transient" not in getattr(each, "data_vars", ()):
+            raise ValueError(
+                f"orders[{name!r}] = {checks.shown(each)}: must be a Dataset of render"
+            )
+        cube = Cube.of(f"orders[{name!r}]", each["transient"])
+        if cube.shape != data["transient"].shape or not np.array_equal(each["opl"], data["opl"]):
+            raise ValueError(f"orders[{name!r}]: must have the pixels and the bins of data")
+        found[name] = cube
+    return found
+
+
+def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.ndarray:
+    """Distances of all pixels; those without a surface get the mean of the others."""
+    distances = checked_distances(distance_m, size)
+    seen = np.isfinite(distances)
+    if not seen.any():
+        raise ValueError("distance_m: must not be NaN or infinite everywhere")
+    if not seen.all():
+        notes.append(
+            f"{int((~seen).sum())} pixels see no surface; without the camera segment they are "
+            "shown at the mean distance of the others."
+        )
+    return np.where(seen, distances, distances[seen].mean())
+
+
+def _axis(data: xr.Dataset, axis: str) -> tuple[float, float]:
+    """Start of the first voxel of an axis, and size of a voxel [m]."""
+    if axis not in data.coords:
+        raise ValueError(f"data: coordinate {axis} is missing; must be as reconstruct has it")
+    centres = np.asarray(data[axis].values, np.float64)
+    step = float(centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
+    if not math.isfinite(step) or step <= 0:
+        raise ValueError(f"data: coordinate {axis}: must be finite and grow")
+    return float(centres[0]) - step / 2, step
+
+
+def _in_grid(points: np.ndarray, grid: np.ndarray) -> list[list[float]]:
+    """Columns and rows of points in the grid of a relay wall."""
+    rows, columns = np.indices(grid.shape[:2])
+    known = np.column_stack([grid.reshape(-1, 3), np.ones(rows.size)])
+    pixels = np.column_stack([columns.ravel(), rows.ravel()])
+    solution = np.linalg.lstsq(known, pixels, rcond=None)[0]
+    return (np.column_stack([points, np.ones(len(points))]) @ solution).round(3).tolist()

@@ -1,0 +1,17 @@
+// The explorer as a page of its own, with its data in elements of the page.
+
+async function inflate(text) {
+  const packed = Uint8Array.from(atob(text), (each) => each.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+const read = (id) => document.getElementById(id).textContent;
+const page = document.getElementById("explorer");
+try {
+  mount(page, { header: JSON.parse(read("header")), bytes: await inflate(read("data")) });
+  document.getElementById("waiting").remove();
+} catch (error) {
+  document.getElementById("waiting").textContent = `This page cannot be shown: ${error.message}`;
+  throw error;
+}

@@ -1,0 +1,128 @@
+"""Sources of the viewer: a saved Dataset, or a render that refines while it is shown."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mitsuba as mi
+
+from ...io import save_npz
+from ...rendering.renderer import render
+from ...runtime import backend
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
+
+
+class SavedDataset:
+    """A result of a command, read again when its file changes; large cubes may stay on disk."""
+
+    def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
+        self.path, self._load = path, load
+        self.name = path.name or str(path.resolve())
+        self.data: xr.Dataset | None = None
+        self.error: BaseException | None = None
+        self.version = 0
+        self._modified: float | None = None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read it again if it has changed."""
+        try:
+            modified, missing = self.path.stat().st_mtime, None
+        except OSError as error:
+            modified, missing = -1.0, error
+        if modified == self._modified:
+            return
+        self._modified, self.data, self.error = modified, None, missing
+        self.version += 1
+        if missing is None:
+            try:
+                self.data = self._load(self.path)
+            except (ValueError, OSError, MemoryError) as error:
+                self.error = error
+
+
+class LiveRender:
+    """A render in a thread of its own, to ever more samples, up to `spp` of the options."""
+
+    def __init__(self, name: str, options: Mapping[str, Any]) -> None:
+        self.name = name
+        self.data: xr.Dataset | None = None
+        self.error: BaseException | None = None
+        self.version = 0
+        self.max_spp = int(options["spp"])
+        self._options = dict(options)
+        self._samples_per_second = 0.0
+        self._stop = threading.Event()
+        self._variant = mi.variant()
+        self._thread = threading.Thread()
+
+    @property
+    def spp(self) -> int:
+        """Samples per pixel so far."""
+        return 0 if self.data is None else int(self.data.attrs["spp"])
+
+    @property
+    def is_running(self) -> bool:
+        """Whether more samples are being taken."""
+        return self._thread.is_alive()
+
+    @property
+    def has_started(self) -> bool:
+        """Whether it has ever been started."""
+        return self._thread.ident is not None
+
+    def start(self) -> None:
+        """Start to take samples, or go on after a stop."""
+        if not self.is_running and self.spp < self.max_spp:
+            self._stop.clear()
+            self._thread = threading.Thread(target=self._run, name="render", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more samples after those under way."""
+        self._stop.set()
+
+    def close(self) -> None:
+        """Stop, and wait for the samples under way."""
+        self.stop()
+        if self.has_started:
+            self._thread.join()
+
+    def save(self, path: Path, overwrite: bool = False) -> Path:
+        """Write the samples so far as an npz file."""
+        if self.data is None:
+            raise ValueError("path: there is nothing to save yet")
+        return Path(save_npz(self.data, path, overwrite=overwrite))
+
+    def _run(self) -> None:
+        try:
+            backend.activate(self._variant)
+            while self.spp < self.max_spp and not self._stop.is_set():
+                spp = min(self._next_spp(), self.max_spp)
+                begin, before = time.monotonic(), self.spp
+                step = {"spp": spp, "resume": self.data, "progress": False}
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", UserWarning)
+                    self.data = render(**(self._options | step))
+                seconds = max(time.monotonic() - begin, 1e-3)
+                self._samples_per_second = (spp - before) / seconds
+                self.version += 1
+        except Exception as error:
+            self.error = error
+            self.version += 1
+
+    def _next_spp(self) -> int:
+        """Samples per pixel of the next update: twice as many, unless that takes long."""
+        if not self.spp:
+            return 1
+        return self.spp + max(1, min(self.spp, math.floor(self._samples_per_second * STEP_S)))
